@@ -18,8 +18,7 @@ import numpy as np
 
 from benchmark.common import CELL, parser, print_and_save
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.files.export.description import urdf_text, xacro_text
-from scara_kinetostatic.files.export.facts import CONTENT, ExportFacts
+from scara_kinetostatic.files.export.formats import exported
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm
@@ -89,12 +88,12 @@ def main() -> int:
 
 def _files(arm: CalibratedArm, folder: Path) -> dict[str, Path]:
     """URDF files by the format that they come from."""
-    (folder / 'arm.urdf').write_text(urdf_text(arm, ExportFacts.of(arm, 'calibration', CONTENT['urdf'])))
+    (folder / 'arm.urdf').write_text(exported(arm, 'urdf', 'calibration')[0])
     found = {'urdf': folder / 'arm.urdf'}
     if importlib.util.find_spec('xacro'):
         import xacro
 
-        (folder / 'arm.xacro').write_text(xacro_text(arm, ExportFacts.of(arm, 'calibration', CONTENT['xacro'])))
+        (folder / 'arm.xacro').write_text(exported(arm, 'xacro', 'calibration')[0])
         expanded = xacro.process_file(str(folder / 'arm.xacro')).toprettyxml()
         (folder / 'from_xacro.urdf').write_text(expanded)
         found['xacro'] = folder / 'from_xacro.urdf'

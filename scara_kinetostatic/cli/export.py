@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING
 from scara_kinetostatic.cli.arguments import check_file, note, real
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.model.arm import CalibratedArm
+    pass
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,11 +69,13 @@ def run(args: argparse.Namespace) -> int:
     """
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.files.calibration_file import load_calibration
+    from scara_kinetostatic.files.export.formats import Options, exported
 
     out: Path | None = args.out
     if out is not None:
         check_file(out, [args.calibration])
-    text, notes = _exported(load_calibration(args.calibration), args)
+    options = Options(args.convention, args.step, tuple(args.force or ()))
+    text, notes = exported(load_calibration(args.calibration), args.format, args.calibration.name, options)
     if out is None:
         print(text, end='')
     else:
@@ -82,24 +84,3 @@ def run(args: argparse.Namespace) -> int:
     for text in notes:
         note(text)
     return 0
-
-
-def _exported(arm: CalibratedArm, args: argparse.Namespace) -> tuple[str, list[str]]:
-    """The text of the file, and notes about it."""
-    from scara_kinetostatic.files.export import corrections, denavit_hartenberg, description, header
-    from scara_kinetostatic.files.export.facts import CONTENT, ExportFacts
-
-    facts = ExportFacts.of(arm, args.calibration.name, CONTENT[args.format])
-    notes = facts.notes(is_rigid=args.format in ('urdf', 'xacro', 'dh'))
-    if args.format == 'urdf':
-        return description.urdf_text(arm, facts), notes
-    if args.format == 'xacro':
-        return description.xacro_text(arm, facts), notes
-    if args.format == 'dh':
-        return denavit_hartenberg.dh_text(arm, facts, args.convention), notes
-    if args.format == 'header':
-        return header.header_text(arm, facts), notes
-    middle = float(f'{(arm.used.lowest_force + arm.used.highest_force) / 2:.2g}')
-    forces = tuple(dict.fromkeys(args.force)) if args.force else (0.0, middle)
-    table = corrections.correction_file(arm, facts, corrections.Grid(args.step, forces))
-    return table.text, [*notes, *table.notes]

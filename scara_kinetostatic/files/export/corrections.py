@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.files.export.facts import ExportFacts
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import inverse, wrap
@@ -66,7 +65,7 @@ class CorrectionFile(NamedTuple):
     notes: tuple[str, ...]
 
 
-def correction_file(arm: CalibratedArm, facts: ExportFacts, grid: Grid) -> CorrectionFile:
+def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> CorrectionFile:
     """The correction table as CSV: what to add to the joint angles of the nominal arm.
 
     A row has the place of the tip, the force, the elbow, the joint angles by the nominal rigid arm, the correction of
@@ -92,7 +91,7 @@ def correction_file(arm: CalibratedArm, facts: ExportFacts, grid: Grid) -> Corre
         )
     between = _between(arm, grid, cells, forces, tables)
     lines = [
-        *(f'# {line}' for line in facts.lines),
+        *(f'# {line}' for line in head),
         '# Command q1_nominal_rad + dq1_rad and q2_nominal_rad + dq2_rad to have the tip at x_m, y_m under the force.',
         f'# {between[0].upper()}{between[1:]}.',
         'x_m,y_m,fx_N,fy_N,elbow,q1_nominal_rad,q2_nominal_rad,dq1_rad,dq2_rad,miss_m,std_normal_m,status',

@@ -1,0 +1,323 @@
+"""The calibrated arm in the formats of other software: URDF, xacro, Denavit–Hartenberg table, corrections, C header.
+
+`FORMATS` has every format once: what its file holds, and the function that writes it. Each file says in comment lines
+from which calibration it is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import escape, quoteattr
+
+import jinja2
+import numpy as np
+
+from scara_kinetostatic import __version__
+from scara_kinetostatic.errors import UnsupportedDataError, one_line
+from scara_kinetostatic.files.export.corrections import Grid, correction_file
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
+from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.effect_law import EffectLaw
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
+from scara_kinetostatic.model.parameters import NAMES, UNITS
+
+RIGID = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2')
+"""The parameters of the rigid arm."""
+_FREE = 'not determined'
+
+
+class ExportFacts(NamedTuple):
+    """Facts of a calibration for the head of a file.
+
+    Attributes:
+        lines: comment lines without marks; no line holds the end of a comment of XML or C.
+        std: of each of the twelve parameters, words: ``u = 2e-06`` or ``not determined``.
+        robot_effects: labels of the effects that act on the robot itself.
+        rigid_miss: largest displacement of the tip without load by these effects, which a rigid arm leaves out, m.
+        reservations: what is to be known of the calibration, one sentence each.
+    """
+
+    lines: tuple[str, ...]
+    std: tuple[str, ...]
+    robot_effects: tuple[str, ...]
+    rigid_miss: float
+    reservations: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, arm: CalibratedArm, source: str, content: str) -> ExportFacts:
+        """Those of an arm.
+
+        Args:
+            arm: the calibrated arm.
+            source: the file that it was read from.
+            content: what the exported file holds, a sentence.
+        """
+        effects = tuple(effect.label for effect in arm.model.effects if _is_of_robot(effect))
+        grade = f', grade {arm.grade}' if arm.grade else ''
+        found = ', '.join(effect.label for effect in arm.model.effects) or 'none'
+        lines: tuple[str, ...] = (
+            content,
+            f'From {source}: calibrated {arm.created or "at an unknown time"}{grade}.',
+            f'Model errors found: {found}.',
+            f'Written by scara_kinetostatic {__version__}.',
+        )
+        miss = rigid_miss(arm) if effects else 0.0
+        if miss:
+            lines += (f'Up to {1e3 * miss:.3g} mm of the unloaded tip are by {", ".join(effects)}.',)
+        cleaned = tuple(map(_as_comment, lines))
+        return cls(cleaned, _stds(arm), effects, miss, arm.reservations)
+
+    def notes(self, *, is_rigid: bool) -> list[str]:
+        """What a reader must know besides, one sentence each; `is_rigid`: whether the file has the geometry alone."""
+        found = list(self.reservations)
+        named = RIGID if is_rigid else NAMES
+        free = [name for name, std in zip(NAMES, self.std, strict=True) if std == _FREE and name in named]
+        if free:
+            found.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
+        if is_rigid and self.rigid_miss:
+            effects = ', '.join(self.robot_effects)
+            miss = f'{1e3 * self.rigid_miss:.3g} mm'
+            found.append(f'it cannot hold {effects}: the tip is up to {miss} elsewhere even without load; see `locate`')
+        return found
+
+
+def _as_comment(line: str) -> str:
+    """A line that ends no comment of XML or C, and is one line, whatever the name of a file or robot."""
+    return re.sub('-(?=-|$)', '- ', one_line(line)).replace('*/', '* /')
+
+
+def _is_of_robot(effect: EffectLaw) -> bool:
+    no_force = np.ones((1, 2))
+    start = np.array([p.start for p in effect.parameters])
+    return not effect.on_object and effect.sensor_error(no_force, start, None) is None
+
+
+def _stds(arm: CalibratedArm) -> tuple[str, ...]:
+    stds = np.sqrt(np.diag(arm.covariance))[: len(NAMES)]
+    hidden = np.linalg.norm(arm.undetermined[: len(NAMES)], axis=1) > stds
+    pairs = zip(hidden.tolist(), stds.tolist(), strict=True)
+    return tuple(_FREE if free else f'u = {std:.2g}' if std else 'fixed' for free, std in pairs)
+
+
+def rigid_miss(arm: CalibratedArm) -> float:
+    """Largest displacement of the unloaded tip by effects that act on the robot, over all joint angles, m."""
+    angles = np.linspace(-np.pi, np.pi, 24)
+    joints = np.stack(np.meshgrid(angles, angles), axis=-1).reshape(-1, 2)
+    tip, _ = direct_kinetostatics(arm.model, joints, np.zeros_like(joints), arm.cell.gripper)
+    miss = np.linalg.norm(tip - forward(arm.model.parameters, joints), axis=1)
+    largest = float(np.nanmax(miss))
+    return largest if largest > 1e-9 else 0.0  # rounding alone
+
+
+_HEAD = '<?xml version="1.0"?>\n'
+
+
+def urdf_text(arm: CalibratedArm, facts: ExportFacts) -> str:
+    """The URDF: its tip `tool0` is at H(L̄, Q) for the joint angles Q that the robot reports."""
+    text = arm_urdf(_name(arm), arm.cell.joint_names, [Arm(arm.model.parameters, colour=CALIBRATED_COLOUR)])
+    return text.replace(_HEAD, _HEAD + _comment(facts), 1)
+
+
+def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
+    """The same as a xacro: properties, a macro that a xacro of one's own may include, and the arm made by it.
+
+    With the argument ``standalone:=false`` the macro is defined and no arm is made.
+    """
+    p = arm.model.parameters
+    properties = '\n'.join(
+        f'  <xacro:property name="scara_{name}" value="{getattr(p, name)!r}"/>  <!-- {UNITS[name]}, {std} -->'
+        for name, std in zip(UNITS, facts.std, strict=True)
+        if name in RIGID
+    )
+    first, second = (escape('${prefix}' + name, {'"': '&quot;'}) for name in map(_literal, arm.cell.joint_names))
+    return (
+        f'{_HEAD}{_comment(facts)}<robot name={quoteattr(_name(arm))} xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
+        f'  <xacro:arg name="standalone" default="true"/>\n{properties}\n'
+        f'{_MACRO.format(joint1=first, joint2=second)}'
+        '  <xacro:if value="$(arg standalone)">\n'
+        '    <link name="base_link"/>\n'
+        '    <xacro:calibrated_scara parent="base_link"/>\n'
+        '  </xacro:if>\n'
+        '</robot>\n'
+    )
+
+
+_MACRO = """\
+  <xacro:macro name="calibrated_scara" params="parent prefix:=''">
+    <link name="${{prefix}}link1"/>
+    <link name="${{prefix}}link2"/>
+    <link name="${{prefix}}tool0"/>
+    <joint name="{joint1}" type="continuous">
+      <parent link="${{parent}}"/>
+      <child link="${{prefix}}link1"/>
+      <origin xyz="${{scara_x0}} ${{scara_y0}} 0" rpy="0 0 ${{scara_theta1}}"/>
+      <axis xyz="0 0 1"/>
+    </joint>
+    <joint name="{joint2}" type="continuous">
+      <parent link="${{prefix}}link1"/>
+      <child link="${{prefix}}link2"/>
+      <origin xyz="${{scara_l1}} 0 0" rpy="0 0 ${{scara_theta2}}"/>
+      <axis xyz="0 0 1"/>
+    </joint>
+    <joint name="${{prefix}}tip" type="fixed">
+      <parent link="${{prefix}}link2"/>
+      <child link="${{prefix}}tool0"/>
+      <origin xyz="${{scara_l2}} 0 0" rpy="0 0 0"/>
+    </joint>
+  </xacro:macro>
+"""
+
+
+def _literal(name: str) -> str:
+    """A name in which xacro expands nothing."""
+    return name.replace('${', '$${').replace('$(', '$$(')
+
+
+def _name(arm: CalibratedArm) -> str:
+    return arm.cell.identification.robot or 'scara'
+
+
+def _comment(facts: ExportFacts) -> str:
+    lines = '\n'.join(f'  {escape(line)}' for line in facts.lines)
+    return f'<!--\n{lines}\n-->\n'
+
+
+def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
+    """The Denavit–Hartenberg table of the rigid arm as CSV.
+
+    standard:  T = Rot_z(q + theta_offset) Trans_z(d) Trans_x(a) Rot_x(alpha), a and alpha of the same link;
+    modified:  T = Rot_x(alpha) Trans_x(a) Rot_z(q + theta_offset) Trans_z(d), a and alpha of the link before.
+
+    The frame before joint 1 is that of the base displaced by (x0, y0), row ``base``; with the modified convention the
+    tip is displaced from frame 2 by l2 along x, row ``tool``. All d and alpha are zero.
+    """
+    p = arm.model.parameters
+    j1, j2 = (name.replace('"', '""') for name in arm.cell.joint_names)
+    lengths = (p.l1, p.l2) if convention == 'standard' else (0.0, p.l1)
+    rows = [('base', '', p.x0, p.y0, 0.0, 0.0, 0.0, 0.0)]
+    rows += [
+        ('joint1', f'"{j1}"', 0.0, 0.0, p.theta1, 0.0, lengths[0], 0.0),
+        ('joint2', f'"{j2}"', 0.0, 0.0, p.theta2, 0.0, lengths[1], 0.0),
+    ]
+    if convention == 'modified':
+        rows.append(('tool', '', p.l2, 0.0, 0.0, 0.0, 0.0, 0.0))
+    formula = {
+        'standard': 'T = Rot_z(q + theta_offset) Trans_z(d) Trans_x(a) Rot_x(alpha)',
+        'modified': 'T = Rot_x(alpha) Trans_x(a) Rot_z(q + theta_offset) Trans_z(d)',
+    }[convention]
+    lines = [
+        *(f'# {line}' for line in facts.lines),
+        f'# {convention} convention: {formula}; x_m and y_m of base and tool are translations.',
+        'row,joint_name,x_m,y_m,theta_offset_rad,d_m,a_m,alpha_rad',
+        *(','.join(part if isinstance(part, str) else repr(part) for part in row) for row in rows),
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
+    """The header.
+
+    Args:
+        arm: the calibrated arm.
+        facts: of it.
+
+    Raises:
+        UnsupportedDataError: the arm has a general gripper or effects of its own, which the functions do not have.
+    """
+    if facts.robot_effects:
+        problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
+        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
+    if not arm.cell.gripper.isotropic:
+        problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
+        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
+    values = zip(NAMES, arm.model.parameters.as_array().tolist(), facts.std, strict=True)
+    constants = [(name.upper(), repr(value), std, UNITS[name]) for name, value, std in values]
+    template = jinja2.Template(
+        Path(__file__).with_name('header.h.j2').read_text(encoding='utf-8'),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    physical = arm.cell.gripper_sign is GripperSign.PHYSICAL
+    return template.render(
+        lines=facts.lines,
+        constants=constants,
+        force_std=repr(arm.noise.force_rms),
+        force_growth=repr(arm.noise.growth),
+        compliance_sign='-' if physical else '+',
+    )
+
+
+class Options(NamedTuple):
+    """What some formats may be told: the convention of a Denavit–Hartenberg table, the grid of a correction table."""
+
+    convention: str = 'standard'
+    step: float = 0.05
+    forces: tuple[float, ...] = ()
+
+
+class Format(NamedTuple):
+    """A format.
+
+    Attributes:
+        content: what its file holds, a sentence.
+        is_rigid: whether it has the geometry alone.
+        write: gives the text of the file and notes on it.
+    """
+
+    content: str
+    is_rigid: bool
+    write: Callable[[CalibratedArm, ExportFacts, Options], tuple[str, Sequence[str]]]
+
+
+def _corrections(arm: CalibratedArm, facts: ExportFacts, options: Options) -> tuple[str, Sequence[str]]:
+    middle = float(f'{(arm.used.lowest_force + arm.used.highest_force) / 2:.2g}')
+    grid = Grid(options.step, tuple(dict.fromkeys(options.forces)) or (0.0, middle))
+    return correction_file(arm, facts.lines, grid)
+
+
+_RIGID = 'Rigid geometry of the calibrated arm: the tip tool0 is H(L, Q), without compliance and backlash.'
+FORMATS = {
+    'urdf': Format(_RIGID, True, lambda arm, facts, _: (urdf_text(arm, facts), ())),
+    'xacro': Format(_RIGID, True, lambda arm, facts, _: (xacro_text(arm, facts), ())),
+    'dh': Format(
+        'Denavit-Hartenberg parameters of the calibrated arm, rigid: without compliance and backlash.',
+        True,
+        lambda arm, facts, options: (dh_text(arm, facts, options.convention), ()),
+    ),
+    'csv': Format(
+        'Corrections of the joint angles of the nominal arm, over places and forces of the robot on the object.',
+        False,
+        _corrections,
+    ),
+    'header': Format(
+        'Calibrated kinetostatic model of a SCARA arm: geometry, compliance, backlash.',
+        False,
+        lambda arm, facts, _: (header_text(arm, facts), ()),
+    ),
+}
+"""The formats by name."""
+
+
+def exported(arm: CalibratedArm, kind: str, source: str, options: Options = Options()) -> tuple[str, list[str]]:  # noqa: B008 - immutable
+    """The text of a file, and what is to be known of it, one sentence each.
+
+    Args:
+        arm: the calibrated arm.
+        kind: one of `FORMATS`.
+        source: the file that the arm was read from.
+        options: of the format.
+
+    Raises:
+        ParameterError: the grid of a correction table is too fine.
+        UnsupportedDataError: the format cannot hold the model.
+    """
+    chosen = FORMATS[kind]
+    facts = ExportFacts.of(arm, source, chosen.content)
+    text, notes = chosen.write(arm, facts, options)
+    return text, [*facts.notes(is_rigid=chosen.is_rigid), *notes]
