@@ -1,7 +1,4 @@
-"""From touches to L̄.
-
-Parameters held at a value: as text, checked, and those of effects with the effects that they belong to.
-"""
+"""From touches to L̄; parameters held at a value, as text, checked, and those of effects with their effects."""
 
 from __future__ import annotations
 

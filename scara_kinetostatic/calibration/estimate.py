@@ -3,14 +3,11 @@
 Each round fits the model (`solver`) with what the one before has found: the noise levels where they are not given, the
 outliers, and the directions of the model that the data do not determine. The first fit is that of the robust loss.
 
-Outliers: touches far from what all the others predict.
-
-The measure is the studentised distance: the squared Mahalanobis distance of
-its misclosure under the covariance it has as a residual of the fit (for a used touch, smaller
-than V by its leverage; for an unused one, larger). Where all is well it is chi-square with 2 degrees of
-freedom; the bound is set so that one good touch is lost in a thousand recordings.
-If the bulk of the touches is worse than the noise says, the bound grows with it: then the
-model or the noise is wrong, which is not the touches' fault.
+**Outliers** are touches far from what all the others predict. The measure is the studentised distance: the squared
+Mahalanobis distance of its misclosure under the covariance it has as a residual of the fit (for a used touch, smaller
+than V by its leverage; for an unused one, larger). Where all is well it is chi-square with 2 degrees of freedom; the
+bound is set so that one good touch is lost in a thousand recordings. If the bulk of the touches is worse than the
+noise says, the bound grows with it: then the model or the noise is wrong, which is not the touches' fault.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """A model with all touches linearised at it: what a step of the solver starts from, and where it leads.
 
-Touches adjusted to a given L̄: how far each is from what the model allows.
-
-What the model predicts for touches: A(Q, L̄), the residual F - A, the index e_f (10).
+`project` adjusts touches to a given model: how far each is from what the model allows. `force_residual` is F - A(Q, L̄),
+`force_error` the index e_f (10).
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ observations as measured and adds this to V; the fine stage adjusts them.
 Sources: Mikhail and Ackermann, Observations and Least Squares (1976); Neitzel,
 J. Geodesy 84 (2010) 751, on where to linearise.
 
-The linearised adjustment in units of standard deviations: V of each touch's misclosure and its root.
+`whiten` gives the same in units of standard deviations, by the root of V.
 """
 
 from __future__ import annotations

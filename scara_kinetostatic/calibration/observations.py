@@ -1,9 +1,8 @@
-"""Many touches in blocks that stay in the processor's cache, put together touch by touch.
+"""What n touches measured and where, the data of the adjustment; and many touches in blocks.
 
 Everything that is done to single touches is done to one block after the other: the intermediate results of a
 block, some hundred arrays, never leave the cache, and memory holds the final ones alone.
 
-What n touches measured and where: the data of the adjustment.
 """
 
 from __future__ import annotations

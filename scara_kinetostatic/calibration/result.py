@@ -1,8 +1,7 @@
 """The result of a calibration, frozen, and how it follows from the end of the estimation.
 
-What each source of uncertainty contributes to the covariance of a fit (GUM, 5.2).
-
-The force error on touches that took no part in the fit.
+With it what each source of uncertainty contributes to the covariance (GUM, 5.2), and the force error on touches that
+took no part in the fit.
 """
 
 from __future__ import annotations

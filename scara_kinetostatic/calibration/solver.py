@@ -1,6 +1,6 @@
-"""The changes that a fit may make, and what is known of them beforehand.
+"""The solver of the adjustment: Gauss–Newton steps, damped as Levenberg and Marquardt do where a step fails.
 
-The solver of the adjustment: Gauss–Newton steps, damped as Levenberg and Marquardt do where a step fails.
+A fit may make the changes of a `Subspace`; what is known of them beforehand is its `ActivePrior`.
 
 One step is linearisation (`evaluate`), descent (`least_squares.damped_step`), trial (`moved`) and acceptance
 (`_is_accepted`); `_Convergence` ends the run. In scaled parameters a start 20 mm and 3° off takes five or six steps.

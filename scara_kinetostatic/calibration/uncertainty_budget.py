@@ -5,16 +5,15 @@ noise (type A) and all that was declared (type B). A parameter's contribution is
 that the squares add up to std². That of the tip is aᵀ Σ_s a with a the change of the tip at the worst place, in its
 worst direction: the squares add up to (U/2)² there.
 
-What would reduce the uncertainty of the tip most.
-
-With C the covariance of the parameters and the declared errors together, P the rows of the prior, in units of the
-declared standard uncertainties u, the information of the fit is C⁻¹ = Jᵀ J + Pᵀ P. A source that is known to u' instead
-of u adds ((u/u')² - 1) P_sᵀ P_s to it; by Woodbury's identity the covariance is then
+**Improvements**: what would reduce the uncertainty of the tip most. With C the covariance of the parameters and the
+declared errors together, P the rows of the prior, in units of the declared standard uncertainties u, the information
+of the fit is C⁻¹ = Jᵀ J + Pᵀ P. A source that is known to u' instead of u adds ((u/u')² - 1) P_sᵀ P_s to it; by
+Woodbury's identity the covariance is then
 
     C' = C - C P_sᵀ (I / ((u/u')² - 1) + P_s C P_sᵀ)⁻¹ P_s C.
 
-This is more than to subtract the contribution of the source: what is known better helps to determine the rest. Twice as
-many touches of the same kind double Jᵀ J = C⁻¹ - Pᵀ P.
+This is more than to subtract the contribution of the source: what is known better helps to determine the rest. Twice
+as many touches of the same kind double Jᵀ J = C⁻¹ - Pᵀ P.
 """
 
 from __future__ import annotations

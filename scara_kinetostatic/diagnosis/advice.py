@@ -1,7 +1,4 @@
-"""Messages of a diagnosis: the lack of fit, what touches to record next, detection limit.
-
-Messages of a diagnosis about the noise: too large, too small, growing with the force, different axes.
-"""
+"""Messages of a diagnosis: the lack of fit, what touches to record next, detection limit, and the noise."""
 
 from __future__ import annotations
 
@@ -13,9 +10,8 @@ from scipy import special
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.alternatives import Moment
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
-from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
+from scara_kinetostatic.diagnosis.linear_problem import DISTINCT, STRICT_SIGNIFICANCE, fitted_effects
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, DiscriminatingTouch, Found, Ranked
-from scara_kinetostatic.diagnosis.thresholds import DISTINCT, STRICT_SIGNIFICANCE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, UNITS

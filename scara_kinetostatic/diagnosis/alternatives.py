@@ -1,17 +1,16 @@
 """Alternative laws and frequencies of the effects found, and standard deviations that cover them.
 
 The law of an effect is an assumption. A contact that yields by f^(2/3) and one that yields by f^(1/2) fit a few force
-levels alike, and differ in what they leave to p_ee and g_ee. The frequency of a wave may be wrong as well: the
-offsets and link lengths take up most of a slow wave, and the residual resembles one of another frequency; of a small
-wave a neighbouring peak may be higher by chance. Every law and every frequency that fit the touches equally well are
-fitted, and the standard deviations of the extended model are widened to cover them.
+levels alike, and differ in what they leave to p_ee and g_ee. The frequency of a wave may be wrong as well: the offsets
+and link lengths take up most of a slow wave, and the residual resembles one of another frequency; of a small wave a
+neighbouring peak may be higher by chance. Every law and every frequency that fit the touches equally well are fitted,
+and the standard deviations of the extended model are widened to cover them.
 
-The moment of an effect that begins or ends in a step between two touches, and how well it is known.
-
-Nothing changes between two touches, so a fit holds the moment (`Effect.is_stepwise`). Every moment is compared in the
-linear problem at the fit: with χ²_k the least sum of squares with the moment k, in units of s², its weight is
-exp(-χ²_k/2), as all are equally likely before. What the choice adds to the covariance is the scatter of the estimates
-over the moments, and a moment itself may lie anywhere between its two touches.
+**Moments.** An effect may begin or end in a step between two touches. Nothing changes between two touches, so a fit
+holds the moment (`Effect.is_stepwise`). Every moment is compared in the linear problem at the fit: with χ²_k the least
+sum of squares with the moment k, in units of s², its weight is exp(-χ²_k/2), as all are equally likely before. What
+the choice adds to the covariance is the scatter of the estimates over the moments, and a moment itself may lie
+anywhere between its two touches.
 """
 
 from __future__ import annotations
@@ -35,9 +34,15 @@ from scara_kinetostatic.diagnosis.candidates import (
     refined,
     scan_trials,
 )
-from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, orthonormal, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import (
+    CREDIBLE,
+    DISTINCT,
+    Problem,
+    fitted_effects,
+    orthonormal,
+    pose_problem,
+)
 from scara_kinetostatic.diagnosis.refit import Effort, fit_again, penalised_deviance, start_from, with_rejections_of
-from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, DISTINCT
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.extended_model import ExtendedModel

@@ -10,10 +10,11 @@ import numpy as np
 
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects
-from scara_kinetostatic.diagnosis.thresholds import (
+from scara_kinetostatic.diagnosis.linear_problem import (
     INDEPENDENT_PART,
     INDEPENDENT_PART_CAUTIOUS,
+    Problem,
+    fitted_effects,
 )
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects

@@ -9,8 +9,7 @@ mean square over the touches, linearised, so that the noise in the direction of 
 by r (σ_f/f)²/2, does not count. Held out means here that each touch is predicted by a fit without it, to first
 order: (I - H_k)⁻¹ e_k, with H_k its block of the projection on the fit's columns.
 
-The residual of an effect: the deviation that each touch shows, over the effect's variable, before and after.
-
+**The residual of an effect** is the deviation that each touch shows, over the effect's variable, before and after.
 An effect moves joints, moves the place of the contact, or is an error of the force sensor. With the whitened column u
 of a unit of that deviation (`diagnosis.linear_problem`) and the whitened residual r of a touch, the deviation estimated
 from that touch alone is -u·r / u·u, with standard deviation 1/|u|. A displacement is taken along and across the contact
@@ -19,8 +18,7 @@ model without the effect and its rivals. Where nothing else was found, that is t
 is r - (I - B Bᵀ) X θ, with X the columns of what is taken out and B an orthonormal basis of those that stay. The second
 term is the part of the deviation that is expected before.
 
-Discrimination of rivals: the touches at which their predictions of the force, each fitted to the data, differ most.
-
+**Discrimination of rivals**: touches at which their predictions of the force, each fitted to the data, differ most.
 From a pool of touches all around the discs, in both elbow postures, at three force levels, pressed to the force or
 preloaded beyond it and unloaded to it, those are chosen at which the predictions differ most in standard
 deviations of a measured force, Σ_F + A_Q Σ_Q A_Qᵀ: the criterion of T-optimality (Atkinson and Fedorov,

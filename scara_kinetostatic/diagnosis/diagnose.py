@@ -1,15 +1,14 @@
 """Diagnosis: whether the base model is complete, what it lacks, and the extended model with its uncertainty.
 
-What the diagnosis says: nothing is missing, a lack of fit is unexplained, or effects extend the model.
+It says that nothing is missing, that a lack of fit is unexplained, or which effects extend the model.
 
-Trusted nominal values (`Cell.uncertainty.nominal`) against what the touches say of them.
-
-A trusted value L_n is a row of the fit, of standard uncertainty u. Without this row the touches give L̂' with σ, and
+**Trusted nominal values** (`Cell.uncertainty.nominal`) are tested against what the touches say of them. A trusted
+value L_n is a row of the fit, of standard uncertainty u. Without this row the touches give L̂' with σ, and
 
     t = (L̂' - L_n) / sqrt(u² + σ²)
 
-is standard normal if the value is right. It follows from the fit with the row by downdating: with the row's residual
-r = (L̂ - L_n)/u and its leverage h = C/u², C the variance of L̂, t = r/sqrt(1 - h). Where the noise is estimated, it is
+is standard normal if the value is right. It follows from the fit with the row by downdating: with the row's residual r
+= (L̂ - L_n)/u and its leverage h = C/u², C the variance of L̂, t = r/sqrt(1 - h). Where the noise is estimated, it is
 that of a fit without any of these rows: a wrong one makes the noise larger until it is believed.
 
 Source: Belsley, Kuh and Welsch, Regression Diagnostics (1980), section 2.1 (studentised residuals).
@@ -43,7 +42,15 @@ from scara_kinetostatic.diagnosis.alternatives import (
 from scara_kinetostatic.diagnosis.candidates import CandidateSet, all_candidates
 from scara_kinetostatic.diagnosis.comparison import discriminating_touches
 from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequacy, growing_p_value, off_normal_p_value
-from scara_kinetostatic.diagnosis.linear_problem import FittedEffect, Problem, fitted_effects, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import (
+    CREDIBLE,
+    SIGNIFICANCE,
+    STRICT_SIGNIFICANCE,
+    FittedEffect,
+    Problem,
+    fitted_effects,
+    pose_problem,
+)
 from scara_kinetostatic.diagnosis.model_selection import rank_singles, score_singles, undetected_bias
 from scara_kinetostatic.diagnosis.noise_structure import likelier, noise_candidate
 from scara_kinetostatic.diagnosis.refit import (
@@ -55,11 +62,6 @@ from scara_kinetostatic.diagnosis.refit import (
 )
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.search import Search, select_hypothesis
-from scara_kinetostatic.diagnosis.thresholds import (
-    CREDIBLE,
-    SIGNIFICANCE,
-    STRICT_SIGNIFICANCE,
-)
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import UnsupportedDataError

@@ -1,21 +1,21 @@
 """Lack of fit: F-tests of the residual against everything that it could depend on.
 
-If the model is complete, the whitened misclosures of the used touches are white noise, projected off the columns of the
-fit. An effect that the model lacks makes them depend smoothly on a joint angle, a torque, the force, the disc, the
+If the model is complete, the whitened misclosures of the used touches are white noise, projected off the columns of
+the fit. An effect that the model lacks makes them depend smoothly on a joint angle, a torque, the force, the disc, the
 place on it, the time. Each such family of functions is added to the linearised fit, and its contribution is tested by
 an F-test, which is valid whether the noise was given or estimated.
 
-Score tests for further variances of the residual, beside those of the joint angles and of the force.
+**Score tests** look for further variances of the residual, beside those of the joint angles and of the force. The
+scatter of the residual of a fit is compared with what V of `calibration.noise_estimation` says: if the noise of a
+touch has a further component, the squares of the whitened residuals are larger where that component acts. Each kind is
+tested by the score of its variance at zero, with those of the other kinds of any size, so that the p-value does not
+depend on the size of the stated noise.
 
-The scatter of the residual of a fit is compared with what V of `calibration.noise_estimation` says: if the noise of a
-touch has a further component, the squares of the whitened residuals are larger where that component acts. Each
-kind is tested by the score of its variance at zero, with those of the other kinds of any size, so that the p-value does
-not depend on the size of the stated noise.
+Source: Rao, Large sample tests of statistical hypotheses, Proc. Camb. Phil. Soc. 44 (1948) 50; for variance
+components, Verbeke and Molenberghs, Biometrics 59 (2003) 254.
 
-Source: Rao, Large sample tests of statistical hypotheses, Proc. Camb. Phil. Soc. 44 (1948) 50; for variance components,
-Verbeke and Molenberghs, Biometrics 59 (2003) 254.
-
-The tests of a model: whether its residual is noise, and whether anything exceeds its declared uncertainty.
+`adequacy` is all tests of a model: whether its residual is noise, and whether anything exceeds its declared
+uncertainty.
 """
 
 from __future__ import annotations
@@ -35,14 +35,16 @@ from scara_kinetostatic.calibration.noise_estimation import by_axis, growing, wh
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import CandidateSet
-from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, orthonormal
-from scara_kinetostatic.diagnosis.model_selection import significance
-from scara_kinetostatic.diagnosis.thresholds import (
+from scara_kinetostatic.diagnosis.linear_problem import (
     FORCE_LEVELS,
     INDEPENDENT_PART_CAUTIOUS,
     ROUNDING,
     SIGNIFICANCE,
+    Problem,
+    fitted_effects,
+    orthonormal,
 )
+from scara_kinetostatic.diagnosis.model_selection import significance
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import view_arm

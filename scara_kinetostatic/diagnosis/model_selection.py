@@ -7,20 +7,19 @@ A set of effects is scored by its deviance and a penalty per effect,
 with m parameters of the effect, n touches, M candidate effects and t trials of this one: the extended Bayesian
 information criterion, whose prior takes every number of effects for equally likely (Chen and Chen, Biometrika 95
 (2008) 759). A fitted curve, which can take any shape, is accepted only where it is clearly better than every physical
-effect: its penalty is larger by `CREDIBLE`. What is declared to be uncertain is the first to be wrong: one effect alone
-by which something exceeds its declared uncertainty has a penalty smaller by `CREDIBLE`, and M counts such effects only.
-Two of them at once, or one beside another effect, are no likelier than other pairs.
-The deviance is χ² where the noise is given (divided by s² where no set of effects reduces it to that noise), and
-ν ln RSS where it is estimated.
+effect: its penalty is larger by `CREDIBLE`. What is declared to be uncertain is the first to be wrong: one effect
+alone by which something exceeds its declared uncertainty has a penalty smaller by `CREDIBLE`, and M counts such
+effects only. Two of them at once, or one beside another effect, are no likelier than other pairs. The deviance is χ²
+where the noise is given (divided by s² where no set of effects reduces it to that noise), and ν ln RSS where it is
+estimated.
 
 Sets whose score is within `CREDIBLE` of the best are credible, too. An effect that is in every credible set is found;
 those that replace each other are rivals.
 
-Each effect of the catalogue ranked by itself: significance, predictive gain, detection limit.
-
-The predictive deviance leaves out one touch after the other, in closed form: with H the projection on all columns of a
-model and H_i its 2×2 block, the residual of a left-out touch is (I - H_i)⁻¹ e_i with covariance s² (I - H_i)⁻¹, so
-minus twice its logarithmic predictive density is e_iᵀ (I - H_i)⁻¹ e_i / s² - ln det(I - H_i) up to a constant.
+**Ranking.** Each effect by itself has a significance, a predictive gain and a detection limit. The predictive deviance
+leaves out one touch after the other, in closed form: with H the projection on all columns of a model and H_i its 2×2
+block, the residual of a left-out touch is (I - H_i)⁻¹ e_i with covariance s² (I - H_i)⁻¹, so minus twice its
+logarithmic predictive density is e_iᵀ (I - H_i)⁻¹ e_i / s² - ln det(I - H_i) up to a constant.
 """
 
 from __future__ import annotations
@@ -33,13 +32,14 @@ import numpy as np
 from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, independent_part
-from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal
-from scara_kinetostatic.diagnosis.thresholds import (
+from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
     INDEPENDENT_PART,
     NONCENTRALITY,
     ROUNDING,
     STRICT_SIGNIFICANCE,
+    Problem,
+    orthonormal,
 )
 from scara_kinetostatic.model.arrays import Floats, Indices
 

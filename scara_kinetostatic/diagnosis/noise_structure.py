@@ -4,7 +4,7 @@ The cell description states levels, or nothing. What it leaves open (a part that
 of two axes where it states one, which is then their root mean square) is estimated only where the scatter of the
 touches shows it:
 
-- where the diagnosis finds nothing missing, or what is missing, by a score test (`variance_components`) at the last
+- where the diagnosis finds nothing missing, or what is missing, by a score test (`excess_p_value`) at the last
   fit, at a false alarm rate well below 1 %, confirmed by the deviance of the fit with it;
 - where the residuals are larger than stated, or unlike noise, by the deviance alone: then noise that grows competes
   with contact friction and with a lack of fit.
@@ -12,12 +12,11 @@ touches shows it:
 In both cases the touches are diagnosed anew with the noise found, and the likelier of the two diagnoses is kept. A
 model error is no noise: it depends on something, so the F-tests find it whatever the weights are.
 
-Contact friction as a random off-normal angle α of each force: score test, and estimate of its standard deviation.
-
-A random angle shifts no mean. It adds the variance σ_α² h_α h_αᵀ to that of the noise, which grows with the disc's
-radius, whereas that by noise of the force decreases with its size. The test is a score test of this variance
-component beside those of the noise (Rao; for variance components see Searle, Casella and McCulloch, 1992, section 6.8);
-σ_α is estimated by expectation and maximisation, σ_α² ← mean of α̂² plus its own variance.
+**Contact friction** is a random off-normal angle α of each force: a score test, and an estimate of its standard
+deviation. A random angle shifts no mean. It adds the variance σ_α² h_α h_αᵀ to that of the noise, which grows with the
+disc's radius, whereas that by noise of the force decreases with its size. The test is a score test of this variance
+component beside those of the noise (Rao; for variance components see Searle, Casella and McCulloch, 1992, section
+6.8); σ_α is estimated by expectation and maximisation, σ_α² ← mean of α̂² plus its own variance.
 """
 
 from __future__ import annotations
@@ -42,9 +41,9 @@ from scara_kinetostatic.diagnosis.lack_of_fit import (
     excess_p_value,
     find_dependences,
 )
+from scara_kinetostatic.diagnosis.linear_problem import CREDIBLE, STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.refit import Effort, fit_again, penalised_deviance, with_rejections_of
 from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.model.cell import Noise
 

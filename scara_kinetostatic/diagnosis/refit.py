@@ -1,15 +1,14 @@
-"""The fits of one diagnosis, and the solver steps that they take: counted, and bounded.
+"""The fits of one diagnosis: their solver steps, counted and bounded, and the penalised deviance of each.
 
-Most touches need a few hundred steps. Where several large effects act at once, many sets of effects are fitted, and
-many of these fits do not converge. Beyond a number of steps what could still be fitted is left out, and the diagnosis
-then says so: its names are no more than suspicions. The bound is of steps, not of time: the same touches have the same
-diagnosis on every machine. A step takes the longer the more effects the model has; the unit is one with two.
+**Effort.** Most touches need a few hundred steps. Where several large effects act at once, many sets of effects are
+fitted, and many of these fits do not converge. Beyond a number of steps what could still be fitted is left out, and
+the diagnosis then says so: its names are no more than suspicions. The bound is of steps, not of time: the same touches
+have the same diagnosis on every machine. A step takes the longer the more effects the model has; the unit is one with
+two.
 
-Fits of the extended model, and the penalised deviance by which fits of the same touches are compared.
-
-Fits may differ in their effects and in the touches that they reject: an effect can make a few touches look bad, such as
-a displaced disc of which there are few, or a gain that matters at long reach only. So a rejected touch has a penalty,
-too, the squared distance d² beyond which touches are rejected. Over all touches,
+**Penalised deviance.** Fits may differ in their effects and in the touches that they reject: an effect can make a few
+touches look bad, such as a displaced disc of which there are few, or a gain that matters at long reach only. So a
+rejected touch has a penalty, too, the squared distance d² beyond which touches are rejected. Over all touches,
 
     D = Σ_used d² / s² + Σ_declared e² / s² + Σ_rejected d²_rejection + Σ ln det V + penalty of the effects,
 
@@ -29,8 +28,7 @@ from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, WarmStart
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import Candidate
-from scara_kinetostatic.diagnosis.linear_problem import Problem
-from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART
+from scara_kinetostatic.diagnosis.linear_problem import INDEPENDENT_PART, Problem
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw

@@ -1,14 +1,12 @@
 """Search for missing effects: select a set of effects, fit it, select again at that fit, until the set stays the same.
 
 The linear problem in which sets are scored holds near its fit only. So each round poses it at the latest fit, selects
-the credible sets, and fits their union. A round that finds no fit continues from a part of the best set, or without the
-effects whose frequency fits the linear problem alone; `_State` is all that one round hands to the next.
+the credible sets, and fits their union. A round that finds no fit continues from a part of the best set, or without
+the effects whose frequency fits the linear problem alone; `_State` is all that one round hands to the next.
 
-Hypotheses for residuals that are too large, and the selection of the likeliest by its penalised deviance.
-
-They may come from effects that act in all touches (`search`), from friction that turns each force by a random
-angle (`contact_angle`), or from bad touches, some of which an effect may have made look bad. Each hypothesis that
-applies is fitted, and compared by `refit.penalised_deviance`.
+**Hypotheses.** Residuals may be too large by effects that act in all touches (`search`), by friction that turns each
+force by a random angle (`fit_with_off_normal`), or by bad touches, some of which an effect may have made look bad.
+Each hypothesis that applies is fitted, and compared by `refit.penalised_deviance`.
 """
 
 from __future__ import annotations
@@ -26,11 +24,16 @@ from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.advice import implausible_noise
 from scara_kinetostatic.diagnosis.candidates import Candidate, all_candidates
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
-from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import (
+    CREDIBLE,
+    FRICTION_SIGNIFICANCE,
+    Problem,
+    fitted_effects,
+    pose_problem,
+)
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, Subset, score_subsets
 from scara_kinetostatic.diagnosis.noise_structure import fit_with_off_normal
 from scara_kinetostatic.diagnosis.refit import SEARCH, Effort, fit_with, penalised_deviance
-from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, FRICTION_SIGNIFICANCE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 

@@ -14,8 +14,8 @@ from scara_kinetostatic.assessment.tolerance import advice
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
-from scara_kinetostatic.diagnosis.thresholds import SIGNIFICANCE
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.report import Level, Verdict, sentence

@@ -12,10 +12,9 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis import search
 from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
 from scara_kinetostatic.diagnosis.comparison import discriminating_touches
-from scara_kinetostatic.diagnosis.linear_problem import pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import NONCENTRALITY, pose_problem
 from scara_kinetostatic.diagnosis.model_selection import held_out_deviance, score_subsets, significance, undetected_bias
 from scara_kinetostatic.diagnosis.refit import Effort, fit_with
-from scara_kinetostatic.diagnosis.thresholds import NONCENTRALITY
 from scara_kinetostatic.effects.registry import catalogue
 
 SEVERAL = ('encoder_gain[joint1]', 'base_compliance', 'transmission_error[joint2]', 'object_radius[disc_3]')
