@@ -82,8 +82,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.pipeline import calibrate_recordings
     from scara_kinetostatic.results.report import text_report
-    from scara_kinetostatic.results.residuals import NAME, residual_table
-    from scara_kinetostatic.results.write import RESULTS, write_results
+    from scara_kinetostatic.results.write import RESIDUALS, RESULTS, residual_table, write_results
     from scara_kinetostatic.touches.left_out import kept_recordings, parse_left_out
 
     check_different(args.bags)
@@ -99,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     if residuals:
         check_file(residuals, inputs, '--residuals', '.csv')
         out = args.out.resolve()
-        if residuals.resolve() in (out, *out.parents, *(path for path in results if path.name != NAME)):
+        if residuals.resolve() in (out, *out.parents, *(path for path in results if path.name != RESIDUALS)):
             remedy = 'choose another file for --residuals'
             raise InputError(residuals, 'is a result and would be replaced', remedy)
     kept = list(map(Path, kept_recordings(args.bags, left_out)))
@@ -114,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
         if args.cell:
             outcome = replace(outcome, warnings=(*outcome.warnings, *other_descriptions(cell, kept, '--cell')))
         show_progress('writing the report', 1.0)
-        if residuals and residuals.resolve() != (args.out / NAME).resolve():
+        if residuals and residuals.resolve() != (args.out / RESIDUALS).resolve():
             write_texts(residuals.parent, {residuals.name: residual_table(outcome)})
         files = write_results(outcome, args.out)
     print(text_report(outcome))

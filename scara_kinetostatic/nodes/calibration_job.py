@@ -116,8 +116,7 @@ def do(job: Job, progress: Callable[[str, float], None]) -> Reply:
     """
     from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.results.document import as_document
-    from scara_kinetostatic.results.facts import facts
-    from scara_kinetostatic.results.parameter_file import effect_parameters
+    from scara_kinetostatic.results.parameter_file import effect_parameters, facts
     from scara_kinetostatic.results.write import write_results
 
     check_different([Path(path) for path in job.recordings])

@@ -25,8 +25,7 @@ from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, Job
 from scara_kinetostatic.results import parameter_file
-from scara_kinetostatic.results.facts import FACTS, GROUP, Value
-from scara_kinetostatic.results.parameter_file import EffectParameter
+from scara_kinetostatic.results.parameter_file import FACTS, GROUP, EffectParameter, Value
 from scara_kinetostatic.touches.left_out import parse_left_out
 
 CHOICES = {

@@ -18,7 +18,7 @@ from docs.examples import DOCS, ROOT, pages
 import scara_kinetostatic as sk
 from scara_kinetostatic.effects import catalogue
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.results.facts import FACTS
+from scara_kinetostatic.results.parameter_file import FACTS
 
 NODES = ('contact_simulator', 'collector', 'calibrator', 'compensator', 'contour_tracker', 'monitor', 'visualizer')
 COMMON = {'parameter_events', 'rosout', 'clock'}
