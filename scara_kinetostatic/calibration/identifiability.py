@@ -50,16 +50,25 @@ class Combination(NamedTuple):
     """A sum of confounded parameters that the data do determine.
 
     Attributes:
-        text: such as ``g_ee + 40.0 p_ee``.
-        value: its estimate.
+        first: name of the one.
+        factor: of the other.
+        second: name of the other.
+        value: estimate of first + factor · second.
         std: its standard deviation.
         unit: its unit.
     """
 
-    text: str
+    first: str
+    factor: float
+    second: str
     value: float
     std: float
     unit: str
+
+    @property
+    def text(self) -> str:
+        """The sum, such as ``g_ee + 40.0 p_ee``."""
+        return f'{self.first} {"-" if self.factor < 0 else "+"} {abs(self.factor):.4g} {self.second}'
 
 
 @dataclass(frozen=True)
@@ -258,9 +267,8 @@ def determined_pairs(directions: Floats, free: Indices, values: Floats, covarian
         factor = -du / dv
         weights = np.zeros(len(values))
         weights[u], weights[v] = 1.0, factor
-        text = f'{NAMES[u]} {"-" if factor < 0 else "+"} {abs(factor):.4g} {NAMES[v]}'
         std = float(np.sqrt(weights @ covariance @ weights))
-        found.append(Combination(text, float(weights @ values), std, UNITS[NAMES[u]]))
+        found.append(Combination(NAMES[u], factor, NAMES[v], float(weights @ values), std, UNITS[NAMES[u]]))
     return tuple(found)
 
 

@@ -216,7 +216,9 @@ def _identifiability(c: Calibration) -> Document:
         'condition': found.condition,
         'confounded': own,
         'confounded_effects': [list(group) for group in found.confounded if group not in own],
-        'combinations': found.combinations,
+        'combinations': [
+            {'text': item.text, 'value': item.value, 'std': item.std, 'unit': item.unit} for item in found.combinations
+        ],
         'advice': found.advice,
     }
 

@@ -248,11 +248,11 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _combination(item: Combination, scales: Mapping[str, Scale]) -> str:
-    first, sign, factor, second = item.text.split()
-    unit, per_si = scales[first]
+    unit, per_si = scales[item.first]
+    sign, of = '-' if item.factor < 0 else '+', _unit_of_ratio(UNITS[item.first], UNITS[item.second])
     value, std = item.value * per_si, item.std * per_si
     digits = decimals(std) or 0
-    combination = f'{first} {sign} {factor} {_unit_of_ratio(UNITS[first], UNITS[second])}{second}'
+    combination = f'{item.first} {sign} {abs(item.factor):.4g} {of}{item.second}'
     return f'Only the combination {combination} = {value:.{digits}f} ± {std:.{digits}f} {unit} is determined.'
 
 

@@ -145,9 +145,9 @@ def residual_table(outcome: Outcome) -> str:
     """The touches with what the models predict: one row per touch, CSV.
 
     Both models stand beside each other: ``calibrated`` is the base model, ``extended`` has the effects found as well;
-    where nothing was found they are the same. Forces are those on the object in the base frame, as the base model has them
-    (a sensor in the tool frame turns with the estimated angles). Touches that were rejected before the fit have index,
-    reason and nothing else. The columns of joints and forces are named as those of a touch table.
+    where nothing was found they are the same. Forces are those on the object in the base frame, as the base model
+    has them (a sensor in the tool frame turns with the estimated angles). Touches that were rejected before the fit
+    have index, reason and nothing else. The columns of joints and forces are named as those of a touch table.
     """
     base, final = outcome.calibration, outcome.final
     reasons = {item.index: item.reason for item in outcome.rejected}

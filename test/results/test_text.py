@@ -154,16 +154,18 @@ def test_noise_that_was_found_beside_stated_levels_in_words(plain: Outcome) -> N
 
 
 @pytest.mark.parametrize(
-    ('text', 'shown'),
+    ('first', 'factor', 'second', 'shown'),
     [
-        ('g1 - 12.5 p1', 'g1 - 12.5 Nm · p1 ='),
-        ('x0 + 0.33 theta1', 'x0 + 0.33 m/rad · theta1 ='),
-        ('l1 + 1 l2', 'l1 + 1 l2 ='),
-        ('p_ee + 0.1 p1', 'p_ee + 0.1 (m/N)/(rad/Nm) · p1 ='),
+        ('g1', -12.5, 'p1', 'g1 - 12.5 Nm · p1 ='),
+        ('x0', 0.33, 'theta1', 'x0 + 0.33 m/rad · theta1 ='),
+        ('l1', 1.0, 'l2', 'l1 + 1 l2 ='),
+        ('p_ee', 0.1, 'p1', 'p_ee + 0.1 (m/N)/(rad/Nm) · p1 ='),
     ],
 )
-def test_the_factor_of_a_combination_has_its_unit(confounded: Outcome, text: str, shown: str) -> None:
+def test_the_factor_of_a_combination_has_its_unit(
+    confounded: Outcome, first: str, factor: float, second: str, shown: str
+) -> None:
     c = confounded.calibration
-    known = replace(c.identifiability, combinations=(Combination(text, 1.0, 0.1, ''),))
+    known = replace(c.identifiability, combinations=(Combination(first, factor, second, 1.0, 0.1, ''),))
     (line,) = messages.identifiability(replace(confounded, calibration=replace(c, identifiability=known)))[-1:]
     assert shown in line
