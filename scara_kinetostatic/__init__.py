@@ -49,32 +49,34 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.assessment.outcome import Outcome
+    from scara_kinetostatic.assessment.outcome import Outcome as Outcome
     from scara_kinetostatic.bags.reader import read_streams as read_streams
-    from scara_kinetostatic.calibration.calibrate import calibrate
-    from scara_kinetostatic.calibration.result import Calibration
+    from scara_kinetostatic.calibration.calibrate import calibrate as calibrate
+    from scara_kinetostatic.calibration.result import Calibration as Calibration
     from scara_kinetostatic.contour.fits import fit_pieces as fit_pieces
     from scara_kinetostatic.contour.fits import fit_shape as fit_shape
-    from scara_kinetostatic.contour.result import Contour
+    from scara_kinetostatic.contour.result import Contour as Contour
     from scara_kinetostatic.diagnosis.result import Diagnosis as Diagnosis
-    from scara_kinetostatic.effects.base import Effect
-    from scara_kinetostatic.effects.registry import catalogue, register
-    from scara_kinetostatic.errors import InputError, UnsupportedDataError
+    from scara_kinetostatic.effects.base import Effect as Effect
+    from scara_kinetostatic.effects.registry import catalogue as catalogue
+    from scara_kinetostatic.effects.registry import register as register
+    from scara_kinetostatic.errors import InputError as InputError
     from scara_kinetostatic.errors import ScaraKinetostaticError as ScaraKinetostaticError
-    from scara_kinetostatic.files.calibration_file import load_calibration
-    from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.interface import (
-        compensate,
-        diagnose,
-        locate,
-        make_touches,
-        predict_force,
-        read_touches,
-        simulate,
-        trace_contour,
-    )
-    from scara_kinetostatic.model.arm import CalibratedArm, JointAngles, TipPosition
-    from scara_kinetostatic.model.cell import Cell
+    from scara_kinetostatic.errors import UnsupportedDataError as UnsupportedDataError
+    from scara_kinetostatic.files.calibration_file import load_calibration as load_calibration
+    from scara_kinetostatic.files.cell_file import load_cell as load_cell
+    from scara_kinetostatic.interface import compensate as compensate
+    from scara_kinetostatic.interface import diagnose as diagnose
+    from scara_kinetostatic.interface import locate as locate
+    from scara_kinetostatic.interface import make_touches as make_touches
+    from scara_kinetostatic.interface import predict_force as predict_force
+    from scara_kinetostatic.interface import read_touches as read_touches
+    from scara_kinetostatic.interface import simulate as simulate
+    from scara_kinetostatic.interface import trace_contour as trace_contour
+    from scara_kinetostatic.model.arm import CalibratedArm as CalibratedArm
+    from scara_kinetostatic.model.arm import JointAngles as JointAngles
+    from scara_kinetostatic.model.arm import TipPosition as TipPosition
+    from scara_kinetostatic.model.cell import Cell as Cell
     from scara_kinetostatic.model.cell import Disc as Disc
     from scara_kinetostatic.model.cell import Noise as Noise
     from scara_kinetostatic.model.cell import Sensor as Sensor
@@ -83,95 +85,50 @@ if TYPE_CHECKING:
     from scara_kinetostatic.model.parameters import PAPER_MEASURED as PAPER_MEASURED
     from scara_kinetostatic.model.parameters import PAPER_NOMINAL as PAPER_NOMINAL
     from scara_kinetostatic.model.parameters import Parameters as Parameters
-    from scara_kinetostatic.model.touch import TouchSet
+    from scara_kinetostatic.model.touch import TouchSet as TouchSet
     from scara_kinetostatic.pipeline import calibrate_recordings as calibrate_recordings
     from scara_kinetostatic.results.document import as_document as as_document
-    from scara_kinetostatic.results.write import write_results
+    from scara_kinetostatic.results.write import write_results as write_results
     from scara_kinetostatic.touches.detection import Detection as Detection
     from scara_kinetostatic.touches.detection import find_touches as find_touches
 
 __version__ = '0.1.0'
 
-_HOME = {
-    'CalibratedArm': 'model.arm',
-    'Calibration': 'calibration.result',
-    'Cell': 'model.cell',
-    'Contour': 'contour.result',
-    'Effect': 'effects.base',
-    'InputError': 'errors',
-    'JointAngles': 'model.arm',
-    'Outcome': 'assessment.outcome',
-    'TipPosition': 'model.arm',
-    'TouchSet': 'model.touch',
-    'UnsupportedDataError': 'errors',
-    'calibrate': 'calibration.calibrate',
-    'catalogue': 'effects.registry',
-    'compensate': 'interface',
-    'diagnose': 'interface',
-    'load_calibration': 'files.calibration_file',
-    'load_cell': 'files.cell_file',
-    'locate': 'interface',
-    'make_touches': 'interface',
-    'predict_force': 'interface',
-    'read_touches': 'interface',
-    'register': 'effects.registry',
-    'simulate': 'interface',
-    'trace_contour': 'interface',
-    'write_results': 'results.write',
+_PUBLIC = {
+    'assessment.outcome': 'Outcome',
+    'calibration.calibrate': 'calibrate',
+    'calibration.result': 'Calibration',
+    'contour.result': 'Contour',
+    'effects.base': 'Effect',
+    'effects.registry': 'catalogue register',
+    'errors': 'InputError UnsupportedDataError',
+    'files.calibration_file': 'load_calibration',
+    'files.cell_file': 'load_cell',
+    'interface': 'compensate diagnose locate make_touches predict_force read_touches simulate trace_contour',
+    'model.arm': 'CalibratedArm JointAngles TipPosition',
+    'model.cell': 'Cell',
+    'model.touch': 'TouchSet',
+    'results.write': 'write_results',
 }
-_FORMER = {
-    'Detection': 'touches.detection',
-    'Diagnosis': 'diagnosis.result',
-    'Disc': 'model.cell',
-    'NAMES': 'model.parameters',
-    'Noise': 'model.cell',
-    'PAPER_ACTUAL': 'model.parameters',
-    'PAPER_MEASURED': 'model.parameters',
-    'PAPER_NOMINAL': 'model.parameters',
-    'Parameters': 'model.parameters',
-    'ScaraKinetostaticError': 'errors',
-    'Sensor': 'model.cell',
-    'as_document': 'results.document',
-    'calibrate_recordings': 'pipeline',
-    'find_touches': 'touches.detection',
-    'fit_pieces': 'contour.pieces',
-    'fit_shape': 'contour.fits',
-    'read_streams': 'bags.reader',
+_ALSO = {
+    'bags.reader': 'read_streams',
+    'contour.fits': 'fit_pieces fit_shape',
+    'diagnosis.result': 'Diagnosis',
+    'errors': 'ScaraKinetostaticError',
+    'model.cell': 'Disc Noise Sensor',
+    'model.parameters': 'NAMES PAPER_ACTUAL PAPER_MEASURED PAPER_NOMINAL Parameters',
+    'pipeline': 'calibrate_recordings',
+    'results.document': 'as_document',
+    'touches.detection': 'Detection find_touches',
 }
 """Names of earlier versions and of parts of the above; they can be imported still."""
+_HOME = {name: module for table in (_PUBLIC, _ALSO) for module, names in table.items() for name in names.split()}
 
-__all__ = [
-    'CalibratedArm',
-    'Calibration',
-    'Cell',
-    'Contour',
-    'Effect',
-    'InputError',
-    'JointAngles',
-    'Outcome',
-    'TipPosition',
-    'TouchSet',
-    'UnsupportedDataError',
-    '__version__',
-    'calibrate',
-    'catalogue',
-    'compensate',
-    'diagnose',
-    'load_calibration',
-    'load_cell',
-    'locate',
-    'make_touches',
-    'predict_force',
-    'read_touches',
-    'register',
-    'simulate',
-    'trace_contour',
-    'write_results',
-]
+__all__ = ['__version__', *sorted(' '.join(_PUBLIC.values()).split())]
 
 
 def __getattr__(name: str) -> Any:
-    home = _HOME.get(name) or _FORMER.get(name)
+    home = _HOME.get(name)
     if home is None:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
     value = getattr(import_module(f'{__name__}.{home}'), name)

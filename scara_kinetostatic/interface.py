@@ -131,7 +131,7 @@ def read_touches(paths: Paths, cell: Cell) -> TouchSet:
         raise InputError(tables[0], problem, 'give a cell with sensor.frame base')
     detection = gather_touches(listed, cell)
     if detection.contradiction:
-        raise InputError('cell', detection.contradiction, 'correct it')
+        raise InputError('cell', ': '.join(detection.contradiction), 'correct it')
     if not len(detection.touches):
         reason = detection.rejected[0].reason if detection.rejected else 'no contact found'
         raise UnsupportedDataError(f'{", ".join(map(str, listed))}: no usable touch: {reason}')

@@ -130,7 +130,7 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         first_touches=tuple(first_touches),
         turned=tuple(text for part in parts for text in part.turned or ('',)),
         sequence_known=sequence is not None,
-        contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
+        contradiction=next((part.contradiction for part in parts if part.contradiction), None),
     )
 
 
@@ -228,8 +228,7 @@ def _calibrate_touches(
 ) -> Outcome:
     """`calibrate_touches` without a name for the mistake behind a failure."""
     if detection.contradiction:
-        keys, problem = detection.contradiction.split(': ', 1)
-        raise CellError(keys, problem, 'correct it')
+        raise CellError(*detection.contradiction, 'correct it')
     if not len(detection.touches):
         raise UnsupportedDataError(f'{names}: {_no_touches(detection)}', 'see what `inspect` says about the recording')
     if calibration is None:

@@ -69,7 +69,7 @@ class Association(NamedTuple):
         known: whether the touch belongs to the disc, (n,).
         advice: frame and sign of the sensor by which nearly all touches would meet a disc, in words; empty if those
             of the cell description do, or no others.
-        contradiction: the same with the wrong keys of the cell description before a colon; empty as `advice`.
+        contradiction: the wrong keys of the cell description, and what contradicts them; None where `advice` is empty.
     """
 
     disc: NDArray[np.intp]
@@ -77,7 +77,7 @@ class Association(NamedTuple):
     miss: Floats
     known: NDArray[np.bool_]
     advice: str
-    contradiction: str
+    contradiction: tuple[str, str] | None
 
 
 def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
@@ -97,7 +97,7 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
         if np.sum(close) >= max(SETTINGS.fewest_for_fit, len(joints) / 2):
             disc, miss = fitted_disc, fitted_miss
             known = miss <= max(SETTINGS.largest_miss_fitted, SETTINGS.miss_medians * float(np.median(miss)))
-    advice = contradiction = ''
+    advice, contradiction = '', None
     if known.mean() <= SETTINGS.mostly_known:
         advice, contradiction = _other_convention(joints, force, cell, int(np.sum(~known)))
     return Association(disc, posture(cell.nominal, joints), miss, known, advice, contradiction)
@@ -159,7 +159,7 @@ def _miss_jacobian(parameters: Parameters, joints: Floats, lever: Floats, sensor
     return jacobian
 
 
-def _other_convention(joints: Floats, force: Floats, cell: Cell, lost: int) -> tuple[str, str]:
+def _other_convention(joints: Floats, force: Floats, cell: Cell, lost: int) -> tuple[str, tuple[str, str] | None]:
     """`Association.advice` and `Association.contradiction`; `lost` touches meet no disc."""
     n = len(joints)
     for frame in SensorFrame:
@@ -179,5 +179,6 @@ def _other_convention(joints: Floats, force: Floats, cell: Cell, lost: int) -> t
                 right = ' and '.join(repr(value) for _, _, value in changed)
                 met = f'all {n}' if meet == n else f'{meet} of {n}'
                 advice = f'with {" and ".join(f"sensor.{key} {value!r}" for key, _, value in changed)} {met} meet one'
-                return advice, f'{keys}: with {stated} {lost} of {n} touches meet no disc, with {right} {met} meet one'
-    return '', ''
+                problem = f'with {stated} {lost} of {n} touches meet no disc, with {right} {met} meet one'
+                return advice, (keys, problem)
+    return '', None

@@ -88,8 +88,8 @@ class Detection:
         first_touches: number of the first touch of each recording.
         turned: how the forces of each recording were turned by their `frame_id`, empty where not; or no entries.
         sequence_known: whether the touches of several recordings are in the order of time.
-        contradiction: a sentence where most touches meet no disc but would with another frame or sign of the sensor;
-            empty otherwise.
+        contradiction: where most touches meet no disc but would with another frame or sign of the sensor, the wrong
+            keys of the cell description, and what contradicts them; None otherwise.
         memories: what the joints remember of the load after each contact, in the order of time.
         elsewhere: touches that are rejected because no object is there, each with the nearest one.
     """
@@ -104,7 +104,7 @@ class Detection:
     first_touches: tuple[int, ...] = (0,)
     turned: tuple[str, ...] = ()
     sequence_known: bool = True
-    contradiction: str = ''
+    contradiction: tuple[str, str] | None = None
     memories: tuple[LoadMemory, ...] = field(default=(), repr=False)
     elsewhere: TouchSet = field(default_factory=lambda: no_touches(), repr=False)
 
@@ -186,7 +186,8 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
         return Detection(no_touches())
     contacts = find_contacts(signals)
     found, weak = find_candidates(signals, contacts)
-    candidates, advice = _with_discs(found, cell)
+    candidates, contradiction = _with_discs(found, cell)
+    advice = [': '.join(contradiction)] if contradiction else []
     episodes = tuple(_episode(number, candidate) for number, candidate in enumerate(candidates))
     touches, history = _touch_set(signals, candidates, cell), load_history(signals, candidates, cell, earlier)
     before = [[turn.state for turn in history.before.get(number, ())] for number in touches.index.tolist()]
@@ -197,7 +198,7 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
         warnings=(*signals.warnings, *_warnings(contacts.spikes, weak, candidates), *advice),
         episodes=episodes,
         start=signals.start,
-        contradiction=advice[0] if advice else '',
+        contradiction=contradiction,
         memories=history.memories,
         elsewhere=_elsewhere(candidates, cell),
     )
@@ -219,11 +220,11 @@ def no_touches() -> TouchSet:
     return TouchSet(none, none, np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp))
 
 
-def _with_discs(candidates: list[TouchCandidate], cell: Cell) -> tuple[list[TouchCandidate], tuple[str, ...]]:
-    """The candidates with their discs, those that meet none rejected; and a warning about frame and sign, or none."""
+def _with_discs(candidates: list[TouchCandidate], cell: Cell) -> tuple[list[TouchCandidate], tuple[str, str] | None]:
+    """The candidates with their discs, those that meet none rejected; and `Association.contradiction`."""
     good = [number for number, candidate in enumerate(candidates) if not candidate.reason]
     if not good:
-        return candidates, ()
+        return candidates, None
     association = associate(*_means([candidates[number] for number in good], cell), cell)
     hint = f': {association.advice}' if association.advice else ''
     for place, number in enumerate(good):
@@ -232,7 +233,7 @@ def _with_discs(candidates: list[TouchCandidate], cell: Cell) -> tuple[list[Touc
         reason = '' if association.known[place] else reason
         side = int(association.posture[place])
         candidates[number] = candidates[number]._replace(disc=disc, posture=side, reason=reason)
-    return candidates, (association.contradiction,) if hint else ()
+    return candidates, association.contradiction
 
 
 def _means(candidates: list[TouchCandidate], cell: Cell) -> tuple[Floats, Floats]:
