@@ -54,7 +54,7 @@ def test_the_document(folder):
 
 def test_the_page_stands_alone(folder):
     page = (folder / 'design.html').read_text()
-    assert page.count('<svg') == 6
+    assert page.count('<svg') == 4
     assert 'touches reach 25.0 µm and check themselves' in page
     first = page.index('Noise of a touch is assumed: 1e-05 rad (joint), 0.3 N (force)')
     assert first < page.index('proportional to the noise') < page.index('Lower bound for any set that survives a loss')

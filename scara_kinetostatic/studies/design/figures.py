@@ -72,44 +72,6 @@ def _plain_ticks(axes: Axes) -> None:
     axes.yaxis.set_major_formatter(lambda value, _: f'{value:g}')
 
 
-def without_picture(design: Design) -> Markup:
-    """Largest standard deviation of the tip without each touch of the recommended set."""
-    figure, (axes,) = new_figure(HALF, 300)
-    values, plan = MICRO * design.recommended.check.without_each, design.recommended.plan
-    target, base = MICRO * design.requirements.accuracy, MICRO * design.tip_std.largest
-    axes.vlines(np.arange(len(plan)), base, values, color=FAINT, lw=1.2)
-    for k, value in enumerate(values):
-        look = mark(int(plan.disc[k]))
-        fill = look.colour if plan.posture[k] > 0 else PAPER
-        axes.plot(k, value, look.shape, ms=6, mfc=fill, mec=look.colour, mew=1.2)
-    axes.axhline(target, color=WARN, lw=1.0)
-    axes.axhline(base, color=SERIES[0], lw=1.0)
-    axes.set(xlabel='touch left out', ylabel='largest std of the tip  [µm]')
-    top = max(float(values.max()), target)
-    axes.set_ylim(base - 0.1 * (top - base), top + 0.15 * (top - base))
-    axes.set_xticks(np.arange(0, len(plan), max(1, len(plan) // 12)))
-    axes.grid(visible=False, axis='x')
-    return as_svg(figure, 'without', 'largest standard deviation of the tip without each touch')
-
-
-def random_picture(design: Design) -> Markup:
-    """Histogram of the largest standard deviation of the tip over random sets of the same size."""
-    figure, (axes,) = new_figure(HALF, 300)
-    values = MICRO * design.recommended.check.random
-    base = MICRO * design.tip_std.largest
-    edges = np.geomspace(0.9 * base, min(float(values.max()), 40 * base) * 1.02, 32)
-    axes.hist(np.minimum(values, edges[-1] * 0.999), bins=edges.tolist(), color=FAINT, alpha=0.55)
-    axes.axvline(base, color=SERIES[0], lw=2.0)
-    axes.axvline(MICRO * design.requirements.accuracy, color=WARN, lw=1.0)
-    axes.set_xscale('log')
-    axes.set(xlabel='largest std of the tip  [µm]', ylabel=f'of {len(values)} random sets')
-    axes.xaxis.set_major_locator(FixedLocator(list(_TICKS)))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
-    axes.set_xlim(0.8 * base, edges[-1] * 1.1)
-    return as_svg(figure, 'random', 'distribution of the largest standard deviation of the tip over random sets')
-
-
 COLOURS = 'viridis_r'
 
 

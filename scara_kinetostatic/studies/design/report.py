@@ -15,7 +15,6 @@ from scara_kinetostatic.report import (
     NOT_DETERMINED,
     Block,
     Figure,
-    Figures,
     Legend,
     Note,
     Report,
@@ -399,14 +398,12 @@ def _touches(design: Design) -> tuple[Block, ...]:
     marks = [(mark(number), disc.name) for number, disc in enumerate(design.robot.cell.discs)]
     legend = Legend((*((m.sign, COLOURS[m.colour], name) for m, name in marks), ('', '', 'hollow: posture right')))
     above = _picture(design, figures.plan_picture, 'From above; the length of a shaft is proportional to the force.')
-    without = _picture(design, figures.without_picture, 'With one touch left out. Red: required; blue: the whole set.')
     order = Note(
         'In the order of plan.yaml. Leverage: the share of a touch’s measurement that its own fitted value follows; at '
         '100 % no other touch checks it, and an error in it is not detected.'
     )
     tip = _picture(design, figures.tip_picture, 'Predicted standard deviation of the tip after a calibration.')
-    random = _picture(design, figures.random_picture, 'Random sets of this size. Red: required; blue: this set.')
-    return legend, Figures((above, without)), plan_table(design), order, tip, random
+    return legend, above, plan_table(design), order, tip
 
 
 def _places(design: Design) -> tuple[Figure, ...]:
