@@ -135,10 +135,10 @@ class NodeProcesses:
 def free_domain() -> int:
     """A ROS domain that no process on this machine uses, chosen at random."""
     domains = random.sample(range(1, 100), 99)  # their ports lie below those that Linux hands out
-    return next((domain for domain in domains if _is_free(domain)), domains[0])
+    return next((domain for domain in domains if is_free(domain)), domains[0])
 
 
-def _is_free(domain: int) -> bool:
+def is_free(domain: int) -> bool:
     """Whether the discovery port of the domain (DDSI-RTPS: 7400 + 250 d) is free."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:

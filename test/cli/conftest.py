@@ -8,6 +8,7 @@ import pytest
 from cli.command import Result, Run
 
 from scara_kinetostatic.cli.main import main
+from scara_kinetostatic.results import report
 
 CELL = """\
 robot:
@@ -33,6 +34,12 @@ def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.
         return Result(status, *capsys.readouterr())
 
     return command
+
+
+@pytest.fixture
+def without_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page of a calibration, which takes most of the time, is not drawn."""
+    monkeypatch.setattr(report, 'html_text', lambda _: 'page')
 
 
 @pytest.fixture(scope='session')

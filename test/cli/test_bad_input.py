@@ -17,6 +17,8 @@ from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.touches.streams import Streams
 
+pytestmark = pytest.mark.usefixtures('without_page')
+
 
 def check(result: Result, status: int, *words: str) -> None:
     assert result.status == status, result

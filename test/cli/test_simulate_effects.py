@@ -14,6 +14,8 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.touches.detection import find_touches
 
+pytestmark = pytest.mark.usefixtures('without_page')
+
 RADIUS = 'object_radius[disc_2]:radius=6e-5'
 BIAS = 'sensor_bias:x=1.5,y=-0.5'
 

@@ -18,6 +18,8 @@ from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
 
+pytestmark = pytest.mark.usefixtures('without_page')
+
 TOUCHES = simulate((effect('object_radius[disc_2]'), (6e-5,)))
 assert len(PLAN) == len(TOUCHES)
 assert CELL.noise == NOISE

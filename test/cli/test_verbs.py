@@ -14,6 +14,8 @@ from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.touches.detection import find_touches
 
+pytestmark = pytest.mark.usefixtures('without_page')
+
 TRUTH = PAPER_ACTUAL.as_dict()
 
 

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import os
-import random
 import signal
 from collections.abc import Callable
 from math import inf, nan
@@ -202,13 +201,12 @@ def test_the_end_of_a_silent_stream_is_secured(spin: Callable[..., Node], tmp_pa
     assert eventually(lambda: collector._session._writer.recorded == 40)
 
 
-@pytest.mark.parametrize('seed', [1, 2, 3])
 def test_reported_touches_survive_a_kill(
-    seed: int, processes: NodeProcesses, client: DemoClient, cell_file: Path, tmp_path: Path
+    processes: NodeProcesses, client: DemoClient, cell_file: Path, tmp_path: Path
 ) -> None:
     collector = processes.start('collector', {'cell': cell_file, 'output': tmp_path / 'bags', 'autostart': True})
     processes.start('contact_simulator', {'cell': cell_file, 'wait_for_subscribers': 1, 'time_factor': 20.0})
-    enough = random.Random(seed).randint(1, 8)
+    enough = 4
     client.wait('touches', lambda: client.touches >= enough and client.recording != '', WAIT)
     os.kill(collector, signal.SIGKILL)
     cell = embedded_cell(client.recording)
