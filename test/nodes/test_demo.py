@@ -4,7 +4,7 @@ import re
 import signal
 import subprocess
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
 from time import monotonic
 
@@ -12,14 +12,13 @@ import pytest
 from nodes.waiting import WAIT
 
 from scara_kinetostatic.cli import demo
+from scara_kinetostatic.cli.main import build_parser
 from scara_kinetostatic.errors import InputError, OutputError
 from scara_kinetostatic.model.parameters import NAMES
 
 
 def parse(*arguments: str) -> Namespace:
-    parser = ArgumentParser()
-    demo.add_parser(parser.add_subparsers())
-    return parser.parse_args(['demo', *arguments])
+    return build_parser().parse_args(['demo', *arguments])
 
 
 def children(process: int) -> set[int]:
