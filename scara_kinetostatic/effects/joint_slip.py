@@ -20,8 +20,6 @@ GRID = 12
 _SMALLEST, _LARGEST = 0.01, 0.9
 """The slip torques tried, over the torque that nine touches of ten do not exceed in load or preload. With a smaller one
 the play is a spring with friction, with a larger one few touches would move it."""
-_COMMON = 0.9
-"""Part of the touches for whose largest torque a slip torque is looked for."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +95,8 @@ class JointSlip(Effect):
         history, load = self._loads(at)
         if not history.shape[1]:
             return (Trial((Shift(joints=np.zeros_like(at.joints)),), values=partial(_as_slip, slip_torque=1.0)),)
-        common = float(np.quantile(np.abs(load), _COMMON))
+        # part of the touches for whose largest torque a slip torque is looked for
+        common = float(np.quantile(np.abs(load), 0.9))
         torques = common * np.geomspace(_SMALLEST, _LARGEST, GRID)
         values = play_value(history, load, torques[:, None])
         return [self._trial(value, float(torque)) for value, torque in zip(values, torques, strict=True)]

@@ -47,8 +47,6 @@ Result = TypeVar('Result')
 
 GROUP = 'scara_kinetostatic.effects'
 """Entry points of this group offer effects."""
-_FEW = 3
-"""Of no more targets all are named."""
 _EXPECTED = 'expected a class derived from Effect or a function from a cell to effects'
 _LOG = logging.getLogger('scara_kinetostatic')
 _registered: list[Factory | type[Effect]] = []
@@ -138,7 +136,8 @@ def find(cell: Cell, label: str) -> Effect:
         raise ParameterError(f'effect {label!r}', f'{name} has no target', f'give {name}')
     if same:
         problem = f'{name} has no target {target.removesuffix("]")!r} in this cell'
-        close = difflib.get_close_matches(label, same, 1, cutoff=0.8) if len(same) > _FEW else []
+        # where there are few targets all are named
+        close = difflib.get_close_matches(label, same, 1, cutoff=0.8) if len(same) > 3 else []
         if close:
             raise ParameterError(f'effect {label!r}', problem, f'did you mean {close[0]}?')
         raise ParameterError(f'effect {label!r}', problem, f'give {" or ".join(same)}')

@@ -42,8 +42,6 @@ from scara_kinetostatic.model.touch_equations import (
     view_arm,
 )
 
-_FORCE_STEP = 1e-4
-"""Step of the central difference over the force, as a part of it (of 1 N at least)."""
 _ANGLE_STEP = 1e-5
 """Step of the central difference over an angle, rad."""
 
@@ -110,7 +108,8 @@ def _shift_by_magnitude(model: ExtendedModel, contact_problem: ContactProblem, s
     """The derivatives of δ and d by f, by central differences; nothing where no effect depends on f."""
     if model.force_dependence < ForceDependence.ALL:
         return Shift()
-    step = _FORCE_STEP * np.maximum(np.abs(state.magnitude), 1.0)
+    # step of the central difference over the force, as a part of it (of 1 N at least)
+    step = 1e-4 * np.maximum(np.abs(state.magnitude), 1.0)
     same = arm if arm.skew is None else None
     up, down = (
         contact_problem.touch_state(model.parameters, state._replace(magnitude=state.magnitude + change), same)
@@ -226,14 +225,6 @@ def solve_links(
     return state, arm
 
 
-_TOLERANCE = 1e-13
-"""Residual of a solved touch, m and rad."""
-_STEPS = 12
-_EXTENDED_STEPS = 25
-"""With effects: their derivatives over Q* are left out, so that the last digits come one by one."""
-_STEPS_BY_MODES = 9
-_BACKLASH_MARGIN = 2.5
-"""A lever arm is small if the backlash of the joints, times this factor, could change its sign."""
 _TURN_LIMIT = 0.5
 """Largest turn of the force in one step, rad."""
 
@@ -247,7 +238,8 @@ def solve_state(model: ExtendedModel, contact_problem: ContactProblem) -> tuple[
     start = state = free_state(model.parameters, contact_problem.joints, contact_problem.centers)
     with np.errstate(all='ignore'):
         arm: Arm | None = None
-        for _ in range(_EXTENDED_STEPS if model.effects else _STEPS):
+        # with effects more steps: their derivatives over Q* are left out, so that the last digits come one by one
+        for _ in range(25 if model.effects else 12):
             e = extended_equations(model, contact_problem, state, arm)
             solved = _obeys(e, model, state)
             if solved.all():
@@ -277,7 +269,8 @@ def _is_solved(model: ExtendedModel, contact_problem: ContactProblem, state: Sta
 def _obeys(e: Equations, model: ExtendedModel, state: State) -> Mask:
     error = np.max(np.abs([e.normal, e.tangent, e.rows.row1, e.rows.row2]), axis=0)
     wanted = next_modes(model.parameters, e.rows.joints, state, e.rows.arm)
-    return (error < _TOLERANCE) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
+    # residual of a solved touch, m and rad
+    return (error < 1e-13) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
 
 
 def _solve_by_modes(
@@ -289,7 +282,7 @@ def _solve_by_modes(
     start = free_state(model.parameters, contact_problem.joints, contact_problem.centers)
     state = start.select(every)._replace(mode1=np.repeat(mode1, n), mode2=np.repeat(mode2, n))
     contact_problem = contact_problem.select(every)
-    for _ in range(_STEPS_BY_MODES):
+    for _ in range(9):
         state = _newton_step(extended_equations(model, contact_problem, state), state)
     away = np.zeros(len(every)) if warm_start is None else _distance(state, warm_start[every])
     away = np.where(_is_solved(model, contact_problem, state), away, np.inf).reshape(len(mode1), n)
@@ -307,7 +300,8 @@ def nearest_equilibrium(
     # joints that swing through all their backlash slide the tip along the disc, which also turns the force
     slide = (abs(p.g1) + np.abs(p.p1 * state.magnitude * arm.b1)) * np.abs(arm.b1)
     slide += (abs(p.g2) + np.abs(p.p2 * state.magnitude * arm.b2)) * np.abs(arm.b2)
-    slide *= _BACKLASH_MARGIN
+    # a lever arm is small if the backlash of the joints, times this factor, could change its sign
+    slide *= 2.5
     toggles = np.abs(arm.lever1) < slide * (1 + np.abs(arm.b1) / radii)
     toggles |= np.abs(arm.lever2) < slide * (1 + np.abs(arm.b2) / radii)
     if not toggles.any():

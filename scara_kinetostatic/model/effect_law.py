@@ -23,9 +23,6 @@ from scara_kinetostatic.model.load_history import ById, Phasors, torque_phasors_
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
-_SAME_TOUCH = 0.02
-"""Distance from the joint angles of the hold within which a point of the history is of the same touch, rad."""
-
 
 class EffectParameter(Protocol):
     """What the model needs of a parameter of an effect."""
@@ -184,7 +181,8 @@ class TouchState(NamedTuple):
             force = force * (self.link2[:, 0] - 1j * self.link2[:, 1])
         known = measured.any(axis=1)
         ratio = np.where(known, force, 1.0) / np.where(known, measured[:, 0] + 1j * measured[:, 1], 1.0)
-        near1, near2 = (np.abs(history[:, :, k] - self.joints[:, k, None]) < _SAME_TOUCH for k in (0, 1))
+        # distance from the joint angles of the hold within which a point of the history is of the same touch, rad
+        near1, near2 = (np.abs(history[:, :, k] - self.joints[:, k, None]) < 0.02 for k in (0, 1))
         return np.where(near1 & near2, ratio[:, None], 1.0)
 
 

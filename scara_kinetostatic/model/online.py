@@ -26,9 +26,6 @@ from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.sensor_error import has_sensor_error
 from scara_kinetostatic.model.tip import DEPENDS, SIGN_KNOWN, STEEPEST, Force, Law, Loading, Spread, Squares, faded
 
-_MOVED = 1e-4
-"""Movement of a joint that counts as its last one, rad: above the noise of its angle."""
-
 
 class MotionSense:
     """The sense in which each joint has moved last, pose after pose; 0 before its first motion."""
@@ -50,7 +47,8 @@ class MotionSense:
             self._references, self._begun = list(angles), True
         for joint, angle in enumerate(angles):
             moved = angle - self._references[joint]
-            if abs(moved) > _MOVED:
+            # movement of a joint that counts as its last one, rad: above the noise of its angle
+            if abs(moved) > 1e-4:
                 self._references[joint], self._sense[joint] = angle, 1.0 if moved > 0 else -1.0
         return self._sense[0], self._sense[1]
 
@@ -140,10 +138,6 @@ def inverse_rows(load: PoseLoad, force: HeldForce) -> InverseRows:
 
 _MOVED_ONLINE_COVARIANCE = 4e-3
 """Change of a joint angle, rad, beyond which the covariance is worked out anew."""
-_PUSHED = 4.0
-"""The same of a component of the force, standard deviations."""
-_CROSSED = 0.02
-"""The same of a place in a dead band."""
 
 
 class OnlineCovariance:
@@ -167,10 +161,12 @@ class OnlineCovariance:
 
     def is_outdated(self, q1: float, q2: float, load: PoseLoad, force: HeldForce) -> bool:
         """Whether the pose has moved away from where it was worked out; then it counts as worked out there."""
-        pushed, (old1, old2, s1, s2, place, fx, fy) = _PUSHED * force.std, self._key
+        # change of a component of the force beyond which the covariance is worked out anew
+        pushed, (old1, old2, s1, s2, place, fx, fy) = 4.0 * force.std, self._key
         near = abs(q1 - old1) < _MOVED_ONLINE_COVARIANCE and abs(q2 - old2) < _MOVED_ONLINE_COVARIANCE
         near = near and abs(force.x - fx) < pushed and abs(force.y - fy) < pushed
-        if near and max(abs(load.s1 - s1), abs(load.s2 - s2), abs(force.place - place)) < _CROSSED:
+        # and of a place in a dead band
+        if near and max(abs(load.s1 - s1), abs(load.s2 - s2), abs(force.place - place)) < 0.02:
             return False
         self._key = (q1, q2, load.s1, load.s2, force.place, force.x, force.y)
         return True
@@ -256,10 +252,6 @@ class OnlineCovariance:
 WIDTH = 2.0
 """Of the hysteresis, standard deviations of a component of the force."""
 _PASSES = 30
-_NEAR = 1e-7
-"""A step of Newton's method after which the angles are right to its square, rad."""
-_SETTLED = 1e-6
-"""Change of what effects add after which one more solution is enough, rad and m; it depends on itself weakly."""
 
 
 class OnlinePosition(NamedTuple):
@@ -344,7 +336,9 @@ class OnlineArm:
             for _ in range(_PASSES):
                 state, change = self._update(q1, q2, load, force, metadata)
                 first, second, load, rows, solved = self._links(q1, q2, first, second, force)
-                if change < _SETTLED:
+                # change of what effects add after which one more solution is enough, rad and m; it depends on itself
+                # weakly
+                if change < 1e-6:
                     break
         _, _, moved_x, moved_y = self._shift
         along = self._law.gripper.slope(p)
@@ -382,7 +376,8 @@ class OnlineArm:
             row2 = second - first - p.theta2 - q2 + p.p2 * load.c2 + p.g2 * load.s2 + turn2
             step1, step2 = rows.i11 * row1 + rows.i12 * row2, rows.i21 * row1 + rows.i22 * row2
             first, second = first - step1, second - step1 - step2
-            if abs(step1) + abs(step2) < _NEAR:
+            # a step of Newton's method after which the angles are right to its square, rad
+            if abs(step1) + abs(step2) < 1e-7:
                 return first, second, turned(load, -step1, -step1 - step2), rows, True
         return first, second, load, rows, False
 

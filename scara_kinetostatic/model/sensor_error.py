@@ -12,17 +12,6 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
-_PASSES = 12
-"""Newton steps at most."""
-_STEP = 1e-5
-"""Step of the central difference over a force, as a part of it (of 1 N at least)."""
-_FAST = 0.1
-"""The derivative is worked out anew where a step leaves more than this part of the error."""
-_ROUNDING = 1e-15
-"""Error of the force that a true force gives, as a part of the largest one, at which the iteration ends."""
-_UNSOLVED = 1e-9
-"""The same, beyond which there is no true force."""
-
 
 def has_sensor_error(model: ExtendedModel) -> bool:
     """Whether any effect of a model is an error of the sensor."""
@@ -50,15 +39,19 @@ def true_force(model: ExtendedModel, reported: Floats, metadata: TouchMetadata |
     force, most = reported, np.abs(reported).max(initial=0.0)
     inverse, before = None, np.inf
     with np.errstate(all='ignore'):
-        for _ in range(_PASSES):
+        # Newton steps at most
+        for _ in range(12):
             off = reported_force(model, force, metadata) - reported
             error = np.fmax.reduce(np.abs(off), axis=None)  # of those touches whose force is a number
-            if not error > _ROUNDING * most:
+            # error of the force that a true force gives, as a part of the largest one, at which the iteration ends
+            if not error > 1e-15 * most:
                 break
-            if inverse is None or error > _FAST * before:
+            # the derivative is worked out anew where a step leaves more than this part of the error
+            if inverse is None or error > 0.1 * before:
                 inverse = _true_by_reported(model, force, metadata)
             force, before = force - _times(inverse, off), error
-        return np.where(np.abs(off) <= _UNSOLVED * most, force, np.nan)
+        # error, as a part of the largest force, beyond which there is no true force
+        return np.where(np.abs(off) <= 1e-9 * most, force, np.nan)
 
 
 def true_force_derivative(
@@ -111,7 +104,8 @@ def _times(matrices: Floats, vectors: Floats) -> Floats:
 
 def _true_by_reported(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None) -> Floats:
     """∂F/∂(reported F) at true forces (n, 2), (n, 2, 2): the inverse of what central differences give."""
-    step = _STEP * np.maximum(np.hypot(force[:, 0], force[:, 1]), 1.0)[:, None]
+    # step of the central difference over a force, as a part of it (of 1 N at least)
+    step = 1e-5 * np.maximum(np.hypot(force[:, 0], force[:, 1]), 1.0)[:, None]
     columns = [
         (reported_force(model, force + step * unit, metadata) - reported_force(model, force - step * unit, metadata))
         / (2 * step)
