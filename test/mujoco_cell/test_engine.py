@@ -59,7 +59,7 @@ def test_at_rest_the_springs_carry_the_contact_force(motion: Play) -> None:
     assert plain.speed.max() < 1e-8
 
 
-@pytest.mark.parametrize('name', [name for name in SCENES if name != 'plain'])
+@pytest.mark.parametrize('name', [name for name in SCENES if name not in ('plain', 'two', 'joint_slip_fast')])
 def test_every_other_scene_differs_from_the_model(played_few: Play, name: str) -> None:
     assert error_of_the_model(played_few(name)) > 1.0  # N
 

@@ -48,9 +48,8 @@ def of(label):
 
 
 @EVERY
-@pytest.mark.parametrize('robot', [PAPER_ACTUAL, PAPER_MEASURED], ids=['actual', 'measured'])
-def test_touches_obey_the_extended_model_under_the_planned_force(effect, values, robot):
-    truth = with_effects([effect], values, robot)
+def test_touches_obey_the_extended_model_under_the_planned_force(effect, values):
+    truth = with_effects([effect], values, PAPER_MEASURED)
     touches = simulate_touches(CELL, truth, PLAN, EXACT)
     true = true_force(truth, touches.force, TouchMetadata.of(touches))
     discs = CELL.centers[PLAN.disc], CELL.radii[PLAN.disc]
@@ -58,7 +57,7 @@ def test_touches_obey_the_extended_model_under_the_planned_force(effect, values,
     assert found.solved.all()
     np.testing.assert_allclose(found.force, true, rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.hypot(*true.T), PLAN.force, rtol=0.02)
-    plain = simulate_touches(CELL, robot, PLAN, EXACT)
+    plain = simulate_touches(CELL, PAPER_MEASURED, PLAN, EXACT)
     assert np.abs(np.hstack([touches.joints - plain.joints, touches.force - plain.force])).max() > 1e-7
 
 
