@@ -228,11 +228,6 @@ def freedoms(evidence: Evidence) -> Iterator[Remark]:
     )
 
 
-_NOT_NEGATIVE = ('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2')
-_MANY = 4
-"""So many parameters without a value are more than some touches of a kind would mend."""
-
-
 def mistake(evidence: Evidence) -> Iterator[Remark]:
     """A mistake in the cell description or in the touches."""
     if evidence.mistake is not None:
@@ -246,7 +241,8 @@ def undetermined(evidence: Evidence) -> Iterator[Remark]:
     names = [name for name in NAMES if any(name in group for group in groups)]
     if not names:
         return
-    action = MORE_TOUCHES if len(names) > _MANY else c.identifiability.advice
+    # 4: so many parameters without a value are more than some touches of a kind would mend
+    action = MORE_TOUCHES if len(names) > 4 else c.identifiability.advice
     if set(names) & set(NAMES[:GEOMETRY]):
         listed = 'any parameter' if len(names) == len(NAMES) else ', '.join(names)
         yield Remark(Grade.UNFIT, f'the touches do not determine {listed}, nor where the tip is', action)
@@ -264,7 +260,7 @@ def negative(evidence: Evidence) -> Iterator[Remark]:
     """Compliances and backlashes below zero beyond their uncertainty."""
     c = evidence.final
     bound = negative_bound(c)
-    for name in _NOT_NEGATIVE:
+    for name in ('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'):
         value, std = getattr(c.parameters, name), c.std_of(name)
         if std > 0 and value < -bound * std and not (name == 'g_ee' and evidence.mistake):
             yield Remark(

@@ -52,8 +52,6 @@ _PRIOR = {
     G_EE: 0.05,
 }
 """Standard deviation of the error of each nominal value, SI units."""
-_LEAST_TORQUE = 1e-2
-"""Within this torque the sense of a backlash is not certain, Nm."""
 
 
 class Statements(NamedTuple):
@@ -168,7 +166,8 @@ class _Arm(NamedTuple):
     @property
     def senses(self) -> tuple[Floats, Floats]:
         """sign(c) of both joints, continuous within the least torque."""
-        one, two = (c / np.hypot(c, _LEAST_TORQUE) for c in (self.torque1, self.torque2))
+        # 1e-2: within this torque the sense of a backlash is not certain, Nm
+        one, two = (c / np.hypot(c, 1e-2) for c in (self.torque1, self.torque2))
         return one, two
 
 

@@ -12,14 +12,10 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.parameters import L1, L2, NAMES, THETA1, THETA2, UNITS
 
-_MOST_PERMUTED = 4
-"""Of so many discs every permutation is tried, of more only the pairs."""
 _STEP = 30
 """Rotations of sensor and base are tried in steps of so many degrees,"""
 _ROTATION = float(np.deg2rad(12.0))
 """and fitted about each with this standard deviation, rad."""
-_SMALL_ANGLE = 0.1
-"""An offset of a joint above this may be one in degrees, rad."""
 _ALIKE = 1e-3
 """Lengths that differ by less than this are not worth swapping, m."""
 
@@ -277,7 +273,8 @@ def _radii(r: Reading, source: Source) -> Iterator[Hypothesis]:
 
 def _orders(m: int) -> list[Indices]:
     """Permutations of m discs but the identity: all of few, the pairs of many."""
-    if m <= _MOST_PERMUTED:
+    # 4: of so many discs every permutation is tried, of more only the pairs
+    if m <= 4:
         return [np.array(order) for order in permutations(range(m)) if order != tuple(range(m))]
     orders = [np.arange(m) for _ in combinations(range(m), 2)]
     for order, (i, j) in zip(orders, combinations(range(m), 2), strict=True):
@@ -298,7 +295,8 @@ def listed(names: Sequence[str]) -> str:
 
 def _nominal(r: Reading, source: Source) -> Iterator[Hypothesis]:
     """Offsets of joints and lengths of links in the nominal parameters."""
-    angles = [j for j in (THETA1, THETA2) if abs(r.nominal[j]) > _SMALL_ANGLE]
+    # 0.1: an offset of a joint above this may be one in degrees, rad
+    angles = [j for j in (THETA1, THETA2) if abs(r.nominal[j]) > 0.1]
     if angles and r.free[angles].all():
         where = ', '.join(f'robot.nominal.{NAMES[j]}' for j in angles)
         nominal = r.nominal.copy()

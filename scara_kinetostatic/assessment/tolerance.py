@@ -31,8 +31,6 @@ _ACTIONS = {
 }
 NOT_STATED = 'cannot be stated: the cause of a model error is unknown, and the uncertainties do not contain it'
 """Of conformity, where the verdict is ``unexplained``."""
-_SHOWN = 'conforms (ISO 14253-1)'
-_NOISE_ALONE = 'conforms as far as noise goes; no uncertainties of discs and sensor are declared'
 _ONE_MM = 1e-3
 """Where the first of two lengths is in mm, the second is, too, m."""
 _ALL = {
@@ -137,10 +135,12 @@ def kept(evidence: Evidence) -> Iterator[str]:
     if evidence.diagnosis.verdict == 'unexplained':
         yield f'conformity with the tolerance of {quantity(found.tolerance, "m")} {NOT_STATED}'
         return
-    declared = DeclaredErrors.of(evidence.final.cell) is not None
+    how = 'conforms (ISO 14253-1)'
+    if DeclaredErrors.of(evidence.final.cell) is None:
+        how = 'conforms as far as noise goes; no uncertainties of discs and sensor are declared'
     yield (
         f'the expanded uncertainty of the tip is at most {quantity(found.worst, "m")} (k = 2) all over the workspace, '
-        f'the tolerance {quantity(found.tolerance, "m")}: it {_SHOWN if declared else _NOISE_ALONE}'
+        f'the tolerance {quantity(found.tolerance, "m")}: it {how}'
     )
 
 

@@ -53,10 +53,6 @@ class Shown(NamedTuple):
 
 _PREFIXED = ('m', 'rad', 'N', 'Nm', 's')
 _PREFIXES = (('', 1.0), ('m', 1e3), ('µ', 1e6), ('n', 1e9), ('p', 1e12))
-_LEAST_SHOWN = 5e-12
-"""A standard deviation below this, in the unit in which it is shown, is none."""
-_PER_MILLION = 1e-3
-"""Pure numbers below this are shown in millionths."""
 
 
 def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None = None) -> Shown:
@@ -73,7 +69,8 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
     if unit.partition('/')[0] in _PREFIXED and size > 0:
         prefix, factor = next(((p, f) for p, f in _PREFIXES if size * f >= 1.0), _PREFIXES[-1])
         scale = Scale(prefix + unit, factor)
-    elif unit.partition('/')[0] == '1' and 0 < size < _PER_MILLION:
+    # 1e-3: pure numbers below this are shown in millionths
+    elif unit.partition('/')[0] == '1' and 0 < size < 1e-3:
         scale = Scale(f'ppm{unit[1:]}', 1e6)
     scale = (units or {}).get(unit, scale)
     if math.isnan(value):
@@ -92,7 +89,8 @@ def unsigned_zero(number: str) -> str:
 
 def decimals(std: float) -> int | None:
     """How many decimals show two digits of a standard deviation; None where there is none, or it is of no size."""
-    if not math.isfinite(std) or std < _LEAST_SHOWN:
+    # 5e-12: a standard deviation below this, in the unit in which it is shown, is none
+    if not math.isfinite(std) or std < 5e-12:
         return None
     return min(12, max(0, 1 - math.floor(math.log10(std))))
 

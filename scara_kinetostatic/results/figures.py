@@ -27,10 +27,6 @@ _LONGEST_ARROW = 0.14
 _BAND = 0.95
 _FEW = 6
 """A variable with so few values is a category: its touches are drawn side by side."""
-_ASIDE = 0.3
-"""How far aside, as a part of the distance between categories."""
-_WITHIN = 0.97
-"""This part of the touches lies within the scale."""
 
 
 def cell_picture(c: Calibration) -> Markup:
@@ -267,7 +263,8 @@ def _largest(found: EffectResidual) -> float:
     size = np.abs(np.concatenate([found.before, found.after, found.expected]))
     if not size.size:
         return 1.0
-    usual = float(np.quantile(size, _WITHIN))
+    # 0.97: this part of the touches lies within the scale
+    usual = float(np.quantile(size, 0.97))
     return max(1.1 * min(float(size.max()), 1.6 * usual), 1e-9)
 
 
@@ -280,7 +277,8 @@ def _side_by_side(x: Floats) -> Floats:
     out = x.copy()
     for number in range(len(kinds)):
         members = np.flatnonzero(which == number)
-        out[members] += apart * _ASIDE * np.linspace(-1, 1, len(members) + 2)[1:-1]
+        # 0.3: how far aside, as a part of the distance between categories
+        out[members] += apart * 0.3 * np.linspace(-1, 1, len(members) + 2)[1:-1]
     return np.asarray(out)
 
 

@@ -43,8 +43,6 @@ _DISAGREES = 1e-3
 """P-value of chi-square below which it contradicts a model that the diagnosis finds complete."""
 MOST_RIVALS = 4
 """Of a group of rivals so many are named; of the others only the number is given."""
-_MOST_BIASES = 3
-"""So many biased parameters are named."""
 _LEAST_JOINT_NOISE = 1e-6
 """An estimated joint noise below this is not determined: it changes the force by less than a tenth of what sensors
 resolve, rad.
@@ -180,7 +178,8 @@ def bias(outcome: Outcome) -> str:
     if outcome.final is outcome.calibration:
         return ''
     rows = sorted((row for row in outcome.comparison.biases if row.is_significant), key=lambda row: -abs(row.in_std))
-    worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:_MOST_BIASES])
+    # 3: so many biased parameters are named
+    worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:3])
     tip = f'the tip by {outcome.comparison.tip_bias * 1e3:.3g} mm (rms over the touches)'
     return f'ignoring it would bias {f"{worst} and " if worst else ""}{tip}'
 

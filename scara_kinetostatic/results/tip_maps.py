@@ -38,19 +38,8 @@ from scara_kinetostatic.report import Figure, Figures
 from scara_kinetostatic.report.figure import FAINT, INK, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
 
 _WIDTH = 450.0
-_GRID = 45
-"""Places along the longer side."""
-_NEAR_BASE = 5.0
-"""Around the base, where the arm is folded, nothing is drawn: so many times what is left out at the reach."""
-_AROUND = 0.1
-"""Of the arm's length, around touches and discs."""
-_ARROWS = 11
-"""Arrows along a side."""
 _DIRECTIONS = 12
 """Of the force, over which the largest deviation is taken."""
-_PER_SIDE = 12
-"""Points on each side of the hull."""
-_LEVELS = 6
 _MILLI = 1e3
 _FADED = 'Faded: extrapolated, the joint angles are not between those of the touches.'
 
@@ -152,11 +141,13 @@ def tip_map(c: Calibration, posture: int) -> TipMap:
     nominal, p, touches = c.cell.nominal, c.parameters, c.touches.select(c.used)
     low, high = _extent(c)
     size = (high - low) / max(high - low)
-    x, y = (np.linspace(low[k], high[k], max(3, round(_GRID * size[k]))) for k in (0, 1))
+    # 45: places along the longer side
+    x, y = (np.linspace(low[k], high[k], max(3, round(45 * size[k]))) for k in (0, 1))
     tip = np.stack(np.meshgrid(x, y), axis=-1)
     away = np.hypot(tip[..., 0] - p.x0, tip[..., 1] - p.y0)
     ends = (1 - NEARLY_STRETCHED) * (p.l1 + p.l2)
-    reached = (away >= abs(p.l1 - p.l2) + _NEAR_BASE * ends) & (away <= p.l1 + p.l2 - ends)
+    # 5.0: around the base, where the arm is folded, nothing is drawn: so many times what is left out at the reach
+    reached = (away >= abs(p.l1 - p.l2) + 5.0 * ends) & (away <= p.l1 + p.l2 - ends)
     joints = inverse(nominal, np.where(reached[..., None], tip, np.nan), posture)
     members = touches.joints[touches.posture == posture]
     return TipMap(posture, x, y, joints, forward(p, _hull(members)))
@@ -168,7 +159,8 @@ def _extent(c: Calibration) -> tuple[Floats, Floats]:
     discs = np.unique(c.touches.disc)
     round_discs = [c.cell.centers[discs] + sign * radii[discs] for sign in (1, -1)]
     points = np.concatenate([forward(p, c.touches.joints[c.used]), [[p.x0, p.y0]], *round_discs])
-    margin = _AROUND * (p.l1 + p.l2)
+    # 0.1: of the arm's length, around touches and discs
+    margin = 0.1 * (p.l1 + p.l2)
     return points.min(axis=0) - margin, points.max(axis=0) + margin
 
 
@@ -180,7 +172,8 @@ def _hull(members: Floats) -> Floats:
         corners = near[ConvexHull(near).vertices]
     except (QhullError, ValueError):
         return np.empty((0, 2))
-    part = np.linspace(0.0, 1.0, _PER_SIDE, endpoint=False)[:, None]
+    # 12: points on each side of the hull
+    part = np.linspace(0.0, 1.0, 12, endpoint=False)[:, None]
     sides = [
         first + part * (second - first) for first, second in zip(corners, np.roll(corners, -1, axis=0), strict=True)
     ]
@@ -217,7 +210,8 @@ def deviation_picture(c: Calibration, found: Deviation) -> Markup:
     places = found.places
     grid = (places.x * _MILLI, places.y * _MILLI)
     figure, axes = _draw_map(c, places, grid, found.loaded * _MILLI)
-    step = max(1, round(max(found.loaded.shape) / _ARROWS))
+    # 11: arrows along a side
+    step = max(1, round(max(found.loaded.shape) / 11))
     rows, columns = (slice(step // 2, None, step) for _ in range(2))
     u, v = np.moveaxis(found.unloaded[rows, columns] * _MILLI, -1, 0)
     x, y = np.meshgrid(places.x[columns] * _MILLI, places.y[rows] * _MILLI)
@@ -246,7 +240,7 @@ def _draw_map(c: Calibration, places: TipMap, grid: tuple[Floats, Floats], shown
     total = inner * float(np.clip(height / width, 0.5, 1.3)) + margins.bottom + margins.top
     figure, (axes,) = new_figure(_WIDTH, total, margins=margins)
     ends = np.nanmin(shown), np.nanmax(shown)
-    levels = MaxNLocator(_LEVELS, steps=[1, 2, 5, 10]).tick_values(*ends) if ends[1] > ends[0] else np.array([])
+    levels = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*ends) if ends[1] > ends[0] else np.array([])
     if len(levels) > 1:
         fills = [to_rgba(SERIES[0], 0.05 + 0.5 * k / len(levels)) for k in range(len(levels) - 1)]
         axes.contourf(*grid, shown, levels=levels, colors=fills)
