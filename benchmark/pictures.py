@@ -46,7 +46,7 @@ from scara_kinetostatic.studies.design import figures as design_pictures
 from scara_kinetostatic.studies.dial_gauge import figures as gauge_pictures
 from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
-from scara_kinetostatic.studies.paper import figures as paper_pictures
+from scara_kinetostatic.studies.paper import report as paper_pictures
 from scara_kinetostatic.studies.paper.study import reproduce
 
 UNDECLARED = Path(__file__).parents[1] / 'bags' / 'undeclared_a.mcap'

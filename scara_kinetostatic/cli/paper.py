@@ -37,14 +37,14 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.report.json_file import json_text
     from scara_kinetostatic.studies.design.report import design_files, headline
-    from scara_kinetostatic.studies.paper import document, page
+    from scara_kinetostatic.studies.paper.report import html_text, paper_document
     from scara_kinetostatic.studies.paper.study import reproduce
 
     with progress() as show_progress:
         found = reproduce(args.runs, show_progress, with_design=not args.without_design)
         texts = {
-            page.NAME: page.html_text(found),
-            document.NAME: json_text(document.paper_document(found)),
+            'paper.html': html_text(found),
+            'paper.json': json_text(paper_document(found)),
         }
         if found.design:
             texts.update(design_files(found.design))
