@@ -1,4 +1,4 @@
-"""The results of the reproduction: `paper.json`, and `paper.html` with the figures and tables of the paper beside ours."""
+"""Results of the reproduction: `paper.json`, and `paper.html` with figures and tables of the paper beside ours."""
 
 from __future__ import annotations
 
