@@ -15,7 +15,6 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-from scara_kinetostatic.studies.hysteresis.dependence import dependences, p_independent
 from scara_kinetostatic.studies.hysteresis.fit import fit
 from scara_kinetostatic.studies.hysteresis.laws import (
     BACKLASH,
@@ -28,7 +27,15 @@ from scara_kinetostatic.studies.hysteresis.laws import (
     Law,
     simulate_record,
 )
-from scara_kinetostatic.studies.hysteresis.model_selection import LEVEL, NONE, UNEXPLAINED, ModelSelection, select_model
+from scara_kinetostatic.studies.hysteresis.model_selection import (
+    LEVEL,
+    NONE,
+    UNEXPLAINED,
+    ModelSelection,
+    dependences,
+    p_independent,
+    select_model,
+)
 from scara_kinetostatic.studies.hysteresis.motion import Motion
 
 NOISE = 100.0

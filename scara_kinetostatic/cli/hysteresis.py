@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: the records are too short, or not of full loops or of a load that comes and goes.
     """
-    from scara_kinetostatic.studies.hysteresis.driven import LOAD, what_drives
+    from scara_kinetostatic.studies.hysteresis.record_table import LOAD, what_drives
 
     tables = _tables(args)
     if what_drives(tables, args.driven) == LOAD:
@@ -73,10 +73,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_motion_driven(args: argparse.Namespace, tables: list[RecordTable]) -> int:
-    from scara_kinetostatic.studies.hysteresis.analysis import analyse_hysteresis
+    from scara_kinetostatic.studies.hysteresis.analysis import BY_LOAD, analyse_hysteresis
     from scara_kinetostatic.studies.hysteresis.document import NAME, hysteresis_document
     from scara_kinetostatic.studies.hysteresis.text import text
-    from scara_kinetostatic.studies.hysteresis.units import BY_LOAD
 
     if args.predict:
         problem = f'{tables[0].source} is driven by its motion'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scara_kinetostatic.studies.dial_gauge.directions import direction_map
+from scara_kinetostatic.studies.dial_gauge.result import direction_map
 from scara_kinetostatic.studies.dial_gauge.statistics import combine_estimates
 
 DIRECTIONS = np.radians(np.arange(0, 360, 30))

@@ -9,7 +9,6 @@ from studies.hysteresis import SLIP_NEGATIVE, SLIP_POSITIVE, TRUTH, slipping
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.hysteresis.analysis import analyse_hysteresis, check_tensions
-from scara_kinetostatic.studies.hysteresis.dependence import dependences, p_independent
 from scara_kinetostatic.studies.hysteresis.fit import fit
 from scara_kinetostatic.studies.hysteresis.laws import (
     BACKLASH,
@@ -20,7 +19,13 @@ from scara_kinetostatic.studies.hysteresis.laws import (
     VISCOUS,
     simulate_record,
 )
-from scara_kinetostatic.studies.hysteresis.model_selection import effective_count, p_better, select_model
+from scara_kinetostatic.studies.hysteresis.model_selection import (
+    dependences,
+    effective_count,
+    p_better,
+    p_independent,
+    select_model,
+)
 
 NOISE = 50.0
 _SLIPS = {'slip_positive': SLIP_POSITIVE, 'slip_negative': SLIP_NEGATIVE}

@@ -10,10 +10,15 @@ from studies.load_records import table, torque
 
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.studies.dial_gauge.table_file import load_readings
-from scara_kinetostatic.studies.hysteresis.driven import LOAD, MOTION, what_drives
 from scara_kinetostatic.studies.hysteresis.laws import sine
-from scara_kinetostatic.studies.hysteresis.record_columns import choose_columns
-from scara_kinetostatic.studies.hysteresis.record_table import RecordTable, load_record_table
+from scara_kinetostatic.studies.hysteresis.record_table import (
+    LOAD,
+    MOTION,
+    RecordTable,
+    choose_columns,
+    load_record_table,
+    what_drives,
+)
 
 PANDA = Path(__file__).parents[2] / 'bags' / 'panda'
 POSES = sorted(PANDA.glob('*.csv'))

@@ -10,10 +10,8 @@ import numpy as np
 from scara_kinetostatic import __version__
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, LoopRecord, sense_name
-from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
-from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense
-from scara_kinetostatic.studies.dial_gauge.result import Part, Run
-from scara_kinetostatic.studies.dial_gauge.reversals import Reversal
+from scara_kinetostatic.studies.dial_gauge.loop_analysis import Reversal, Sense
+from scara_kinetostatic.studies.dial_gauge.result import DirectionMap, Part, Run
 from scara_kinetostatic.studies.dial_gauge.statistics import CombinedEstimate, Estimate
 
 NAME = 'dial_gauge.json'

@@ -19,12 +19,12 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.directions import direction_map
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, PARTS, TIP, DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.result import (
     Part,
     PointAnalysis,
     Run,
+    direction_map,
     part_label,
     part_warnings,
     run_warnings,

@@ -10,22 +10,166 @@ See `files.csv_text` for separators, decimal commas, encodings and invalid rows.
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files import csv_text
 from scara_kinetostatic.files.csv_text import CsvRows, raise_wrong_rows, read_csv_text, split_rows, too_many_cells
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, LINK, TIP, DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.table_columns import (
-    CHOICES,
-    NEEDED,
-    Column,
-    read_choice,
-    read_cycle,
-    read_heading,
-    read_number,
-)
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, LINK, TIP, DialGaugeReadings
+
+_LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
+
+
+class Quantity(NamedTuple):
+    """A column that holds numbers.
+
+    Attributes:
+        names: its names; the first one is used in messages.
+        units: factor to SI by unit.
+        largest: largest plausible magnitude, SI.
+        hint: the likeliest mistake behind a larger one.
+    """
+
+    names: tuple[str, ...]
+    units: dict[str, float]
+    largest: float
+    hint: str
+
+
+QUANTITIES = {
+    'force': Quantity(('force', 'load', 'f'), {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}, 1e6, 'check the unit of the column'),
+    'displacement': Quantity(
+        ('displacement', 'deflection', 'gauge', 'ds', 'δs'), _LENGTH, 0.5, 'check the unit of the column: m, mm or um'
+    ),
+    'direction': Quantity(
+        ('direction', 'angle'), {'deg': math.pi / 180, 'rad': 1.0}, 4 * math.pi + 1e-9, 'give an angle within two turns'
+    ),
+    'lever': Quantity(('lever', 'arm'), _LENGTH, 10.0, 'check the unit of the column: m or mm'),
+    'time': Quantity(('time', 't'), {'s': 1.0, 'ms': 1e-3}, 1e12, 'check the unit of the column: s or ms'),
+}
+NEEDED = ('force', 'displacement')
+CHOICES = {
+    'part': {GRIPPER: GRIPPER, 'joint1': JOINT1, 'joint2': JOINT2, '1': JOINT1, '2': JOINT2},
+    'gauge_at': {TIP: TIP, LINK: LINK},
+}
+_SYNONYMS = {'joint': 'part', 'seat': 'gauge_at'}
+_WORDS = {word: name for name, quantity in QUANTITIES.items() for word in quantity.names}
+_HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
+
+
+class Column(NamedTuple):
+    """One column of a table.
+
+    Attributes:
+        name: 'force', 'cycle', 'part', …
+        heading: as in the file.
+        place: number of the column, from 0.
+        factor: to SI.
+    """
+
+    name: str
+    heading: str
+    place: int
+    factor: float = 1.0
+
+
+def read_heading(cells: Sequence[str], where: str) -> tuple[dict[str, Column], list[str]]:
+    """The columns by name, and the unknown headings.
+
+    Raises:
+        RecordingError: a unit is missing or unknown, a column is missing or given twice, or there is no heading.
+    """
+    columns: dict[str, Column] = {}
+    unknown = []
+    for place, cell in enumerate(cells):
+        column = _column(cell.strip(), place, where)
+        if column is None:
+            unknown += [cell.strip()] if cell.strip() else []
+            continue
+        if column.name in columns:
+            both = f'{columns[column.name].heading!r} and {column.heading!r}'
+            raise RecordingError(where, f'two columns of {column.name}, {both}', 'leave one out')
+        columns[column.name] = column
+    for name in NEEDED:
+        if name not in columns:
+            got = ', '.join(cell.strip() for cell in cells if cell.strip()) or 'nothing'
+            raise RecordingError(where, f'there is no column of {name}, got {got[:200]}', _example())
+    return columns, unknown
+
+
+def split_heading(heading: str) -> tuple[str, str]:
+    """A heading as its word and its unit, '' where it has none: `force_N`, `force [N]` and `force (N)` alike."""
+    match = _HEADING.match(heading)
+    if match is None:  # pragma: no cover - the pattern matches every text on one line
+        return heading, ''
+    return match['word'], match['square'] or match['round'] or match['plain'] or ''
+
+
+def _example() -> str:
+    return 'begin with a line such as force_N,displacement_mm'
+
+
+def _column(heading: str, place: int, where: str) -> Column | None:
+    plain_name = re.sub(r'\s+', '_', heading.lower())
+    plain_name = _SYNONYMS.get(plain_name, plain_name)
+    if plain_name in CHOICES or plain_name == 'cycle':
+        return Column(plain_name, heading, place)
+    word, unit = split_heading(heading)
+    name = _WORDS.get(word.strip().lower()) or _WORDS.get(plain_name)
+    if name is None:
+        return None
+    units = QUANTITIES[name].units
+    choices = ', '.join(f'{QUANTITIES[name].names[0]}_{one}' for one in units if one.isascii())
+    if not unit:
+        raise RecordingError(where, f'the column {heading!r} has no unit', f'call it one of {choices}')
+    if unit.strip() not in units:
+        raise RecordingError(where, f'the column {heading!r} has an unknown unit', f'call it one of {choices}')
+    return Column(name, heading, place, units[unit.strip()])
+
+
+def read_number(cell: str, column: Column, decimal_comma: bool) -> float:
+    """A number in SI.
+
+    Raises:
+        ValueError: it is not a number, or not a plausible one; the message says what was expected.
+    """
+    value = csv_text.read_number(cell, decimal_comma) * column.factor
+    quantity = QUANTITIES[column.name]
+    if not abs(value) <= quantity.largest:
+        raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; {quantity.hint}')
+    if column.name == 'lever' and value <= 0:
+        raise ValueError(f'expected a lever above 0, got {cell.strip()[:40]}')
+    return value
+
+
+def read_cycle(cell: str) -> int:
+    """The number of a cycle.
+
+    Raises:
+        ValueError: it is not a whole number of 0 or more.
+    """
+    text = csv_text.plain(cell)
+    if not re.fullmatch(r'\d{1,6}([.,]0*)?', text):
+        raise ValueError(f'expected the number of a cycle, got {cell.strip()[:40]!r}')
+    return int(re.split('[.,]', text)[0])
+
+
+def read_choice(cell: str, column: Column) -> str:
+    """One of the values allowed in a column of text.
+
+    Raises:
+        ValueError: it is not one of them.
+    """
+    values = CHOICES[column.name]
+    text = re.sub(r'[\s_-]', '', cell.lower())
+    if text not in values:
+        raise ValueError(f'expected one of {", ".join(dict.fromkeys(values.values()))}, got {cell.strip()[:40]!r}')
+    return values[text]
 
 
 class TableDefaults(NamedTuple):

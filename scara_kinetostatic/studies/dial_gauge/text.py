@@ -7,10 +7,9 @@ import numpy as np
 from scara_kinetostatic.report.quantities import chance, count, decimals, p_equals
 from scara_kinetostatic.report.table import NOT_DETERMINED, Table
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, LoopRecord, sense_name
-from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER
-from scara_kinetostatic.studies.dial_gauge.result import Part, PointAnalysis, Run
+from scara_kinetostatic.studies.dial_gauge.result import DirectionMap, Part, PointAnalysis, Run
 from scara_kinetostatic.studies.dial_gauge.statistics import FALSE_ALARM_LEVEL, CombinedEstimate, Estimate
 
 TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}

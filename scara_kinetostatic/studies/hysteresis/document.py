@@ -8,11 +8,9 @@ from typing import Any
 from scara_kinetostatic import __version__
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
-from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
-from scara_kinetostatic.studies.hysteresis.dependence import Dependence
+from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, LeaveOneOut, Record
 from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, Law
-from scara_kinetostatic.studies.hysteresis.leave_one_out import LeaveOneOut
-from scara_kinetostatic.studies.hysteresis.model_selection import Comparison, CrossValidation
+from scara_kinetostatic.studies.hysteresis.model_selection import Comparison, CrossValidation, Dependence
 
 NAME = 'hysteresis.json'
 SCHEMA = 'scara_kinetostatic/hysteresis/1'

@@ -15,8 +15,8 @@ from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.studies.dial_gauge.loop_analysis import PROMINENCE
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.reversals import PROMINENCE
 
 Rows = NDArray[np.bool_]
 

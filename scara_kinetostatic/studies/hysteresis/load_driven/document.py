@@ -9,15 +9,19 @@ from typing import Any
 from scara_kinetostatic import __version__
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.studies.hysteresis.document import SCHEMA
-from scara_kinetostatic.studies.hysteresis.load_driven.analysis import Candidate, LoadAnalysis, PredictedRecord
-from scara_kinetostatic.studies.hysteresis.load_driven.dependence import Dependence
-from scara_kinetostatic.studies.hysteresis.load_driven.quantities import (
+from scara_kinetostatic.studies.hysteresis.load_driven.analysis import (
+    Candidate,
+    Dependence,
+    LoadAnalysis,
+    PredictedRecord,
+)
+from scara_kinetostatic.studies.hysteresis.load_driven.text import (
     deflection,
     largest_load,
     record_errors,
     remaining,
+    unit_of,
 )
-from scara_kinetostatic.studies.hysteresis.load_driven.tables import unit_of
 
 
 def load_driven_document(analysis: LoadAnalysis, predicted: Sequence[PredictedRecord] = ()) -> Document:

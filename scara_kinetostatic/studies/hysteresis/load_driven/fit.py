@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.studies.hysteresis.least_squares import first_least, minimise, out_of_kinks
+from scara_kinetostatic.studies.hysteresis.fit import first_least, minimise, out_of_kinks
 from scara_kinetostatic.studies.hysteresis.load_driven.laws import Law, Shape
 from scara_kinetostatic.studies.hysteresis.load_driven.load_path import LoadPath
 from scara_kinetostatic.studies.hysteresis.model_selection import effective_count
