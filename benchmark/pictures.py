@@ -43,7 +43,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.studies.design import figures as design_pictures
-from scara_kinetostatic.studies.dial_gauge import figures as gauge_pictures
+from scara_kinetostatic.studies.dial_gauge import page as gauge_pictures
 from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
 from scara_kinetostatic.studies.paper import report as paper_pictures
