@@ -418,7 +418,7 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     whitened = root @ difference.change
     chi_square, freedoms = float(whitened @ whitened), len(whitened)
     evidence, state = _evidence(root, difference.change, names, other)
-    among = [h for h in hypotheses_of(state, len(other.arm.model.names)) if _is_comparable(h.places, names, other)]
+    among = [h for h in hypotheses_of(state) if _is_comparable(h.places, names, other)]
     ranking = explanations(evidence, state, among)
     noise, left = _noise_freedoms(before, after), max(chi_square - ranking[0].statistic, 0.0)
     remaining = p_values(left, max(freedoms - len(ranking[0].change), 0), noise)

@@ -97,58 +97,24 @@ class Alarm(NamedTuple):
     is_explained: bool
 
 
-class _Linear(NamedTuple):
-    """One touch as `Measured`: J, (2, p), r, (2,), and r bounded."""
-
-    jacobian: Floats
-    residual: Floats
-    bounded: Floats
-
-
 class _Start(NamedTuple):
-    """Knowledge of the state after some touch.
+    """Knowledge of the state after some touch, and what the touches since say.
 
     Attributes:
         touch: how many touches came before.
         mean: m, (p,).
         covariance: C, (p, p).
-        matrix: sum of JᵀJ of the touches since, (p, p).
-        score: sum of Jᵀr of the touches since, r bounded, (p,).
-        full_score: the same with r as it is, (p,).
+        since: of the touches since, their residuals bounded.
     """
 
     touch: int
     mean: Floats
     covariance: Floats
-    matrix: Floats
-    score: Floats
-    full_score: Floats
+    since: Information
 
-    def plus(self, matrix: Floats, score: Floats, full_score: Floats, faded: float = 1.0) -> _Start:
-        """The same after one more touch; what came before is multiplied by `faded`."""
-        return self._replace(
-            matrix=faded * self.matrix + matrix,
-            score=faded * self.score + score,
-            full_score=faded * self.full_score + full_score,
-        )
-
-    def without(self, touch: _Linear, weight: float) -> _Start:
-        """The same without one touch, that counts with some weight; `score` stays."""
-        jacobian, residual, _ = touch
-        return self._replace(
-            matrix=self.matrix - weight * jacobian.T @ jacobian,
-            full_score=self.full_score - weight * jacobian.T @ residual,
-        )
-
-    def bounding(self, touch: _Linear, weight: float) -> _Start:
-        """The same with the bounded residual of a touch in both scores."""
-        excess = touch.jacobian.T @ (touch.bounded - touch.residual)
-        return self._replace(full_score=self.full_score + weight * excess)
-
-    def evidence(self, *, bounded: bool) -> Evidence:
-        """For a change after this start."""
-        score = self.score if bounded else self.full_score
-        return Evidence.of(Information(self.matrix, score), self.covariance, self.mean)
+    def evidence(self, since: Information | None = None) -> Evidence:
+        """For a change after this start, by the touches since or by others."""
+        return Evidence.of(self.since if since is None else since, self.covariance, self.mean)
 
 
 class DriftMonitor:
@@ -176,7 +142,6 @@ class DriftMonitor:
         self.state = State.of(record, cell)
         rare = 1.0 - float(p_values(THRESHOLD, 1, np.inf))
         self.threshold = quantile(rare, 1, record.noise_freedoms) if threshold is None else threshold
-        self._values = len(record.arm.model.names)
         self.reset()
 
     def reset(self) -> None:
@@ -190,9 +155,10 @@ class DriftMonitor:
         self._objects: frozenset[int] = frozenset()
         self._mean = np.zeros(size)
         self._covariance = self.state.covariance
-        self._from_calibration = _Start(0, self._mean, self._covariance, np.zeros((size, size)), *np.zeros((2, size)))
+        nothing = Information(np.zeros((size, size)), np.zeros(size))
+        self._from_calibration = _Start(0, self._mean, self._covariance, nothing)
         self._starts: list[_Start] = []
-        self._latest: tuple[_Linear, ...] = ()
+        self._latest: tuple[Measured, ...] = ()
 
     def copy(self) -> DriftMonitor:
         """The monitor as it is now, such as before a touch that may be taken back."""
@@ -201,7 +167,7 @@ class DriftMonitor:
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """What may have changed: of objects those that have been touched."""
-        return hypotheses_of(self.state, self._values, sorted(self._objects))
+        return hypotheses_of(self.state, sorted(self._objects))
 
     def measure(self, touches: TouchSet) -> Measured:
         """Touches as linear measurements; they come after all touches of the calibration.
@@ -225,30 +191,24 @@ class DriftMonitor:
     def add_measured(self, touch: Measured, disc: int, *, named: bool = True) -> Alarm | None:
         """The same for one linearised touch; `named`: whether the name of an alarm is worked out, which takes time."""
         self._objects |= {disc}
-        jacobian, residual = touch.jacobian[0], touch.residual[0]
+        self.last_distance = float(np.sqrt(touch.chi_squares(self._covariance, self._mean)[0]))
+        jacobian = touch.jacobian[0]
         expected = jacobian @ self._mean
+        bounded = (touch.residual[0] - expected) * min(1.0, LARGEST_RESIDUAL / max(self.last_distance, 1e-12))
+        self._latest = (*self._latest[1 - MEMORY :], touch)
+        found = Information.of(touch._replace(residual=(expected + bounded)[None]))
+        fresh = _Start(self.count, self._mean, self._covariance, found)
+        earlier = [start._replace(since=start.since.plus(found)) for start in self._starts[1 - WINDOW :]]
+        self._starts = [*earlier, fresh]
+        kept = self._from_calibration
+        self._from_calibration = kept._replace(since=kept.since.plus(found, 1 - 1 / MEMORY))
         spread = np.eye(2) + jacobian @ self._covariance @ jacobian.T
-        innovation = residual - expected
-        root = np.linalg.cholesky(spread)
-        length = float(np.linalg.norm(np.linalg.solve(root, innovation)))
-        self.last_distance = length
-        bounded = expected + innovation * min(1.0, LARGEST_RESIDUAL / max(length, 1e-12))
-        if len(self._latest) == MEMORY:  # from here on it cannot be taken out of a name
-            self._from_calibration = self._from_calibration.bounding(self._latest[0], (1 - 1 / MEMORY) ** (MEMORY - 1))
-        self._latest = (*self._latest[1 - MEMORY :], _Linear(jacobian, residual, bounded))
-        self._remember(jacobian.T @ jacobian, jacobian.T @ bounded, jacobian.T @ residual)
         gain = np.linalg.solve(spread, jacobian @ self._covariance).T
-        self._mean = self._mean + gain @ (bounded - expected)
+        self._mean = self._mean + gain @ bounded
         covariance = self._covariance - gain @ spread @ gain.T
         self._covariance = (covariance + covariance.T) / 2
         self.count += 1
         return self._evaluate(named)
-
-    def _remember(self, matrix: Floats, score: Floats, full_score: Floats) -> None:
-        """Add what a touch says to the sums since each start; it is the first of a new one."""
-        fresh = _Start(self.count, self._mean, self._covariance, 0.0 * matrix, 0.0 * score, 0.0 * score)
-        self._starts = [start.plus(matrix, score, full_score) for start in (*self._starts[1 - WINDOW :], fresh)]
-        self._from_calibration = self._from_calibration.plus(matrix, score, full_score, 1 - 1 / MEMORY)
 
     def _evaluate(self, named: bool) -> Alarm | None:
         among, best = self.hypotheses, None
@@ -256,7 +216,7 @@ class DriftMonitor:
         for start in (self._from_calibration, *self._starts):
             if self.count - start.touch < FEWEST:
                 continue
-            statistic = _largest(start.evidence(bounded=True), among)
+            statistic = _largest(start.evidence(), among)
             if statistic > self.statistic:
                 self.statistic, best = statistic, start
         if best is not None and self.statistic > self.threshold:
@@ -267,37 +227,31 @@ class DriftMonitor:
     def _alarm(self, start: _Start) -> Alarm:
         """The change that explains the touches since a start, without those that none of the others agrees with."""
         assert self._raised is not None
+        latest = Measured(*map(np.concatenate, zip(*self._latest[start.touch - self.count :], strict=True)))
         fading = 1 - 1 / MEMORY if start is self._from_calibration else 1.0
-        latest, since = self._latest[-(self.count - start.touch) :], start.touch
-        used = np.ones(len(latest), dtype=bool)
-        fewest = 0.8 * len(used)
+        weight = fading ** np.arange(len(latest.residual))[::-1]
+        fewest = 0.8 * len(weight)
         while True:
-            evidence = start.evidence(bounded=False)
+            evidence = start.evidence(Information.of(latest, weight))
             ranking = explanations(evidence, self.state, self.hypotheses)
-            left = np.where(used, self._left(start, ranking[0], latest), 0.0)
-            usual = float(np.median(left[used]))
-            bad = np.argsort(-left)[: int(used.sum() - fewest)]
+            left = np.where(weight > 0, self._left(start, ranking[0], latest), 0.0)
+            usual = float(np.median(left[weight > 0]))
+            bad = np.argsort(-left)[: int((weight > 0).sum() - fewest)]
             bad = bad[left[bad] > max(BAD, BAD * usual)]
             if not len(bad):
                 break
-            used[bad] = False
-            for k in bad.tolist():
-                start = start.without(latest[k], fading ** (len(latest) - 1 - k))
+            weight[bad] = 0.0
         names = tuple(rivals(ranking, evidence))
-        unchanged = ranking[0]._replace(change=(0.0,) * len(ranking[0].change))
-        before = float(np.median(self._left(start, unchanged, latest)[used]))
+        before = float(np.median(latest.chi_squares(start.covariance, start.mean)[weight > 0]))
         explained = usual < max(MOST_REMAINING, LINEAR * before)
-        return Alarm(self._raised, since, self.statistic, ranking[0], names, explained)
+        return Alarm(self._raised, start.touch, self.statistic, ranking[0], names, explained)
 
-    def _left(self, start: _Start, change: Explanation, touches: Sequence[_Linear]) -> Floats:
+    def _left(self, start: _Start, change: Explanation, touches: Measured) -> Floats:
         """Chi-square that a change leaves each of some touches."""
         places = list(change.hypothesis.places)
         mean = start.mean.copy()
         mean[places] += np.array(change.change) / self.state.scale[places]
-        jacobian, residual, _ = (np.stack(column) for column in zip(*touches, strict=True))
-        off = residual - jacobian @ mean
-        spread = np.eye(2) + jacobian @ start.covariance @ jacobian.swapaxes(1, 2)
-        return np.asarray((off * np.linalg.solve(spread, off[:, :, None])[:, :, 0]).sum(axis=1))
+        return touches.chi_squares(start.covariance, mean)
 
 
 def _largest(evidence: Evidence, among: Sequence[Hypothesis]) -> float:

@@ -10,9 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.linear import Evidence, State
 from scara_kinetostatic.report.quantities import shown
@@ -83,19 +80,18 @@ def change_title(name: str) -> str:
     return _TITLES.get(kind, f'{name} changed').format(target.rstrip(']'))
 
 
-def hypotheses_of(state: State, values: int, objects: Sequence[int] | None = None) -> tuple[Hypothesis, ...]:
+def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[Hypothesis, ...]:
     """All hypotheses about a state.
 
     Args:
         state: what may be off.
-        values: how many of its entries are values of the model.
         objects: numbers of the objects that can have changed; None for all.
     """
     found = [_hypothesis(name, (k,), state) for k, name in enumerate(NAMES)]
     found += [_hypothesis(part, tuple(map(NAMES.index, names)), state) for part, names in _PARTS.items()]
-    cell = _by_label(state.names, range(values, len(state.names)))
+    cell = _by_label(state.names, range(state.values, len(state.names)))
     found += [_hypothesis(label, places, state) for label, places in cell.items() if _is_touched(label, state, objects)]
-    effects = _by_label(state.names, range(len(NAMES), values))
+    effects = _by_label(state.names, range(len(NAMES), state.values))
     return (*found, *(_hypothesis(label, places, state) for label, places in effects.items() if label not in cell))
 
 
@@ -161,21 +157,12 @@ def explanations(evidence: Evidence, state: State, among: Sequence[Hypothesis]) 
     """Every hypothesis, the best first."""
     found = []
     for hypothesis in among:
-        where = list(hypothesis.places)
-        statistic, change = evidence.ratio(where)
-        block = evidence.matrix[np.ix_(where, where)]
-        scale = state.scale[where]
-        stds = scale * _stds(block)
-        found.append(Explanation(hypothesis, statistic, tuple((scale * change).tolist()), tuple(stds.tolist())))
+        scale = state.scale[list(hypothesis.places)]
+        statistic, change, std = evidence.ratio(hypothesis.places)
+        found.append(
+            Explanation(hypothesis, statistic, tuple((scale * change).tolist()), tuple((scale * std).tolist()))
+        )
     return sorted(found, key=lambda item: -item.score)
-
-
-def _stds(block: Floats) -> Floats:
-    values, vectors = np.linalg.eigh(block)
-    least = 1e-9 * max(float(values.max(initial=0.0)), 1e-12)
-    if values.min(initial=1.0) <= least:
-        return np.full(len(block), np.nan)
-    return np.asarray(np.sqrt(((vectors**2) / values).sum(axis=1)))
 
 
 def rivals(ranking: Sequence[Explanation], evidence: Evidence) -> list[str]:

@@ -116,20 +116,24 @@ class State(NamedTuple):
         covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
         return cls(names, units, scale, probe.cell, errors[values:], covariance / np.outer(scale, scale))
 
+    @property
+    def values(self) -> int:
+        """How many are values of the model."""
+        return len(self.names) - len(self.errors)
+
     def place(self, name: str) -> int:
         """Position of a value of the model or, if it has none of that name, of an error of the cell."""
         return self.names.index(name)
 
     def error_place(self, name: str) -> int:
         """Position of an error of the cell; an effect of the model may have the same name."""
-        values = len(self.names) - len(self.errors)
-        return values + self.names[values:].index(name)
+        return self.values + self.names[self.values :].index(name)
 
     def of_stored_forces(self) -> State:
         """For touches whose forces are corrected for the errors of the sensor, as `CalibrationRecord.touches`."""
         errors = self.errors.copy()
         for name in ('force_gain', 'force_rotation'):
-            errors[self.error_place(name) - len(self.names)] = 0.0
+            errors[self.error_place(name) - self.values] = 0.0
         return self._replace(errors=errors)
 
 
@@ -192,6 +196,12 @@ class Measured(NamedTuple):
         """Distance of the predicted tip from the circle that it touches, (n,), m."""
         return np.asarray((self.residual * self.normal).sum(axis=1))
 
+    def chi_squares(self, covariance: Floats, mean: Floats | float = 0.0) -> Floats:
+        """Squared distance of each touch from its prediction by a knowledge of the state, (n,)."""
+        off = self.residual - self.jacobian @ np.broadcast_to(mean, len(covariance))
+        spread = np.eye(2) + self.jacobian @ covariance @ self.jacobian.swapaxes(1, 2)
+        return np.asarray((off * np.linalg.solve(spread, off[:, :, None])[:, :, 0]).sum(axis=1))
+
     def select(self, which: Mask | slice) -> Measured:
         """Some of the touches."""
         return Measured(self.residual[which], self.jacobian[which], self.normal[which])
@@ -231,10 +241,15 @@ class Information(NamedTuple):
     score: Floats
 
     @classmethod
-    def of(cls, measured: Measured) -> Information:
-        """That of touches together."""
+    def of(cls, measured: Measured, weight: Floats | float = 1.0) -> Information:
+        """That of touches together; `weight` of each, (n,)."""
         rows = measured.jacobian.reshape(-1, measured.jacobian.shape[2])
-        return cls(rows.T @ rows, rows.T @ measured.residual.ravel())
+        weighted = (measured.jacobian * np.reshape(weight, (-1, 1, 1))).reshape(rows.shape)
+        return cls(weighted.T @ rows, weighted.T @ measured.residual.ravel())
+
+    def plus(self, other: Information, faded: float = 1.0) -> Information:
+        """With further touches; the earlier ones are multiplied by `faded`."""
+        return Information(faded * self.matrix + other.matrix, faded * self.score + other.score)
 
 
 class Evidence(NamedTuple):
@@ -258,17 +273,18 @@ class Evidence(NamedTuple):
         matrix = (solved[:, :size] + solved[:, :size].T) / 2
         return cls(solved[:, size], matrix)
 
-    def ratio(self, places: Sequence[int]) -> tuple[float, Floats]:
-        """Likelihood ratio statistic T of a change of some values, and the estimated change in units of the scale.
+    def ratio(self, places: Sequence[int]) -> tuple[float, Floats, Floats]:
+        """Likelihood ratio statistic T of a change of some values, the change and its std in units of the scale.
 
-        Directions of which the touches say nothing do not count.
+        Directions of which the touches say nothing do not count; std is NaN where there is one.
         """
         where = list(places)
-        block, score = self.matrix[np.ix_(where, where)], self.score[where]
-        values, vectors = np.linalg.eigh(block)
+        values, vectors = np.linalg.eigh(self.matrix[np.ix_(where, where)])
         kept = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-12)
-        change = vectors[:, kept] @ ((vectors[:, kept].T @ score) / values[kept])
-        return float(score @ change), change
+        root = vectors[:, kept] / np.sqrt(values[kept])
+        change = root @ (root.T @ self.score[where])
+        std = np.linalg.norm(root, axis=1) if kept.all() else np.full(len(where), np.nan)
+        return float(self.score[where] @ change), change, std
 
 
 QUANTILE = 0.99
@@ -303,13 +319,13 @@ class PredictionTest(NamedTuple):
         gained = np.linalg.solve(np.eye(len(covariance)) + covariance @ found.matrix, covariance @ found.score)
         chi_square, freedoms = float((r**2).sum() - found.score @ gained), r.size  # rᵀr - uᵀ (I + C P)⁻¹ C u
         spread = np.eye(2) + measured.jacobian @ covariance @ measured.jacobian.swapaxes(1, 2)
-        distances = np.sqrt((r * np.linalg.solve(spread, r[:, :, None])[:, :, 0]).sum(axis=1))
+        squares = measured.chi_squares(covariance)
         return cls(
             chi_square=chi_square,
             freedoms=freedoms,
             p_value=float(p_values(chi_square, freedoms, noise)),
             quantile=quantile(QUANTILE, freedoms, noise),
-            distances=distances,
-            p_values=p_values(distances**2, 2, noise),
+            distances=np.sqrt(squares),
+            p_values=p_values(squares, 2, noise),
             expected=np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal)),
         )

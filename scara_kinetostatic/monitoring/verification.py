@@ -377,7 +377,7 @@ def verify(
     others = measured.select(~outlying) if few else measured
     others_test = PredictionTest.of(others, state.covariance, record.noise_freedoms) if few else test
     evidence = Evidence.of(Information.of(others), state.covariance)
-    hypotheses = hypotheses_of(state, len(record.arm.model.names), np.unique(touches.disc).tolist())
+    hypotheses = hypotheses_of(state, np.unique(touches.disc).tolist())
     ranking = explanations(evidence, state, hypotheses) if others_test.p_value < LEVEL else []
     found = Verification(
         record=record,
