@@ -17,8 +17,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from scara_kinetostatic.calibration.result import Calibration, joint_covariance
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
+from scara_kinetostatic.monitoring.record import CalibrationRecord
 
 NOISE = Noise(joint=1e-5, force=0.3)
 EXACT = Noise(joint=0.0, force=0.0)
@@ -33,8 +35,29 @@ LEAST_RUNS, MOST_RUNS = 3, 200
 LONGEST_REPEATED = 20.0
 """A function that takes longer is timed once, s."""
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
+_STORED = ('joints', 'posture', 'index', 'order', 'time', 'approach', 'press', 'history')
+"""Columns of a touch that a calibration file holds as they are."""
 _Job = TypeVar('_Job')
 _Result = TypeVar('_Result')
+
+
+def record_of(calibration: Calibration) -> CalibrationRecord:
+    """What monitoring needs of a calibration that nobody has assessed."""
+    c, t = calibration, calibration.touches
+    columns = {
+        **{name: getattr(t, name) for name in _STORED},
+        'force': c.force,
+        'object': np.array([c.cell.discs[disc].name for disc in t.disc]),
+        'used': c.used,
+    }
+    rows = zip(*(part.tolist() for part in columns.values()), strict=True)
+    document = {
+        'fit': {'degrees_of_freedom': c.degrees_of_freedom, 'enlargement': c.enlargement},
+        'noise': {'source': c.noise_source},
+        'parameters': {name: {'status': status} for name, status in c.status.items()},
+        'touches': {'fitted': [dict(zip(columns, row, strict=True)) for row in rows]},
+    }
+    return CalibrationRecord('calibration', document, c.arm, *joint_covariance(c))
 
 
 def parser(description: str | None, *, json_file: bool = True, plot: bool = False) -> argparse.ArgumentParser:

@@ -27,6 +27,7 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import kstest
 
 from benchmark.common import CELL, in_processes, parser, print_and_save
+from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.cell import Cell, Uncertainty
@@ -77,7 +78,7 @@ def touches_of(cell: Cell, seed: int, world: int, count: int, truth: Parameters 
 def record_of(cell: Cell, seed: int, world: int, per_disc: int) -> CalibrationRecord:
     """A calibration."""
     made = simulate(cell, PAPER_ACTUAL, seed=seed, drawn=world, per_disc=per_disc)
-    return CalibrationRecord.of(calibrate(made, cell))
+    return as_record(calibrate(made, cell))
 
 
 def with_bad(touches: TouchSet, seed: int) -> TouchSet:

@@ -229,7 +229,7 @@ class DriftMonitor:
         assert self._raised is not None
         latest = Measured(*map(np.concatenate, zip(*self._latest[start.touch - self.count :], strict=True)))
         fading = 1 - 1 / MEMORY if start is self._from_calibration else 1.0
-        weight = fading ** np.arange(len(latest.residual))[::-1]
+        weight = np.asarray(fading ** np.arange(len(latest.residual))[::-1], dtype=np.float64)
         fewest = 0.8 * len(weight)
         while True:
             evidence = start.evidence(Information.of(latest, weight))

@@ -17,7 +17,6 @@ from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.calibration.result import Calibration, joint_covariance
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
 from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
@@ -32,8 +31,6 @@ from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.document import as_document
 
 _REMEDY = 'calibrate again with this version'
-_ROW = ('joints', 'posture', 'index', 'order', 'time', 'approach', 'press', 'history')
-"""Columns of a touch that are stored as they are."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,29 +64,6 @@ class CalibrationRecord:
             CalibrationFileError: it cannot be read, has another schema, or is damaged.
         """
         return cls.of_document(read_document(Path(path)), path)
-
-    @classmethod
-    def of(cls, calibration: Calibration) -> CalibrationRecord:
-        """That of a calibration that nobody has assessed."""
-        c, discs = calibration, calibration.cell.discs
-        t = c.touches
-        columns = {
-            **{name: getattr(t, name) for name in _ROW},
-            'force': c.force,
-            'object': np.array([discs[disc].name for disc in t.disc]),
-            'used': c.used,
-        }
-        fitted = [
-            dict(zip(columns, row, strict=True))
-            for row in zip(*(part.tolist() for part in columns.values()), strict=True)
-        ]
-        document = {
-            'fit': {'degrees_of_freedom': c.degrees_of_freedom, 'enlargement': c.enlargement},
-            'noise': {'source': c.noise_source},
-            'parameters': {name: {'status': status} for name, status in c.status.items()},
-            'touches': {'fitted': fitted},
-        }
-        return cls('calibration', document, CalibratedArm.of(c), *joint_covariance(c))
 
     @classmethod
     def of_outcome(cls, outcome: Outcome) -> CalibrationRecord:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Uncertainty
@@ -44,4 +45,4 @@ def record_of(
     count: int = 12,
 ) -> CalibrationRecord:
     """The calibration by such touches."""
-    return CalibrationRecord.of(calibrate(touches_of(cell, seed, truth, effects, world, count), cell))
+    return as_record(calibrate(touches_of(cell, seed, truth, effects, world, count), cell))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, touches_of
 
+from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import InputError
@@ -80,7 +81,7 @@ def test_what_is_not_determined_is_not_compared() -> None:
 
 def _one_level(seed: int) -> CalibrationRecord:
     plan = default_plan(CELL, 12, levels=(25.0,))
-    return CalibrationRecord.of(calibrate(simulate_touches(CELL, TRUTH, plan, seed=seed), CELL))
+    return as_record(calibrate(simulate_touches(CELL, TRUTH, plan, seed=seed), CELL))
 
 
 @pytest.mark.parametrize(
@@ -117,7 +118,7 @@ def test_an_effect_that_only_one_has_found_is_a_change(cell: Cell, later: bool) 
 
 
 def _with_object_position(touches: TouchSet, cell: Cell) -> CalibrationRecord:
-    return CalibrationRecord.of(calibrate(touches, cell, (find(cell, 'object_position[disc_2]'),)))
+    return as_record(calibrate(touches, cell, (find(cell, 'object_position[disc_2]'),)))
 
 
 def test_an_object_whose_description_was_corrected_has_not_moved() -> None:
@@ -136,7 +137,7 @@ def test_an_object_whose_description_was_corrected_has_not_moved() -> None:
 def test_an_extension_is_what_the_fit_of_both_gives() -> None:
     touches = touches_of(CELL, 1, effects=('object_position[disc_2]:x=8e-6,y=4e-6',), world=None)
     fitted = _with_object_position(touches, CELL)
-    plain = CalibrationRecord.of(calibrate(touches, CELL))
+    plain = as_record(calibrate(touches, CELL))
     effects, values = fitted.arm.model.effects, fitted.arm.model.effect_values
     found = extended(plain, effects, values)
     assert found.names == fitted.names

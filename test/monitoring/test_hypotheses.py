@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from monitoring.simulated import DECLARED, TRUTH, touches_of
 
+from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.cell import Plate
@@ -26,11 +27,11 @@ PLATED = replace(
 
 def with_effects(seed: int, labels: tuple[str, ...], given: tuple[str, ...]) -> CalibrationRecord:
     touches = touches_of(DECLARED, seed, effects=given)
-    return CalibrationRecord.of(calibrate(touches, DECLARED, [find(DECLARED, label) for label in labels]))
+    return as_record(calibrate(touches, DECLARED, [find(DECLARED, label) for label in labels]))
 
 
 def test_names_and_units() -> None:
-    record = CalibrationRecord.of(calibrate(touches_of(PLATED, 0), PLATED))
+    record = as_record(calibrate(touches_of(PLATED, 0), PLATED))
     state = State.of(record)
     everything = {h.name: h for h in hypotheses_of(state)}
     assert everything['base'].units == ('m', 'm', 'rad') and everything['p1'].units == ('rad/Nm',)
@@ -63,7 +64,7 @@ def test_models_with_effects() -> None:
     assert less.only_after == ('encoder_gain[joint1]',)
     assert less.p_value < 1e-6 and less.ranking[0].name == 'encoder_gain[joint1]'
     truth = TRUTH.replace(l2=TRUTH.l2 + 1e-4)
-    moved = CalibrationRecord.of(
+    moved = as_record(
         calibrate(touches_of(DECLARED, 4, truth, given), DECLARED, [find(DECLARED, label) for label in labels])
     )
     assert compare(one, moved).ranking[0].name == 'l2'
