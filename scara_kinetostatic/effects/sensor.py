@@ -79,7 +79,7 @@ class SensorNonlinearity(SensorEffect):
     diverges_with_alias = True
 
     def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
-        return np.asarray(values[0] * np.hypot(force[:, 0], force[:, 1])[:, None] * force)
+        return np.asarray(values[0] * (np.hypot(force[:, 0], force[:, 1])[:, None] * force))
 
 
 @dataclass(frozen=True)

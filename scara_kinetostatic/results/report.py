@@ -115,7 +115,7 @@ def _answer(outcome: Outcome) -> Verdict:
 
     first, *others = map(plain, a.reasons)
     headline = f'{messages.ANSWERS[a.grade]}: {first}.'
-    return Verdict(headline, _LEVELS[a.grade], tuple(map(sentence, others)), tuple(map(plain, a.actions)))
+    return Verdict(headline, _LEVELS[a.grade], tuple(map(sentence, others)), a.actions)
 
 
 def _warnings(outcome: Outcome) -> Items | None:
