@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -26,9 +27,9 @@ from scara_kinetostatic.nodes.demo_client import (  # noqa: E402
 
 
 @pytest.fixture
-def domain(worker_id: str) -> int:
+def domain() -> int:
     """Of the domains of this worker, one that is free: two workers never choose the same one."""
-    number = int(worker_id.removeprefix('gw')) if worker_id.startswith('gw') else 0
+    number = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
     domains = range(1 + number % 8, 100, 8)
     return next(one for one in random.sample(domains, len(domains)) if is_free(one))
 

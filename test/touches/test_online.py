@@ -127,6 +127,7 @@ def test_clocks_are_judged_live_as_in_a_recording(offsets):
         if number % 100 == 0:
             found.append(detector.poll())
     found.append(detector.finish())
+    assert not found[-1].found, 'reported when they end, not at the end of the streams'
     online = TouchSet.concatenate([answer.touches for answer in found if answer.found])
     assert detector.found == offline.found == len(offline.touches) == 6
     np.testing.assert_array_equal(online.index, offline.touches.index)
