@@ -6,21 +6,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from scara_kinetostatic.assessment.mistake_hypotheses import Origin
 from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, agree, find_mistake
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
+from scara_kinetostatic.bags.inputs import other_descriptions, recorded_cell
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import read_streams
-from scara_kinetostatic.calibration.calibrate import calibrate, check_units, fixed_effects
+from scara_kinetostatic.calibration.calibrate import calibrate, check_units, fixed_effects, fixed_values, parse_fixed
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration, held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
-from scara_kinetostatic.files.checksum import recording_checksum
+from scara_kinetostatic.errors import CellError, InputError, ParameterError, RecordingError, UnsupportedDataError
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.files.checksum import check_different, recording_checksum
 from scara_kinetostatic.files.tables import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
@@ -32,7 +35,7 @@ from scara_kinetostatic.touches.detection import (
     offset_touches,
     sequence_of,
 )
-from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out
+from scara_kinetostatic.touches.left_out import LeftOut, check_named, kept_recordings, leave_out, parse_left_out
 from scara_kinetostatic.touches.streams import Streams
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
@@ -48,6 +51,67 @@ _MOSTLY = 0.5
 """Such a unit is right if with it at least this part of the contacts are touches of known objects."""
 Progress = Callable[[str, float], None]
 """Called with the step that begins and the part of the work that is done, 0 to 1."""
+
+
+def calibrate_files(
+    recordings: Sequence[str | Path],
+    cell_file: Path | None,
+    fixed: Sequence[str] = (),
+    left_out: Sequence[str] = (),
+    *,
+    options: tuple[str, str, str] = ('--cell', '--fix', '--leave-out'),
+    joined: bool = False,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Calibrate as a user states it, in texts.
+
+    Args:
+        recordings: as for `calibrate_recordings`.
+        cell_file: the cell description; None for the one in the recordings.
+        fixed: parameters to hold, such as ``l1=0.33``.
+        left_out: touches and recordings to leave out, such as ``10-14``.
+        options: how the user names cell, fixed parameters and what is left out; messages say it.
+        joined: whether the recordings were not chosen by the user: one that cannot be used is then left out with a
+            warning, and the cell description of the last one counts, the one written last.
+        progress: called at each step.
+
+    Raises:
+        ScaraKinetostaticError: as `calibrate_recordings`, or a text or file is not valid.
+    """
+    cell_option, fixed_option, left_out_option = options
+    check_different(list(map(Path, recordings)))
+    for text in fixed:
+        parse_fixed(text, fixed_option)
+    entries = parse_left_out(left_out, left_out_option)
+    paths = list(map(Path, kept_recordings(recordings, entries)))
+    entries = tuple(entry for entry in entries if entry.numbers is not None)
+    unused: list[str] = []
+    while True:
+        try:
+            cell = load_cell(cell_file) if cell_file else recorded_cell(paths[::-1] if joined else paths, cell_option)
+            values = fixed_values(fixed, cell.nominal, fixed_option)
+            outcome = _calibrate_in_cell(paths, cell, cell_file, fixed=values, left_out=entries, progress=progress)
+            break
+        except RecordingError as error:
+            useless = [path for path in paths if Path(error.where).is_relative_to(path)]  # or one of its files
+            if not joined or not useless or len(paths) == 1:
+                raise
+            if useless[0] != paths[-1]:
+                check_named(entries)
+            entries = tuple(entry for entry in entries if not entry.recording or not entry.names(useless[0]))
+            paths = [path for path in paths if path not in useless]
+            unused.append(f'{error}: left out')
+    others = other_descriptions(cell, paths, cell_option) if cell_file else []
+    return replace(outcome, warnings=(*outcome.warnings, *unused, *others))
+
+
+def _calibrate_in_cell(paths: Sequence[Path], cell: Cell, cell_file: Path | None, **given: Any) -> Outcome:
+    """`calibrate_recordings`; what contradicts the cell description names its file."""
+    try:
+        return calibrate_recordings(paths, cell, **given)
+    except CellError as error:
+        where = cell_file or f'the cell description in {paths[0]}'
+        raise CellError(f'{where}: {error.where}', error.problem, error.remedy) from error
 
 
 def calibrate_recordings(

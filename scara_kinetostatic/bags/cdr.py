@@ -65,7 +65,7 @@ def wrench_fields(message: bytes) -> Fields:
         ValueError: it is incomplete.
     """
     frame_id, end = _text(message, _STRINGS)
-    return _checked(Fields(frame_id, (), 6, _aligned(end, 8), end), message)
+    return _checked(Fields(frame_id, (), 6, aligned(end, 8), end), message)
 
 
 def joint_fields(message: bytes) -> Fields:
@@ -83,7 +83,7 @@ def joint_fields(message: bytes) -> Fields:
         name, at = _text(message, at)
         names.append(name)
     positions, end = _count(message, at)
-    begin = _aligned(end, 8) if positions else end
+    begin = aligned(end, 8) if positions else end
     return _checked(Fields(frame_id, tuple(names), positions, begin, end), message)
 
 
@@ -93,14 +93,14 @@ def _checked(fields: Fields, message: bytes) -> Fields:
     return fields
 
 
-def _aligned(at: int, size: int) -> int:
+def aligned(at: int, size: int) -> int:
     """The next place for a field of that size."""
     return at + (4 - at) % size
 
 
 def _count(message: bytes, at: int) -> tuple[int, int]:
     """The number at the next place for one of 4 bytes, and where it ends."""
-    at = _aligned(at, 4)
+    at = aligned(at, 4)
     return int.from_bytes(message[at : at + 4], 'little'), at + 4
 
 

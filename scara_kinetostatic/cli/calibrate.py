@@ -29,11 +29,10 @@ Example:
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_cell, add_results, cell_or_recorded, check_file, progress
-from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
+from scara_kinetostatic.cli.arguments import add_cell, add_results, check_file, progress
+from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,24 +75,16 @@ def run(args: argparse.Namespace) -> int:
             all the same, is unfit for use.
     """
     from scara_kinetostatic.assessment.grade import Grade
-    from scara_kinetostatic.bags.inputs import other_descriptions
-    from scara_kinetostatic.calibration.calibrate import fixed_values, parse_fixed
     from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.pipeline import calibrate_recordings
+    from scara_kinetostatic.pipeline import calibrate_files
     from scara_kinetostatic.results.report import text_report
     from scara_kinetostatic.results.write import RESIDUALS, RESULTS, residual_table, write_results
-    from scara_kinetostatic.touches.left_out import kept_recordings, parse_left_out
 
-    check_different(args.bags)
     inputs = [*args.bags, *([args.cell] if args.cell else [])]
     results = [(args.out / name).resolve() for name in RESULTS]
     if replaced := [given for given in inputs if given.resolve() in results]:
         remedy = 'choose another folder for --out'
         raise InputError(replaced[0], 'is an input and would be replaced by the result', remedy)
-    for text in args.fix:
-        parse_fixed(text, '--fix')
-    left_out = parse_left_out(args.leave_out, '--leave-out')
     residuals = args.residuals
     if residuals:
         check_file(residuals, inputs, '--residuals', '.csv')
@@ -101,17 +92,8 @@ def run(args: argparse.Namespace) -> int:
         if residuals.resolve() in (out, *out.parents, *(path for path in results if path.name != RESIDUALS)):
             remedy = 'choose another file for --residuals'
             raise InputError(residuals, 'is a result and would be replaced', remedy)
-    kept = list(map(Path, kept_recordings(args.bags, left_out)))
-    cell = cell_or_recorded(args.cell, kept)
-    fixed = fixed_values(args.fix, cell.nominal, '--fix')
     with progress() as show_progress:
-        try:
-            outcome = calibrate_recordings(args.bags, cell, fixed=fixed, left_out=left_out, progress=show_progress)
-        except CellError as error:  # the data contradict it: name its file
-            where = args.cell or f'the cell description in {kept[0]}'
-            raise CellError(f'{where}: {error.where}', error.problem, error.remedy) from error
-        if args.cell:
-            outcome = replace(outcome, warnings=(*outcome.warnings, *other_descriptions(cell, kept, '--cell')))
+        outcome = calibrate_files(args.bags, args.cell, args.fix, args.leave_out, progress=show_progress)
         show_progress('writing the report', 1.0)
         if residuals and residuals.resolve() != (args.out / RESIDUALS).resolve():
             write_texts(residuals.parent, {residuals.name: residual_table(outcome)})

@@ -9,15 +9,6 @@
 - `contour_tracker` traces the outline of an object along which the tip slides.
 
 The only modules of the package that import `rclpy`. Shared by them: `executables` and `runtime` (start, spin, stop),
-`declare` (parameters with descriptors), `stream_subscription` (quality of service), `conversion` (messages to numbers
-and back).
+`cell_node` (status, services, a calibration followed), `streams` (the two topics), `declare` (parameters with
+descriptors), `conversion` (messages to numbers and back).
 """
-
-from __future__ import annotations
-
-import sys
-
-from scara_kinetostatic.nodes.executables import catch_signals
-
-if sys.argv[:1] == ['-m']:  # `python -m scara_kinetostatic.nodes.collector`, before that module is imported
-    catch_signals()

@@ -19,14 +19,13 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from time import monotonic
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
-from scara_kinetostatic.errors import CellError, OutputError, RecordingError, ScaraKinetostaticError, one_line
+from scara_kinetostatic.errors import OutputError, ScaraKinetostaticError, one_line
 
 if TYPE_CHECKING:
     from scara_kinetostatic.assessment.outcome import Outcome
@@ -114,13 +113,20 @@ def do(job: Job, progress: Callable[[str, float], None]) -> Reply:
     Raises:
         ScaraKinetostaticError: there is no result.
     """
-    from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.pipeline import calibrate_files
     from scara_kinetostatic.results.document import as_document
     from scara_kinetostatic.results.parameter_file import effect_parameters, facts
     from scara_kinetostatic.results.write import write_results
 
-    check_different([Path(path) for path in job.recordings])
-    outcome = _calibrate(job, progress)
+    outcome = calibrate_files(
+        job.recordings,
+        Path(job.cell) if job.cell else None,
+        job.fixed,
+        job.left_out,
+        options=('the parameter cell', 'parameter fixed:', 'parameter leave_out'),
+        joined=job.joined,
+        progress=_over_all_steps(progress),
+    )
     grade = outcome.assessment.grade.value
     folder = Path(job.output) / (UNFIT if grade == UNFIT and not job.publish_unfit else '')
     progress('writing the results', 0.8)
@@ -159,50 +165,6 @@ def _taken_back() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, former)
-
-
-def _calibrate(job: Job, progress: Callable[[str, float], None]) -> Any:
-    """The outcome; recordings that the node joined by itself and that cannot be used are left out.
-
-    Of these the cell description of the last one counts: it is the one that the user has written last.
-
-    Raises:
-        ScaraKinetostaticError: there is no result.
-    """
-    from scara_kinetostatic.bags.inputs import other_descriptions, recorded_cell
-    from scara_kinetostatic.calibration.calibrate import fixed_values
-    from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.pipeline import calibrate_recordings
-    from scara_kinetostatic.touches.left_out import check_named, kept_recordings, parse_left_out
-
-    left_out = parse_left_out(job.left_out, 'parameter leave_out')
-    paths = list(map(Path, kept_recordings(job.recordings, left_out)))
-    left_out = tuple(entry for entry in left_out if entry.numbers is not None)
-    warnings: list[str] = []
-    while True:
-        try:
-            latest_first = paths[::-1] if job.joined else paths
-            cell = load_cell(Path(job.cell)) if job.cell else recorded_cell(latest_first, 'the parameter cell')
-            fixed = fixed_values(job.fixed, cell.nominal, 'parameter fixed:')
-            outcome = calibrate_recordings(
-                paths, cell, fixed=fixed, left_out=left_out, progress=_over_all_steps(progress)
-            )
-            break
-        except RecordingError as error:
-            useless = [path for path in paths if Path(error.where).is_relative_to(path)]  # or one of its files
-            if not job.joined or not useless or len(paths) == 1:
-                raise
-            if useless[0] != paths[-1]:
-                check_named(left_out)
-            left_out = tuple(entry for entry in left_out if not entry.recording or not entry.names(useless[0]))
-            paths = [path for path in paths if path not in useless]
-            warnings.append(f'{error}: left out')
-        except CellError as error:  # the data contradict it: name its file
-            where = job.cell or f'the cell description in {paths[0]}'
-            raise CellError(f'{where}: {error.where}', error.problem, error.remedy) from error
-    if job.cell:
-        warnings += other_descriptions(cell, paths, 'the parameter cell')
-    return replace(outcome, warnings=(*outcome.warnings, *warnings))
 
 
 def _over_all_steps(progress: Callable[[str, float], None]) -> Callable[[str, float], None]:

@@ -10,9 +10,7 @@ it; there is only one at a time. One that fails does not change the former resul
 from __future__ import annotations
 
 import json
-import sys
 import traceback
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +33,6 @@ from scara_kinetostatic.nodes.calibration_job import (
 )
 from scara_kinetostatic.nodes.calibrator_parameters import Announced, CalibratorSettings, ResultParameters
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
-from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.results import parameter_file
 from scara_kinetostatic.results.parameter_file import EffectParameter, load_result
@@ -238,12 +235,3 @@ class Calibrator(CellNode):
             return self._condition._replace(values=self._condition.values | {'present result': 'none'})
         present = f'{self._results.fact("assessment") or "not assessed"}, {self._origin()}'
         return self._condition._replace(values=self._condition.values | {'present result': present})
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Runs the node; see `runtime.run` for the exit status."""
-    return run(Calibrator, args)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.timer import Timer
 from std_msgs.msg import String
@@ -49,7 +50,16 @@ class RefusedError(ScaraKinetostaticError):
 
 
 class CellNode(Node):
-    """A node that says how it is."""
+    """A node that says how it is. It has no arguments: its parameters are those of ROS.
+
+    Attributes:
+        executor_type: of the executor that spins it.
+        rest: between two callbacks, s. A round of the executor costs several times as much as a message; a node that
+            takes all waiting messages of a topic at once needs less time if several are waiting.
+    """
+
+    executor_type: type[Executor] = SingleThreadedExecutor
+    rest = 0.0
 
     def close(self) -> None:
         """Closes files and ends processes; called once, after the last callback has begun."""

@@ -16,7 +16,6 @@ Touches are looked for by steady time.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -28,7 +27,6 @@ from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, PersistentComplaints, RefusedError
 from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.session import JudgedTouch, Session
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, CellStreams, Stream
 
@@ -42,6 +40,8 @@ class Collector(CellNode):
     Raises:
         InputError: a parameter or the cell is not valid.
     """
+
+    rest = 0.005  # messages of 1 kHz are taken several at a time
 
     def __init__(self) -> None:
         super().__init__('collector')
@@ -274,12 +274,3 @@ def _offered(profile: QoSProfile) -> OfferedQos:
         profile.lifespan.nanoseconds,
         profile.liveliness_lease_duration.nanoseconds,
     )
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Runs the node; see `runtime.run` for the exit status."""
-    return run(Collector, args, rest=0.005)  # messages of 1 kHz are taken several at a time
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -15,9 +15,7 @@ is said on `/diagnostics`; without a recent force, or without a calibration that
 
 from __future__ import annotations
 
-import sys
 from collections import Counter, deque
-from collections.abc import Sequence
 from itertools import islice
 from math import hypot, isfinite, isnan, pi
 from time import monotonic
@@ -51,7 +49,7 @@ from scara_kinetostatic.nodes.conversion import (
     stamp_of,
 )
 from scara_kinetostatic.nodes.declare import Range
-from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor, run, waiting
+from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor, waiting
 from scara_kinetostatic.nodes.streams import CellStreams, Stream, TFMessage
 
 _ELBOWS = ('present', 'left', 'right')
@@ -213,6 +211,8 @@ class Compensator(CellNode):
         InputError: a parameter, the cell or the calibration is not valid.
     """
 
+    executor_type = PollingExecutor
+
     def __init__(self) -> None:
         super().__init__('compensator')
         self._calibration = FollowedCalibration(self, self._use)
@@ -360,12 +360,3 @@ class Compensator(CellNode):
         complaints += [f'{number} poses {name}' for name, number in statuses.items() if name not in ('ok', 'unloaded')]
         complaints += [self._answer_problem, self._tip.assumptions]
         return self._calibration.condition(complaints, values, 'following the tip')
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Runs the node; see `runtime.run` for the exit status."""
-    return run(Compensator, args, PollingExecutor)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

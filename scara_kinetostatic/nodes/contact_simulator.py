@@ -9,8 +9,7 @@ that factor. Publishes the topics named in the cell description and, latched,
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
 from math import tau
@@ -32,7 +31,6 @@ from scara_kinetostatic.nodes import conversion, declare
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.declare import Range
-from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
@@ -284,12 +282,3 @@ class ContactSimulator(CellNode):
         self._timer.cancel()
         self._finished.publish(Bool(data=True))
         self.get_logger().info('the plan is finished')
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Runs the node; see `runtime.run` for the exit status."""
-    return run(ContactSimulator, args)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

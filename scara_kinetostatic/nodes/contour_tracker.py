@@ -13,7 +13,6 @@ zero and whatever else cannot be traced is said on `/diagnostics`; the node stay
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from time import monotonic, time_ns
 
@@ -33,7 +32,6 @@ from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedCalibration
 from scara_kinetostatic.nodes.conversion import Sample, marker_array, path
 from scara_kinetostatic.nodes.declare import Range
-from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 
 
@@ -43,6 +41,8 @@ class ContourTracker(CellNode):
     Raises:
         InputError: a parameter, the cell or the calibration is not valid.
     """
+
+    rest = 0.005
 
     def __init__(self) -> None:
         super().__init__('contour_tracker')
@@ -179,12 +179,3 @@ def _figures(online: OnlineContour) -> dict[str, str]:
             'coefficient of friction': f'{friction.coefficient:.3f} ± {friction.std:.3f}',
         }
     return figures
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Runs the node; see `runtime.run` for the exit status."""
-    return run(ContourTracker, args, rest=0.005)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from math import cos, sin
 from typing import Any, NamedTuple
 
@@ -20,14 +20,12 @@ from std_msgs.msg import ColorRGBA
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
+from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, wrench_fields
 from scara_kinetostatic.report.markers import Primitive, Shape
 
 NANOSECONDS = 1_000_000_000
 _PLAIN = b'\0\1'
 """How a message in plain CDR, little endian, begins."""
-_HEAD = struct.Struct('<iII')
-"""Stamp and length of the frame's name."""
-_COUNT = struct.Struct('<I')
 
 
 class Sample(NamedTuple):
@@ -82,12 +80,12 @@ def pose_bytes(stamp_ns: int, frame_id: str, pose: PlanarPose) -> bytes:
     """A `PoseWithCovarianceStamped` as it goes over the wire; z, roll and pitch are 0 and exact."""
     name = frame_id.encode()
     seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS)
-    head = _PLAIN + b'\0\0' + _HEAD.pack(seconds, nanoseconds, len(name) + 1) + name + b'\0'
+    head = _PLAIN + b'\0\0' + struct.pack('<iII', seconds, nanoseconds, len(name) + 1) + name + b'\0'
     (xx, xy, xw), (_, yy, yw), (_, _, ww) = pose.covariance
     z6 = (0.0,) * 6
     rows = (xx, xy, 0.0, 0.0, 0.0, xw, xy, yy, 0.0, 0.0, 0.0, yw, *z6, *z6, *z6, xw, yw, 0.0, 0.0, 0.0, ww)
     numbers = pose.x, pose.y, 0.0, 0.0, 0.0, *pose.half_turn, *rows  # place, quaternion, covariance by rows
-    return head.ljust(_aligned(len(head), 8), b'\0') + struct.pack('<43d', *numbers)
+    return head.ljust(aligned(len(head), 8), b'\0') + struct.pack('<43d', *numbers)
 
 
 def planar(vector: Any) -> tuple[float, float]:
@@ -142,15 +140,14 @@ def joint_sample(serialized: bytes, names: Sequence[str]) -> Sample:
     Raises:
         UnusableMessageError: a joint is missing, or has no position, or none that is a finite number.
     """
-    stamp, found, angles = _joint_fields(serialized)
-    position = dict(zip(found, angles, strict=False))
-    missing = [name for name in names if name not in position]
-    if missing:
+    fields, angles = _fields(joint_fields, serialized)
+    if any(name not in fields.names[: fields.numbers] for name in names):
         raise UnusableMessageError(
-            f'expected positions of {" and ".join(names)}, got {len(angles)} positions of '
-            f'{" ".join(found) or "no joints"}'
+            f'expected positions of {" and ".join(names)}, got {fields.numbers} positions of '
+            f'{" ".join(fields.names) or "no joints"}'
         )
-    return _finite(Sample(stamp, position[names[0]], position[names[1]]))
+    first, second = (angles[fields.names.index(name)] for name in names)
+    return _finite(Sample(_stamp(serialized), first, second))
 
 
 def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = None) -> Sample:
@@ -163,28 +160,22 @@ def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = No
     Raises:
         UnusableMessageError: the force is not finite.
     """
-    stamp, size = _header(serialized)
-    try:
-        force = struct.unpack_from('<6d', serialized, _aligned(16 + size, 8))
-    except struct.error as error:
-        raise UnusableMessageError('the message is cut off') from error
-    if turn is None:
-        return _finite(Sample(stamp, force[0], force[1]))
-    first, second = (row[0] * force[0] + row[1] * force[1] + row[2] * force[2] for row in turn)
-    return _finite(Sample(stamp, first, second))
+    x, y, z = _fields(wrench_fields, serialized)[1][:3]
+    if turn is not None:
+        x, y = (row[0] * x + row[1] * y + row[2] * z for row in turn)
+    return _finite(Sample(_stamp(serialized), x, y))
 
 
 def frame_of(serialized: bytes) -> str:
     """The `frame_id` of a `WrenchStamped` as it came over the wire; empty where it cannot be read."""
     try:
-        _, size = _header(serialized)
-    except UnusableMessageError:
+        return wrench_fields(serialized).frame_id
+    except ValueError:
         return ''
-    return serialized[16 : 15 + size].decode(errors='replace') if size else ''
 
 
-def _header(serialized: bytes) -> tuple[int, int]:
-    """Stamp, ns, and length of the `frame_id` with its end.
+def _fields(layout: Callable[[bytes], Fields], serialized: bytes) -> tuple[Fields, tuple[float, ...]]:
+    """Where the numbers of a message are, and the numbers.
 
     Raises:
         UnusableMessageError: the message is cut off, or not in plain CDR.
@@ -192,39 +183,16 @@ def _header(serialized: bytes) -> tuple[int, int]:
     if serialized[:2] != _PLAIN:
         raise UnusableMessageError('expected a message in CDR, little endian')
     try:
-        seconds, nanoseconds, size = _HEAD.unpack_from(serialized, 4)
-    except struct.error as error:
+        fields = layout(serialized)
+    except ValueError as error:
         raise UnusableMessageError('the message is cut off') from error
-    return seconds * NANOSECONDS + nanoseconds, size
+    return fields, struct.unpack_from(f'<{fields.numbers}d', serialized, fields.begin)
 
 
-def _joint_fields(serialized: bytes) -> tuple[int, Sequence[str], Sequence[float]]:
-    """Stamp, ns, names and positions of a `JointState`.
-
-    Raises:
-        UnusableMessageError: it is cut off, or not in plain CDR.
-    """
-    stamp, size = _header(serialized)
-    try:
-        at = _aligned(16 + size, 4)
-        (count,) = _COUNT.unpack_from(serialized, at)
-        names, at = [], at + 4
-        for _ in range(count):
-            at = _aligned(at, 4)
-            (size,) = _COUNT.unpack_from(serialized, at)
-            names.append(serialized[at + 4 : at + 3 + size].decode(errors='replace'))
-            at += 4 + size
-        at = _aligned(at, 4)
-        (count,) = _COUNT.unpack_from(serialized, at)
-        positions = struct.unpack_from(f'<{count}d', serialized, _aligned(at + 4, 8)) if count else ()
-    except struct.error as error:
-        raise UnusableMessageError('the message is cut off') from error
-    return stamp, names, positions
-
-
-def _aligned(at: int, size: int) -> int:
-    """The next place for a field of that size; counted from byte 4, behind the encapsulation."""
-    return at + (4 - at) % size
+def _stamp(serialized: bytes) -> int:
+    """Of the header, ns."""
+    seconds, nanoseconds = struct.unpack_from('<iI', serialized, 4)
+    return int(seconds * NANOSECONDS + nanoseconds)
 
 
 def _finite(sample: Sample) -> Sample:

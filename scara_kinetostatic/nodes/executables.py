@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+from functools import partial
 from importlib import import_module
 from types import FrameType
 
@@ -15,52 +16,22 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 """The ordinary way to end a node."""
 
 
-def contact_simulator() -> int:
-    """Runs the simulator."""
-    return _run('contact_simulator')
-
-
-def collector() -> int:
-    """Runs the collector."""
-    return _run('collector')
-
-
-def calibrator() -> int:
-    """Runs the calibrator."""
-    return _run('calibrator')
-
-
-def visualizer() -> int:
-    """Runs the visualizer."""
-    return _run('visualizer')
-
-
-def monitor() -> int:
-    """Runs the drift monitor."""
-    return _run('monitor')
-
-
-def compensator() -> int:
-    """Runs the compensator."""
-    return _run('compensator')
-
-
-def contour_tracker() -> int:
-    """Runs the contour tracker."""
-    return _run('contour_tracker')
-
-
-def _run(name: str) -> int:
-    catch_signals()
-    return int(import_module(f'scara_kinetostatic.nodes.{name}').main())
-
-
-def catch_signals() -> None:
-    """Lets a signal end the process at once until the node has handlers of its own."""
+def _run(name: str, kind: str) -> int:
     for number in ENDING:
         signal.signal(number, _end)
+    runtime, module = (import_module(f'scara_kinetostatic.nodes.{each}') for each in ('runtime', name))
+    return int(runtime.run(getattr(module, kind)))
 
 
 def _end(_number: int, _: FrameType | None) -> None:
     """Not by an exception: code that is being imported could catch it, or print it."""
     os._exit(0)
+
+
+contact_simulator = partial(_run, 'contact_simulator', 'ContactSimulator')
+collector = partial(_run, 'collector', 'Collector')
+calibrator = partial(_run, 'calibrator', 'Calibrator')
+visualizer = partial(_run, 'visualizer', 'Visualizer')
+monitor = partial(_run, 'monitor', 'Monitor')
+compensator = partial(_run, 'compensator', 'Compensator')
+contour_tracker = partial(_run, 'contour_tracker', 'ContourTracker')

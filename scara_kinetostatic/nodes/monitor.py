@@ -12,8 +12,7 @@ depend on them are taken as `Predictor.assumptions` says, and the node says so.
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +30,6 @@ from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
-from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
 from scara_kinetostatic.report.quantities import count
 from scara_kinetostatic.results.document import NAME
@@ -263,12 +261,3 @@ def was_seen(recording: str, number: str, record: CalibrationRecord) -> bool:
         return False
     found = record.document['touches'].get('found')
     return len(places) > 1 or not isinstance(found, int) or not number.isdigit() or int(number) < found
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Runs the node; see `runtime.run` for the exit status."""
-    return run(Monitor, args)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -12,7 +12,7 @@ import gc
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
@@ -22,7 +22,6 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.constants import S_TO_NS
 from rclpy.exceptions import ParameterException
 from rclpy.executors import (
-    Executor,
     ExternalShutdownException,
     ShutdownException,
     SingleThreadedExecutor,
@@ -40,20 +39,11 @@ _SERVE = 0.25
 """Between two rounds for timers and services of a polled node, s; while they wait, with each message."""
 
 
-def run(
-    make_node: Callable[[], CellNode],
-    args: Sequence[str] | None = None,
-    make_executor: Callable[[], Executor] = SingleThreadedExecutor,
-    rest: float = 0.0,
-) -> int:
+def run(kind: type[CellNode]) -> int:
     """Runs one node until a signal ends it.
 
     Args:
-        make_node: makes the node; its errors are those of parameters and files.
-        args: command line with the ROS arguments; `sys.argv` if None.
-        make_executor: makes the executor that spins the node.
-        rest: between two callbacks, s. A round of the executor costs several times as much as a message; a node that
-            takes all waiting messages of a topic at once needs less time if several are waiting.
+        kind: of the node; the errors of its constructor are those of parameters and files.
 
     Returns:
         Exit status: 0 after Ctrl-C or SIGTERM, 2 if a parameter, a file or a
@@ -61,19 +51,18 @@ def run(
     """
     signals = _note_signals()
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = make_node()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        node: CellNode = kind()
     except (ScaraKinetostaticError, ParameterException) as error:
         return _refuse(str(error))
     except (RCLError, UnknownROSArgsError) as error:
         return _refuse(f'ROS arguments: {error}')
-    executor = make_executor()
+    executor = node.executor_type()
     executor.add_node(node)
     try:
         while not signals and rclpy.ok():
             executor.spin_once(timeout_sec=0.2)  # the longest time from a signal to its effect
-            if rest:
-                time.sleep(rest)
+            time.sleep(node.rest)
     except ExternalShutdownException:
         pass
     finally:

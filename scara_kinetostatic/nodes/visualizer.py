@@ -13,7 +13,6 @@ A result that the calibrator does not publish, as it is unfit, changes neither t
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import monotonic
@@ -36,7 +35,6 @@ from scara_kinetostatic.nodes.calibration_job import stored_document
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.conversion import UnusableMessageError, joint_sample, marker_array
 from scara_kinetostatic.nodes.declare import Range, cell_or_example
-from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
 from scara_kinetostatic.report.markers import (
     Primitive,
@@ -59,6 +57,8 @@ class Visualizer(CellNode):
         CellError: the cell description cannot be read, or is not valid.
         ParameterError: a parameter is not valid.
     """
+
+    rest = 0.01  # of joint states at 1 kHz only some are taken
 
     def __init__(self) -> None:
         super().__init__('visualizer')
@@ -193,12 +193,3 @@ def _with_file(said: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
     if stored['created'] != said['created']:
         return said, f'{NAME} in {folder} is of another result, {stored["created"]}'
     return stored, ''
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Runs the node; see `runtime.run` for the exit status."""
-    return run(Visualizer, args, rest=0.01)  # of joint states at 1 kHz only some are taken
-
-
-if __name__ == '__main__':
-    sys.exit(main())
