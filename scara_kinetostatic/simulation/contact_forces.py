@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -26,32 +27,8 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import padded_history, stacked_histories
 from scara_kinetostatic.simulation.plan import CLEARANCE, Plan
 
-PHASES = ('travel', 'pause', 'approach', 'press', 'ease', 'hold', 'release', 'retract')
-TRAVEL, PAUSE, APPROACH, PRESS, EASE, HOLD, RELEASE, RETRACT = range(8)
-
-
-@dataclass(frozen=True)
-class ContactForceSettings:
-    """Accuracy of the solution, and the limits of a motion.
-
-    Attributes:
-        largest_force_error: largest relative error of the force of a hold; beyond it the touch is refused.
-        largest_force_error_at_kinks: the same for a robot with a law that has kinks, where the commanded joints
-            need not settle. The force is that of the joints as commanded, whatever the plan says.
-        most_iterations: see there.
-        largest_step: largest change of a depth in one iteration, m.
-        largest_compliance_ratio: largest compliance of the robot with effects over that without; the smallest is
-            its inverse.
-    """
-
-    largest_force_error: float = 0.02
-    largest_force_error_at_kinks: float = 0.1
-    most_iterations: int = 30
-    largest_step: float = 2e-3
-    largest_compliance_ratio: float = 20.0
-
-
-SETTINGS = ContactForceSettings()
+Phase = IntEnum('Phase', 'TRAVEL PAUSE APPROACH PRESS EASE HOLD RELEASE RETRACT', start=0)
+"""Of a touch."""
 
 
 @dataclass(frozen=True)
@@ -224,7 +201,7 @@ class ContactForces:
             stages = [part[touch] for part in self.histories]
             longest = max(part.shape[1] for part in stages)
             stages = [padded_history(part, joints, longest) for part in stages]
-            before, after = (phase < EASE)[:, None, None], (phase > HOLD)[:, None, None]
+            before, after = (phase < Phase.EASE)[:, None, None], (phase > Phase.HOLD)[:, None, None]
             metadata = metadata._replace(history=np.where(before, stages[0], np.where(after, stages[2], stages[1])))
         found = self.contact(touch, joints, warm_start, metadata=metadata)
         force, at = found.force.copy(), np.arange(len(touch))
@@ -253,7 +230,7 @@ class ContactForces:
         depth = np.zeros(len(self.plan)) if start is None else start.copy()
         slope, todo = compliance.copy(), np.arange(len(self.plan))
         before = np.full((2, len(self.plan)), np.nan)
-        for _ in range(SETTINGS.most_iterations):
+        for _ in range(30):
             force = self.contact(todo, command(depth)[todo], warm_start[todo], tension=True).magnitude
             off = np.abs(wanted[todo] - force) > FORCE_TOLERANCE * wanted[todo]
             todo, force = todo[off], force[off]
@@ -261,13 +238,10 @@ class ContactForces:
                 break
             step, rise = depth[todo] - before[0, todo], force - before[1, todo]
             known = np.abs(rise) > 1e-9  # false in the first pass
-            bounds = (
-                compliance[todo] / SETTINGS.largest_compliance_ratio,
-                compliance[todo] * SETTINGS.largest_compliance_ratio,
-            )
+            bounds = compliance[todo] / 20.0, compliance[todo] * 20.0  # at most so much softer or stiffer
             slope[todo[known]] = np.clip(step / np.where(known, rise, 1.0), *bounds)[known]
             before[:, todo] = depth[todo], force
-            depth[todo] += np.clip(slope[todo] * (wanted[todo] - force), -SETTINGS.largest_step, SETTINGS.largest_step)
+            depth[todo] += np.clip(slope[todo] * (wanted[todo] - force), -2e-3, 2e-3)
         return depth
 
     def peak_force(self, joints: Floats, histories: Histories) -> Floats:
@@ -288,7 +262,7 @@ class ContactForces:
         """A(Q, L̄) in each hold, for its joints (m, 2), rad."""
         return self.contact(np.arange(len(self.plan)), joints, -self.plan.force[:, None] * self.plan.normal())
 
-    def off_plan(self, found: Contact, tolerance: float = SETTINGS.largest_force_error) -> Mask:
+    def off_plan(self, found: Contact, tolerance: float = 0.02) -> Mask:
         """Which touches have no equilibrium, or not the force that is planned but for a relative error, (m,)."""
         return ~(np.abs(found.magnitude - self.plan.force) <= tolerance * self.plan.force) | ~found.solved
 
@@ -303,7 +277,8 @@ class ContactForces:
         """
         found = self.in_hold(joints)
         is_smooth = all(effect.is_smooth for effect in self.truth.effects)
-        off = self.off_plan(found, SETTINGS.largest_force_error if is_smooth else SETTINGS.largest_force_error_at_kinks)
+        # at kinks the commanded joints need not settle; the force is that of the joints as commanded
+        off = self.off_plan(found) if is_smooth else self.off_plan(found, 0.1)
         if off.any():
             first = int(np.argmax(off))
             name = self.cell.discs[self.plan.disc[first]].name

@@ -23,7 +23,7 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.simulation.contact_forces import TRAVEL
+from scara_kinetostatic.simulation.contact_forces import Phase
 from scara_kinetostatic.simulation.trajectory import CellState
 
 TYPICAL_NOISE = Noise(joint=1e-5, force=0.3)
@@ -115,8 +115,8 @@ class SensorModel:
             errors: of each touch, (m, 2), rad; they change from touch to touch during the travel.
             random: source of the white noise.
         """
-        before = np.where((state.phase == TRAVEL) & (state.touch > 0), state.touch - 1, state.touch)
-        share = np.where(state.phase == TRAVEL, state.progress, 1.0)[:, None]
+        before = np.where((state.phase == Phase.TRAVEL) & (state.touch > 0), state.touch - 1, state.touch)
+        share = np.where(state.phase == Phase.TRAVEL, state.progress, 1.0)[:, None]
         error = (1.0 - share) * errors[before] + share * errors[state.touch]
         read = state.joints + error + self.joint_noise * random.standard_normal(error.shape)
         return np.round(read / self.resolution) * self.resolution if self.resolution else read

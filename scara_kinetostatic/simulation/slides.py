@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from math import isfinite
 from typing import NamedTuple, Protocol
 
@@ -22,31 +23,12 @@ from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.simulation.contact_forces import HOLD, minimum_jerk
+from scara_kinetostatic.simulation.contact_forces import Phase, minimum_jerk
 from scara_kinetostatic.simulation.outline import Outline, Track
 from scara_kinetostatic.simulation.sensors import SensorModel, sensor_angle
 from scara_kinetostatic.simulation.streams import START, Sensed, recorded
 from scara_kinetostatic.simulation.trajectory import CellState
 from scara_kinetostatic.touches.streams import Streams
-
-
-@dataclass(frozen=True)
-class SlideSettings:
-    """Limits of a slide.
-
-    Attributes:
-        largest_friction: largest coefficient of friction.
-        waves: waves of which a slowly changing random number is made.
-        table: places along a slide for which joint angles are computed beforehand, so that they go on without a
-            jump of a turn.
-    """
-
-    largest_friction: float = 2.0
-    waves: int = 48
-    table: int = 721
-
-
-SETTINGS = SlideSettings()
 
 
 @dataclass(frozen=True)
@@ -81,10 +63,8 @@ class Slide:
         for name in ('force', 'speed'):
             if not getattr(self, name) > 0:
                 raise ParameterError(f'slide: {name}', f'expected a number above 0, got {getattr(self, name):g}')
-        if not 0 <= self.friction <= SETTINGS.largest_friction:
-            raise ParameterError(
-                'slide: friction', f'expected 0 to {SETTINGS.largest_friction:g}, got {self.friction:g}'
-            )
+        if not 0 <= self.friction <= 2:
+            raise ParameterError('slide: friction', f'expected 0 to 2, got {self.friction:g}')
         if abs(self.posture) != 1:
             raise ParameterError('slide: posture', f'expected +1 or -1, got {self.posture}')
         if self.begin == self.end:
@@ -126,8 +106,8 @@ class SlideTiming:
                 raise ParameterError(f'timing: {item.name}', f'expected a value above 0, got {value}')
 
 
-PHASES = ('travel', 'pause', 'approach', 'press', 'stick', 'slide', 'stop', 'release', 'retract', 'rest')
-TRAVEL, PAUSE, APPROACH, PRESS, STICK, SLIDE, STOP, RELEASE, RETRACT, REST = range(10)
+SlidePhase = IntEnum('SlidePhase', 'TRAVEL PAUSE APPROACH PRESS STICK SLIDE STOP RELEASE RETRACT REST', start=0)
+"""Of a slide."""
 CROSSING = 2e-3
 """Lever arm of the force within which a joint crosses its backlash, m."""
 FIRST_FORCE = 1e-6
@@ -143,7 +123,7 @@ class SlideState(NamedTuple):
         tip: centre of the tip, (k, 2), m; between two slides, where the third axis is lifted, NaN.
         surface: the point of contact, (k, 2), m; NaN where there is none.
         slide: number of the slide, (k,).
-        phase: which of `PHASES`, (k,).
+        phase: which `SlidePhase`, (k,).
     """
 
     joints: Floats
@@ -215,7 +195,7 @@ class SlidingMotion:
             spans = (t.travel, t.pause, t.approach, t.press, t.stick, sliding, t.stick, t.press, t.approach, t.pause)
             rows.append(begin + np.append(0.0, np.cumsum(spans)))
             begin = float(rows[-1][-1])
-        rows.append(np.full(len(PHASES) + 1, begin + t.travel))
+        rows.append(np.full(len(SlidePhase) + 1, begin + t.travel))
         rows[-1][0] = begin
         return np.array(rows)
 
@@ -224,10 +204,10 @@ class SlidingMotion:
         time = np.clip(np.asarray(time, dtype=float), 0.0, self.duration)
         slide = np.clip(np.searchsorted(self._knots[:, 0], time, side='right') - 1, 0, len(self.slides))
         phase = (self._knots[slide, 1:-1] <= time[:, None]).sum(axis=1)
-        phase[slide == len(self.slides)] = TRAVEL
+        phase[slide == len(self.slides)] = SlidePhase.TRAVEL
         joints, force = np.empty((len(time), 2)), np.zeros((len(time), 2))
         tip, surface = np.full((len(time), 2), np.nan), np.full((len(time), 2), np.nan)
-        travelling = phase == TRAVEL
+        travelling = phase == SlidePhase.TRAVEL
         joints[travelling] = self._between(slide[travelling], time[travelling])
         for number in range(len(self.slides)):
             here = np.flatnonzero((slide == number) & ~travelling)
@@ -257,18 +237,19 @@ class SlidingMotion:
             return minimum_jerk(np.clip((time - knots[phase]) / span, 0.0, 1.0))
 
         sense = np.sign(slide.end - slide.begin)
-        distance = _distance(np.clip(time - knots[SLIDE], 0.0, None), knots[STOP] - knots[SLIDE], slide.speed, t.start)
+        begin, end = knots[[SlidePhase.SLIDE, SlidePhase.STOP]]
+        distance = _distance(np.clip(time - begin, 0.0, None), end - begin, slide.speed, t.start)
         travelled = slide.begin * track.length + sense * distance
         point, normal = slide.outline.at(track.place(travelled))
-        steady = part(STICK) - part(STOP)
+        steady = part(SlidePhase.STICK) - part(SlidePhase.STOP)
         variation = t.force_variation * self._variation[number].at(time)[:, 0].clip(-3, 3)
         return _Course(
             point,
             normal,
             sense * quarter_turn(normal),
             travelled,
-            t.clearance * (1.0 - part(APPROACH) + part(RETRACT)),
-            slide.force * (part(PRESS) - part(RELEASE)) * (1.0 + steady * variation),
+            t.clearance * (1.0 - part(SlidePhase.APPROACH) + part(SlidePhase.RETRACT)),
+            slide.force * (part(SlidePhase.PRESS) - part(SlidePhase.RELEASE)) * (1.0 + steady * variation),
             slide.friction * steady,
         )
 
@@ -293,7 +274,7 @@ class SlidingMotion:
     def _path(self, number: int) -> tuple[Floats, Floats]:
         """Lengths travelled, increasing, and the joint angles there, without a jump of a turn."""
         slide, track = self.slides[number], self._tracks[number]
-        travelled = np.linspace(min(slide.begin, slide.end), max(slide.begin, slide.end), SETTINGS.table) * track.length
+        travelled = np.linspace(min(slide.begin, slide.end), max(slide.begin, slide.end), 721) * track.length
         point, normal = slide.outline.at(track.place(travelled))
         distances = (self.tip_radius, self.tip_radius + self.timing.clearance)
         poses = [self._poses(number, point + distance * normal, -slide.force * normal) for distance in distances]
@@ -313,7 +294,7 @@ class SlidingMotion:
         """Joint angles where each slide's travel ends and the next one's begins, (m, 2, 2), rad."""
         poses = []
         for number, knots in enumerate(self._knots[:-1]):
-            course = self._course(number, knots[[PAUSE, -1]])
+            course = self._course(number, knots[[SlidePhase.PAUSE, -1]])
             tip = course.point + (self.tip_radius + course.clearance)[:, None] * course.normal
             poses.append(self._joints(number, tip, self._force(number, course), course.travelled))
         return np.array(poses)
@@ -335,12 +316,14 @@ class SlowNoise:
         random: source.
         columns: independent ones.
         duration: T, s.
+        waves: of which they are made.
     """
 
-    def __init__(self, random: np.random.Generator, columns: int, duration: float) -> None:
-        self._frequency = random.standard_normal((SETTINGS.waves, columns)) / duration
-        self._phase = random.uniform(0, 2 * np.pi, (SETTINGS.waves, columns))
-        self._size = random.rayleigh(1.0, (SETTINGS.waves, columns)) / np.sqrt(SETTINGS.waves)
+    def __init__(self, random: np.random.Generator, columns: int, duration: float, waves: int = 48) -> None:
+        shape = waves, columns
+        self._frequency = random.standard_normal(shape) / duration
+        self._phase = random.uniform(0, 2 * np.pi, shape)
+        self._size = random.rayleigh(1.0, shape) / np.sqrt(waves)
 
     def at(self, time: Floats) -> Floats:
         """Their values at times in s, (k, columns)."""
@@ -416,7 +399,9 @@ def sensed(motion: Motion, cell: Cell, sensors: SensorModel, seed: int, start: i
 
 def _as_holds(motion: Motion, state: SlideState) -> CellState:
     """The states as those of holds, numbered on; the force over that of the slide."""
-    count = len(state.joints)
     planned = np.array([slide.force for slide in motion.slides])[state.slide]
     relative_force = np.minimum(np.hypot(*state.force.T) / planned, 1.0)
-    return CellState(state.joints, state.force, np.arange(count), np.full(count, HOLD), np.ones(count), relative_force)
+    touch = np.arange(len(planned))
+    return CellState(
+        state.joints, state.force, touch, np.full_like(touch, Phase.HOLD), np.ones(len(touch)), relative_force
+    )

@@ -1,6 +1,6 @@
 """The trajectory of a recording: joint angles and contact force at any time.
 
-Each touch runs through eight phases (`PHASES`). Free phases interpolate between
+Each touch runs through eight phases (`Phase`). Free phases interpolate between
 poses in joint space; the arm travels with its third axis lifted, so the tip may
 pass over the discs without force. A touch comes from the free pose, on the normal
 of the disc at a clearance, to the pose at which the backlash is used up and the
@@ -18,7 +18,6 @@ whole plan, with preloads, unloading and the free motion between touches; see `l
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -34,18 +33,10 @@ from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.contact_forces import (
-    APPROACH,
-    EASE,
-    HOLD,
     LIGHT_FORCE,
-    PAUSE,
-    PHASES,
-    PRESS,
-    RELEASE,
-    RETRACT,
-    TRAVEL,
     ContactForces,
     Histories,
+    Phase,
     PlannedLoads,
     Timing,
     load_histories,
@@ -54,43 +45,10 @@ from scara_kinetostatic.simulation.contact_forces import (
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.touches.load_history import last_movement
 
-__all__ = [
-    'APPROACH',
-    'EASE',
-    'HOLD',
-    'PAUSE',
-    'PRESS',
-    'RELEASE',
-    'RETRACT',
-    'TRAVEL',
-    'CellState',
-    'Timing',
-    'Trajectory',
-    'minimum_jerk',
-]
-
-
 FIRST_FORCE = 1e-6
 """The 0+ of `Ḡ(S, 0+)`, N: defines the direction of the force, its deflection is negligible."""
-
-
-@dataclass(frozen=True)
-class TrajectorySettings:
-    """Limits of the motion.
-
-    Attributes:
-        most_passes: passes at most until forces and histories agree; each touch wipes out most of what came before,
-            so that few do.
-        force_rounding: change of a force at which they agree, N.
-        contact_margin: largest distance from the commanded begin of a contact at which a force is looked for, m.
-    """
-
-    most_passes: int = 20
-    force_rounding: float = 1e-9
-    contact_margin: float = 5e-4
-
-
-SETTINGS = TrajectorySettings()
+_MOST_PASSES = 20
+"""Until forces and histories agree; each touch wipes out most of what came before, so that few do."""
 
 
 class CellState(NamedTuple):
@@ -100,7 +58,7 @@ class CellState(NamedTuple):
         joints: actuator angles Q, (k, 2), rad.
         force: force on the object in the base frame, (k, 2), N.
         touch: number of the touch in the plan, (k,); after the last touch, the last.
-        phase: which of `PHASES`, (k,).
+        phase: which `Phase`, (k,).
         progress: how much of the phase has passed, by the time law, 0 to 1, (k,).
         relative_force: contact force over that of the hold, 0 to about 1 + preload, (k,).
     """
@@ -179,7 +137,7 @@ class Trajectory:
         Once, or until the holds have their forces with the histories that the touches make.
         """
         planned = self.hold_force
-        for number in range(SETTINGS.most_passes):
+        for number in range(_MOST_PASSES):
             self.metadata = self._metadata()
             histories = self.histories()
             self.metadata = self.metadata._replace(history=histories.hold)
@@ -198,12 +156,12 @@ class Trajectory:
 
     def _with_consistent_histories(self, contact_forces: ContactForces) -> ContactForces:
         """The contact forces with the histories that they make themselves; the commanded joints stay."""
-        for _ in range(SETTINGS.most_passes):
+        for _ in range(_MOST_PASSES):
             histories, before = self.histories(), np.stack([self.peak_force, self.hold_force])
             contact_forces = contact_forces.with_histories(histories)
             self.peak_force = contact_forces.peak_force(self.peak_joints, histories)
             self.hold_force = contact_forces.hold_force(self.hold_joints)
-            if np.abs(before - (self.peak_force, self.hold_force)).max() < SETTINGS.force_rounding:
+            if np.abs(before - (self.peak_force, self.hold_force)).max() < 1e-9:
                 self.metadata = contact_forces.metadata
                 return contact_forces
         raise UnsupportedDataError(
@@ -239,7 +197,7 @@ class Trajectory:
     @property
     def hold_time(self) -> Floats:
         """Middle of each hold, (m,), s."""
-        return self.knots[:, HOLD] + 0.5 * self.timing.hold
+        return self.knots[:, Phase.HOLD] + 0.5 * self.timing.hold
 
     @property
     def path(self) -> Floats:
@@ -261,18 +219,18 @@ class Trajectory:
     def state_at(self, time: ArrayLike) -> CellState:
         """The state of the cell at any times, as for `at`."""
         time = np.clip(np.atleast_1d(np.asarray(time, dtype=float)), 0.0, self.duration)
-        starts = np.append(self.knots.ravel(), self.knots[-1, RETRACT] + self.timing.retract)
+        starts = np.append(self.knots.ravel(), self.knots[-1, Phase.RETRACT] + self.timing.retract)
         ends = np.append(starts[1:], self.duration)
         row = np.clip(np.searchsorted(starts, time, side='right') - 1, 0, len(starts) - 1)
         span = ends[row] - starts[row]
         progress = minimum_jerk(np.divide(time - starts[row], span, out=np.ones_like(time), where=span > 0))
-        touch, phase = np.minimum(row // len(PHASES), len(self.plan) - 1), row % len(PHASES)
+        touch, phase = np.minimum(row // len(Phase), len(self.plan) - 1), row % len(Phase)
         begin, end = self._poses()
         joints = begin[row] + progress[:, None] * (end[row] - begin[row])
         returning = row == len(starts) - 1
         relative_force = np.where(returning, 0.0, self._relative_force(touch, phase, progress))
         force = relative_force[:, None] * self.hold_force[touch]
-        loaded = np.flatnonzero((phase >= PRESS) & (phase <= RELEASE) & ~returning)
+        loaded = np.flatnonzero((phase >= Phase.PRESS) & (phase <= Phase.RELEASE) & ~returning)
         joints[loaded] = self._loaded_joints(touch[loaded], relative_force[loaded])
         if self._contact_forces is not None:
             close = np.flatnonzero(self._contact_possible(touch, phase, joints))
@@ -282,16 +240,16 @@ class Trajectory:
         return CellState(joints, force, touch, phase, progress, relative_force)
 
     def _contact_possible(self, touch: NDArray[np.intp], phase: NDArray[np.intp], joints: Floats) -> NDArray[np.bool_]:
-        """Where a force is possible and not known yet, (k,): within `SETTINGS.contact_margin` of the contact."""
+        """Where a force is possible and not known yet, (k,): within 0.5 mm of the contact."""
         displacement = forward(self.truth, joints) - forward(self.truth, self.contact_joints[touch])
-        near = np.einsum('ij,ij->i', displacement, self._inward[touch]) > -SETTINGS.contact_margin
-        return np.asarray((phase >= APPROACH) & (phase != HOLD) & near)
+        near = np.einsum('ij,ij->i', displacement, self._inward[touch]) > -5e-4
+        return np.asarray((phase >= Phase.APPROACH) & (phase != Phase.HOLD) & near)
 
     def _relative_force(self, touch: NDArray[np.intp], phase: NDArray[np.intp], progress: Floats) -> Floats:
         """Force over that of the hold, (k,)."""
         beyond = self.plan.preload[touch]
         parts = [progress * (1.0 + beyond), 1.0 + beyond * (1.0 - progress), np.ones_like(progress), 1.0 - progress]
-        return np.select([phase == which for which in (PRESS, EASE, HOLD, RELEASE)], parts, 0.0)
+        return np.select([phase == which for which in (Phase.PRESS, Phase.EASE, Phase.HOLD, Phase.RELEASE)], parts, 0.0)
 
     def _pose(self, tip: Floats, force: Floats) -> Floats:
         """Ḡ of one pose per touch."""
@@ -324,12 +282,12 @@ class Trajectory:
 
     def _schedule(self) -> tuple[Floats, float]:
         """Starts of all phases and the end of the trajectory."""
-        fixed = [getattr(self.timing, name) for name in PHASES[1:]]
+        fixed = [getattr(self.timing, phase.name.lower()) for phase in list(Phase)[1:]]
         stops = np.vstack([self._start_and_end[:1], self.free_joints, self._start_and_end[1:]])
         distance = np.abs(np.diff(stops, axis=0)).max(axis=1)
         travel = np.maximum(self.timing.travel, distance / self.timing.speed)
         durations = np.column_stack([travel[:-1], np.tile(fixed, (len(self.plan), 1))])
-        durations[:, EASE] *= self.plan.preload > 0
+        durations[:, Phase.EASE] *= self.plan.preload > 0
         ends = np.cumsum(durations)
         starts = np.concatenate([[0.0], ends[:-1]]).reshape(durations.shape)
         return starts, float(ends[-1] + travel[-1])

@@ -29,32 +29,6 @@ DISCARDED = 'discarded while recording'
 
 
 @dataclass(frozen=True)
-class DetectionSettings:
-    """Warnings, and the search for a difference of the clocks.
-
-    Attributes:
-        zero_change: a larger change of the force zero within a recording is a warning, N.
-        largest: largest difference that is looked for, s.
-        step: resolution of the difference, s.
-        usual: where at least this part of the contacts are touches the clocks are one.
-        apart: least distance of differences that are tried, s.
-        tried: so many differences are tried.
-        least: smaller differences leave most holds usable and are not told, s.
-    """
-
-    zero_change: float = 1.0
-    largest: float = 10.0
-    step: float = 0.05
-    usual: float = 0.7
-    apart: float = 0.5
-    tried: int = 8
-    least: float = 0.2
-
-
-SETTINGS = DetectionSettings()
-
-
-@dataclass(frozen=True)
 class Episode:
     """Where one touch lies in the recording, used or rejected; times in s since its first stamp.
 
@@ -306,7 +280,7 @@ def _warnings(spikes: int, weak: int, candidates: list[TouchCandidate]) -> list[
         warnings.append(f'{weak} weak forces during a motion of the arm are no touches and were ignored')
     zeros = np.array([candidate.tare.force for candidate in candidates if candidate.tare is not None])
     change = float(np.ptp(zeros, axis=0).max()) if len(zeros) else 0.0
-    if change > SETTINGS.zero_change:
+    if change > 1.0:
         warnings.append(f'the zero of the force sensor changes by {change:.1f} N within the recording')
     return warnings
 
@@ -352,11 +326,11 @@ def offset_touches(streams: Streams, cell: Cell, found: Detection) -> tuple[floa
     tried = [(0.0, found)]
     tried += [(offset, _shifted(streams, cell, offset)) for offset in _offsets(signals)]
     offset, best = max(tried, key=lambda item: len(item[1].touches))
-    return (offset, best) if abs(offset) > SETTINGS.least and _is_usual(best) else None
+    return (offset, best) if abs(offset) > 0.2 and _is_usual(best) else None
 
 
 def _is_usual(detection: Detection) -> bool:
-    return len(detection.touches) >= SETTINGS.usual * detection.found
+    return len(detection.touches) >= 0.7 * detection.found
 
 
 def _shifted(streams: Streams, cell: Cell, offset: float) -> Detection:
@@ -366,15 +340,13 @@ def _shifted(streams: Streams, cell: Cell, offset: float) -> Detection:
 
 
 def _offsets(signals: Signals) -> list[float]:
-    """Differences at which the joints move less during the contacts than at those around them, s, the least first."""
+    """Differences at which the joints move least during the contacts, s: up to eight, half a second or more apart."""
     joints, contacts = signals.joints, find_contacts(signals)
     path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(joints.value, axis=0)).sum(axis=1))])
-    steps = round(SETTINGS.largest / SETTINGS.step)
-    offsets = SETTINGS.step * np.arange(-steps, steps + 1)
+    offsets = 0.05 * np.arange(-200, 201)
     begin, end = (np.interp(time - offsets[:, None], joints.time, path) for time in (contacts.begin, contacts.end))
     moved = (end - begin).sum(axis=1)
-    around = round(SETTINGS.apart / SETTINGS.step)
-    least = sliding_window_view(np.pad(moved, around, mode='edge'), 2 * around + 1).min(axis=1)
+    least = sliding_window_view(np.pad(moved, 10, mode='edge'), 21).min(axis=1)
     lows, ends = runs(moved <= least)
-    middles = sorted(zip(lows, ends, strict=True), key=lambda run: moved[run[0]])[: SETTINGS.tried]
+    middles = sorted(zip(lows, ends, strict=True), key=lambda run: moved[run[0]])[:8]
     return [float(offsets[(low + high) // 2]) for low, high in middles]

@@ -14,7 +14,6 @@ the latest and thus smallest swings are dropped, which only a play of a half-wid
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -31,36 +30,6 @@ from scara_kinetostatic.touches.signals import SMOOTHING, Signals, Topic, median
 
 SMALLEST_REVERSAL = 5e-6
 """A movement back by less than this is not a reversal, rad,"""
-
-
-@dataclass(frozen=True)
-class HistorySettings:
-    """What counts of the way to a hold.
-
-    Attributes:
-        reversal_sigmas: nor by less than this many standard deviations of the smoothed joint angle,
-        reversal_steps: nor by less than this many steps of the encoder.
-        longest_approach: the movement before a contact is followed back for at most so long, s.
-        rest_time: the arm rests if during this time, s,
-        rest_speed: no joint moves faster than this, rad/s.
-        clear: a pose is free if a joint is at least so far from its angle at the contact, rad.
-        sigmas: the load turns if it comes back by more than this many standard deviations of the smoothed force,
-        steady: and by more than this part of the largest force of the contact.
-        fewest_fitted: fewer samples than this are averaged instead of a parabola fitted to them.
-    """
-
-    reversal_sigmas: float = 8.0
-    reversal_steps: float = 2.0
-    longest_approach: float = 5.0
-    rest_time: float = 0.04
-    rest_speed: float = 1e-3
-    clear: float = 2e-3
-    sigmas: float = 6.0
-    steady: float = 0.004
-    fewest_fitted: int = 5
-
-
-SETTINGS = HistorySettings()
 
 
 class Approach(NamedTuple):
@@ -115,14 +84,15 @@ def approach_of_hold(joints: Topic, hold: Hold, contact: float, earliest: float,
         Both as by `last_movement`. The press does not contain the movement while the force was still below the noise
         of the sensor.
     """
-    part = joints.stretch(max(earliest, contact - SETTINGS.longest_approach), float(hold.intervals[0, 0]))
+    part = joints.stretch(max(earliest, contact - 5.0), float(hold.intervals[0, 0]))
     time, value = joints.time[part], joints.value[part]
     if not len(time):
         return Approach(np.zeros(2), np.zeros(2))
     width = 2 * round(0.5 * SMOOTHING / joints.period) + 1
     smooth = moving_mean(median_of_three(value), width)
     scatter = hold.joint_scatter / np.sqrt(width)
-    least = np.maximum(max(SMALLEST_REVERSAL, SETTINGS.reversal_steps * step), SETTINGS.reversal_sigmas * scatter)
+    # nor are less than two steps of the encoder, or eight standard deviations, a reversal
+    least = np.maximum(max(SMALLEST_REVERSAL, 2.0 * step), 8.0 * scatter)
     touching = int(np.searchsorted(time, contact))
     begin = _free_pose(time, smooth, touching, float(least.max()))
     pressed = moving_mean(median_of_three(value[touching:]), width)
@@ -130,14 +100,18 @@ def approach_of_hold(joints: Topic, hold: Hold, contact: float, earliest: float,
 
 
 def _free_pose(time: Floats, value: Floats, contact: int, least: float) -> int:
-    """Index of the last sample before the contact at which the arm rests in a free pose; 0 if there is none."""
+    """Index of the last sample before the contact at which the arm rests in a free pose; 0 if there is none.
+
+    It rests if for 0.04 s no joint moves faster than 1 mrad/s; the pose is free if a joint is 2 mrad off its angle at
+    the contact.
+    """
     time, value = time[: contact + 1], value[: contact + 1]
-    later = np.searchsorted(time, time + SETTINGS.rest_time)
+    later = np.searchsorted(time, time + 0.04)
     earlier = np.flatnonzero(later < len(time))
     later = later[earlier]
     moved = np.abs(value[later] - value[earlier]).max(axis=1)
-    rests: NDArray[np.bool_] = moved <= SETTINGS.rest_speed * (time[later] - time[earlier]) + least
-    clear = np.abs(value[later] - value[-1]).max(axis=1) > max(SETTINGS.clear, least)
+    rests: NDArray[np.bool_] = moved <= 1e-3 * (time[later] - time[earlier]) + least
+    clear = np.abs(value[later] - value[-1]).max(axis=1) > max(2e-3, least)
     free = later[rests & clear]
     return int(free[-1]) if len(free) else 0
 
@@ -239,7 +213,7 @@ def _least_turn(contact: ContactLoad, time: Floats, force: Floats, width: int) -
     """Change of the smoothed force that noise explains, N.
 
     The noise is that of the free motion before the contact, or of differences over one length of the moving mean in the
-    holds, where that is larger: a slow change of the force has no influence.
+    holds, where that is larger: a slow change of the force has no influence. So is 0.4 % of the largest force.
     """
     noise = contact.tare.noise / np.sqrt(width)
     for hold in contact.holds:
@@ -248,14 +222,13 @@ def _least_turn(contact: ContactLoad, time: Floats, force: Floats, width: int) -
             held = force[first:end]
             steps = (held[width:] - held[:-width]).ravel()
             noise = max(noise, np.sqrt(steps @ steps / (2.0 * len(steps))))
-    peak = np.abs(force).max(initial=0.0)
-    return max(SETTINGS.sigmas * float(noise), SETTINGS.steady * float(peak))
+    return max(6.0 * float(noise), 0.004 * float(np.abs(force).max(initial=0.0)))
 
 
 def _top(values: Floats) -> Floats:
-    """Value in the middle of samples (n, m) in even steps, by a parabola; the mean of a few, (m,)."""
+    """Value in the middle of samples (n, m) in even steps, by a parabola; the mean of less than five, (m,)."""
     n = len(values)
-    return np.asarray(values.mean(axis=0) if n < SETTINGS.fewest_fitted else _weights(n) @ values)
+    return np.asarray(values.mean(axis=0) if n < 5 else _weights(n) @ values)
 
 
 @lru_cache(maxsize=256)

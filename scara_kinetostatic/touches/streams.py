@@ -30,34 +30,6 @@ from scara_kinetostatic.model.cell import SensorFrame
 
 
 @dataclass(frozen=True)
-class InterleavingSettings:
-    """When joint angles are those of two robots.
-
-    Attributes:
-        jump: smaller steps may be noise, or the resolution of an encoder, rad.
-        same: a jump is undone by the next one if their sum is below this part of it.
-        fewest_samples: see there.
-        fewest_jumps: see there.
-        share: fewer jumps that are undone than this part of the samples are no sign of two robots.
-        second: see there.
-        fewest_seconds: so many seconds of a recording show it; messages out of order do not last.
-        smallest_turn: a smaller turn is none, rad.
-    """
-
-    jump: float = 5e-3
-    same: float = 0.05
-    fewest_samples: int = 50
-    fewest_jumps: int = 6
-    share: float = 0.05
-    second: int = 1_000_000_000
-    fewest_seconds: int = 3
-    smallest_turn: float = 1e-9
-
-
-SETTINGS = InterleavingSettings()
-
-
-@dataclass(frozen=True)
 class JointStream:
     """Joint angles as they came.
 
@@ -111,12 +83,12 @@ INTERLEAVED = 'the joint angles jump back and forth: messages of two robots on o
 
 def is_interleaved(values: Floats) -> bool:
     """Whether the joint angles of about a second, (n, 2), rad, in the order of arrival, are those of two robots."""
-    if len(values) < SETTINGS.fewest_samples:
+    if len(values) < 50:
         return False
     steps = np.diff(values[:, int(np.argmax(np.ptp(values, axis=0)))])
-    jumps = steps[np.abs(steps) > SETTINGS.jump]
-    undone = int(np.sum(np.abs(jumps[1:] + jumps[:-1]) < SETTINGS.same * np.abs(jumps[1:])))
-    return undone >= max(SETTINGS.fewest_jumps, SETTINGS.share * len(values))
+    jumps = steps[np.abs(steps) > 5e-3]  # less may be noise, or the resolution of an encoder
+    undone = int(np.sum(np.abs(jumps[1:] + jumps[:-1]) < 0.05 * np.abs(jumps[1:])))
+    return undone >= max(6, 0.05 * len(values))
 
 
 def interleaved_seconds(received: NDArray[np.int64], values: Floats) -> int:
@@ -126,9 +98,9 @@ def interleaved_seconds(received: NDArray[np.int64], values: Floats) -> int:
         received: when each sample was recorded, (n,), ns.
         values: joint angles in that order, (n, 2), rad.
     """
-    edges = np.flatnonzero(np.diff(received // SETTINGS.second)) + 1
+    edges = np.flatnonzero(np.diff(received // 1_000_000_000)) + 1
     number = sum(map(is_interleaved, np.split(values, edges)))
-    return number if number >= SETTINGS.fewest_seconds else 0
+    return number if number >= 3 else 0  # messages out of order do not last
 
 
 NAMES = {
@@ -184,7 +156,7 @@ class WrenchFrame:
     def turn(self, frame_id: str) -> Floats | None:
         """The first two rows of R, (2, 3), for wrenches with a `frame_id`; None where they are taken as they come."""
         found = self._known_frame(frame_id.lstrip('/'))
-        if found is None or found.frame is not self._stated or _angle(found.turn) < SETTINGS.smallest_turn:
+        if found is None or found.frame is not self._stated or _angle(found.turn) < 1e-9:
             return None
         turn: Floats = found.turn[:2]
         return turn

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,24 +16,6 @@ from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.touch import Rejection, TouchSet, order_of_time
 from scara_kinetostatic.touches.association import Association, associate
 from scara_kinetostatic.touches.detection import Detection, Episode
-
-
-@dataclass(frozen=True)
-class TableSettings:
-    """When forces of a table have the wrong sign, or touches no object.
-
-    Attributes:
-        opposed: median cosine between force and the direction to the named disc below which the sign is wrong.
-        lost: if more than this part of the touches meets no object, a mistake is looked for.
-        mostly: the sign is wrong, too, if with the other one at least this part of the touches belongs to discs.
-    """
-
-    opposed: float = -0.5
-    lost: float = 0.1
-    mostly: float = 0.9
-
-
-SETTINGS = TableSettings()
 
 
 def in_base_frame(cell: Cell) -> Cell:
@@ -76,7 +58,7 @@ def touches_of_table(
         order=order_of_time(table.time),
     )
     lost = int(np.sum(~known))
-    if lost > SETTINGS.lost * len(disc) and (mistake := explain(touches, cell)) is not None:
+    if lost > 0.1 * len(disc) and (mistake := explain(touches, cell)) is not None:
         raise mistake
     _check_sign(table, cell, disc, named, association)
     if lost and association.advice:
@@ -111,9 +93,9 @@ def _check_sign(table: TouchTable, cell: Cell, disc: Indices, named: Mask, assoc
     """
     to_disc = cell.centers[disc] - forward(cell.nominal, table.joints)
     cosine = np.sum(to_disc * table.force, axis=1) / np.maximum(np.hypot(*to_disc.T) * np.hypot(*table.force.T), 1e-12)
-    opposed = named.any() and np.median(cosine[named]) < SETTINGS.opposed
+    opposed = named.any() and np.median(cosine[named]) < -0.5
     if association.advice and not named.all():
-        opposed |= np.mean(associate(table.joints, -table.force, cell).known) >= SETTINGS.mostly
+        opposed |= np.mean(associate(table.joints, -table.force, cell).known) >= 0.9
     if opposed:
         problem = 'the forces point away from the discs'
         raise RecordingError(table.source, problem, 'give the force on the object: change the signs of fx_N and fy_N')

@@ -15,7 +15,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco.scene import Scene
 from scara_kinetostatic.simulation.mujoco.sliding import SlideController
 from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.slides import SLIDE, Slide, sensed
+from scara_kinetostatic.simulation.slides import Slide, SlidePhase, sensed
 
 NO_BACKLASH = PAPER_ACTUAL.replace(g_ee=0.0, g1=0.0, g2=0.0)
 LIMIT = 4e-6
@@ -32,7 +32,7 @@ def test_surface_in_another_engine(name, robot, friction):
     outline = OBJECTS[name]
     scene = Scene(parameters=robot, contact_friction=friction)
     motion = SlideController(scene, CELL, Slide(outline, 15, speed=0.03, begin=0.13, end=0.2)).run()
-    force = np.hypot(*motion.force[motion.phase == SLIDE].T)[-500:]
+    force = np.hypot(*motion.force[motion.phase == SlidePhase.SLIDE].T)[-500:]
     assert force.mean() == pytest.approx(15 * np.hypot(1, friction), rel=0.05)
     assert np.abs(np.diff(force)).max() < 0.5
     exact = replace(arm(), model=ExtendedModel(robot))

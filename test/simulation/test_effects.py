@@ -18,7 +18,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.model.sensor_error import true_force
-from scara_kinetostatic.simulation.contact_forces import HOLD, PAUSE, TRAVEL
+from scara_kinetostatic.simulation.contact_forces import Phase
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
@@ -85,8 +85,8 @@ def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
     time = np.linspace(0.0, motion.duration, 60_000)
     instant = motion.state_at(time)
     load = np.hypot(*instant.force.T)
-    assert np.all(load[(instant.phase == TRAVEL) | (instant.phase == PAUSE)] == 0)
-    held = instant.phase == HOLD
+    assert np.all(load[(instant.phase == Phase.TRAVEL) | (instant.phase == Phase.PAUSE)] == 0)
+    held = instant.phase == Phase.HOLD
     np.testing.assert_array_equal(instant.force[held], motion.hold_force[instant.touch[held]])
     np.testing.assert_allclose(instant.relative_force, load / np.hypot(*motion.hold_force.T)[instant.touch])
     np.testing.assert_allclose(instant.relative_force.max(), 1.3, rtol=0.04)
@@ -94,7 +94,7 @@ def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
     disc = PLAN.disc[instant.touch[::50]]
     metadata = motion.metadata.select(instant.touch[::50])
     expected = contact(truth, instant.joints[::50], CELL.centers[disc], CELL.radii[disc], metadata=metadata)
-    warm_start = expected.solved & ~np.isin(instant.phase[::50], [TRAVEL, PAUSE])
+    warm_start = expected.solved & ~np.isin(instant.phase[::50], [Phase.TRAVEL, Phase.PAUSE])
     assert warm_start.mean() > 0.4
     np.testing.assert_allclose(instant.force[::50][warm_start], expected.force[warm_start], rtol=0, atol=1e-9)
 

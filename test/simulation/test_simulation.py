@@ -12,7 +12,7 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise,
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinematics import forward, posture, rotate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
-from scara_kinetostatic.simulation.contact_forces import APPROACH, EASE, HOLD, PRESS, RELEASE, RETRACT, Timing
+from scara_kinetostatic.simulation.contact_forces import Phase, Timing
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import START, simulate_streams, simulate_touches
@@ -29,7 +29,7 @@ SMALL = PLAN.select(np.arange(12))
 def test_force_is_that_of_the_model_all_along(truth, plan):
     motion = Trajectory(CELL, truth, plan)
     instant = motion.state_at(np.sort(np.random.default_rng(0).uniform(0, motion.duration, 4000)))
-    warm_start = instant.phase >= APPROACH
+    warm_start = instant.phase >= Phase.APPROACH
     disc = plan.disc[instant.touch[warm_start]]
     expected = contact(truth, instant.joints[warm_start], CELL.centers[disc], CELL.radii[disc]).force
     np.testing.assert_allclose(instant.force[warm_start], expected, rtol=0, atol=5e-6)
@@ -46,10 +46,10 @@ def test_motion_is_continuous_and_rises_steadily(sign, plan):
     assert np.abs(np.diff(instant.force, axis=0)).max() < 500.0 * (time[1] - time[0])
     load = np.hypot(*instant.force.T)
     same = np.diff(instant.touch) == 0
-    assert np.all(np.diff(load)[same & (instant.phase[1:] == PRESS)] >= -1e-9)
-    assert np.all(np.diff(load)[same & (instant.phase[1:] == RELEASE)] <= 1e-9)
-    assert np.all(np.diff(load)[same & (instant.phase[:-1] == EASE)] <= 1e-9)
-    assert np.all(load[(instant.phase == APPROACH) | (instant.phase == RETRACT)] == 0)
+    assert np.all(np.diff(load)[same & (instant.phase[1:] == Phase.PRESS)] >= -1e-9)
+    assert np.all(np.diff(load)[same & (instant.phase[1:] == Phase.RELEASE)] <= 1e-9)
+    assert np.all(np.diff(load)[same & (instant.phase[:-1] == Phase.EASE)] <= 1e-9)
+    assert np.all(load[(instant.phase == Phase.APPROACH) | (instant.phase == Phase.RETRACT)] == 0)
 
 
 def test_holds_are_as_planned():
@@ -59,7 +59,7 @@ def test_holds_are_as_planned():
     np.testing.assert_array_equal(joints, motion.hold_joints)
     np.testing.assert_array_equal(posture(PAPER_ACTUAL, joints), PLAN.posture)
     np.testing.assert_allclose(force / PLAN.force[:, None], -PLAN.normal(), atol=1e-12)
-    assert np.all(motion.state_at(motion.hold_time).phase == HOLD)
+    assert np.all(motion.state_at(motion.hold_time).phase == Phase.HOLD)
     free = forward(PAPER_ACTUAL, motion.free_joints) - CELL.centers[PLAN.disc]
     np.testing.assert_allclose(np.linalg.norm(free, axis=1), CELL.radii[PLAN.disc] + 0.018, atol=1e-9)
 
@@ -67,21 +67,21 @@ def test_holds_are_as_planned():
 def test_preload_peaks_eases_and_leaves_the_holds():
     motion, plain = Trajectory(CELL, PAPER_ACTUAL, BEYOND), Trajectory(CELL, PAPER_ACTUAL, PLAN)
     np.testing.assert_array_equal(motion.hold_joints, plain.hold_joints)
-    ease = motion.knots[:, HOLD] - motion.knots[:, EASE]
+    ease = motion.knots[:, Phase.HOLD] - motion.knots[:, Phase.EASE]
     np.testing.assert_allclose(ease, np.where(BEYOND.preload > 0, Timing().ease, 0.0), atol=1e-9)
     beyond = BEYOND.preload > 0
-    peak = motion.state_at(motion.knots[beyond, EASE])
-    assert np.all(peak.phase == EASE)
+    peak = motion.state_at(motion.knots[beyond, Phase.EASE])
+    assert np.all(peak.phase == Phase.EASE)
     np.testing.assert_allclose(np.linalg.norm(peak.force, axis=1), 1.3 * BEYOND.force[beyond], rtol=1e-12)
     np.testing.assert_allclose(peak.joints, motion.peak_joints[beyond], atol=1e-12)
     held = motion.state_at(motion.hold_time)
-    assert np.all(held.phase == HOLD)
+    assert np.all(held.phase == Phase.HOLD)
     np.testing.assert_array_equal(held.joints, motion.hold_joints)
 
 
 def test_without_preload_the_ease_is_nowhere():
     time = np.linspace(0.0, 60.0, 20_000)
-    assert not np.any(Trajectory(CELL, PAPER_ACTUAL, PLAN).state_at(time).phase == EASE)
+    assert not np.any(Trajectory(CELL, PAPER_ACTUAL, PLAN).state_at(time).phase == Phase.EASE)
     usual, other = (simulate_streams(CELL, PAPER_ACTUAL, PLAN, timing=Timing(ease=ease)) for ease in (0.2, 3.0))
     np.testing.assert_array_equal(usual.joints.position, other.joints.position)
     np.testing.assert_array_equal(usual.wrench.force, other.wrench.force)
@@ -124,7 +124,7 @@ def test_joints_at_rest_repeat_to_the_last_bit():
     streams = simulate_streams(CELL, PAPER_ACTUAL, SMALL)
     motion = Trajectory(CELL, PAPER_ACTUAL, SMALL)
     instant = motion.state_at(1e-9 * (streams.joints.stamp - START))
-    held = streams.joints.position[(instant.phase == HOLD) & (instant.touch == 5)]
+    held = streams.joints.position[(instant.phase == Phase.HOLD) & (instant.touch == 5)]
     assert len(held) > 30
     assert np.all(held == held[0])
 

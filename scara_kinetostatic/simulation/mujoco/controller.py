@@ -18,18 +18,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse, wrap
-from scara_kinetostatic.simulation.contact_forces import (
-    APPROACH,
-    EASE,
-    HOLD,
-    PAUSE,
-    PRESS,
-    RELEASE,
-    RETRACT,
-    TRAVEL,
-    Timing,
-    minimum_jerk,
-)
+from scara_kinetostatic.simulation.contact_forces import Phase, Timing, minimum_jerk
 from scara_kinetostatic.simulation.mujoco.engine import LIFT, TICK, Engine
 from scara_kinetostatic.simulation.mujoco.scene import Scene
 from scara_kinetostatic.simulation.plan import Plan
@@ -117,7 +106,7 @@ class SimulatedMotion(NamedTuple):
         force: of the tip on the discs, base frame, (k, 2), N.
         link2_angle: direction of link 2, (k,), rad.
         touch: number of the touch in the plan, (k,).
-        phase: which of the simulation's `PHASES`, (k,).
+        phase: which `Phase`, (k,).
         progress: completed part of a travel, 0 to 1, (k,).
         holds: tick at the end of each hold, (m,).
         approach: last movement of each joint before each hold, (m, 2), rad.
@@ -207,7 +196,7 @@ class TouchController:
         self._home = self._paths[[0, -1], 0] + (0.25, -0.15)
         self.engine = Engine(scene, cell, self._home[0])
         self._command, self._depth, self._lift = self._home[0], 0.0, LIFT
-        self._touch, self._phase = 0, TRAVEL
+        self._touch, self._phase = 0, Phase.TRAVEL
         self._force, self._first, self._compliance = 0.0, (0.0, 0.0), SETTINGS.compliance_limits[0]
         self._ticks: list[Tick] = []
 
@@ -223,7 +212,7 @@ class TouchController:
             self._travel(self._paths[self._touch, 0])
             begins.append(self._lower())
             self._approach_and_press()
-            self._rest(HOLD, self.timing.hold)
+            self._rest(Phase.HOLD, self.timing.hold)
             holds.append(len(self._ticks) - 1)
             links.append(self.engine.links)
             speed.append(self.engine.speed)
@@ -254,7 +243,7 @@ class TouchController:
         return np.array([np.interp(depth, self._depths, path[:, joint]) for joint in (0, 1)])
 
     def _travel(self, goal: Floats) -> None:
-        self._phase, start = TRAVEL, self._command
+        self._phase, start = Phase.TRAVEL, self._command
         distance = float(np.abs(goal - start).max())
         for part in _minimum_jerk_steps(max(self.timing.travel, distance / self.timing.speed)):
             self._command = start + part * (goal - start)
@@ -266,22 +255,22 @@ class TouchController:
             self._lift = start + part * (lift - start)
             self._tick()
 
-    def _rest(self, phase: int, duration: float) -> None:
+    def _rest(self, phase: Phase, duration: float) -> None:
         self._phase = phase
         for _ in range(round(duration / TICK)):
             self._tick()
 
     def _lower(self) -> int:
         """Lowers the tip beside the disc; returns the number of the tick then."""
-        self._phase = PAUSE
+        self._phase = Phase.PAUSE
         self._raise(0.0)
-        self._rest(PAUSE, self.timing.pause)
+        self._rest(Phase.PAUSE, self.timing.pause)
         return len(self._ticks) - 1
 
     def _approach_and_press(self) -> None:
         """From the free pose to the force of the hold."""
         speed, passed = self.timing.clearance / self.timing.approach, 0.0
-        self._phase, self._depth = APPROACH, -self.timing.clearance
+        self._phase, self._depth = Phase.APPROACH, -self.timing.clearance
         while self._force < CONTACT_FORCE:
             passed += TICK
             self._advance(
@@ -289,15 +278,15 @@ class TouchController:
                 if self._depth > -SETTINGS.slow_distance
                 else speed * min(1.0, passed / SETTINGS.lift_time)
             )
-        self._rest(PRESS, REST)
+        self._rest(Phase.PRESS, REST)
         while self._force < SETTINGS.firm_force:
             self._advance(SETTINGS.creep_speed)
         self._first, self._compliance = (self._depth, self._force), SETTINGS.compliance_limits[0]
         level, beyond = float(self.plan.force[self._touch]), float(self.plan.preload[self._touch])
         self._press((1.0 + beyond) * level)
         if beyond:
-            self._rest(PRESS, self._pace.peak)
-            self._phase = EASE
+            self._rest(Phase.PRESS, self._pace.peak)
+            self._phase = Phase.EASE
             self._press(level)
 
     def _advance(self, speed: float) -> None:
@@ -332,10 +321,10 @@ class TouchController:
         """Retracts and lifts the tip."""
         start, goal = self._depth, -self.timing.clearance
         for part in _minimum_jerk_steps(self.timing.release + self.timing.retract):
-            self._phase = RELEASE if self._ticks[-1].force.any() else RETRACT
+            self._phase = Phase.RELEASE if self._ticks[-1].force.any() else Phase.RETRACT
             self._command = self._at(start + part * (goal - start))
             self._tick()
-        self._phase = RETRACT
+        self._phase = Phase.RETRACT
         self._raise(LIFT)
 
 

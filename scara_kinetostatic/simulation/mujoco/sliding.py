@@ -7,7 +7,6 @@ softer than that of touches is said at `Engine`. It starts and stops with consta
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +21,7 @@ from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine
 from scara_kinetostatic.simulation.mujoco.scene import Scene
 from scara_kinetostatic.simulation.outline import Track
 from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.slides import PAUSE, PRESS, RETRACT, SLIDE, Slide, SlideState, SlideTiming, sensed
+from scara_kinetostatic.simulation.slides import Slide, SlidePhase, SlideState, SlideTiming, sensed
 from scara_kinetostatic.simulation.streams import START
 from scara_kinetostatic.touches.streams import Streams
 
@@ -30,26 +29,8 @@ COMPLIANCE = 2.5e-5
 """Compliance of the arm that the controller assumes, m/N."""
 FILTER = 0.004
 """Time constant of the controller's filter of the force, s."""
-
-
-@dataclass(frozen=True)
-class SlideControllerSettings:
-    """The simulated controller of a slide.
-
-    Attributes:
-        control_time: time constant with which the force approaches its target, s.
-        approach_speed: fastest motion along the normal, m/s.
-        settling: time for the force to settle before the slide, s.
-        largest_depth: depth at which it gives up, m.
-    """
-
-    control_time: float = 0.15
-    approach_speed: float = 8e-3
-    settling: float = 0.4
-    largest_depth: float = 0.02
-
-
-SETTINGS = SlideControllerSettings()
+_FASTEST = 8e-3
+"""Fastest motion along the normal, m/s."""
 
 
 class EngineSlide(NamedTuple):
@@ -119,44 +100,38 @@ class SlideController:
         """
         self._rest(2 * self.timing.pause)
         while self._force < 1.0:
-            self._press(SETTINGS.approach_speed, PRESS)
-        self._hold_force(SETTINGS.settling, 0.0)
+            self._press(_FASTEST, SlidePhase.PRESS)
+        self._hold_force(0.4, 0.0)
         length = (self.slide.end - self.slide.begin) * self._track.length
         span = abs(length) / self.slide.speed + self.timing.start
         self._hold_force(span, np.sign(length) * self.slide.speed)
-        self._hold_force(0.1, 0.0, PRESS)
+        self._hold_force(0.1, 0.0, SlidePhase.PRESS)
         begin = self._depth
         for part in minimum_jerk(np.linspace(0.0, 1.0, round(self.timing.approach / TICK))):
             self._depth = begin - part * (begin + self.timing.clearance)
-            self._tick(RETRACT)
+            self._tick(SlidePhase.RETRACT)
         self._rest(2 * self.timing.pause)
         return self._motion()
 
-    def _hold_force(self, duration: float, speed: float, phase: int = SLIDE) -> None:
+    def _hold_force(self, duration: float, speed: float, phase: int = SlidePhase.SLIDE) -> None:
         """Moves along the object at a speed while the force along the normal is held."""
         count = round(duration / TICK)
         for number in range(count):
             part = min(1.0, number * TICK / self.timing.start, (count - number) * TICK / self.timing.start)
             self._travelled += part * speed * TICK
-            missing = self.slide.force - self._force
-            self._press(
-                float(
-                    np.clip(
-                        missing * COMPLIANCE / SETTINGS.control_time, -SETTINGS.approach_speed, SETTINGS.approach_speed
-                    )
-                ),
-                phase,
-            )
+            # the force approaches its target with a time constant of 0.15 s
+            speed = (self.slide.force - self._force) * COMPLIANCE / 0.15
+            self._press(float(np.clip(speed, -_FASTEST, _FASTEST)), phase)
 
     def _press(self, speed: float, phase: int) -> None:
         self._depth += speed * TICK
-        if self._depth > SETTINGS.largest_depth:
+        if self._depth > 0.02:
             raise UnsupportedDataError('the simulated arm does not feel the object', 'check where it stands')
         self._tick(phase)
 
     def _rest(self, duration: float) -> None:
         for _ in range(round(duration / TICK)):
-            self._tick(PAUSE)
+            self._tick(SlidePhase.PAUSE)
 
     def _surface(self) -> tuple[Floats, Floats]:
         point, normal = self.slide.outline.at(self._track.place(np.array([self._travelled])))
