@@ -62,7 +62,7 @@ setup(
         'matplotlib',
         'rich',
         'rosbags>=0.10.11',
-        'mcap>=1.2.2',
+        'mcap>=1.5',
         'lz4',
         'zstandard',
     ],

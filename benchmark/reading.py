@@ -35,7 +35,8 @@ def write(path: Path, seconds: float, rate: float) -> int:
     from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
     from scara_kinetostatic.bags.writer import McapWriter, channels
 
-    file, random = McapWriter(path, channels(CELL)), np.random.default_rng(0)
+    _, joint_states, wrench_topic = topics = channels(CELL)
+    file, random = McapWriter(path, topics), np.random.default_rng(0)
     count = round(seconds * rate)
     for first in range(0, count, PORTION):
         places = np.arange(first, min(first + PORTION, count))
@@ -45,9 +46,9 @@ def write(path: Path, seconds: float, rate: float) -> int:
         wrenches = wrench_messages(later, 10 * random.standard_normal((len(places), 2)), 'tool0')
         rows = zip(stamp.tolist(), joints, later.tolist(), wrenches, strict=True)
         for joint_time, joint, wrench_time, wrench in rows:
-            file.write(CELL.sensor.topics[0], joint, joint_time)
-            file.write(CELL.sensor.topics[1], wrench, wrench_time)
-    file.finish(path.name)
+            file.write(joint_states, joint, joint_time)
+            file.write(wrench_topic, wrench, wrench_time)
+    file.finish()
     return 2 * count
 
 

@@ -114,6 +114,7 @@ def _killed(path: Path, streams: Streams, cell: Cell) -> None:
         (bag.write_joint_state if number == 1 else bag.write_wrench)(data, time)
         if count % (len(messages) // PIECES + 1) == 0 or count == len(messages):
             bag.checkpoint()
+    bag._file.discard()  # without its end
 
 
 def _write_packed(path: Path, streams: Streams, cell: Cell) -> None:

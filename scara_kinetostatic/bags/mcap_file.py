@@ -21,7 +21,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, Message, Schema, Statistics
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
@@ -39,10 +39,15 @@ _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryErro
 
 
 class McapFile:
-    """Reads an MCAP file with messages of ROS 2; a `Source`."""
+    """Reads an MCAP file with messages of ROS 2; a `Source`.
+
+    Attributes:
+        cut_off: that of the warnings which says that the file ends amid its data; empty where it does not.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.cut_off = ''
         self.warnings: list[str] = []
         self._limit = path.stat().st_size
         self._schemas: dict[int, str] = {}
@@ -106,7 +111,7 @@ class McapFile:
 
     def _from_start(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
         loose: dict[Topic, tuple[list[int], list[bytes]]] = {}
-        offset = len(MAGIC)
+        offset, ended = len(MAGIC), False
         records = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self._limit).records
         try:
             for record in records:
@@ -124,6 +129,7 @@ class McapFile:
                     yield from self._chunk(record, offset, wanted)
                 elif isinstance(record, Statistics):
                     self._statistics = record
+                ended = ended or isinstance(record, DataEnd)
                 offset = stream.tell()
         except CRCValidationError:
             self.warnings.append(f'{self.path.name}: damaged somewhere: the checksum of its data does not match')
@@ -132,6 +138,7 @@ class McapFile:
                 f'{self.path.name} ends early, after {offset} bytes (writer killed, or copy not complete): '
                 'read up to there'
             )
+            self.cut_off = '' if ended else self.warnings[-1]
         for topic, messages in loose.items():
             yield Batch.from_payloads(topic, *messages)
 

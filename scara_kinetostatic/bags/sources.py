@@ -1,8 +1,9 @@
 """The source for a recording: a reader for its form, which its first bytes show; a folder is read file by file.
 
 A rosbag2 folder has a `metadata.yaml` and the files it lists. One whose metadata is missing or damaged is read as well,
-its files in the order of their names, with a warning. So are the files that follow the last listed one by their number,
-which a killed recorder leaves (see `writer`).
+its files in the order of their names, with a warning. So are the
+files that follow the last listed one by their number, which a killed recorder leaves (see `writer`). That a file ends
+amid its data is no warning where all messages are there that the metadata state.
 """
 
 from __future__ import annotations
@@ -130,6 +131,7 @@ class BagFolder:
         self._topics: list[Topic] = []
         self._counts: dict[str, int] = {}
         self._read_counts: Counter[str] = Counter()
+        self._cut_off: list[str] = []
         self._entries = [entry for entry in path.iterdir() if entry.is_file()]
         listed = self._listed_files() if (path / METADATA).exists() else None
         if listed is None:
@@ -148,11 +150,13 @@ class BagFolder:
         """The messages of all files in turn, then what left-over files add."""
         for path in self._files:
             yield from self._read(path, wanted)
-        for topic in wanted:  # a database has no checksums
-            lost = self._counts.get(topic, self._read_counts[topic]) - self._read_counts[topic]
-            if lost and not self.warnings:
-                more = 'more' if lost > 0 else 'fewer'
-                self.warnings.append(f'{topic}: {METADATA} states {abs(lost)} {more} messages than the files contain')
+        lost = {topic: self._counts[topic] - self._read_counts[topic] for topic in wanted if topic in self._counts}
+        if self._counts and all(number <= 0 for number in lost.values()):  # still written, or its writer was killed
+            self.warnings = [text for text in self.warnings if text not in self._cut_off]
+        for topic, number in lost.items():  # a database has no checksums
+            if number and not self.warnings and not any(self._cut_off):
+                more = 'more' if number > 0 else 'fewer'
+                self.warnings.append(f'{topic}: {METADATA} states {abs(number)} {more} messages than the files contain')
         for path in self._left_over_files():
             yield from self._read_left_over(path, wanted)
 
@@ -170,6 +174,8 @@ class BagFolder:
             return
         self._topics += source.topics()
         self.warnings += source.warnings
+        if isinstance(source, McapFile):
+            self._cut_off.append(source.cut_off)
 
     def _read_left_over(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
         """The messages of a file that the metadata does not list; that it ends early is expected and not reported."""

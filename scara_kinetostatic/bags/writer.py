@@ -1,13 +1,10 @@
 """Writing recordings: message by message and crash-safe, or whole streams in every form that the reader reads.
 
-A `BagWriter` makes a rosbag2 folder with MCAP files that can be read at every moment. It is split, as
-`ros2 bag record --max-bag-size` splits it: every checkpoint completes one file, and so does every `SPLIT_SIZE`. The
-folder appears in one step, complete, with the cell description as its first message in `<name>_0.mcap`. Messages then
-go into a hidden file, `.<name>_<k>.mcap.part`, which no reader of rosbag2 opens. `checkpoint` completes that file,
-waits until it is on the disk, renames it to `<name>_<k>.mcap` and replaces `metadata.yaml` in one step; when it
-returns, everything written before is part of the recording, also after a kill or a power failure. A kill between any
-two of these steps leaves a folder with a valid `metadata.yaml` and every file listed there. This package's own reader
-also recovers what the hidden file holds, but for its last, unfinished chunk.
+A `BagWriter` makes a rosbag2 folder, which appears in one step, with the cell description as the first message of
+`<name>_0.mcap`. `checkpoint` ends the chunk that is being filled, waits until it is on the disk and replaces
+`metadata.yaml` in one step; when it returns, everything written before is part of the recording, also after a kill or
+a power failure. A file that was not ended has no index: this package reads it from its start to its last complete
+chunk, and so do `ros2 bag` and `mcap recover`. A file is ended at `SPLIT_SIZE`, and the next one begun.
 """
 
 from __future__ import annotations
@@ -19,7 +16,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -42,7 +39,7 @@ from scara_kinetostatic.bags.messages import (
 )
 from scara_kinetostatic.bags.sources import METADATA
 from scara_kinetostatic.errors import OutputError
-from scara_kinetostatic.files.atomic import all_or_nothing, fresh_folder, replace_text, sync_folder, writing
+from scara_kinetostatic.files.atomic import all_or_nothing, fresh_folder, replace_text, writing
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, dump_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.streams import Streams
@@ -112,39 +109,35 @@ def offered_qos(
     )
 
 
-class FileInfo(NamedTuple):
-    """One file of a recording: its name, times of its first and last message, ns, and its messages by topic."""
-
-    name: str
-    start: int
-    end: int
-    counts: Counter[str]
-
-
 class McapWriter:
     """Writes messages into a new MCAP file with every checksum that the format has.
 
     Args:
         path: the file, which must not exist.
-        channels: what may be written.
+        channels: topics that the file has even if they get no message.
         compress: whether to compress chunks with zstd.
 
     Attributes:
+        name: of the file.
         size: bytes of the messages written so far.
+        start: time of its earliest message, ns.
+        end: time of its latest message, ns.
+        counts: its messages by topic.
 
     Raises:
         OSError: the file cannot be written; so do all methods.
     """
 
-    def __init__(self, path: Path, channels: Sequence[Channel], *, compress: bool = False) -> None:
+    def __init__(self, path: Path, channels: Sequence[Channel] = (), *, compress: bool = False) -> None:
+        self.name = path.name
+        self.size = 0
+        self.start, self.end = (1 << 63) - 1, 0
+        self.counts: Counter[str] = Counter()
         self._stream = path.open('xb')
         compression = CompressionType.ZSTD if compress else CompressionType.NONE
         self._writer = Writer(self._stream, chunk_size=_CHUNK_SIZE, compression=compression, enable_data_crcs=True)
         self._writer.start('ros2', 'scara_kinetostatic')
-        self._ids = {channel.topic: self._register(channel) for channel in channels}
-        self._counts: Counter[str] = Counter()
-        self.size = 0
-        self._start, self._end = (1 << 63) - 1, 0
+        self._ids = {channel: self._register(channel) for channel in channels}
 
     def _register(self, channel: Channel) -> int:
         definition, digest = _definition(channel.msgtype)
@@ -153,20 +146,26 @@ class McapWriter:
         metadata = {'offered_qos_profiles': qos, 'topic_type_hash': digest}
         return self._writer.register_channel(channel.topic, 'cdr', schema, metadata)
 
-    def write(self, topic: str, payload: bytes, log_time: int) -> None:
-        """Adds a message: its topic, its bytes, CDR, and when it was recorded, ns."""
-        self._writer.add_message(self._ids[topic], log_time, payload, log_time, self._counts[topic])
-        self._counts[topic] += 1
+    def write(self, channel: Channel, payload: bytes, log_time: int) -> None:
+        """Adds a message: its channel, its bytes, CDR, and when it was recorded, ns."""
+        if channel not in self._ids:
+            self._ids[channel] = self._register(channel)
+        self._writer.add_message(self._ids[channel], log_time, payload, log_time, self.counts[channel.topic])
+        self.counts[channel.topic] += 1
         self.size += len(payload)
-        self._start, self._end = min(self._start, log_time), max(self._end, log_time)
+        self.start, self.end = min(self.start, log_time), max(self.end, log_time)
 
-    def finish(self, name: str) -> FileInfo:
-        """Completes the file and closes it once it is on the disk (fsync); what it holds, under its final name."""
+    def flush(self) -> None:
+        """Ends the chunk; everything written is on the disk when this returns."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        os.fsync(self._stream.fileno())
+
+    def finish(self) -> None:
+        """Completes the file and closes it once it is on the disk."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.flush()
         os.fsync(self._stream.fileno())
         self._stream.close()
-        return FileInfo(name, self._start, self._end, self._counts)
 
     def discard(self) -> None:
         """Closes the file as it is, incomplete."""
@@ -181,10 +180,9 @@ def _definition(msgtype: str) -> tuple[str, str]:
     return ros2_types().generate_msgdef(msgtype, ros_version=2)[0], ros2_types().hash_rihs01(msgtype)
 
 
-def metadata_text(channels: Sequence[Channel], files: Sequence[FileInfo]) -> str:
-    """`metadata.yaml` of a rosbag2 folder with MCAP files, as Jazzy writes it (version 9)."""
-    totals = sum((info.counts for info in files), Counter[str]())
-    filled = [info for info in files if info.counts] or [FileInfo('', (1 << 63) - 1, (1 << 63) - 1, Counter())]
+def metadata_text(channels: Sequence[Channel], files: Sequence[McapWriter]) -> str:
+    """`metadata.yaml` of a rosbag2 folder with MCAP files, each with a message, as Jazzy writes it (version 9)."""
+    totals = sum((file.counts for file in files), Counter[str]())
     topics = [
         {
             'topic_metadata': {
@@ -201,12 +199,12 @@ def metadata_text(channels: Sequence[Channel], files: Sequence[FileInfo]) -> str
     information = {
         'version': 9,
         'storage_identifier': 'mcap',
-        **_span(min(info.start for info in filled), max(info.end for info in filled), totals.total()),
+        **_span(min(file.start for file in files), max(file.end for file in files), totals.total()),
         'topics_with_message_count': topics,
         'compression_format': '',
         'compression_mode': '',
-        'relative_file_paths': [info.name for info in files],
-        'files': [{'path': info.name, **_span(info.start, info.end, info.counts.total())} for info in files],
+        'relative_file_paths': [file.name for file in files],
+        'files': [{'path': file.name, **_span(file.start, file.end, file.counts.total())} for file in files],
         'custom_data': None,
         'ros_distro': 'jazzy',
     }
@@ -216,7 +214,7 @@ def metadata_text(channels: Sequence[Channel], files: Sequence[FileInfo]) -> str
 
 def _span(start: int, end: int, count: int) -> dict[str, Any]:
     return {
-        'duration': {'nanoseconds': max(end - start, 0)},
+        'duration': {'nanoseconds': end - start},
         'starting_time': {'nanoseconds_since_epoch': start},
         'message_count': count,
     }
@@ -233,6 +231,7 @@ class BagWriter:
 
     Attributes:
         folder: the folder.
+        recorded: number of joint states and wrenches up to the last checkpoint.
 
     Raises:
         OutputError: the folder exists, or cannot be written; so do all methods. The recording up to the last checkpoint
@@ -243,32 +242,29 @@ class BagWriter:
         self, folder: str | Path, cell: Cell, *, log_time: int | None = None, topics: tuple[str, str] | None = None
     ) -> None:
         self.folder = Path(folder)
+        self.recorded = 0
         self._channels = channels(cell, topics)
         self._lock = threading.RLock()
-        self._files: list[FileInfo] = []
-        self._open: McapWriter | None = None
         self._state = 'open'
         with all_or_nothing(self.folder) as workshop:
             home = workshop / self.folder.name
             home.mkdir()
-            first = McapWriter(home / self._name, self._channels)
+            self._file = McapWriter(home / f'{self.folder.name}_0.mcap')
+            self._files = [self._file]
             now = time.time_ns() if log_time is None else log_time
-            first.write(CELL_TOPIC, string_message(dump_cell(cell)), now)
-            info = first.finish(self._name)
-            replace_text(home / METADATA, metadata_text(self._channels, [info]))
-        self._files.append(info)
-
-    @property
-    def recorded(self) -> int:
-        """Number of joint states and wrenches up to the last checkpoint."""
-        return sum(info.counts[channel.topic] for info in self._files for channel in self._channels[1:3])
+            try:
+                self._file.write(self._channels[0], string_message(dump_cell(cell)), now)
+                self._file.flush()
+                self._describe(home)
+            except BaseException:
+                self._file.discard()
+                raise
 
     def offer(self, joint_states: Qos | None, wrench: Qos | None) -> None:
-        """States the quality of service that the drivers offer, for the files that follow; None where it is unknown."""
+        """States the quality of service that the drivers offer, from now on; None where it is unknown."""
         with self._lock:
             for number, qos in ((1, joint_states), (2, wrench)):
-                if qos is not None and qos != self._channels[number].qos:
-                    self._complete_file()
+                if qos is not None:
                     self._channels[number] = self._channels[number]._replace(qos=qos)
 
     def write_joint_state(self, data: bytes, log_time: int) -> None:
@@ -291,13 +287,16 @@ class BagWriter:
     def checkpoint(self) -> None:
         """Makes everything written so far part of the recording on the disk; call it before reporting a touch."""
         with self._lock, self._guarded():
-            self._complete_file()
+            self._file.flush()
+            self._describe(self.folder)
 
     def close(self) -> None:
         """Checkpoint and end of the recording. A second call does nothing."""
         with self._lock:
             if self._state == 'open':
-                self.checkpoint()
+                with self._guarded():
+                    self._file.finish()
+                    self._describe(self.folder)
                 self._state = 'closed'
 
     def __enter__(self) -> BagWriter:
@@ -308,32 +307,19 @@ class BagWriter:
 
     def _write(self, channel: Channel, data: bytes, log_time: int) -> None:
         with self._lock, self._guarded():
-            if all(known.topic != channel.topic for known in self._channels):  # from now on every file has it
-                self._complete_file()
+            if all(known.topic != channel.topic for known in self._channels):
                 self._channels.append(channel)
-            if self._open is None:
-                self._open = McapWriter(self._draft, self._channels)
-            self._open.write(channel.topic, bytes(data), log_time)
-            if self._open.size > SPLIT_SIZE:
-                self._complete_file()
+            if self._file.size > SPLIT_SIZE:
+                self._file.finish()
+                self._describe(self.folder)
+                self._file = McapWriter(self.folder / f'{self.folder.name}_{len(self._files)}.mcap')
+                self._files.append(self._file)
+            self._file.write(channel, bytes(data), log_time)
 
-    def _complete_file(self) -> None:
-        if self._open is None:
-            return
-        info = self._open.finish(self._name)
-        self._open = None
-        self._draft.rename(self.folder / info.name)
-        sync_folder(self.folder)
-        replace_text(self.folder / METADATA, metadata_text(self._channels, [*self._files, info]))
-        self._files.append(info)
-
-    @property
-    def _name(self) -> str:
-        return f'{self.folder.name}_{len(self._files)}.mcap'
-
-    @property
-    def _draft(self) -> Path:
-        return self.folder / f'.{self._name}.part'
+    def _describe(self, folder: Path) -> None:
+        """Replaces the metadata by those of everything written so far."""
+        replace_text(folder / METADATA, metadata_text(self._channels, self._files))
+        self.recorded = sum(file.counts[channel.topic] for file in self._files for channel in self._channels[1:3])
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
@@ -345,10 +331,7 @@ class BagWriter:
                 yield
         except OutputError:
             self._state = 'stopped by an error'
-            if self._open is not None:
-                self._open.discard()
-                with suppress(OSError):
-                    self._draft.unlink(missing_ok=True)
+            self._file.discard()
             raise
 
 
@@ -384,14 +367,13 @@ def write_streams(
         if path.suffix == '.bag':
             _write_ros1(made, topics, messages)
         elif path.suffix == '.mcap':
-            _write_mcap(made, path.name, topics, messages, compression is not None)
+            _write_mcap(made, topics, messages, compression is not None)
         elif storage == 'sqlite3':
             _write_sqlite(made, topics, messages, compression is not None)
         else:
             made.mkdir()
-            name = f'{path.name}_0.mcap'
-            info = _write_mcap(made / name, name, topics, messages, compression is not None)
-            replace_text(made / METADATA, metadata_text(topics, [info]))
+            file = _write_mcap(made / f'{path.name}_0.mcap', topics, messages, compression is not None)
+            replace_text(made / METADATA, metadata_text(topics, [file]))
 
 
 def _messages(streams: Streams, cell: Cell, with_cell: bool) -> Iterator[tuple[str, bytes, int]]:
@@ -410,15 +392,16 @@ def _messages(streams: Streams, cell: Cell, with_cell: bool) -> Iterator[tuple[s
 Messages: TypeAlias = Iterator[tuple[str, bytes, int]]
 
 
-def _write_mcap(path: Path, name: str, topics: Sequence[Channel], messages: Messages, compress: bool) -> FileInfo:
-    file = McapWriter(path, topics, compress=compress)
+def _write_mcap(path: Path, topics: Sequence[Channel], messages: Messages, compress: bool) -> McapWriter:
+    file, by_name = McapWriter(path, topics, compress=compress), {channel.topic: channel for channel in topics}
     try:
-        for message in messages:
-            file.write(*message)
-        return file.finish(name)
+        for topic, payload, log_time in messages:
+            file.write(by_name[topic], payload, log_time)
+        file.finish()
     except BaseException:
         file.discard()
         raise
+    return file
 
 
 def _write_sqlite(path: Path, topics: Sequence[Channel], messages: Messages, compress: bool) -> None:

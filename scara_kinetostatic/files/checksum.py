@@ -18,11 +18,6 @@ from pathlib import Path
 
 from scara_kinetostatic.errors import InputError
 
-_METADATA = 'metadata.yaml'
-_SUFFIXES = frozenset(('.mcap', '.db3', '.zstd', '.part'))
-_PIECE = 1 << 20
-"""Read at once, bytes."""
-
 
 def recording_checksum(path: str | Path) -> str:
     """SHA-256 of a file, or of the files of a rosbag2 folder, hexadecimal.
@@ -33,26 +28,19 @@ def recording_checksum(path: str | Path) -> str:
     path = Path(path)
     if not path.is_dir():
         return _file_checksum(path)
-    try:
-        return _folder_checksum(path)
-    except FileNotFoundError:  # a recorder has merged files meanwhile
-        return _folder_checksum(path)
-
-
-def _folder_checksum(path: Path) -> str:
     files = sorted((file for file in path.iterdir() if _belongs(file)), key=lambda file: file.name.encode())
     listing = ''.join(f'{_file_checksum(file)}  ./{file.name}\n' for file in files)
     return hashlib.sha256(listing.encode('utf-8', 'surrogateescape')).hexdigest()
 
 
 def _belongs(file: Path) -> bool:
-    return (file.name == _METADATA or file.suffix in _SUFFIXES) and file.is_file()
+    return (file.name == 'metadata.yaml' or file.suffix in ('.mcap', '.db3', '.zstd', '.part')) and file.is_file()
 
 
 def _file_checksum(file: Path) -> str:
     digest = hashlib.sha256()
     with file.open('rb') as stream:
-        while piece := stream.read(_PIECE):
+        while piece := stream.read(1 << 20):
             digest.update(piece)
     return digest.hexdigest()
 
