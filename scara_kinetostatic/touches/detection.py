@@ -20,7 +20,7 @@ from scara_kinetostatic.model.touch import Rejection, TouchSet, stacked_historie
 from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.contacts import find_contacts
 from scara_kinetostatic.touches.holds import TouchCandidate, find_candidates
-from scara_kinetostatic.touches.load_history import Approach, LoadMemory, approach_of_hold, load_history, resolution
+from scara_kinetostatic.touches.load_history import LoadMemory, approach_of_hold, load_history, resolution
 from scara_kinetostatic.touches.signals import Signals, as_signals, runs
 from scara_kinetostatic.touches.streams import Streams
 
@@ -163,7 +163,9 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
     candidates, contradiction = _with_discs(found, cell)
     advice = [': '.join(contradiction)] if contradiction else []
     episodes = tuple(_episode(number, candidate) for number, candidate in enumerate(candidates))
-    touches, history = _touch_set(signals, candidates, cell), load_history(signals, candidates, cell, earlier)
+    held, history = _held_touches(signals, candidates, cell), load_history(signals, candidates, cell, earlier)
+    known = np.array([not candidates[number].reason for number in held.index.tolist()], dtype=bool)
+    touches = held.select(known)
     before = [[turn.state for turn in history.before.get(number, ())] for number in touches.index.tolist()]
     detection = Detection(
         touches=touches.replace(history=stacked_histories(before, touches.joints)),
@@ -174,7 +176,7 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
         start=signals.start,
         contradiction=contradiction,
         memories=history.memories,
-        elsewhere=_elsewhere(candidates, cell),
+        elsewhere=held.select(~known),
     )
     return _without_discarded(detection, streams.discarded) if streams.discarded else detection
 
@@ -217,14 +219,22 @@ def _means(candidates: list[TouchCandidate], cell: Cell) -> tuple[Floats, Floats
     return np.array([p.joints for p in holds]), sign * np.array([p.force for p in holds])
 
 
-def _touch_set(signals: Signals, candidates: list[TouchCandidate], cell: Cell) -> TouchSet:
-    index = [number for number, candidate in enumerate(candidates) if not candidate.reason]
+def _held_touches(signals: Signals, candidates: list[TouchCandidate], cell: Cell) -> TouchSet:
+    """The candidates with a steady hold, be there an object or not."""
+    index = [number for number, candidate in enumerate(candidates) if candidate.disc >= 0]
     if not index:
         return no_touches()
     kept = [candidates[number] for number in index]
     joints, force = _means(kept, cell)
-    holds = [candidate.hold for candidate in kept if candidate.hold is not None]
-    approaches = _approaches(signals, kept, candidates)
+    ends = np.unique([candidate.contact[1] for candidate in candidates])
+    step = resolution(signals.joints)
+    holds, approaches = [], []
+    for candidate in kept:
+        assert candidate.hold is not None
+        contact = candidate.contact[0]
+        earliest = float(ends[ends <= contact].max(initial=-np.inf))
+        holds.append(candidate.hold)
+        approaches.append(approach_of_hold(signals.joints, candidate.hold, contact, earliest, step))
     return TouchSet(
         joints=joints,
         force=force,
@@ -238,32 +248,6 @@ def _touch_set(signals: Signals, candidates: list[TouchCandidate], cell: Cell) -
         force_scatter=np.array([p.force_scatter for p in holds]),
         samples=np.array([p.samples for p in holds]),
     )
-
-
-def _elsewhere(candidates: list[TouchCandidate], cell: Cell) -> TouchSet:
-    """The candidates that meet no object."""
-    index = [number for number, candidate in enumerate(candidates) if candidate.reason and candidate.disc >= 0]
-    if not index:
-        return no_touches()
-    lost = [candidates[number] for number in index]
-    joints, force = _means(lost, cell)
-    disc, sides = (np.array([getattr(candidate, name) for candidate in lost]) for name in ('disc', 'posture'))
-    samples = np.array([candidate.hold.samples for candidate in lost if candidate.hold is not None])
-    return TouchSet(joints, force, disc, sides, index=np.array(index), samples=samples)
-
-
-def _approaches(signals: Signals, kept: list[TouchCandidate], candidates: list[TouchCandidate]) -> list[Approach]:
-    """The approach to the hold of each accepted candidate."""
-    ends = np.unique([candidate.contact[1] for candidate in candidates])
-    step = resolution(signals.joints)
-    found = []
-    for candidate in kept:
-        if candidate.hold is not None:
-            contact = candidate.contact[0]
-            before = ends[ends <= contact]
-            earliest = float(before[-1]) if len(before) else -np.inf
-            found.append(approach_of_hold(signals.joints, candidate.hold, contact, earliest, step))
-    return found
 
 
 def _episode(number: int, candidate: TouchCandidate) -> Episode:

@@ -1,6 +1,6 @@
 """Online detection: the touches in two streams that are still running.
 
-The latest samples are kept, whether anything is touched or not (`OnlineSettings`). A poll compares only the new forces,
+The latest samples are kept, whether anything is touched or not. A poll compares only the new forces,
 smoothed, with the zero of the sensor; once the force has deviated from it and returned, `find_touches` runs on all kept
 samples, and each contact that has ended is reported once. What the joints remember of the load is kept without a limit
 of time.
@@ -12,7 +12,6 @@ none, nothing more is reported: the recording could not be used either.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,35 +31,17 @@ _MOST = 150_000
 """Most samples of a topic that are kept, whatever their stamps: the horizon at 5 kHz."""
 
 
-@dataclass(frozen=True)
-class OnlineSettings:
-    """What is kept of running streams, and how often touches are looked for.
-
-    Attributes:
-        horizon: older samples are dropped, ns: the longest contact that can be found.
-        clear: a contact is over when the force has been back at its zero for so long, ns.
-        longest_wait: during a contact the detection runs once in so long, ns,
-        shortest_wait: and never more often than once in so long, ns.
-        alert: a poll looks for touches from this part of the force on at which a contact begins: the zero may drift
-            meanwhile.
-        never: see there.
-    """
-
-    horizon: int = 30 * SECOND
-    clear: int = SECOND // 7
-    longest_wait: int = 5 * SECOND
-    shortest_wait: int = SECOND // 2
-    alert: float = 0.8
-    never: int = -(1 << 62)
-
-
-SETTINGS = OnlineSettings()
+_CLEAR = SECOND // 7
+"""A contact is over when the force has been back at its zero for so long, ns."""
+_SHORTEST_WAIT = SECOND // 2
+"""Touches are looked for once in so long at most, ns."""
+_NEVER = -(1 << 62)
 
 
 class SampleBuffer:
     """The latest samples of one topic in the order of arrival.
 
-    They come into lists and go into arrays many at a time: one by one an array takes five times as long.
+    They come into lists and are joined to the arrays when these are asked for.
 
     Args:
         most: samples that are kept at most, whatever their stamps.
@@ -75,8 +56,8 @@ class SampleBuffer:
         self._most = most
         self._times: list[int] = []
         self._pairs: list[float] = []
-        self._room = _room(1024)
-        self._first = self._last = self.total = 0
+        self._kept = Samples(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)))
+        self.total = 0
         self.by_log_time, self.offset = False, 0
 
     def append(self, stamp: int, log_time: int, value: Sequence[float]) -> None:
@@ -85,19 +66,22 @@ class SampleBuffer:
         self._pairs.extend(value)
         self.total += 1
         if len(self._times) > self._most:
-            self._store()
+            _ = self.samples
 
     @property
     def samples(self) -> Samples:
         """All that are kept, as they came."""
         if self._times:
-            self._store()
-        return self._room.select(slice(self._first, self._last))
+            times = np.array(self._times, dtype=np.int64).reshape(-1, 2)
+            new = Samples(times[:, 0], times[:, 1], np.array(self._pairs, dtype=float).reshape(-1, 2))
+            joined = Samples(*(np.concatenate(both) for both in zip(self._kept, new, strict=True)))
+            self._kept = joined.select(slice(-self._most, None))
+            self._times, self._pairs = [], []
+        return self._kept
 
     def last(self, number: int) -> Samples:
         """At most so many of the latest that are kept."""
-        count = len(self.samples.stamp)
-        return self._room.select(slice(self._last - min(number, count), self._last))
+        return self.samples.select(slice(max(0, len(self.samples.stamp) - number), None))
 
     @property
     def times(self) -> NDArray[np.int64]:
@@ -130,37 +114,14 @@ class SampleBuffer:
 
     def clear(self) -> None:
         """Drops all samples."""
-        self._store()
-        self._first = self._last
+        self._kept = self.samples.select(slice(0))
 
     def drop_before(self, time: int) -> None:
         """Drops the samples that came before the first one with this time or a later one."""
         times = self.times
         if len(times) and times[0] < time:
             later = times >= time
-            self._first += int(later.argmax()) if later.any() else len(later)
-
-    def _store(self) -> None:
-        """Moves what came into the arrays, and the oldest samples out of them if they are too many."""
-        times = np.array(self._times, dtype=np.int64).reshape(-1, 2)
-        new = Samples(times[:, 0], times[:, 1], np.array(self._pairs, dtype=float).reshape(-1, 2))
-        self._times, self._pairs = [], []
-        count = len(times)
-        if self._last + count > len(self._room.stamp):
-            self._first = max(self._first, self._last + count - self._most)
-            kept = self._room.select(slice(self._first, self._last))
-            size = len(kept.stamp)
-            self._room = _room(max(1024, 2 * (size + count)))
-            for room, values in zip(self._room, kept, strict=True):
-                room[:size] = values
-            self._first, self._last = 0, size
-        for room, values in zip(self._room, new, strict=True):
-            room[self._last : self._last + count] = values
-        self._last += count
-
-
-def _room(size: int) -> Samples:
-    return Samples(np.empty(size, np.int64), np.empty(size, np.int64), np.empty((size, 2)))
+            self._kept = self.samples.select(slice(int(later.argmax()) if later.any() else len(later), None))
 
 
 class StreamPair:
@@ -238,14 +199,14 @@ class OnlineDetector:
 
     Args:
         cell: nominal parameters, discs, frame and sign of the sensor.
-        horizon: length of the streams that is kept, ns.
+        horizon: length of the streams that is kept, ns: the longest contact that can be found.
         topics: names of both, for messages; those of the cell by default.
 
     Attributes:
         clock_warning: what had to be corrected in the stamps, the last time the touches were looked for; or empty.
     """
 
-    def __init__(self, cell: Cell, horizon: int = SETTINGS.horizon, topics: tuple[str, str] | None = None) -> None:
+    def __init__(self, cell: Cell, horizon: int = 30 * SECOND, topics: tuple[str, str] | None = None) -> None:
         self._cell = cell
         self._topics = topics or cell.sensor.topics
         self._horizon = horizon
@@ -254,7 +215,7 @@ class OnlineDetector:
         self._tare: NDArray[np.float64] | None = None
         self._width = 1
         self._polled = 0
-        self._reported = self._searched = self._searched_stamp = SETTINGS.never
+        self._reported = self._searched = self._searched_stamp = _NEVER
         self._in_contact = False
         self._memory = LoadMemory()
         self.clock_warning = ''
@@ -291,31 +252,32 @@ class OnlineDetector:
         """
         self._pair.restart()
         self._tare, self._in_contact = None, False
-        self._reported = self._searched = SETTINGS.never
+        self._reported = self._searched = _NEVER
 
     def received(self, stamp_ns: int) -> int:
         """When the wrench was received whose stamp is nearest, ns, as long as it is kept."""
         return self._pair.wrench.log_time_of(stamp_ns)
 
     def _is_due(self) -> bool:
-        """Whether a contact has ended, or `SETTINGS.longest_wait` is over."""
+        """Whether a contact has ended, or five seconds of one are over."""
         wrench = self._pair.wrench
         new, self._polled = wrench.total - self._polled, wrench.total
         if not new:
             return False
         self._pair.observe()
         fresh = wrench.last(new + self._width).values
-        if self._searched == SETTINGS.never:
+        if self._searched == _NEVER:
             first = wrench.samples
             self._searched, self._searched_stamp = int(first.log_time[0]), int(wrench.times[0])
         waited = max(abs(wrench.received - self._searched), abs(wrench.now - self._searched_stamp))
         if self._tare is None:
-            return waited > SETTINGS.shortest_wait
+            return waited > _SHORTEST_WAIT
         smooth = moving_mean(median_of_three(fresh), self._width)
-        self._in_contact |= bool(np.any(_deviation(smooth, self._tare) > SETTINGS.alert * CONTACT_FORCE))
-        last = wrench.latest(4 * SETTINGS.clear // 3).mean(axis=0)
+        # less than the force of a contact, as the zero may drift meanwhile
+        self._in_contact |= bool(np.any(_deviation(smooth, self._tare) > 0.8 * CONTACT_FORCE))
+        last = wrench.latest(4 * _CLEAR // 3).mean(axis=0)
         back = bool(_deviation(last, self._tare) < END_RATIO * CONTACT_FORCE)
-        return self._in_contact and (waited > SETTINGS.longest_wait or (back and waited > SETTINGS.shortest_wait))
+        return self._in_contact and (waited > 5 * SECOND or (back and waited > _SHORTEST_WAIT))
 
     def _search(self, open_too: bool) -> Detection:
         """The touches among the kept samples that are new and complete; with `open_too`, also those in contact."""
@@ -333,7 +295,7 @@ class OnlineDetector:
             return none
         self._tare = coarse_tare(signals)[-1]
         self._width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
-        latest = min(int(streams.wrench.stamp[-1]) - SETTINGS.clear, int(streams.joints.stamp[-1]))
+        latest = min(int(streams.wrench.stamp[-1]) - _CLEAR, int(streams.joints.stamp[-1]))
         new = self._new(find_touches(streams, self._cell, self._memory), np.iinfo(np.int64).max if open_too else latest)
         self._forget()
         return new
