@@ -35,15 +35,15 @@ def run(args: argparse.Namespace) -> int:
         OutputError: DIR cannot be written.
     """
     from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.report.json_file import json_text
+    from scara_kinetostatic.report import as_page, json_text
     from scara_kinetostatic.studies.design.report import design_files, headline
-    from scara_kinetostatic.studies.paper.report import html_text, paper_document
+    from scara_kinetostatic.studies.paper.report import paper_document, paper_report
     from scara_kinetostatic.studies.paper.study import reproduce
 
     with progress() as show_progress:
         found = reproduce(args.runs, show_progress, with_design=not args.without_design)
         texts = {
-            'paper.html': html_text(found),
+            'paper.html': as_page(paper_report(found)),
             'paper.json': json_text(paper_document(found)),
         }
         if found.design:

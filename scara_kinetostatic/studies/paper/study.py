@@ -1,26 +1,43 @@
-"""Reproduction of section 5 of the paper as a whole, the result of the verb `paper`."""
+"""Reproduction of section 5 of the paper as a whole, the result of the verb `paper`; and of the gripper of (7).
+
+General gripper beside the twelve parameters: P = p_ee I + E in the frame of link 2. E has three parts besides the
+isotropic one: a larger compliance across link 2 than along it (p22 - p11), principal axes that are rotated (p12 + p21),
+and a part that does not conserve energy (p12 - p21). A displacement across link 2 proportional to the force across it
+is also caused by a compliance of joint 2: p22 - p11 is an exact alias of l2² p2 (and half of it of p_ee). The other
+parts have no alias.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import NamedTuple
 
-from scara_kinetostatic.model.cell import PAPER_CELL, Noise
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+import numpy as np
+
+from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.gauss_helmert import place_force, whiten_by
+from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.design.optimal_design import Design, optimal_design
 from scara_kinetostatic.studies.design.prediction import Robot
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, analyse_tables
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
-from scara_kinetostatic.studies.paper.general_gripper import Part, observable_parts
-from scara_kinetostatic.studies.paper.monte_carlo import Comparison, compare
 from scara_kinetostatic.studies.paper.table_2 import (
     ONE_LEVEL,
     THREE_LEVELS,
+    Comparison,
     LinearProblem,
     NoiseStudy,
     Run,
+    compare,
     least_chi_square,
     linearise_at_truth,
     noise_for_force_error,
@@ -32,11 +49,62 @@ Progress = Callable[[str, float], None]
 
 _RATIOS = (0.0, 1e-5, 3e-5, 1e-4, 1e-3)
 """Ratios σ_q/σ_f for which the noise of table 2 is determined, rad/N."""
-_NOISE_RATIO = 1e-4
-"""Ratio σ_q/σ_f of the noise of the Monte Carlo study, rad/N."""
-_NOISY_FORCE_ERROR = 1.3
-"""Middle of the paper's range of e_f, N."""
-_RUNS = 1000
+
+
+class GripperPart(NamedTuple):
+    """Identifiability of one part of the general gripper by a set of touches.
+
+    Attributes:
+        name: such as ``p22 - p11``.
+        explained: share of its effect on the touches that the twelve parameters reproduce, 0 to 1.
+        std: standard deviation with which the touches determine it beside the twelve parameters, m/N; infinite
+            for an exact alias.
+        biases: bias of each parameter if the part is not modelled, per m/N of it.
+    """
+
+    name: str
+    explained: float
+    std: float
+    biases: dict[str, float]
+
+
+def observable_parts(touches: TouchSet, cell: Cell, parameters: Parameters, noise: Noise) -> tuple[GripperPart, ...]:
+    """Identifiability of each part of E.
+
+    Args:
+        touches: exact or measured; only their places count.
+        cell: the cell.
+        parameters: L̄ at which the equations are linearised.
+        noise: of one touch.
+    """
+    observations = observe(touches, cell)
+    point = project(observations, ExtendedModel(parameters), noise)
+    a = point.adjusted
+    state = place_force(observations, point.model, a.joints, a.force, a.state)
+    o = observations
+    equations = touch_equations(parameters, a.joints, o.centers, o.radii, state, o.gripper)
+    entries = whiten_by(excess_derivative(state, equations, o.gripper), point.whitened.root)
+    base = (point.whitened.derivative * SCALES).reshape(-1, len(NAMES))
+    parts = {  # of E, by name: contribution of one unit to the entries 11, 12, 21, 22
+        'p22 - p11': (-0.5, 0.0, 0.0, 0.5),
+        'p12 + p21': (0.0, 0.5, 0.5, 0.0),
+        'p12 - p21': (0.0, 0.5, -0.5, 0.0),
+    }
+    return tuple(_look(name, (entries @ np.array(weights)).ravel(), base) for name, weights in parts.items())
+
+
+def _look(name: str, trace: Floats, base: Floats) -> GripperPart:
+    found = np.linalg.lstsq(base, trace, rcond=1e-10)[0]
+    left = trace - base @ found
+    unidentifiable = float(np.linalg.norm(left))
+    share = 1 - (unidentifiable / float(np.linalg.norm(trace))) ** 2
+    noticeable = np.abs(found) * 1e-5 > 0.01  # bias by a part of 1e-5 m/N, as a share of the plausible range
+    return GripperPart(
+        name,
+        share,
+        1 / unidentifiable if share < 1 - 1e-12 else float('inf'),  # an exact alias, but for rounding
+        {parameter: float(found[j] * SCALES[j]) for j, parameter in enumerate(NAMES) if noticeable[j]},
+    )
 
 
 class Reproduction(NamedTuple):
@@ -64,13 +132,13 @@ class Reproduction(NamedTuple):
     least_joint: float
     noise: Noise
     monte_carlo: Comparison
-    gripper: tuple[Part, ...]
+    gripper: tuple[GripperPart, ...]
     dial_gauge: DialGaugeAnalysis
     design: Design | None
 
 
 def reproduce(
-    runs: int = _RUNS, progress: Progress | None = None, workers: int = 2, with_design: bool = True
+    runs: int = 1000, progress: Progress | None = None, workers: int = 2, with_design: bool = True
 ) -> Reproduction:
     """Reproduces section 5.
 
@@ -86,7 +154,8 @@ def reproduce(
     report('the noise of table 2', 0.02)
     one_level = linearise_at_truth(ONE_LEVEL)
     noises = tuple(study_noise(one_level, ratio) for ratio in _RATIOS)
-    noise = noise_for_force_error(linearise_at_truth(THREE_LEVELS), _NOISE_RATIO, _NOISY_FORCE_ERROR)
+    noise_ratio, force_error = 1e-4, 1.3  # σ_q/σ_f, rad/N; the middle of the paper's range of e_f, N
+    noise = noise_for_force_error(linearise_at_truth(THREE_LEVELS), noise_ratio, force_error)
     noisy = run(THREE_LEVELS, noise, seed=1)
     report('the dial gauge experiments', 0.04)
     dial_gauge = analyse_tables([simulate_experiments()])

@@ -1,4 +1,5 @@
-"""Section 5.1: the numbers printed there, the cell of figure 3, table 2 without and with noise, identifiability.
+"""Section 5.1: the numbers printed there, the cell of figure 3, table 2 without and with noise, identifiability, and a
+Monte Carlo study of both estimators.
 
 The settings are the paper's: three discs, npc = 12 points on each, f = 40 N, one elbow posture, `gripper_sign: paper`
 (table 2 was computed with the sign as printed: 40 p_ee - g_ee is equal in its first two columns, 40 p_ee + g_ee is
@@ -7,7 +8,10 @@ not).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
@@ -45,17 +49,12 @@ FORCE_ERROR_RANGE = (1.25, 1.35)
 """e_f with noise in the text, N."""
 FORCE = 40.0
 """f of figure 3, N."""
-_POINTS_PER_DISC = 12
-"""npc of figure 3."""
-
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), gripper_sign=GripperSign.PAPER)
 ONE_LEVEL = (FORCE,)
 THREE_LEVELS = (FORCE / 4, FORCE / 2, FORCE)
 EXACT = Noise(joint=0.0, force=0.0)
 """Touches without noise."""
-_DRAWS = 2000
-"""Random draws for the distribution of e_f."""
 
 
 def paper_touches(
@@ -70,8 +69,9 @@ def paper_touches(
         turn: rotation of all contact points around their discs, in units of their spacing.
         posture: of the elbow.
     """
-    plan = default_plan(CELL, per_disc=_POINTS_PER_DISC, levels=levels, postures=(posture,))
-    turned = replace(plan, angle=plan.angle + turn * 2 * np.pi / _POINTS_PER_DISC)
+    per_disc = 12  # npc of figure 3
+    plan = default_plan(CELL, per_disc=per_disc, levels=levels, postures=(posture,))
+    turned = replace(plan, angle=plan.angle + turn * 2 * np.pi / per_disc)
     return simulate_touches(CELL, PAPER_ACTUAL, turned, noise, seed)
 
 
@@ -149,13 +149,15 @@ def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL, turn: float = 0.0,
     return LinearProblem(jacobian, blocks.reshape(2 * n, 2 * n), rank, vt[rank:].T, vt[:rank].T)
 
 
-def expected_force_error(linear: LinearProblem, noise: Noise, seed: int = 0) -> tuple[float, float]:
-    """Mean and standard deviation over data sets of e_f after the paper's fit, N, to first order."""
+def expected_force_error(
+    linear: LinearProblem, noise: Noise, seed: int = 0, samples: int = 2000
+) -> tuple[float, float]:
+    """Mean and standard deviation over data sets of e_f after the paper's fit, N, to first order; by random draws."""
     covariance = linear.force_covariance(noise)
     residual_maker = np.eye(len(covariance)) - linear.jacobian @ linear.unweighted_gain()
     values, vectors = np.linalg.eigh(residual_maker @ covariance @ residual_maker.T)
-    draws = np.random.default_rng(seed).normal(size=(len(covariance), _DRAWS))
-    residual = ((vectors * np.sqrt(np.clip(values, 0, None))) @ draws).reshape(-1, 2, _DRAWS)
+    draws = np.random.default_rng(seed).normal(size=(len(covariance), samples))
+    residual = ((vectors * np.sqrt(np.clip(values, 0, None))) @ draws).reshape(-1, 2, samples)
     force_errors = np.hypot(residual[:, 0], residual[:, 1]).mean(axis=0)
     return float(force_errors.mean()), float(force_errors.std())
 
@@ -220,3 +222,114 @@ def least_chi_square(ratios: tuple[float, ...]) -> float:
 def determined_combination(values: Floats) -> float:
     """40 p_ee - g_ee, the combination that one force level of 40 N determines, m."""
     return float(FORCE * values[P_EE] - values[G_EE])
+
+
+class Scatter(NamedTuple):
+    """Standard deviations of one estimator over data sets; SI units, (12,) unless said otherwise.
+
+    Attributes:
+        noise: of one touch.
+        runs: number of data sets.
+        predicted: standard deviations predicted for this estimator.
+        found: standard deviations over the data sets.
+        bias: mean error.
+        force_error: mean e_f (10) over the data sets, N.
+        force_error_range: 2.5 % and 97.5 % quantiles of e_f, N.
+    """
+
+    noise: Noise
+    runs: int
+    predicted: Floats
+    found: Floats
+    bias: Floats
+    force_error: float
+    force_error_range: tuple[float, float]
+
+    @property
+    def sampling_error(self) -> float:
+        """Relative standard deviation of a standard deviation found."""
+        return float(1 / np.sqrt(2 * (self.runs - 1)))
+
+
+class Comparison(NamedTuple):
+    """Both estimators on the same data sets.
+
+    Attributes:
+        paper: the paper's unweighted estimator.
+        weighted: the weighted one.
+    """
+
+    paper: Scatter
+    weighted: Scatter
+
+    @property
+    def efficiency(self) -> Floats:
+        """Variance of the weighted estimate over that of the unweighted one, (12,)."""
+        return (self.weighted.found / self.paper.found) ** 2
+
+
+def compare(
+    levels: tuple[float, ...],
+    noise: Noise,
+    runs: int,
+    progress: Callable[[int], None] | None = None,
+    workers: int = 2,
+) -> Comparison:
+    """Runs both estimators on simulated data sets.
+
+    Args:
+        levels: force levels, N; with one level p_ee and g_ee are not determined.
+        noise: of one touch; also given to the weighted estimator.
+        runs: number of data sets.
+        progress: receives the number of data sets done.
+        workers: number of processes.
+    """
+    linear = linearise_at_truth(levels)
+    rows = np.concatenate(list(_collect(levels, noise, runs, progress, workers)))
+    paper, weighted = rows[:, 0], rows[:, 1]
+    return Comparison(
+        _summarise(paper, noise, linear.unweighted_covariance(noise)),
+        _summarise(weighted, noise, linear.weighted_covariance(noise)),
+    )
+
+
+def _collect(
+    levels: tuple[float, ...], noise: Noise, runs: int, progress: Callable[[int], None] | None, workers: int
+) -> Iterator[Floats]:
+    at_a_time = 25
+    seeds = [range(first, min(first + at_a_time, runs)) for first in range(0, runs, at_a_time)]
+    done = 0
+    with ProcessPoolExecutor(workers, mp_context=get_context('spawn')) as pool:
+        for part in pool.map(_estimates, seeds, [levels] * len(seeds), [noise] * len(seeds)):
+            done += len(part)
+            if progress is not None:
+                progress(done)
+            yield part
+
+
+def _estimates(seeds: range, levels: tuple[float, ...], noise: Noise) -> Floats:
+    """Estimates and e_f of both estimators, (len(seeds), 2, 13)."""
+    rows = []
+    for seed in seeds:
+        result = run(levels, noise, seed)
+        rows.append(
+            [
+                [*result.paper.parameters.as_array(), result.paper.force_error],
+                [*result.weighted.parameters.as_array(), result.weighted.force_error],
+            ]
+        )
+    return np.array(rows)
+
+
+def _summarise(rows: Floats, noise: Noise, covariance: Floats) -> Scatter:
+    error = rows[:, :12] - PAPER_ACTUAL.as_array()
+    low, high = np.quantile(rows[:, 12], [0.025, 0.975])
+    return Scatter(
+        noise=noise,
+        runs=len(rows),
+        predicted=np.sqrt(np.diag(covariance)),
+        found=error.std(axis=0, ddof=1),
+        bias=error.mean(axis=0),
+        force_error=float(rows[:, 12].mean()),
+        force_error_range=(float(low), float(high)),
+    )
