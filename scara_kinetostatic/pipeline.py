@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from scara_kinetostatic.assessment.mistake_hypotheses import Origin
-from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, agree, find_mistake
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Origin, check_touches
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.inputs import other_descriptions, recorded_cell
 from scara_kinetostatic.bags.messages import reading
@@ -215,15 +214,9 @@ def touches_of_file(path: str | Path, cell: Cell) -> Detection:
 
     Raises:
         RecordingError: it cannot be read.
-        InputError: most touches of a table meet no object; a mistake that explains it is named.
     """
-
-    def explain(touches: TouchSet, cell: Cell) -> InputError | None:
-        mistake = find_mistake(touches, cell, origin=Origin.TABLE)
-        return None if mistake is None else mistake.error(str(path))
-
     if is_touch_table(path):
-        return touches_of_table(load_touch_table(path), cell, explain)
+        return touches_of_table(load_touch_table(path), cell)
     streams = read_streams(path, cell)
     detection = find_touches(streams, cell)
     warnings = (*streams.warnings, *detection.warnings)
@@ -262,11 +255,14 @@ def calibrate_touches(
     names = ', '.join(map(str, sources)) or 'these touches'
     if fixed:
         check_units(fixed, cell.nominal)
-    mistake = find_mistake(detection.held, cell, fixed=fixed, origin=_origin(sources))
+    held = fixed if calibration is None else calibration.fixed
+    check = check_touches(detection.held, cell, fixed=held, origin=_origin(sources))
+    mistake = check.mistake()
     if mistake is not None and mistake.is_gross and calibration is None:
         raise mistake.error(names)
     try:
-        return _calibrate_touches(detection, cell, calibration, fixed, sources, names, progress)
+        outcome = _calibrate_touches(detection, cell, calibration, fixed, sources, names, progress)
+        return replace(outcome, check=check)
     except ParameterError:
         raise
     except (UnsupportedDataError, InputError) as error:
@@ -342,7 +338,7 @@ def _check_streams(streams: Streams, cell: Cell) -> None:
     """
     found = find_touches(streams, cell)
     joints, wrench = streams.topics or cell.sensor.topics
-    if (shifted := offset_touches(streams, cell, found)) and agree(shifted[1].touches, cell):
+    if (shifted := offset_touches(streams, cell, found)) and len(shifted[1].touches) >= FEWEST_TOUCHES:
         offset, detection = shifted
         apart = f'{abs(offset):.1f} s {"later" if offset > 0 else "earlier"}'
         problem = (
@@ -359,13 +355,13 @@ def _check_units(streams: Streams, cell: Cell) -> None:
     """Check that a recording without touches would not have them with forces in kN, or joint angles in degrees.
 
     Raises:
-        InputError: it would, and these touches agree with the cell.
+        InputError: it would.
     """
     for force, angle, what in _OTHER_UNITS:
         joints = replace(streams.joints, position=angle * streams.joints.position)
         wrench = replace(streams.wrench, force=force * streams.wrench.force)
         found = find_touches(replace(streams, joints=joints, wrench=wrench), cell)
-        if len(found.touches) >= _MOSTLY * found.found and agree(found.touches, cell):
+        if len(found.touches) >= max(_MOSTLY * found.found, FEWEST_TOUCHES):
             size = float(np.median(np.hypot(*found.touches.force.T)))
             problem = f'{what}: then {len(found.touches)} touches are found, of {size:.2g} N (median), else none'
             raise InputError(streams.source, problem, 'let the drivers publish rad and N')

@@ -167,7 +167,7 @@ def convergence(evidence: Evidence) -> Iterator[Remark]:
     """A fit that did not converge."""
     termination = evidence.final.termination
     if termination is not Termination.CONVERGED:
-        yield Remark(Grade.UNFIT, 'the fit did not converge', termination.advice.rpartition('; ')[2])
+        yield Remark(Grade.UNFIT, 'the fit did not converge', termination.remedy)
 
 
 def held_out(evidence: Evidence) -> Iterator[Remark]:

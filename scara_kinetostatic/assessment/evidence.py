@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from scara_kinetostatic.assessment.mistakes import Mistake, find_mistake
+from scara_kinetostatic.assessment.mistakes import Check, Mistake
 from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
@@ -159,6 +159,7 @@ class Evidence:
         rejected: all that were not used.
         first_touches: number of the first touch of each recording.
         sequence_known: whether the order in time of the recordings is known.
+        check: what the touches said of the cell before the fit; None where they were not asked.
     """
 
     base: Calibration
@@ -169,6 +170,7 @@ class Evidence:
     rejected: tuple[Rejection, ...]
     first_touches: tuple[int, ...] = (0,)
     sequence_known: bool = True
+    check: Check | None = None
 
     @cached_property
     def leverages(self) -> Floats:
@@ -198,7 +200,7 @@ class Evidence:
     @cached_property
     def mistake(self) -> Mistake | None:
         """A mistake in the cell description or in the touches that explains what is odd."""
-        return find_mistake(self.final.touches, self.final.cell, self.final)
+        return None if self.check is None else self.check.mistake(self.final)
 
     @cached_property
     def unusable(self) -> list[tuple[int, int]]:

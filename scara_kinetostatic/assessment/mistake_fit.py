@@ -1,17 +1,17 @@
 """How well touches agree with a description of the cell: a coarse, robust fit of many descriptions at once.
 
-Each statement (`Statements`) is one way to read the touches and the cell. With the link angles that the measured
+Each `Reading` is one way to read the touches and the cell. With the link angles that the measured
 torques give, Q* = Q - p c - g sign(c), c = JᵀF, every touch puts the rigid tip at S* = H(Q*), and of the touched disc
 two numbers have to vanish,
 
     d = |c_d - S*| - (r_d - p_ee f - g_ee),        the distance from the circle of contact (5) (7), m,
     a = angle(F) - angle(c_d - S*) + φ,            the off-normal angle of the force, rad,
 
-with φ = 0, or the rotation of the sensor where a statement has one. The disc is the one with the smallest miss. The
+with φ = 0, or the rotation of the sensor where a reading has one. The disc is the one with the smallest miss. The
 twelve parameters are fitted by iteratively reweighted least squares (Cauchy's loss) with a prior about the nominal
 values that is as wide as the errors of real cells; the backlash of the gripper is nearly free, as it stands for an
 error of all radii. What is left is measured by the mean of log(1 + (d/D)²) + log(1 + (a/A)²): about 0 for a right
-statement, above 5 for one that has nothing to do with the touches.
+reading, above 5 for one that has nothing to do with the touches.
 """
 
 from __future__ import annotations
@@ -43,29 +43,27 @@ DISTANCE = 2e-4
 """D: distances from the circle of contact of this size are those of ordinary model errors, m."""
 ANGLE = 0.15
 """A: the same of off-normal angles, such as those of friction and noise, rad."""
-_PRIOR = {
-    **dict.fromkeys((X0, Y0, L1, L2), 0.015),
-    **dict.fromkeys((THETA1, THETA2), float(np.deg2rad(2.5))),
-    **dict.fromkeys((P1, P2), 3e-4),
-    **dict.fromkeys((G1, G2), 5e-3),
-    P_EE: 1e-4,
-    G_EE: 0.05,
-}
+_PRIOR = np.empty(len(NAMES))
+_PRIOR[[X0, Y0, L1, L2]] = 0.015
+_PRIOR[[THETA1, THETA2]] = np.deg2rad(2.5)
+_PRIOR[[P1, P2]] = 3e-4
+_PRIOR[[G1, G2]] = 5e-3
+_PRIOR[[P_EE, G_EE]] = 1e-4, 0.05
 """Standard deviation of the error of each nominal value, SI units."""
 
 
-class Statements(NamedTuple):
-    """k ways to read n touches of m discs, stacked.
+class Reading(NamedTuple):
+    """A way to read n touches of m discs; in the fit k of them, stacked along a first axis.
 
     Attributes:
-        joints: Q, (k, n, 2), rad.
-        force: F on the object in the frame of the sensor, (k, n, 2), N.
-        tool: whether that frame turns with link 2, (k,).
-        centers: of the discs, (k, m, 2), m.
-        radii: of the discs, (k, m), m.
-        nominal: the twelve parameters, (k, 12).
-        free: which of them are fitted, (k, 12), 1 or 0.
-        rotation: standard deviation of the sensor's rotation φ, (k,), rad; 0 where it has none.
+        joints: Q, (n, 2), rad.
+        force: F on the object in the frame of the sensor, (n, 2), N.
+        tool: whether that frame turns with link 2.
+        centers: of the discs, (m, 2), m.
+        radii: of the discs, (m,), m.
+        nominal: the twelve parameters, (12,).
+        free: which of them are fitted, (12,), 1 or 0.
+        rotation: standard deviation of an unknown rotation φ of the sensor, rad; 0 for none.
     """
 
     joints: Floats
@@ -79,7 +77,7 @@ class Statements(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """How well each of k statements agrees with n touches.
+    """How well each of k readings agrees with n touches.
 
     Attributes:
         parameters: the twelve fitted, (k, 12).
@@ -108,19 +106,12 @@ class _Scene(NamedTuple):
     by_angle: Floats
 
 
-def fit_statements(statements: Statements) -> Agreement:
-    """Fit every statement to the touches; the misfit of one that cannot be evaluated is infinite.
-
-    Args:
-        statements: k of them.
-    """
-    with np.errstate(all='ignore'):
-        return _fit_statements(statements)
-
-
-def _fit_statements(s: Statements) -> Agreement:
+@np.errstate(all='ignore')
+def fit_readings(readings: Sequence[Reading]) -> Agreement:
+    """Fit every reading to the touches; the misfit of one that cannot be evaluated is infinite."""
+    s = Reading(*(np.array(column, dtype=float) for column in zip(*readings, strict=True)))
     k = len(s.nominal)
-    prior = np.concatenate([np.array([_PRIOR[k] for k in range(len(NAMES))]) * s.free, s.rotation[:, None]], axis=1)
+    prior = np.concatenate([_PRIOR * s.free, s.rotation[:, None]], axis=1)
     change = np.zeros((k, len(NAMES) + 1))
     for step in range(12):  # the scales of the loss shrink to D and A
         scene = _scene(s, change)
@@ -183,7 +174,7 @@ def _arm(values: Sequence[Floats], links: Floats, force: Floats) -> _Arm:
     return _Arm(u, v, turn1, turn2, (turn1 * force).sum(-1), (turn2 * force).sum(-1), tip)
 
 
-def _scene(s: Statements, change: Floats) -> _Scene:
+def _scene(s: Reading, change: Floats) -> _Scene:
     """Distances, angles and their derivatives by the thirteen values, (k, n) and (k, n, 13)."""
     values = [column[:, None] for column in (s.nominal + change[:, :-1]).T]
     heading = values[THETA1] + s.joints.sum(axis=2) + values[THETA2]
@@ -208,7 +199,6 @@ def _scene(s: Statements, change: Floats) -> _Scene:
 
 def _derivatives(arm: _Arm, size: Floats, inward: Floats, away: Floats, tool: Floats) -> tuple[Floats, Floats]:
     """Those of d and a by the twelve parameters and φ, (k, n, 13) each; `size` of the force, (k, n), N."""
-    at = LoadedJoints(torque=(arm.torque1, arm.torque2), sense=arm.senses)
     at = LoadedJoints(torque=(arm.torque1, arm.torque2), sense=arm.senses)
     rows = [
         component_by_parameters(

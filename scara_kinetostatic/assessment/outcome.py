@@ -10,6 +10,7 @@ from typing import NamedTuple
 from scara_kinetostatic.assessment.criteria import assess
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Assessment
+from scara_kinetostatic.assessment.mistakes import Check
 from scara_kinetostatic.calibration.result import Calibration, Estimate, HeldOut
 from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import Item, uncertainty_budget
@@ -59,6 +60,7 @@ class Outcome:
         created: when the calibration was calculated, UTC, whole seconds.
         first_touches: number of the first touch of each recording.
         sequence_known: whether the order in time of the recordings is known.
+        check: what the touches said of the cell before the fit.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -84,6 +86,7 @@ class Outcome:
     created: datetime = field(default_factory=_now)
     first_touches: tuple[int, ...] = (0,)
     sequence_known: bool = True
+    check: Check | None = None
 
     def __repr__(self) -> str:
         found = ' '.join(item.effect.label for item in self.diagnosis.found) or 'none'
@@ -170,4 +173,5 @@ class Outcome:
             rejected=self.rejected,
             first_touches=self.first_touches,
             sequence_known=self.sequence_known,
+            check=self.check,
         )

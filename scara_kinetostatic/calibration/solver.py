@@ -110,13 +110,21 @@ class Termination(Enum):
     ITERATION_LIMIT = 'iteration limit'
 
     @property
-    def advice(self) -> str:
+    def meaning(self) -> str:
         """What it means for the user."""
         return {
             Termination.CONVERGED: 'the estimate is at the optimum',
-            Termination.STALLED: 'no step lowers the error any more, short of the optimum; '
-            'look at the rejected touches and at the cell file',
-            Termination.ITERATION_LIMIT: 'the estimate has not converged; check disc places, sensor frame and sign',
+            Termination.STALLED: 'no step lowers the error any more, short of the optimum',
+            Termination.ITERATION_LIMIT: 'the estimate has not converged',
+        }[self]
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it; empty where nothing is."""
+        return {
+            Termination.CONVERGED: '',
+            Termination.STALLED: 'look at the rejected touches and at the cell file',
+            Termination.ITERATION_LIMIT: 'check disc places, sensor frame and sign',
         }[self]
 
 

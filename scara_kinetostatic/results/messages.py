@@ -68,7 +68,7 @@ def verdict(outcome: Outcome) -> Verdict:
         sentences.append(sentence(c.identifiability.advice))
     if c.termination is not Termination.CONVERGED:
         level, headline = 'bad', 'The fit did not converge'
-        sentences.append(sentence(c.termination.advice))
+        sentences.append(sentence(f'{c.termination.meaning}; {c.termination.remedy}'))
     return Verdict(headline, level, tuple(sentences))
 
 

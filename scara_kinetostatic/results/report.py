@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from datetime import datetime, timezone
 from functools import partial
@@ -104,18 +103,10 @@ def _present(blocks: Iterable[Block | None]) -> tuple[Block, ...]:
 
 
 def _answer(outcome: Outcome) -> Verdict:
-    """The assessment; parameters of effects by the plain name of the effect."""
+    """The assessment."""
     a = outcome.assessment
-
-    def plain(text: str) -> str:
-        for item in outcome.diagnosis.found:
-            one = rf'{re.escape(item.effect.label)}\.\w+'
-            text = item.effect.title.join(re.split(f'{one}(?:(?: and |, ){one})*', text))
-        return text
-
-    first, *others = map(plain, a.reasons)
-    headline = f'{messages.ANSWERS[a.grade]}: {first}.'
-    return Verdict(headline, _LEVELS[a.grade], tuple(map(sentence, others)), a.actions)
+    headline = f'{messages.ANSWERS[a.grade]}: {a.reasons[0]}.'
+    return Verdict(headline, _LEVELS[a.grade], tuple(map(sentence, a.reasons[1:])), a.actions)
 
 
 def _warnings(outcome: Outcome) -> Items | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from scara_kinetostatic.errors import InputError, RecordingError
 from scara_kinetostatic.files.tables import TouchTable
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
-from scara_kinetostatic.model.kinematics import forward, posture
+from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.touch import Rejection, TouchSet, order_of_time
-from scara_kinetostatic.touches.association import Association, associate
+from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.detection import Detection, Episode
 
 
@@ -23,19 +23,15 @@ def in_base_frame(cell: Cell) -> Cell:
     return replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE, sign=SensorSign.ON_OBJECT))
 
 
-def touches_of_table(
-    table: TouchTable, cell: Cell, explain: Callable[[TouchSet, Cell], InputError | None] = lambda touches, cell: None
-) -> Detection:
+def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
     """The touches of a table, rejected where no object of the cell is there.
 
     Args:
         table: the table.
         cell: nominal parameters and discs.
-        explain: the mistake by which most touches meet no object; None if it finds none.
 
     Raises:
-        RecordingError: a row names an object that the cell does not have, or the forces are in another frame or sign.
-        InputError: most touches meet no object, and a mistake explains why.
+        RecordingError: a row names an object that the cell does not have.
     """
     cell = in_base_frame(cell)
     names = [disc.name for disc in cell.discs]
@@ -58,12 +54,12 @@ def touches_of_table(
         order=order_of_time(table.time),
     )
     lost = int(np.sum(~known))
-    if lost > 0.1 * len(disc) and (mistake := explain(touches, cell)) is not None:
-        raise mistake
-    _check_sign(table, cell, disc, named, association)
+    contradiction = None
     if lost and association.advice:
-        problem = f'{lost} of {len(disc)} touches have no object: {association.advice}'
-        raise RecordingError(table.source, problem, 'give the force on the object, in the base frame')
+        problem = (
+            f'{lost} of {len(disc)} touches have no object: {association.advice}; a table has the force on the object'
+        )
+        contradiction = (table.source, problem)
     reasons = [
         '' if known[k] else f'no object there; the nearest, {names[disc[k]]!r}, is {1e3 * miss:.0f} mm away'
         for k, miss in enumerate(association.miss)
@@ -77,28 +73,13 @@ def touches_of_table(
         warnings=table.notes,
         episodes=tuple(Episode(k, time, time, unknown, reasons[k]) for k, time in enumerate(times)),
         elsewhere=touches.select(~known),
+        contradiction=contradiction,
     )
 
 
 def press_of(approach: Floats) -> Floats:
     """The part of the last movements that is in contact: all of it, or 0, unknown, if they are only senses, ±1."""
     return np.zeros_like(approach) if np.isin(np.abs(approach), (0.0, 1.0)).all() else approach
-
-
-def _check_sign(table: TouchTable, cell: Cell, disc: Indices, named: Mask, association: Association) -> None:
-    """Check that the forces do not point away from the discs, be they named or found.
-
-    Raises:
-        RecordingError: they do.
-    """
-    to_disc = cell.centers[disc] - forward(cell.nominal, table.joints)
-    cosine = np.sum(to_disc * table.force, axis=1) / np.maximum(np.hypot(*to_disc.T) * np.hypot(*table.force.T), 1e-12)
-    opposed = named.any() and np.median(cosine[named]) < -0.5
-    if association.advice and not named.all():
-        opposed |= np.mean(associate(table.joints, -table.force, cell).known) >= 0.9
-    if opposed:
-        problem = 'the forces point away from the discs'
-        raise RecordingError(table.source, problem, 'give the force on the object: change the signs of fx_N and fy_N')
 
 
 def cell_of_files(cell: Cell, tables: Sequence[str | Path], recordings: Sequence[str | Path]) -> Cell:

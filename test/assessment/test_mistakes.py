@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scara_kinetostatic.assessment.mistake_fit import Statements, _scene
-from scara_kinetostatic.assessment.mistake_hypotheses import Origin
-from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, find_mistake
+from scara_kinetostatic.assessment.mistake_fit import Reading, _scene
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Mistake, Origin, check_touches
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError, InputError
@@ -29,6 +28,10 @@ SHORT = Cell(
     sensor=Sensor(frame=SensorFrame.TOOL),
 )
 ROBOTS = {'paper': (PAPER_CELL, PAPER_ACTUAL), 'short': (SHORT, PAPER_ACTUAL.replace(l1=0.2502, l2=0.2093))}
+
+
+def find_mistake(touches, cell, calibration=None, **known) -> Mistake | None:
+    return check_touches(touches, cell, **known).mistake(calibration)
 
 
 @pytest.fixture(scope='module')
@@ -204,7 +207,7 @@ def test_derivatives_of_the_coarse_fit(touches):
     rng, n = np.random.default_rng(3), len(touches['short'])
     given, cell = touches['short'], SHORT
     change = rng.normal(0, 1e-3, (1, 13)) * np.array([1, 1, 1, 1, 1, 1, 1e-2, 1e-2, 1e-2, 1, 1, 1, 1])
-    statement = Statements(
+    statement = Reading(
         *(array[None] for array in (given.joints, given.force, np.float64(1.0))),
         *(array[None] for array in (cell.centers, cell.radii, cell.nominal.as_array(), np.ones(len(NAMES)))),
         np.ones(1),

@@ -156,7 +156,7 @@ def test_a_touch_of_nothing_is_rejected_and_stands_among_the_residuals(folder, t
     [
         (lambda table: table._replace(objects=('disc_9', *table.objects[1:])), 2, "the cell has no object 'disc_9'"),
         (lambda table: table._replace(objects=('',) * 108, force=-table.force), 2, 'change the signs of fx and fy'),
-        (lambda table: table._replace(force=-table.force), 2, 'change the signs of fx_N and fy_N'),
+        (lambda table: table._replace(force=-table.force), 2, 'change the signs of fx and fy'),
         (lambda table: table._replace(objects=(*table.objects[:9], *[''] * 99), force=-table.force), 2, 'the signs'),
         (lambda table: table._replace(objects=('',) * 108, joints=table.joints + 9), 3, 'no object there'),
         (lambda table: table._replace(force=1e-3 * table.force), 2, 'the forces are in kN, not in N'),

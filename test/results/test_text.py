@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from html import unescape
 
 import pytest
 
+from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
@@ -15,7 +17,7 @@ from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.results import messages
-from scara_kinetostatic.results.report import MOST_REJECTED, text_report
+from scara_kinetostatic.results.report import MOST_REJECTED, html_text, text_report
 from scara_kinetostatic.results.tables import parameter_rows
 
 
@@ -169,3 +171,13 @@ def test_the_factor_of_a_combination_has_its_unit(
     known = replace(c.identifiability, combinations=(Combination(first, factor, second, 1.0, 0.1, ''),))
     (line,) = messages.identifiability(replace(confounded, calibration=replace(c, identifiability=known)))[-1:]
     assert shown in line
+
+
+def test_a_command_in_an_action_keeps_the_labels_that_can_be_typed(grown: Outcome) -> None:
+    label = grown.diagnosis.found[0].effect.label
+    command = f"--fix '{label}.radius=VALUE'"
+    told = Assessment(Grade.CAUTION, ('the cause is open',), (f'hold it by {command}',))
+    outcome = replace(grown)
+    outcome.__dict__['assessment'] = told
+    assert command in ' '.join(text_report(outcome).split())
+    assert command in unescape(html_text(outcome))
