@@ -42,19 +42,26 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import null_space
 from scipy.special import erfc
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import effect_entry, read_effect
-from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import EffectLaw, TouchMetadata
+from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
-from scara_kinetostatic.monitoring.linear import Evidence, State, measure, p_values, same_sources, source_of
+from scara_kinetostatic.monitoring.linear import (
+    Evidence,
+    State,
+    measure,
+    p_values,
+    same_sources,
+    source_of,
+    stated_uncertainties,
+)
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_robot, of_stored_touches
 
 
@@ -93,22 +100,23 @@ class Fit(NamedTuple):
         """Change of the estimates by true errors of all that is in the state, Ĉ JᵀJ, (p, p)."""
         return self.knowledge @ (self.jacobian.T @ self.jacobian)
 
-    def by_standard_error(self, place: int, std: float, enlargement: float) -> Floats:
-        """Change of the estimates where what is stated of a value or error is off by its std, SI, (p,)."""
-        return self.state.scale * self.knowledge[:, place] * self.state.scale[place] / (std * np.sqrt(enlargement))
+    def by_stated(self, record: CalibrationRecord) -> dict[str, Floats]:
+        """What an error of one standard uncertainty of each stated value does to the estimates, by name, (p,), SI."""
+        found = {}
+        for name, std in stated_uncertainties(record.arm.cell).items():
+            place, sign = self.state.stated_place(name), 1.0 if name.startswith('nominal[') else -1.0
+            size = sign * self.state.scale[place] / (std * np.sqrt(record.enlargement))
+            found[name] = self.state.scale * self.knowledge[:, place] * size
+        return found
 
 
 def _prior_information(record: CalibrationRecord, state: State) -> Floats:
     """Λ, (p,): that of declared errors and trusted values; infinite for errors that are not declared."""
-    total, prior = len(record.arm.model.names), np.full(len(state.names), np.inf)
-    prior[:total] = 0.0
-    stated = {NAMES.index(name): std for name, std in record.arm.cell.uncertainty.nominal.items()}
-    declared = DeclaredErrors.of(record.arm.cell)
-    for name, std in zip(declared.names, declared.units.tolist(), strict=True) if declared else ():
-        prior[state.error_place(name)] = 0.0
-        stated[state.error_place(name)] = std
-    for place, std in stated.items():
-        prior[place] += (state.scale[place] / std) ** 2 / record.enlargement
+    prior = np.full(len(state.names), np.inf)
+    prior[: state.values] = 0.0
+    for name, std in stated_uncertainties(record.arm.cell).items():
+        place = state.stated_place(name)
+        prior[place] = (state.scale[place] / std) ** 2 / record.enlargement
     return prior
 
 
@@ -179,8 +187,15 @@ def extended(
         effects: that it lacks.
         at: values of each at which it is linearised.
     """
-    wide = _padded(record, effects, at)
-    new = np.arange(len(record.arm.model.names), len(wide.arm.model.names))
+    m, size = record.arm.model, len(record.arm.model.names)
+    model = ExtendedModel(m.parameters, (*m.effects, *effects), (*m.effect_values, *map(tuple, at)))
+    total = len(model.names)
+    new, names = np.arange(size, total), (*model.names, *record.names[size:])
+    gap = [size] * len(new)
+    before = np.insert(np.insert(record.covariance, gap, 0.0, axis=0), gap, 0.0, axis=1)
+    undetermined = np.insert(record.arm.undetermined, gap, 0.0, axis=0)
+    arm = replace(record.arm, model=model, covariance=before[:total, :total], undetermined=undetermined)
+    wide = replace(record, arm=arm, names=names, values=np.insert(record.values, gap, 0.0), covariance=before)
     residual = measure(record.touches, record, State.of(record).of_stored_forces()).residual.ravel()
     state, jacobian, knowledge = Fit.of(wide, new)
     columns = jacobian[:, new]
@@ -191,42 +206,18 @@ def extended(
     shown = values > 1e-9 * float((columns**2).sum(axis=0).max(initial=1e-12))  # else the touches do not show it
     root = by_new @ (vectors[:, shown] / np.sqrt(values[shown]))
     found = root @ ((vectors[:, shown] / np.sqrt(values[shown])).T @ (columns.T @ residual))
-    return _changed(wide, state, found, root, by_new @ vectors[:, ~shown])
-
-
-def _padded(
-    record: CalibrationRecord, effects: Sequence[EffectLaw], at: Sequence[tuple[float, ...]]
-) -> CalibrationRecord:
-    """The calibration with the effects at these values in its model; zero, exactly, among its values."""
-    arm, m = record.arm, record.arm.model
-    model = ExtendedModel(m.parameters, (*m.effects, *effects), (*m.effect_values, *map(tuple, at)))
-    size, total = len(m.names), len(model.names)
-    places = np.r_[:size, total : len(record.names) + total - size]
-    values = np.zeros(len(record.names) + total - size)
-    covariance = np.zeros((len(values), len(values)))
-    values[places], covariance[np.ix_(places, places)] = record.values, record.covariance
-    undetermined = np.concatenate([arm.undetermined, np.zeros((total - size, arm.undetermined.shape[1]))])
-    arm = replace(arm, model=model, covariance=covariance[:total, :total], undetermined=undetermined)
-    return replace(record, arm=arm, names=(*model.names, *record.names[size:]), values=values, covariance=covariance)
-
-
-def _changed(
-    record: CalibrationRecord, state: State, change: Floats, root: Floats, hidden: Floats
-) -> CalibrationRecord:
-    """A calibration whose values change, with a further covariance root rootᵀ and further undetermined directions.
-
-    All in units of the scale of the state, (p, …).
-    """
-    total = len(record.arm.model.names)
-    places = [*range(total), *(state.error_place(name) for name in record.names[total:])]
+    places = [*range(total), *(state.error_place(name) for name in names[total:])]
     scale = state.scale[places]
-    values = record.values + scale * change[places]
     further = scale[:, None] * root[places]
-    covariance = record.covariance + further @ further.T
-    undetermined = np.concatenate([record.arm.undetermined, scale[:total, None] * hidden[:total]], axis=1)
-    model = record.arm.model.with_array(values[:total])
-    arm = replace(record.arm, model=model, covariance=covariance[:total, :total], undetermined=undetermined)
-    return replace(record, arm=arm, values=values, covariance=covariance)
+    estimates, covariance = wide.values + scale * found[places], before + further @ further.T
+    hidden = scale[:total, None] * (by_new @ vectors[:, ~shown])[:total]
+    arm = replace(
+        arm,
+        model=model.with_array(estimates[:total]),
+        covariance=covariance[:total, :total],
+        undetermined=np.hstack([arm.undetermined, hidden]),
+    )
+    return replace(wide, arm=arm, values=estimates, covariance=covariance)
 
 
 class ParameterChange(NamedTuple):
@@ -291,62 +282,31 @@ class Difference(NamedTuple):
         undetermined = np.concatenate(
             [r.arm.undetermined[[r.arm.model.names.index(n) for n in names]] for r in (before, after)], axis=1
         )
-        combinations = _null_space((undetermined / scale[:, None]).T, len(names))
+        rows = (undetermined / scale[:, None]).T
+        combinations = null_space(rows, rcond=1e-9).T if len(rows) else np.eye(len(names))
         stds = [np.sqrt(np.clip(np.diag(matrix), 0.0, None)) for matrix in (s, independent)]
         hidden = np.linalg.norm(undetermined, axis=1) > stds[1]
         stds = [np.where(hidden, np.nan, std) for std in stds]
         units = [state.units[place] for place in places[1]]
-        rows = zip(names, units, *(part.tolist() for part in (*values, *stds)), strict=True)
-        parameters = tuple(ParameterChange(*row) for row in rows)
+        columns = zip(names, units, *(part.tolist() for part in (*values, *stds)), strict=True)
+        parameters = tuple(ParameterChange(*row) for row in columns)
         return cls((values[1] - values[0]) / scale, s / np.outer(scale, scale), combinations, parameters)
-
-
-def _null_space(rows: Floats, size: int) -> Floats:
-    """Orthonormal combinations (r, size) that are zero along all rows."""
-    if not len(rows):
-        return np.eye(size)
-    _, singular, right = np.linalg.svd(rows, full_matrices=True)
-    rank = int((singular > 1e-9 * singular.max(initial=0.0)).sum()) if len(singular) else 0
-    return np.asarray(right[rank:])
 
 
 def _covariances(before: CalibrationRecord, after: CalibrationRecord, places: list[list[int]]) -> tuple[Floats, Floats]:
     """S of the difference, and what it would be if nothing were common; SI, (p, p) each."""
-    by_error = [_by_error(record, where) for record, where in zip((before, after), places, strict=True)]
-    common = _common(before.arm.cell, after.arm.cell) & by_error[0].keys() & by_error[1].keys()
-    covariances = [r.covariance[np.ix_(where, where)] for r, where in zip((before, after), places, strict=True)]
+    records = before, after
+    covariances = [r.covariance[np.ix_(where, where)] for r, where in zip(records, places, strict=True)]
     independent = covariances[0] + covariances[1]
     s = independent.copy()
-    for name in common:  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
-        a, b = by_error[0][name], by_error[1][name]
-        s -= np.outer(a, b) + np.outer(b, a)
+    by_stated = [Fit.of(record).by_stated(record) for record in records]
+    a, b = (record.arm.cell for record in records)
+    labels = same_sources(a, b)
+    for name, _ in stated_uncertainties(a).items() & stated_uncertainties(b).items():
+        if source_of(name) in labels:  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
+            one, other = (found[name][where] for found, where in zip(by_stated, places, strict=True))
+            s -= np.outer(one, other) + np.outer(other, one)
     return s, independent
-
-
-def _by_error(record: CalibrationRecord, where: list[int]) -> dict[str, Floats]:
-    """What an error of one standard uncertainty does to the values, by its name, (p,) each, SI."""
-    fit, found = Fit.of(record), dict[str, Floats]()
-    declared = DeclaredErrors.of(record.arm.cell)
-    for name, std in zip(declared.names, declared.units.tolist(), strict=True) if declared else ():
-        found[name] = -fit.by_standard_error(fit.state.error_place(name), std, record.enlargement)[where]
-    for name, std in record.arm.cell.uncertainty.nominal.items():
-        found[f'nominal[{name}]'] = fit.by_standard_error(NAMES.index(name), std, record.enlargement)[where]
-    return found
-
-
-def _common(a: Cell, b: Cell) -> set[str]:
-    """Names of the declared errors that are the same in both cells."""
-    labels, found = same_sources(a, b), set()
-    declared = DeclaredErrors.of(a)
-    other = DeclaredErrors.of(b)
-    if declared is not None and other is not None:
-        stds = dict(zip(other.names, other.units.tolist(), strict=True))
-        pairs = zip(declared.names, declared.units.tolist(), strict=True)
-        found = {name for name, std in pairs if source_of(name) in labels and stds.get(name) == std}
-    for name, std in a.uncertainty.nominal.items():
-        if b.uncertainty.nominal.get(name) == std and getattr(a.nominal, name) == getattr(b.nominal, name):
-            found.add(f'nominal[{name}]')
-    return found
 
 
 LEVEL = 0.01
@@ -418,11 +378,14 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     whitened = root @ difference.change
     chi_square, freedoms = float(whitened @ whitened), len(whitened)
     evidence, state = _evidence(root, difference.change, names, other)
-    among = [h for h in hypotheses_of(state) if _is_comparable(h.places, names, other)]
+    values = [k for k, name in enumerate(state.names[: state.values]) if name not in names]  # not in both
+    among = [h for h in hypotheses_of(state) if not {*h.places} & {*values}]
     ranking = explanations(evidence, state, among)
-    noise, left = _noise_freedoms(before, after), max(chi_square - ranking[0].statistic, 0.0)
+    estimated = [r.noise_freedoms for r in (before, after) if np.isfinite(r.noise_freedoms)]
+    noise = sum(estimated) if estimated else np.inf
+    left = max(chi_square - ranking[0].statistic, 0.0)
     remaining = p_values(left, max(freedoms - len(ranking[0].change), 0), noise)
-    tip = _tip_change(before, after)
+    tip = after.tip_moved(before.arm, after.arm)
     return Change(
         before=before,
         after=after,
@@ -476,26 +439,6 @@ def _evidence(root: Floats, change: Floats, names: Sequence[str], after: Calibra
     response[:, values:] = fit.by_errors[where][:, values:]
     rows = root @ response
     return Evidence(rows.T @ (root @ change), rows.T @ rows), state
-
-
-def _is_comparable(places: Sequence[int], names: Sequence[str], after: CalibrationRecord) -> bool:
-    """Whether a hypothesis is about values that both calibrations have, or about the cell."""
-    own = after.arm.model.names
-    return all(place >= len(own) or own[place] in names for place in places)
-
-
-def _noise_freedoms(before: CalibrationRecord, after: CalibrationRecord) -> float:
-    """Degrees of freedom of the noise levels: infinite where both were given."""
-    finite = [r.noise_freedoms for r in (before, after) if np.isfinite(r.noise_freedoms)]
-    return sum(finite) if finite else np.inf
-
-
-def _tip_change(before: CalibrationRecord, after: CalibrationRecord) -> Floats:
-    """Displacement of the predicted tip at the touches of the second calibration, (n,), m."""
-    touches = after.touches
-    metadata = TouchMetadata.of(touches, after.arm.cell.sensor.frame)
-    tips = [Predictor(record.arm).locate(touches.joints, after.forces, metadata).position for record in (before, after)]
-    return np.asarray(np.linalg.norm(tips[1] - tips[0], axis=1))
 
 
 def _notes(

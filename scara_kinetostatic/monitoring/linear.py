@@ -42,7 +42,7 @@ from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
-from scara_kinetostatic.model.parameters import UNITS
+from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
@@ -129,6 +129,12 @@ class State(NamedTuple):
         """Position of an error of the cell; an effect of the model may have the same name."""
         return self.values + self.names[self.values :].index(name)
 
+    def stated_place(self, name: str) -> int:
+        """Position of what `stated_uncertainties` names."""
+        if name.startswith('nominal['):
+            return NAMES.index(name.removeprefix('nominal[').rstrip(']'))
+        return self.error_place(name)
+
     def of_stored_forces(self) -> State:
         """For touches whose forces are corrected for the errors of the sensor, as `CalibrationRecord.touches`."""
         errors = self.errors.copy()
@@ -152,11 +158,17 @@ def _prior(record: CalibrationRecord, cell: Cell, names: Sequence[str]) -> tuple
     places = [k if k < own else own + names[own:].index(record.names[k]) for k in known]
     covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
     mean[places] = record.values[known]
-    declared = DeclaredErrors.of(cell)
-    for name, std in zip(declared.names, declared.units, strict=True) if declared else ():
-        if (place := own + names[own:].index(name)) not in places:
+    for name, std in stated_uncertainties(cell).items():
+        if name in names[own:] and (place := own + names[own:].index(name)) not in places:
             covariance[place, place] = std**2
     return mean, covariance
+
+
+def stated_uncertainties(cell: Cell) -> dict[str, float]:
+    """Standard uncertainty of each declared error and, as ``nominal[l1]``, of each trusted nominal value, SI."""
+    declared = DeclaredErrors.of(cell)
+    found = dict(zip(declared.names, declared.units.tolist(), strict=True)) if declared else {}
+    return found | {f'nominal[{name}]': std for name, std in cell.uncertainty.nominal.items()}
 
 
 def source_of(name: str) -> str:
@@ -167,6 +179,7 @@ def source_of(name: str) -> str:
 def same_sources(known: Cell, cell: Cell) -> set[str]:
     """Labels of the sources of uncertainty that are the same thing in two cells."""
     same = {'radius', 'force_gain', 'force_rotation'}
+    same |= {f'nominal[{name}]' for name in NAMES if getattr(known.nominal, name) == getattr(cell.nominal, name)}
     discs = {disc.name: disc for disc in known.discs}
     for disc in cell.discs:
         if discs.get(disc.name) == disc:

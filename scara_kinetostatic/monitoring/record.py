@@ -167,6 +167,12 @@ class CalibrationRecord:
         cell = replace(self.arm.cell, uncertainty=Uncertainty())
         return base_force(observe(self.touches, cell), self.arm.model)
 
+    def tip_moved(self, one: CalibratedArm, other: CalibratedArm) -> Floats:
+        """Displacement of the predicted tip from one arm to another at its touches, (n,), m."""
+        metadata = TouchMetadata.of(self.touches, self.arm.cell.sensor.frame)
+        tips = [Predictor(arm).locate(self.touches.joints, self.forces, metadata).position for arm in (one, other)]
+        return np.asarray(np.linalg.norm(tips[1] - tips[0], axis=1))
+
     def place(self, name: str) -> int:
         """Position of a value of the model or, if it has none of that name, of a declared error.
 

@@ -27,10 +27,8 @@ from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.tables import is_touch_table
-from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, UNITS
@@ -116,10 +114,7 @@ def _moved(record: CalibrationRecord, place: int, change: float) -> float:
     model = record.arm.model
     values = model.as_array().copy()
     values[place] += change
-    metadata = TouchMetadata.of(record.touches, record.arm.cell.sensor.frame)
-    arms = record.arm, replace(record.arm, model=model.with_array(values))
-    tips = [Predictor(arm).locate(record.touches.joints, record.forces, metadata).position for arm in arms]
-    return rms(np.linalg.norm(tips[1] - tips[0], axis=1))
+    return rms(record.tip_moved(record.arm, replace(record.arm, model=model.with_array(values))))
 
 
 LEVEL = 1e-3
