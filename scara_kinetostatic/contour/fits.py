@@ -11,15 +11,16 @@ parts:
 - by noise that changes more slowly. The noise of a touch is a repeatability: how fast it changes along a slide is not
   known. The part κ of it that the residuals do not show, 1 - rms(e)² / mean(σ²), may be constant or change as slowly as
   the shape does, which then takes it up: κ Σ A⁺ (b bᵀ ∘ R) A⁺ᵀ over the measured quantities, with b the change of the
-  points by one standard deviation and R = exp(-(Δt / T)² / 2), T the one of `_SLOW` for which it is largest.
+  points by one standard deviation and R = exp(-(Δt / T)² / 2), T one of some parts of the time of the
+  points, that for which it is largest.
 
 **Pieces.** An outline is split into straight lines and arcs of circles, each fitted on its own. The nodes of the
 outline, in their order, are divided so that
 
     Σ over pieces (λ + Σ (e / (m u))²)
 
-is least, with e the distance of a node from the line or the circle of its piece, u its standard uncertainty, m the
-`TOLERANCE` and λ the penalty of a piece. The least sum for the first k nodes follows from those for fewer nodes
+is least, with e the distance of a node from the line or the circle of its piece, u its standard uncertainty, m = 3
+and λ the penalty of a piece. The least sum for the first k nodes follows from those for fewer nodes
 (dynamic programming, Bellman 1961); the sums of a stretch are differences of cumulative moments, about its own mean,
 for a circle with the algebraic distance (‖p - c‖² - R²) / (2 R) (Kåsa 1976). The division says which points belong
 together; the shapes and their uncertainties are those of the fits through these points, without those close to the
@@ -28,10 +29,11 @@ ends of a piece, which may belong to the next.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.result import Contour
@@ -40,8 +42,10 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
 from scara_kinetostatic.model.tip import DEPENDS
 
-_SLOW = (0.25, 0.5, 1.0, np.inf)
-"""Times over which errors that residuals do not show may change, as parts of the time of the points."""
+SHAPES = ('circle', 'arc', 'line')
+"""What can be fitted."""
+FEWEST_POINTS = 10
+"""Fewer are not fitted."""
 
 
 def parameter_stds(contour: Contour, arm: CalibratedArm, points: Mask, design: Floats, residual: Floats) -> Floats:
@@ -71,7 +75,7 @@ def _slow_noise(inverse: Floats, contour: Contour, points: Mask, residual: Float
     sums = sums.reshape(len(count), len(inverse), -1)
     middle = np.bincount(group, time) / count
     lag = (middle[:, None] - middle) / max(float(np.ptp(time)), 1e-9)
-    alike = [np.exp(-0.5 * (lag / part) ** 2) for part in _SLOW]
+    alike = [np.exp(-0.5 * (lag / part) ** 2) for part in (0.25, 0.5, 1.0, np.inf)]  # parts of the time of all
     variances = [np.einsum('gkc,gh,hkc->k', sums, matrix, sums) for matrix in alike]
     return np.asarray(hidden * np.max(variances, axis=0))
 
@@ -81,7 +85,8 @@ def _correlated_points(residual: Floats, passes: Indices) -> float:
     total, square = np.zeros(0), 0.0
     for number in np.unique(passes):
         part = residual[passes == number]
-        lags = np.correlate(part, part, 'full')[len(part) - 1 :] if len(part) < 4000 else _by_fft(part)
+        size = 2 * len(part)
+        lags = np.fft.irfft(np.abs(np.fft.rfft(part, size)) ** 2, size)[: len(part)]  # sums of products a lag apart
         size = max(len(total), len(lags))
         total = np.pad(total, (0, size - len(total))) + np.pad(lags, (0, size - len(lags)))
         square += float(lags[0])
@@ -91,16 +96,6 @@ def _correlated_points(residual: Floats, passes: Indices) -> float:
     negative = np.flatnonzero(correlation <= 0)
     end = int(negative[0]) if len(negative) else len(correlation)
     return float(1.0 + 2.0 * correlation[:end].sum())
-
-
-def _by_fft(values: Floats) -> Floats:
-    """Sums of products of values a lag apart, for every lag."""
-    size = 2 ** int(np.ceil(np.log2(2 * len(values))))
-    spectrum = np.abs(np.fft.rfft(values, size)) ** 2
-    return np.asarray(np.fft.irfft(spectrum, size)[: len(values)])
-
-
-FEWEST_POINTS = 10
 
 
 class FittedValue(NamedTuple):
@@ -215,7 +210,8 @@ def fit_points(contour: Contour, arm: CalibratedArm, points: Mask, shape: str, o
     """
     if points.sum() < FEWEST_POINTS:
         raise UnsupportedDataError(f'{points.sum()} points are too few for a fit', 'slide for longer')
-    return SHAPES[shape](contour, arm, points, outline)
+    fit = _line if shape == 'line' else _round
+    return fit(contour, arm, points, outline, shape)
 
 
 def joined_residuals(fits: Sequence[ShapeFit]) -> ShapeFit:
@@ -231,18 +227,6 @@ def joined_residuals(fits: Sequence[ShapeFit]) -> ShapeFit:
     total = np.array([fit.misfit**2 for fit in fits]), np.array([fit.points.sum() for fit in fits])
     misfit = float(np.sqrt(np.average(total[0], weights=total[1])))
     return ShapeFit(fits[0].shape, fits[0].outline, (), residual[points], points, misfit)
-
-
-def _circle(contour: Contour, arm: CalibratedArm, points: Mask, outline: int) -> ShapeFit:
-    return _round(contour, arm, points, outline, 'circle')
-
-
-def _arc(contour: Contour, arm: CalibratedArm, points: Mask, outline: int) -> ShapeFit:
-    fit = _round(contour, arm, points, outline, 'arc')
-    offset = contour.surface[points] - (fit.value('center_x').value, fit.value('center_y').value)
-    begin, end = extent(np.arctan2(offset[:, 1], offset[:, 0]))
-    ends = (FittedValue('begin', begin, np.nan, 'rad'), FittedValue('end', end, np.nan, 'rad'))
-    return fit._replace(values=(*fit.values, *ends))
 
 
 def extent(angle: Floats) -> tuple[float, float]:
@@ -278,17 +262,14 @@ def _round(contour: Contour, arm: CalibratedArm, points: Mask, outline: int, sha
     std = parameter_stds(contour, arm, points, side * design, residual)
     found = (values[0] + origin[0], values[1] + origin[1], values[2])
     names = ('center_x', 'center_y', 'radius')
-    return ShapeFit(
-        shape,
-        outline,
-        tuple(FittedValue(n, float(v), float(s), 'm') for n, v, s in zip(names, found, std, strict=True)),
-        residual,
-        points,
-        _misfit(contour, points, residual),
-    )
+    fitted = [FittedValue(n, float(v), float(s), 'm') for n, v, s in zip(names, found, std, strict=True)]
+    if shape == 'arc':
+        ends = extent(np.arctan2(y - values[1], x - values[0]))
+        fitted += [FittedValue(n, v, np.nan, 'rad') for n, v in zip(('begin', 'end'), ends, strict=True)]
+    return ShapeFit(shape, outline, tuple(fitted), residual, points, _misfit(contour, points, residual))
 
 
-def _line(contour: Contour, arm: CalibratedArm, points: Mask, outline: int) -> ShapeFit:
+def _line(contour: Contour, arm: CalibratedArm, points: Mask, outline: int, shape: str) -> ShapeFit:
     place = contour.surface[points]
     origin = place.mean(axis=0)
     along = np.linalg.svd(place - origin, full_matrices=False)[2][0]
@@ -304,34 +285,13 @@ def _line(contour: Contour, arm: CalibratedArm, points: Mask, outline: int) -> S
         FittedValue('normal_angle', angle, float(std[1]), 'rad'),
         FittedValue('length', float(np.ptp(distance)), np.nan, 'm'),
     )
-    return ShapeFit('line', outline, values, residual, points, _misfit(contour, points, residual))
+    return ShapeFit(shape, outline, values, residual, points, _misfit(contour, points, residual))
 
 
 def _misfit(contour: Contour, points: Mask, residual: Floats) -> float:
     """Rms of the residuals in standard uncertainties; those by noise where no other is known."""
     std = np.where(np.isnan(contour.std_normal), contour.std_noise, contour.std_normal)[points]
     return rms(residual / np.maximum(std, 1e-12))
-
-
-SHAPES: dict[str, Callable[[Contour, CalibratedArm, Mask, int], ShapeFit]] = {
-    'circle': _circle,
-    'arc': _arc,
-    'line': _line,
-}
-"""The fits by name."""
-
-
-TOLERANCE = 3.0
-"""m: nodes are on a shape where they are no farther from it than this many standard uncertainties."""
-LINE_PENALTY, ARC_PENALTY = 30.0, 40.0
-"""λ: an arc has one value more, and every line is nearly an arc, too."""
-FEWEST_NODES = 4
-"""Of a piece."""
-_MARGIN, _MARGIN_PART = 1.5e-3, 0.2
-"""Left out at both ends of a piece, m, but at most this part of its length."""
-_CHUNK = 512
-_NORMALS = 5e-3
-"""Points with opposite normals are taken to be farther apart by twice this length, m."""
 
 
 class Piece(NamedTuple):
@@ -395,18 +355,16 @@ def _core(piece: Piece, outline: Outline) -> Indices:
     """The nodes of a piece without those close to its ends."""
     step = np.hypot(*np.diff(outline.points[piece.nodes], axis=0).T)
     along = np.append(0.0, np.cumsum(step))
-    margin = min(_MARGIN, _MARGIN_PART * float(along[-1]))
+    margin = min(1.5e-3, 0.2 * float(along[-1]))  # m, left out at both ends
     return piece.nodes[(along >= margin) & (along <= along[-1] - margin)]
 
 
 def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indices:
     """The node nearest to each point, with a like normal."""
-    nodes = np.column_stack([outline.points, _NORMALS * outline.normals])
-    wanted = np.column_stack([contour.surface[points], _NORMALS * contour.normal[points]])
-    square, found = (nodes**2).sum(axis=1), []
-    for first in range(0, len(wanted), _CHUNK):
-        found.append((square - 2.0 * wanted[first : first + _CHUNK] @ nodes.T).argmin(axis=1))
-    return np.concatenate(found)
+    weight = 5e-3  # m: points with opposite normals are taken to be farther apart by twice this length
+    nodes = np.column_stack([outline.points, weight * outline.normals])
+    wanted = np.column_stack([contour.surface[points], weight * contour.normal[points]])
+    return np.asarray(cKDTree(nodes).query(wanted)[1])
 
 
 def divided(outline: Outline) -> tuple[Piece, ...]:
@@ -426,18 +384,29 @@ def divided(outline: Outline) -> tuple[Piece, ...]:
     return tuple(Piece(np.concatenate(nodes[begin:end]), is_arc) for begin, end, is_arc in pieces)
 
 
-def _division(points: Floats, std: Floats) -> list[tuple[int, int, bool]]:
-    """The pieces of an open line of nodes: first node, the one after the last, whether it is an arc."""
+def _division(
+    points: Floats, std: Floats, line_penalty: float = 30.0, arc_penalty: float = 40.0, fewest: int = 4
+) -> list[tuple[int, int, bool]]:
+    """The pieces of an open line of nodes: first node, the one after the last, whether it is an arc.
+
+    Args:
+        points: nodes, (n, 2), m.
+        std: of each along the normal, (n,), m.
+        line_penalty: λ of a line.
+        arc_penalty: λ of an arc: it has one value more, and every line is nearly an arc, too.
+        fewest: nodes of a piece.
+    """
     count = len(points)
     moments = _cumulative_moments(points - points.mean(axis=0), std)
     least = np.concatenate([[0.0], np.full(count, np.inf)])
     begin, is_arc = np.zeros(count + 1, dtype=np.intp), np.zeros(count + 1, dtype=bool)
-    for end in range(min(FEWEST_NODES, count), count + 1):
-        starts = np.arange(max(end - FEWEST_NODES, 0) + 1)
+    for end in range(min(fewest, count), count + 1):
+        starts = np.arange(max(end - fewest, 0) + 1)
         line, arc = _misfits(moments[end] - moments[starts])
-        penalty = np.minimum(line + LINE_PENALTY, arc + ARC_PENALTY) + least[starts]
+        line, arc = line + line_penalty, arc + arc_penalty
+        penalty = np.minimum(line, arc) + least[starts]
         begin[end] = best = int(penalty.argmin())
-        least[end], is_arc[end] = penalty[best], arc[best] + ARC_PENALTY < line[best] + LINE_PENALTY
+        least[end], is_arc[end] = penalty[best], arc[best] < line[best]
     pieces, end = [], count
     while end:
         pieces.append((int(begin[end]), end, bool(is_arc[end])))
@@ -448,7 +417,7 @@ def _division(points: Floats, std: Floats) -> list[tuple[int, int, bool]]:
 def _cumulative_moments(points: Floats, std: Floats) -> Floats:
     """Sums of w (1, x, y, x², x y, y², z, x z, y z, z²) over the first k nodes, z = x² + y²: (n + 1, 10)."""
     x, y = points.T
-    z, weight = x * x + y * y, (TOLERANCE * np.maximum(std, 1e-6)) ** -2  # m
+    z, weight = x * x + y * y, (3.0 * np.maximum(std, 1e-6)) ** -2  # m; on a shape: within three standard uncertainties
     terms = weight[:, None] * np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y, z, x * z, y * z, z * z])
     return np.concatenate([np.zeros((1, 10)), np.cumsum(terms, axis=0)])
 
