@@ -120,8 +120,8 @@ class SlideController:
             part = min(1.0, number * TICK / self.timing.start, (count - number) * TICK / self.timing.start)
             self._travelled += part * speed * TICK
             # the force approaches its target with a time constant of 0.15 s
-            speed = (self.slide.force - self._force) * COMPLIANCE / 0.15
-            self._press(float(np.clip(speed, -_FASTEST, _FASTEST)), phase)
+            inwards = (self.slide.force - self._force) * COMPLIANCE / 0.15
+            self._press(float(np.clip(inwards, -_FASTEST, _FASTEST)), phase)
 
     def _press(self, speed: float, phase: int) -> None:
         self._depth += speed * TICK
