@@ -27,7 +27,6 @@ _LONGEST_GAP = 3e-3
 """An outline whose ends are no farther apart, m, is closed, and outlines are joined whose ends are."""
 _FEWEST_SAME = 3
 """So many points of two passes must be the same for them to be joined."""
-_CHUNK = 512
 
 
 @dataclass(frozen=True)
@@ -241,8 +240,8 @@ def _nearest(part: _Course, course: _Course, period: float) -> Floats:
         return np.full(len(course.points), np.nan)
     square = np.maximum((step**2).sum(axis=1), 1e-30)
     found = np.full(len(course.points), np.nan)
-    for first in range(0, len(found), _CHUNK):
-        rows = slice(first, first + _CHUNK)
+    for first in range(0, len(found), 512):  # worked out together
+        rows = slice(first, first + 512)
         apart = course.points[rows, None] - begin
         share = np.einsum('ijk,jk->ij', apart, step) / square
         inside = np.clip(share, 0.0, 1.0)

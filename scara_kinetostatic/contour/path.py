@@ -20,13 +20,8 @@ WINDOWS = (4e-3, 2e-3, 1e-3, 0.5e-3)
 """Half lengths of the windows along the path, m."""
 FEWEST = 4
 """Samples on each side, at least."""
-_SPARSE = 2
-"""Samples on each side of a further window where `FEWEST` samples are farther than the second window: how its direction
-differs tells how far that of the others may be wrong."""
 _AGREE = 3.0
-"""Directions agree where they differ by at most this many standard deviations,"""
-_SPEED_TIME = 0.06
-"""The speed is that of the distance over so long, s."""
+"""Directions agree where they differ by at most this many standard deviations."""
 
 
 class Direction(NamedTuple):
@@ -51,9 +46,9 @@ class Direction(NamedTuple):
 
 
 def speed_of(time: Floats, places: Floats, contact: Indices) -> Floats:
-    """Speed of the tip's centre, (n,), m/s: distance over `_SPEED_TIME` within one contact."""
+    """Speed of the tip's centre, (n,), m/s: distance over 60 ms within one contact."""
     period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-    half = max(1, round(0.5 * _SPEED_TIME / period))
+    half = max(1, round(0.5 * 0.06 / period))
     first, last = _bounds(contact)
     index = np.arange(len(time))
     low, high = np.maximum(index - half, first), np.minimum(index + half, last)
@@ -137,7 +132,8 @@ def direction_along(time: Floats, places: Floats) -> Direction:
 def _halves(length: float) -> list[int]:
     """Samples on each side of the windows, the longest first, for samples so far apart, m."""
     halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, 400)) for half in WINDOWS]
-    sparse = [_SPARSE] if FEWEST * length > WINDOWS[1] else []
+    # where the samples are sparse, a further window of two: its difference tells how far the others may be wrong
+    sparse = [2] if FEWEST * length > WINDOWS[1] else []
     return list(dict.fromkeys(halves + sparse))
 
 

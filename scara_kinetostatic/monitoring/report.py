@@ -194,9 +194,9 @@ def verification_document(v: Verification) -> Document:
         'p_value': v.p_value,
         'without_outlying': {'p_value': v.others_p_value, 'tip_error': v.others_tip_error} if v.few_outlie else None,
         'chi_square': {
-            'value': v.chi_square,
-            'degrees_of_freedom': v.degrees_of_freedom,
-            'quantile': v.quantile,
+            'value': v.test.chi_square,
+            'degrees_of_freedom': v.test.freedoms,
+            'quantile': v.test.quantile,
             'probability': QUANTILE,
         },
         'touches': {
@@ -209,7 +209,7 @@ def verification_document(v: Verification) -> Document:
             ],
             'index': v.numbers,
             'tip_error': v.tip_errors,
-            'expected': v.expected_errors,
+            'expected': v.test.expected,
         },
         'detectable': {d.name: {'change': d.change, 'unit': d.unit, 'tip': d.tip} for d in v.detectable},
         'independent': not v.seen and not v.repeated,
@@ -267,8 +267,8 @@ def summary_table(v: Verification) -> Table:
         ('tip error, rms', quantity(v.tip_error, 'm')),
         ('expected from noise and uncertainty', quantity(v.expected, 'm')),
         ('with the nominal parameters', quantity(v.nominal_tip_error, 'm')),
-        ('chi-square', f'{v.chi_square:.1f}, {v.degrees_of_freedom} degrees of freedom'),
-        (f'its {100 * QUANTILE:.0f} % quantile', f'{v.quantile:.1f}'),
+        ('chi-square', f'{v.test.chi_square:.1f}, {v.test.freedoms} degrees of freedom'),
+        (f'its {100 * QUANTILE:.0f} % quantile', f'{v.test.quantile:.1f}'),
         ('p-value', p_equals(v.p_value).removeprefix('p = ').removeprefix('p ')),
         *((('largest change not seen', v.detectable[0].text),) if v.detectable else ()),
         *((('without the outliers', p_equals(v.others_p_value)),) if v.few_outlie else ()),
@@ -279,7 +279,7 @@ def summary_table(v: Verification) -> Table:
 def _touch_picture(v: Verification) -> Markup:
     """Error of the predicted tip, touch by touch, by their numbers in the recordings."""
     order = np.argsort(v.numbers, kind='stable')
-    touches, errors, expected = v.numbers[order], MICRO * v.tip_errors[order], MICRO * v.expected_errors[order]
+    touches, errors, expected = v.numbers[order], MICRO * v.tip_errors[order], MICRO * v.test.expected[order]
     outlies = np.isin(touches, [item.touch for item in v.outlying])
     figure, (axes,) = new_figure(640, 260)
     axes.fill_between(touches, -2 * expected, 2 * expected, color=FAINT, alpha=0.2, linewidth=0, step='mid')

@@ -151,9 +151,7 @@ class Verification(NamedTuple):
         assessment: grade, reasons, actions.
         touches: how many.
         rejected: touches that the detection rejected.
-        chi_square: of all touches.
-        degrees_of_freedom: two per touch.
-        quantile: of the distribution of `chi_square` at `linear.QUANTILE`.
+        test: of all touches.
         p_value: of the calibration being right.
         tip_error: rms distance of the predicted tip from the circle of contact, m.
         expected: the same expected from noise and the uncertainty of the calibration, m.
@@ -169,7 +167,6 @@ class Verification(NamedTuple):
         repeated: how many touches were part of it, whatever recording or table they come from.
         numbers: of the touches in the recordings, (n,).
         tip_errors: of each touch, (n,), m.
-        expected_errors: standard deviation expected of each, (n,), m.
         differing: recordings that contain another cell description, one sentence each.
         warnings: irregularities of the recordings.
     """
@@ -180,9 +177,7 @@ class Verification(NamedTuple):
     assessment: Assessment
     touches: int
     rejected: tuple[Rejection, ...]
-    chi_square: float
-    degrees_of_freedom: int
-    quantile: float
+    test: PredictionTest
     p_value: float
     tip_error: float
     expected: float
@@ -198,7 +193,6 @@ class Verification(NamedTuple):
     repeated: int
     numbers: Indices
     tip_errors: Floats
-    expected_errors: Floats
     differing: tuple[str, ...]
     warnings: tuple[str, ...]
 
@@ -276,7 +270,7 @@ def _limits(v: Verification, largest_force: float) -> list[Remark]:
     if v.tolerance and v.detectable and v.detectable[0].tip > v.tolerance:
         reason = f'the touches do not show a change of {v.detectable[0].text}, which is beyond the tolerance'
         found.append(Remark(Grade.CAUTION, reason, 'make more touches, all round all objects, at several forces'))
-    scatter = float(np.sqrt(v.chi_square / v.degrees_of_freedom))
+    scatter = float(np.sqrt(v.test.chi_square / v.test.freedoms))
     if v.p_value > 1 - LEVEL and scatter < LIMITS.noise_overstated:
         reason = f'the residuals are {scatter:.2g} times what is expected: a change may hide below the stated noise'
         found.append(Remark(Grade.CAUTION, reason, 'state noise and uncertainties as they are'))
@@ -374,6 +368,7 @@ def verify(
     evidence = Evidence.of(Information.of(others), state.covariance)
     hypotheses = hypotheses_of(state, np.unique(touches.disc).tolist())
     ranking = explanations(evidence, state, hypotheses) if others_test.p_value < LEVEL else []
+    nominal_tip_error, largest_force = _nominal(detection, cell)
     found = Verification(
         record=record,
         cell=cell,
@@ -381,13 +376,11 @@ def verify(
         assessment=Assessment(Grade.FIT, (), ()),
         touches=len(touches),
         rejected=detection.rejected,
-        chi_square=test.chi_square,
-        degrees_of_freedom=test.freedoms,
-        quantile=test.quantile,
+        test=test,
         p_value=test.p_value,
         tip_error=rms(measured.tip_error),
         expected=rms(test.expected),
-        nominal_tip_error=_nominal_tip_error(detection, cell),
+        nominal_tip_error=nominal_tip_error,
         others_p_value=others_test.p_value,
         others_tip_error=rms(others.tip_error),
         outlying=_outlying(outlying, test, measured, touches, cell),
@@ -399,11 +392,10 @@ def verify(
         repeated=_repeated(touches, record, state),
         numbers=touches.index,
         tip_errors=measured.tip_error,
-        expected_errors=test.expected,
         differing=tuple(differing),
         warnings=(*detection.warnings, *of_new_recordings(record)),
     )
-    return found._replace(assessment=assess(found, float(_magnitudes(detection, cell).max())))
+    return found._replace(assessment=assess(found, largest_force))
 
 
 def _outlying(
@@ -426,13 +418,9 @@ def _repeated(touches: TouchSet, record: CalibrationRecord, state: State) -> int
     return int(found.sum())
 
 
-def _magnitudes(detection: Detection, cell: Cell) -> Floats:
-    force = base_force(observe(detection.touches, cell), ExtendedModel(cell.nominal))
-    return np.hypot(force[:, 0], force[:, 1])
-
-
-def _nominal_tip_error(detection: Detection, cell: Cell) -> float:
-    """Rms distance of the nominal tip under load from the circle of contact, m."""
+def _nominal(detection: Detection, cell: Cell) -> tuple[float, float]:
+    """Rms distance of the nominal tip under load from the circle of contact, m, and the largest force, N."""
     o, nominal = observe(detection.touches, cell), ExtendedModel(cell.nominal)
-    tip, _ = direct_kinetostatics(nominal, o.joints, base_force(o, nominal), o.gripper)
-    return rms(np.linalg.norm(tip - o.centers, axis=1) - o.radii)
+    force = base_force(o, nominal)
+    tip, _ = direct_kinetostatics(nominal, o.joints, force, o.gripper)
+    return rms(np.linalg.norm(tip - o.centers, axis=1) - o.radii), float(np.hypot(*force.T).max())
