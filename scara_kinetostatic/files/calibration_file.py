@@ -399,6 +399,6 @@ def _is_like(value: object, example: object) -> bool:
     """Whether a value may stand for another one: one number for another, or anything plain for nothing."""
     if example is None or value is None:
         return value is None or isinstance(value, (str, int, float))
-    if isinstance(example, (int, float)):
-        return isinstance(value, (int, float)) and not isinstance(value, bool)
+    if type(example) in (int, float):
+        return type(value) in (int, float)
     return type(value) is type(example)

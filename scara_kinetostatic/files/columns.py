@@ -174,22 +174,21 @@ class Table:
         wrong: list[tuple[int, str]] = []
         for line, cells in self.rows:
             try:
-                self._check_width(cells)
+                self.check_width(cells)
                 for name, place in places.items():
                     values[name].append(self._value(cells, place))
             except ValueError as error:
                 wrong.append((line, str(error)))
-        if wrong:
-            (line, problem), *others = wrong
-            also = f'; also wrong: line{"s" * (len(others) > 1)} ' if others else ''
-            also += ', '.join(str(number) for number, _ in others[:5])
-            also += f' and {len(others) - 5} more' if len(others) > 5 else ''
-            remedy = 'correct the table, or begin the line with # to leave it out'
-            raise RecordingError(self.source, f'line {line}: {problem}{also}', remedy)
+        raise_wrong_rows(self.source, wrong)
         numbers = {name: np.array(column) for name, column in values.items() if places[name].column.parse is None}
         return Values(numbers, {name: column for name, column in values.items() if name not in numbers})
 
-    def _check_width(self, cells: Sequence[str]) -> None:
+    def check_width(self, cells: Sequence[str]) -> None:
+        """Refuse a row that is longer than the heading.
+
+        Raises:
+            ValueError: it is.
+        """
         if any(cell.strip() for cell in cells[len(self.heading) :]):
             hint = '' if self.decimal_comma else ' (a decimal comma needs semicolons between the columns)'
             raise ValueError(f'expected {len(self.heading)} columns, got {len(cells)}{hint}')
@@ -202,7 +201,7 @@ class Table:
                 return math.nan if column.parse is None else None
             if column.parse is not None:
                 return column.parse(cell)
-            value = self._number(cell) * place.factor
+            value = read_number(cell, self.decimal_comma) * place.factor
             if not abs(value) <= column.largest:
                 raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; {column.hint}')
             if column.positive and value <= 0:
@@ -211,13 +210,35 @@ class Table:
             raise ValueError(f'{self.heading[place.number]}: {error}') from error
         return value
 
-    def _number(self, cell: str) -> float:
-        text = plain(cell)
-        if self.decimal_comma and text.count(',') == 1 and '.' not in text:
-            text = text.replace(',', '.')
-        if not _NUMBER.match(text):
-            raise ValueError(f'expected a number, got {repr(cell.strip()[:40]) if text else "nothing"}')
-        return float(text)
+
+def read_number(cell: str, decimal_comma: bool) -> float:
+    """The number in a cell; infinite where it is too large for a float.
+
+    Raises:
+        ValueError: it holds none; the message says what was expected.
+    """
+    text = plain(cell)
+    if decimal_comma and text.count(',') == 1 and '.' not in text:
+        text = text.replace(',', '.')
+    if not _NUMBER.match(text):
+        raise ValueError(f'expected a number, got {repr(cell.strip()[:40]) if text else "nothing"}')
+    return float(text)
+
+
+def raise_wrong_rows(source: str, wrong: Sequence[tuple[int, str]]) -> None:
+    """Refuse a table with wrong rows, given by line and problem; nothing happens without any.
+
+    Raises:
+        RecordingError: names the first line and its problem, and further lines.
+    """
+    if not wrong:
+        return
+    (line, problem), *others = wrong
+    also = f'; also wrong: line{"s" * (len(others) > 1)} ' if others else ''
+    also += ', '.join(str(number) for number, _ in others[:5])
+    also += f' and {len(others) - 5} more' if len(others) > 5 else ''
+    remedy = 'correct the table, or begin the line with # to leave it out'
+    raise RecordingError(source, f'line {line}: {problem}{also}', remedy)
 
 
 def one_of(choices: Mapping[str, str]) -> Callable[[str], str]:

@@ -4,7 +4,7 @@ The first line that is neither empty nor a comment (`#`) names the columns, each
 
     force_N,displacement_mm,direction_deg,cycle          also: force [N];displacement [mm]
 
-See `files.csv_text` for separators, decimal commas, encodings and invalid rows.
+See `files.columns` for separators, decimal commas, encodings and invalid rows.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.files import csv_text
-from scara_kinetostatic.files.csv_text import CsvRows, raise_wrong_rows, read_csv_text, split_rows, too_many_cells
+from scara_kinetostatic.files.columns import Table, load_table, parse_table, plain, raise_wrong_rows
+from scara_kinetostatic.files.columns import read_number as plain_number
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, LINK, TIP, DialGaugeReadings
 
 _LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
@@ -138,7 +138,7 @@ def read_number(cell: str, column: Column, decimal_comma: bool) -> float:
     Raises:
         ValueError: it is not a number, or not a plausible one; the message says what was expected.
     """
-    value = csv_text.read_number(cell, decimal_comma) * column.factor
+    value = plain_number(cell, decimal_comma) * column.factor
     quantity = QUANTITIES[column.name]
     if not abs(value) <= quantity.largest:
         raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; {quantity.hint}')
@@ -153,7 +153,7 @@ def read_cycle(cell: str) -> int:
     Raises:
         ValueError: it is not a whole number of 0 or more.
     """
-    text = csv_text.plain(cell)
+    text = plain(cell)
     if not re.fullmatch(r'\d{1,6}([.,]0*)?', text):
         raise ValueError(f'expected the number of a cycle, got {cell.strip()[:40]!r}')
     return int(re.split('[.,]', text)[0])
@@ -191,7 +191,7 @@ def load_readings(path: str | Path, defaults: TableDefaults = TableDefaults()) -
     Raises:
         RecordingError: the file cannot be read, or a column or a row of it is wrong.
     """
-    return parse_readings(read_csv_text(Path(path)), str(path), defaults)
+    return table_readings(load_table(Path(path), 'force_N,displacement_mm'), defaults)
 
 
 def parse_readings(text: str, where: str, defaults: TableDefaults = TableDefaults()) -> DialGaugeReadings:  # noqa: B008 - immutable
@@ -205,11 +205,19 @@ def parse_readings(text: str, where: str, defaults: TableDefaults = TableDefault
     Raises:
         RecordingError: a column or a row is wrong.
     """
-    rows = split_rows(text, where, 'force_N,displacement_mm')
-    columns, unknown = read_heading(rows.heading, where)
-    values = _values(rows, columns, where)
-    notes = [f'{where}: the column {name!r} is unknown and not used' for name in unknown]
-    return _readings(values, [line for line, _ in rows.body], where, defaults, notes)
+    return table_readings(parse_table(text, where, 'force_N,displacement_mm'), defaults)
+
+
+def table_readings(table: Table, defaults: TableDefaults = TableDefaults()) -> DialGaugeReadings:  # noqa: B008 - immutable
+    """The readings in a table; see `load_readings`.
+
+    Raises:
+        RecordingError: a column or a row is wrong.
+    """
+    columns, unknown = read_heading(table.heading, table.source)
+    values = _values(table, columns)
+    notes = [f'{table.source}: the column {name!r} is unknown and not used' for name in unknown]
+    return _readings(values, [line for line, _ in table.rows], table.source, defaults, notes)
 
 
 def dump_readings(readings: DialGaugeReadings) -> str:
@@ -233,7 +241,7 @@ def dump_readings(readings: DialGaugeReadings) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def _values(rows: CsvRows, columns: dict[str, Column], where: str) -> dict[str, list[float | int | str | None]]:
+def _values(table: Table, columns: dict[str, Column]) -> dict[str, list[float | int | str | None]]:
     """The values by column, None where an optional cell is empty.
 
     Raises:
@@ -241,19 +249,17 @@ def _values(rows: CsvRows, columns: dict[str, Column], where: str) -> dict[str, 
     """
     values: dict[str, list[float | int | str | None]] = {name: [] for name in columns}
     wrong: list[tuple[int, str]] = []
-    for line, cells in rows.body:
-        problem = too_many_cells(cells, len(rows.heading), rows.decimal_comma)
-        if problem:
-            wrong.append((line, problem))
-            continue
-        for name, column in columns.items():
-            try:
+    for line, cells in table.rows:
+        heading = ''
+        try:
+            table.check_width(cells)
+            for name, column in columns.items():
+                heading = f'{column.heading}: '
                 cell = cells[column.place] if column.place < len(cells) else ''
-                values[name].append(_value(cell, column, rows.decimal_comma))
-            except ValueError as error:
-                wrong.append((line, f'{column.heading}: {error}'))
-                break
-    raise_wrong_rows(where, wrong)
+                values[name].append(_value(cell, column, table.decimal_comma))
+        except ValueError as error:
+            wrong.append((line, f'{heading}{error}'))
+    raise_wrong_rows(table.source, wrong)
     return values
 
 

@@ -1,4 +1,4 @@
-"""A record of a load and a response from a CSV file, checked row by row; see `files.csv_text` for what is read.
+"""A record of a load and a response from a CSV file, checked row by row; see `files.columns` for what is read.
 
 Columns of a record: the response, the load and the time among any others, chosen by name or by their units.
 
@@ -26,11 +26,10 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
-from scara_kinetostatic.files import csv_text
-from scara_kinetostatic.files.csv_text import CsvRows, raise_wrong_rows, read_csv_text, split_rows, too_many_cells
+from scara_kinetostatic.files.columns import Table, load_table, raise_wrong_rows, read_number
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.table_file import QUANTITIES, parse_readings, split_heading
+from scara_kinetostatic.studies.dial_gauge.table_file import QUANTITIES, split_heading, table_readings
 from scara_kinetostatic.studies.hysteresis.load_driven.record import (
     CHECK_LOAD,
     CONSTANT_LOAD,
@@ -306,13 +305,12 @@ def load_record_table(path: str | Path, response: str | None = None, load: str |
         ParameterError: a column asked for does not exist, or is no response or load.
         RecordingError: the file cannot be read, columns do not go together, or a row is wrong.
     """
-    where, text = str(path), read_csv_text(Path(path))
-    rows = split_rows(text, where, 'time_s,angle_rad,torque_Nm')
+    where, rows = str(path), load_table(Path(path), 'time_s,angle_rad,torque_Nm')
     if response is None and load is None and is_gauge_heading(rows.heading):
-        readings = parse_readings(text, where)
+        readings = table_readings(rows)
         return RecordTable(where, readings.time, readings.force, readings.displacement, 'N', 'm', notes=readings.notes)
     columns = choose_columns(rows.heading, where, response, load)
-    values = _values(rows, columns, where)
+    values = _values(rows, columns)
     if columns.response.unit == 'rad':
         _check_continuous(values[columns.response.heading], columns.response, rows, where)
     return RecordTable(
@@ -342,7 +340,7 @@ def check_alike(tables: list[RecordTable]) -> None:
             raise RecordingError(table.source, problem, 'give records of one joint, or rename the columns')
 
 
-def _values(rows: CsvRows, columns: RecordColumns, where: str) -> dict[str, Floats]:
+def _values(table: Table, columns: RecordColumns) -> dict[str, Floats]:
     """The columns in SI, by heading.
 
     Raises:
@@ -351,32 +349,32 @@ def _values(rows: CsvRows, columns: RecordColumns, where: str) -> dict[str, Floa
     chosen = [column for column in columns if column is not None]
     values: list[list[float]] = []
     wrong: list[tuple[int, str]] = []
-    for line, cells in rows.body:
-        problem = too_many_cells(cells, len(rows.heading), rows.decimal_comma)
+    for line, cells in table.rows:
+        heading = ''
         found = []
-        for column in () if problem else chosen:
-            try:
-                found.append(_number(cells, column, rows.decimal_comma))
-            except ValueError as error:
-                problem = f'{column.heading}: {error}'
-                break
+        try:
+            table.check_width(cells)
+            for column in chosen:
+                heading = f'{column.heading}: '
+                found.append(_number(cells, column, table.decimal_comma))
+        except ValueError as error:
+            wrong.append((line, f'{heading}{error}'))
         values.append(found)
-        wrong += [(line, problem)] if problem else []
-    raise_wrong_rows(where, wrong)
+    raise_wrong_rows(table.source, wrong)
     return {column.heading: array for column, array in zip(chosen, np.array(values).T, strict=True)}
 
 
-def _check_continuous(angle: Floats, column: RecordColumn, rows: CsvRows, where: str) -> None:
+def _check_continuous(angle: Floats, column: RecordColumn, rows: Table, where: str) -> None:
     steps = np.abs(np.diff(angle))
     if np.any(steps > np.pi):
-        line = rows.body[int(steps.argmax()) + 1][0]
+        line = rows.rows[int(steps.argmax()) + 1][0]
         problem = f'line {line}: {column.heading} jumps by {steps.max():.3g} rad, more than half a turn'
         raise RecordingError(where, problem, 'unwrap the angle, or check the unit of the column')
 
 
 def _number(cells: list[str], column: RecordColumn, decimal_comma: bool) -> float:
     cell = cells[column.place] if column.place < len(cells) else ''
-    value = csv_text.read_number(cell, decimal_comma) * column.factor
+    value = read_number(cell, decimal_comma) * column.factor
     if not abs(value) <= LARGEST[column.unit]:
         raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; check the unit of the column')
     return value
