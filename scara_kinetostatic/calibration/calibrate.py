@@ -21,7 +21,6 @@ from scara_kinetostatic.errors import (
     did_you_mean,
     expect,
 )
-from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -178,7 +177,9 @@ def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]
     for k in faint:
         noise = f' of {cell.noise.force_rms:.2g} N' if cell.noise else ''
         reasons[int(k)] = f'presses with {magnitude[k]:.2g} N only: its direction is noise{noise}'
-    earlier = _earlier_twins(np.concatenate([touches.joints, touches.force], axis=1))
+    rows = np.concatenate([touches.joints, touches.force], axis=1)
+    _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    earlier = first[which.ravel()]
     for k in np.flatnonzero(earlier != np.arange(len(touches))):
         reasons.setdefault(int(k), f'the same reading as touch {touches.index[earlier[k]]}, to the last bit')
     if not reasons:
@@ -187,14 +188,6 @@ def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]
     kept[list(reasons)] = False
     left_out = [Rejection(int(touches.index[k]), reason) for k, reason in sorted(reasons.items())]
     return touches.select(kept), left_out, len(faint)
-
-
-def _earlier_twins(rows: Floats) -> Indices:
-    """For each row the first one that is the same to the last bit, itself if there is none before, (n,)."""
-    if len(np.unique(rows[:, 0])) == len(rows):  # as nearly always
-        return np.arange(len(rows))
-    _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    return np.asarray(first[which.ravel()])
 
 
 def _check_number(touches: int, parameters: int, left_out: Sequence[str], faint: int, cell: Cell) -> None:

@@ -216,28 +216,25 @@ def without_sources(cell: Cell, labels: Set[str]) -> Cell:
     """
     if not labels:
         return cell
-    discs = [
-        disc._replace(
-            center_std=0.0 if f'object_position[{disc.name}]' in labels else disc.center_std,
-            radius_std=0.0 if f'object_radius[{disc.name}]' in labels else disc.radius_std,
-        )
-        for disc in cell.discs
-    ]
-    plates = [
-        plate._replace(
-            center_std=0.0 if f'plate_position[{plate.name}]' in labels else plate.center_std,
-            angle_std=0.0 if f'plate_angle[{plate.name}]' in labels else plate.angle_std,
-        )
-        for plate in cell.plates
-    ]
+    discs, plates = list(cell.discs), list(cell.plates)
+    for k, disc in enumerate(discs):
+        if f'object_position[{disc.name}]' in labels:
+            discs[k] = discs[k]._replace(center_std=0.0)
+        if f'object_radius[{disc.name}]' in labels:
+            discs[k] = discs[k]._replace(radius_std=0.0)
+    for k, plate in enumerate(plates):
+        if f'plate_position[{plate.name}]' in labels:
+            plates[k] = plates[k]._replace(center_std=0.0)
+        if f'plate_angle[{plate.name}]' in labels:
+            plates[k] = plates[k]._replace(angle_std=0.0)
     u = cell.uncertainty
-    common = replace(
+    uncertainty = replace(
         u,
         radius=0.0 if 'radius' in labels else u.radius,
         force_gain=0.0 if 'force_gain' in labels else u.force_gain,
         force_rotation=0.0 if 'force_rotation' in labels else u.force_rotation,
     )
-    return replace(cell, discs=tuple(discs), plates=tuple(plates), uncertainty=common)
+    return replace(cell, discs=tuple(discs), plates=tuple(plates), uncertainty=uncertainty)
 
 
 class _ByDisc(NamedTuple):

@@ -87,16 +87,13 @@ def estimate_noise(
     Returns:
         The levels that the residuals call for, each within a factor of 10 of before.
     """
-    components = _components(linear, noise, stated)
-    parts = [whiten_matrix(part.entries, whitened.root) for part in components.free]
-    parts += [whiten_matrix(entries, whitened.root) for entries in components.known]
-    r, jacobian, count = whitened.residual, whitened.jacobian, len(components.free)
+    free, known = _components(linear, noise, stated)
+    parts = [whiten_matrix(entries, whitened.root) for entries in (*(part.entries for part in free), *known)]
+    r, jacobian, count = whitened.residual, whitened.jacobian, len(free)
     freedoms = _freedoms(whitened, covariance, prior is not None)
     factor = float(np.sqrt(float((r**2).sum()) / max(freedoms, 1)))
     same_ratio = noise if stated else _bounded(noise, noise.scaled(factor))
-    if prior is not None and noise.is_plain and noise.force_relative is None and stated is None:
-        same_ratio = _bounded(noise, _of_usual_ratio(linear, whitened).scaled(factor))
-    # the ratio of the levels is kept, or that of `USUAL_NOISE`, and only their size estimated
+    # the ratio of the levels is kept, and only their size estimated
     if freedoms < 10:
         return same_ratio
     weighted = [np.einsum('nij,njk->nik', part, jacobian) for part in parts]
@@ -112,11 +109,11 @@ def estimate_noise(
     matrix, vector = matrix[:, :count], vector - matrix[:, count:].sum(axis=1)
     if prior is not None:  # the errors that it bounds are of known size
         vector -= [np.trace(normal @ prior.T @ prior @ covariance) for normal in normals[:count]]
-    scale = np.array([part.scale for part in components.free])
+    scale = np.array([part.scale for part in free])
     if np.linalg.eigvalsh(matrix * np.outer(scale, scale)).min() <= 0:  # some act alike: no telling them apart
         return same_ratio
-    signed = np.array([part.is_difference for part in components.free])
-    return _bounded(noise, _with_variances(noise, components, _distinguishable(matrix, vector, signed)))
+    signed = np.array([part.is_difference for part in free])
+    return _bounded(noise, _with_variances(noise, free, _distinguishable(matrix, vector, signed)))
 
 
 def _freedoms(whitened: Whitened, covariance: Floats, has_prior: bool) -> float:
@@ -127,13 +124,6 @@ def _freedoms(whitened: Whitened, covariance: Floats, has_prior: bool) -> float:
         return whitened.residual.size - int(np.linalg.matrix_rank(covariance))
     jacobian = whitened.jacobian.reshape(whitened.residual.size, -1)
     return whitened.residual.size - float(np.einsum('ik,kl,il->', jacobian, covariance, jacobian, optimize=True))
-
-
-def _of_usual_ratio(linear: Linearisation, whitened: Whitened) -> Noise:
-    """`USUAL_NOISE` scaled so that the residuals have the same variance in the mean as with the noise so far."""
-    joint, force = (whiten_matrix(outer(by), whitened.root) for by in (linear.by_joints, linear.by_force))
-    together = USUAL_NOISE.joint_rms**2 * joint + USUAL_NOISE.force_rms**2 * force
-    return USUAL_NOISE.scaled(1 / float(np.sqrt(np.einsum('nii->', together) / whitened.residual.size)))
 
 
 class _Component(NamedTuple):
@@ -152,14 +142,8 @@ class _Component(NamedTuple):
     is_difference: bool = False
 
 
-class _Components(NamedTuple):
+def _components(linear: Linearisation, noise: Noise, stated: Noise | None) -> tuple[list[_Component], list[Floats]]:
     """The parts of V: those to be estimated, and the known ones with their size."""
-
-    free: list[_Component]
-    known: list[Floats]
-
-
-def _components(linear: Linearisation, noise: Noise, stated: Noise | None) -> _Components:
     free, known = list[_Component](), list[Floats]()
     for key in ('joint', 'force'):
         level: Level = getattr(noise, key)
@@ -185,7 +169,7 @@ def _components(linear: Linearisation, noise: Noise, stated: Noise | None) -> _C
             known.append(noise.force_relative**2 * entries)
     if linear.by_off_normal is not None:
         known.append(outer(linear.by_off_normal[:, :, None]))
-    return _Components(free, known)
+    return free, known
 
 
 def by_axis(linear: Linearisation, key: str) -> tuple[Floats, Floats]:
@@ -204,10 +188,10 @@ def growing(linear: Linearisation) -> Floats:
     return outer(linear.by_force) * square[:, None]
 
 
-def _with_variances(noise: Noise, components: _Components, variances: Floats) -> Noise:
+def _with_variances(noise: Noise, components: list[_Component], variances: Floats) -> Noise:
     """The noise with the variances of its components; two of one key are those of its axes."""
     found: dict[str, list[float]] = {}
-    for part, variance in zip(components.free, variances.tolist(), strict=True):
+    for part, variance in zip(components, variances.tolist(), strict=True):
         if part.is_difference:
             half = float(np.clip(variance, -_LARGEST_DIFFERENCE * part.scale, _LARGEST_DIFFERENCE * part.scale))
             found[part.key] = [part.scale + half, part.scale - half]

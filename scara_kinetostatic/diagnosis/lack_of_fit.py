@@ -25,7 +25,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from scara_kinetostatic.calibration.fit_point import Point, augmented, select, unfitted
@@ -102,7 +101,7 @@ def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:
         'the size of the force': _powers(f),
         'the direction of the force': _waves(phi, 2),
         'the direction of the force relative to link 2': _waves(phi - link2, 2),
-        'the touched disc': _indicators(touches.disc),
+        'the touched disc': (touches.disc[:, None] == np.unique(touches.disc)).astype(float),
         'the elbow posture': touches.posture[:, None].astype(float),
         'the direction of approach': np.sign(touches.approach),
         'time': _powers(touches.time)[:, :2],
@@ -168,10 +167,6 @@ def _powers(values: Floats, at: Floats | None = None) -> Floats:
     span = float(np.ptp(values)) or 1.0
     z = ((values if at is None else at) - values.mean()) / span
     return np.stack([z, z**2, z**3], axis=1)
-
-
-def _indicators(labels: NDArray[np.intp]) -> Floats:
-    return (labels[:, None] == np.unique(labels)).astype(float)
 
 
 def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
@@ -368,6 +363,3 @@ def with_free_off_normal_angles(calibration: Calibration) -> Calibration:
         for effect, _, _ in fitted_effects(calibration)
     )
     return replace(calibration, model=replace(calibration.model, effects=effects))
-
-
-"""A standard deviation of α that leaves it free, rad."""

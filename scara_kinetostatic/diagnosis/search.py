@@ -335,21 +335,9 @@ def _partition(scored_subsets: ScoredSubsets) -> tuple[tuple[str, ...], tuple[tu
     return tuple(label for label in best if label in common), tuple(groups)
 
 
-class Selection(NamedTuple):
-    """The likeliest hypothesis.
-
-    Attributes:
-        found: what was found; None if nothing is missing.
-        lead: decrease of the penalised deviance against the base model.
-    """
-
-    found: Search | None
-    lead: float
-
-
 def select_hypothesis(
     calibration: Calibration, known: Sequence[Effect], alarm: bool, off_normal: bool, effort: Effort
-) -> Selection:
+) -> tuple[Search | None, float]:
     """Find what the base model lacks, if anything.
 
     Args:
@@ -358,19 +346,22 @@ def select_hypothesis(
         alarm: whether a test of the base model is significant.
         off_normal: whether that of the off-normal angles is.
         effort: of the diagnosis; hypotheses beyond it are left out.
+
+    Returns:
+        The likeliest hypothesis, None if nothing is missing, and the decrease of the penalised deviance by it.
     """
     c = calibration
     hypotheses = _fit_hypotheses(c, known, alarm, off_normal, effort)
     fitted = [(found, found.extended) for found in hypotheses if found.extended is not None]
     if not fitted:
-        return Selection(hypotheses[0] if alarm else None, 0.0)
+        return hypotheses[0] if alarm else None, 0.0
     scale = max(1.0, min(fit.reduced_chi_square for fit in (c, *(extended for _, extended in fitted))))
     deviances = [penalised_deviance(extended, found.penalty, scale) for found, extended in fitted]
     lead = penalised_deviance(c, 0.0, scale) - min(deviances)
     if lead < CREDIBLE:
         without = hypotheses[0]._replace(extended=None, in_every_model=(), rivals=())
-        return Selection(without if alarm else None, 0.0)
-    return Selection(fitted[int(np.argmin(deviances))][0], lead)
+        return without if alarm else None, 0.0
+    return fitted[int(np.argmin(deviances))][0], lead
 
 
 def _fit_hypotheses(
@@ -389,15 +380,14 @@ def _fit_hypotheses(
     if is_open and effort.allows(SEARCH):
         hypotheses += _with_usual_noise(c, known, effort)
     fits = [found.extended for found in hypotheses if found.extended]
-    is_open = (off_normal or _shows_off_normal(fits)) and not any(_is_radial(fit) for fit in fits)
+    # effects may hide them in the base model
+    off_normal = off_normal or any(
+        not fit.model.off_normal_std and off_normal_p_value(fit) < FRICTION_SIGNIFICANCE for fit in fits
+    )
+    is_open = off_normal and not any(_is_radial(fit) for fit in fits)
     if is_open and effort.allows(SEARCH):
         hypotheses += _with_off_normal_forces(c, known, effort)
     return hypotheses
-
-
-def _shows_off_normal(fits: Sequence[Calibration]) -> bool:
-    """Whether off-normal angles are significant beside effects that hide them in the base model."""
-    return any(not fit.model.off_normal_std and off_normal_p_value(fit) < FRICTION_SIGNIFICANCE for fit in fits)
 
 
 def _with_usual_noise(calibration: Calibration, known: Sequence[Effect], effort: Effort) -> list[Search]:
