@@ -32,14 +32,13 @@ from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
 from scara_kinetostatic.model.tip import (
     Force,
-    Jacobian,
     Spread,
     band_covariance,
-    by_noise,
-    measurement_covariance,
-    tip_derivative,
+    inverse_of_rows,
+    tip_by_joints,
+    tip_by_noise,
+    tip_by_values,
     tip_under_load,
-    with_dead_bands,
 )
 from scara_kinetostatic.touches.signals import Signals, as_signals, moving_mean
 from scara_kinetostatic.touches.streams import Streams
@@ -104,16 +103,14 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: f
     arm = replace(arm, noise=arm.noise._replace(force=(first, second)))
     law, f = Predictor(arm).law, Force.of(force, arm.noise)
     found = tip_under_load(law, joints, f, metadata_of(arm, joints))
-    jacobian = Jacobian.at(found, f)
-    by_model = tip_derivative(law, found, f, jacobian)
-    spread = Spread.of(arm.covariance, arm.undetermined)
-    gaps = spread.gaps(law.model.parameters)
-    noise = measurement_covariance(law, found, f, jacobian).plus(band_covariance(gaps, found, f, jacobian))
-    systematic = spread.tip(by_model)
-    known = np.isfinite(with_dead_bands(systematic, spread, law, found, f).xx)
-    covariance = np.where(known[:, None, None], systematic.matrices, np.nan)
-    loadings = by_noise(law, found, f, jacobian)
-    return TipPlaces(found.tip, by_model.transpose(2, 1, 0), covariance, noise.matrices, loadings)
+    at = found.loading
+    jacobian = tip_by_joints(at, inverse_of_rows(at, f))
+    by_model = tip_by_values(law, jacobian, at, f, found.state)
+    spread = Spread.of(arm.covariance, arm.undetermined, law.model.parameters)
+    by_noise, systematic = tip_by_noise(law, jacobian, at, f), spread.tip(by_model)
+    noise = by_noise @ by_noise.swapaxes(1, 2) + band_covariance(spread.gaps, jacobian, at, f)
+    known = np.isfinite(spread.with_dead_bands(systematic, jacobian, at, f)[:, :1, :1])
+    return TipPlaces(found.tip, by_model, np.where(known, systematic, np.nan), noise, by_noise)
 
 
 LARGEST_TIP = 0.1

@@ -22,15 +22,14 @@ from scara_kinetostatic.model.tip import (
     SIGN_KNOWN,
     Equilibrium,
     Force,
-    Jacobian,
     Law,
     Spread,
-    Symmetric,
+    inverse_of_rows,
     joints_under_load,
-    measurement_covariance,
-    tip_derivative,
+    tip_by_joints,
+    tip_by_noise,
+    tip_by_values,
     tip_under_load,
-    with_dead_bands,
 )
 
 _UNFIT = 'the calibration is unfit for use; its calibration.json says why (assessment.reasons)'
@@ -285,7 +284,9 @@ class Predictor:
     @cached_property
     def _spread(self) -> Spread | None:
         """Of the values; None where nothing is stated."""
-        return None if self.nominal else Spread.of(self.arm.covariance, self.arm.undetermined)
+        if self.nominal:
+            return None
+        return Spread.of(self.arm.covariance, self.arm.undetermined, self.law.model.parameters)
 
     def locate(
         self, joints: Floats, force: Floats, metadata: TouchMetadata | None = None, *, measured: bool = False
@@ -306,11 +307,12 @@ class Predictor:
         for rows in _chunks(n):
             f = Force.of(0.0 * force[rows] if self.rigid else force[rows], self.arm.noise)
             found = tip_under_load(self.law, joints[rows], f, metadata.select(rows))
-            jacobian = Jacobian.at(found, f)
+            jacobian = tip_by_joints(found.loading, inverse_of_rows(found.loading, f))
             spread = self._tip_spread(found, f, jacobian)
             if measured:
-                spread = spread.plus(measurement_covariance(self.law, found, f, jacobian))
-            position[rows], covariance[rows] = found.tip, spread.matrices
+                by_noise = tip_by_noise(self.law, jacobian, found.loading, f)
+                spread = spread + by_noise @ by_noise.swapaxes(1, 2)
+            position[rows], covariance[rows] = found.tip, spread
             loaded[rows] = self._is_loaded(found, f)
             codes[rows] = self._status(found, f, spread, metadata.select(rows), sides[rows])
         return TipPosition(position, covariance, loaded, _NAMES[codes])
@@ -333,31 +335,34 @@ class Predictor:
         for rows in _chunks(n):
             f = Force.of(force[rows], self.arm.noise)
             found = joints_under_load(self.law, tip[rows], f, posture[rows], metadata.select(rows))
-            jacobian = Jacobian.at(found, f)
+            jacobian = tip_by_joints(found.loading, inverse_of_rows(found.loading, f))
             spread = self._tip_spread(found, f, jacobian)
             joints[rows], torques[rows] = found.joints, np.array([found.loading.c1, found.loading.c2]).T
-            with np.errstate(invalid='ignore'):
-                covariance[rows] = spread.mapped(jacobian.inverse()).matrices
-                variance = np.where(f.size > 0, spread.variance_along(f.nx, f.ny), spread.largest)
-            normal[rows] = np.sqrt(variance)
+            with np.errstate(divide='ignore', invalid='ignore'):
+                (a, b), (c, d) = jacobian.transpose(1, 2, 0)
+                by_tip = (np.array([[d, -b], [-c, a]]) / (a * d - b * c)).transpose(2, 0, 1)
+                covariance[rows] = by_tip @ spread @ by_tip.swapaxes(1, 2)
+                (xx, xy), (_, yy) = spread.transpose(1, 2, 0)
+                along = xx * f.nx**2 + yy * f.ny**2 + 2 * xy * f.nx * f.ny
+                largest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
+                normal[rows] = np.sqrt(np.where(f.size > 0, along, largest))
             loaded[rows] = self._is_loaded(found, f)
             codes[rows] = self._status(found, f, spread, metadata.select(rows), posture[rows])
         return JointAngles(joints, torques, covariance, loaded, _NAMES[codes], normal)
 
-    def _tip_spread(self, found: Equilibrium, force: Force, jacobian: Jacobian) -> Symmetric:
-        """Covariance of the tip at Q and F; NaN where nothing is stated."""
+    def _tip_spread(self, found: Equilibrium, force: Force, jacobian: Floats) -> Floats:
+        """Covariance of the tip at Q and F, (n, 2, 2); NaN where nothing is stated."""
         if self._spread is None:
-            none = np.full(len(force.x), np.nan)
-            return Symmetric(none, none, none)
-        by_model = self._spread.tip(tip_derivative(self.law, found, force, jacobian))
-        return with_dead_bands(by_model, self._spread, self.law, found, force)
+            return np.full((len(force.x), 2, 2), np.nan)
+        by_model = self._spread.tip(tip_by_values(self.law, jacobian, found.loading, force, found.state))
+        return self._spread.with_dead_bands(by_model, jacobian, found.loading, force)
 
     def _is_loaded(self, found: Equilibrium, force: Force) -> Mask:
         """Whether no dead band is being crossed."""
         return np.asarray(self.rigid | ~(found.loading.in_band | (force.place < 1)))
 
     def _status(
-        self, found: Equilibrium, force: Force, spread: Symmetric, metadata: TouchMetadata, posture: Indices
+        self, found: Equilibrium, force: Force, spread: Floats, metadata: TouchMetadata, posture: Indices
     ) -> Indices:
         """Numbers in `STATUSES`."""
         used, code = self.arm.used, np.full(len(force.x), _OK, dtype=np.intp)
@@ -368,7 +373,7 @@ class Predictor:
             beyond |= (metadata.time < 0) | (metadata.time > used.duration)
         if not self.nominal:
             code[beyond] = _EXTRAPOLATED
-            code[~np.isfinite(spread.xx + spread.yy)] = _UNDETERMINED
+            code[~np.isfinite(spread[:, 0, 0] + spread[:, 1, 1])] = _UNDETERMINED
         code[np.isnan(found.tip[:, 0])] = _UNDETERMINED
         code[np.isnan(found.joints[:, 0])] = _OUT_OF_REACH
         return code

@@ -108,6 +108,8 @@ def component_by_parameters(
 
 def stacked(rows: Sequence[Sequence[Any]], shape: tuple[int, ...]) -> Floats:
     """R rows of k floats or arrays of a shape as one array (k, r, *shape)."""
+    if not shape:
+        return np.array(rows, dtype=float).T
     out = np.empty((len(rows[0]), len(rows), *shape))
     for number, row in enumerate(rows):
         for k, part in enumerate(row):

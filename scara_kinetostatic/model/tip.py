@@ -31,61 +31,46 @@ S and F, ∂Q/∂L̄ = -G⁻¹ ∂S/∂L̄. What an effect changes in its own sh
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.kinematics import inverse
-from scara_kinetostatic.model.parameters import (
-    G1,
-    G2,
-    G_EE,
-    L1,
-    L2,
-    NAMES,
-    P1,
-    P2,
-    P_EE,
-    THETA1,
-    THETA2,
-    X0,
-    Y0,
-    Parameters,
-)
+from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, inverse, stacked
+from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, Parameters
 
 SIGN_KNOWN = 3.0
 """Standard deviations from zero at which the sign of a torque, or the direction of a force, is known."""
 STEEPEST = 4.0
 """The band is so many times as wide as what the backlash itself can turn the lever arm."""
-_DISC_RADIUS = 0.1
-"""Radius of the disc that effects are given as the touched one, m; the tip touches it along the force."""
 
 
 class Force(NamedTuple):
-    """Forces on the object; all (n,).
+    """Forces on the object, (n,) each, or one as plain floats.
 
     Attributes:
         x: F along x, N.
         y: along y, N.
         size: ‖F‖, N.
-        nx: direction n along x; 1 where there is no force.
-        ny: along y.
-        place: s(f / 3 σ_F), place in the dead band of the gripper, 0 to 1.
         std: standard deviation of a component, N.
+        place: s(f / 3 σ_F), place in the dead band of the gripper, 0 to 1.
+        nx: its direction there along x; 1 where there is no force.
+        ny: along y.
+        held: x and y of the force that the dead bands follow where it is another one, N; it does not feel the noise.
     """
 
-    x: Floats
-    y: Floats
-    size: Floats
-    nx: Floats
-    ny: Floats
-    place: Floats
-    std: Floats
+    x: Any
+    y: Any
+    size: Any
+    std: Any
+    place: Any
+    nx: Any
+    ny: Any
+    held: tuple[float, float] | None = None
 
     @classmethod
     def of(cls, force: Floats, noise: Noise) -> Force:
@@ -94,21 +79,19 @@ class Force(NamedTuple):
         size = np.hypot(x, y)
         some = np.where(size > 0, size, 1.0)
         std = np.hypot(noise.force_rms, noise.growth * size)
-        return cls(
-            x, y, size, np.where(size > 0, x / some, 1.0), y / some, np.minimum(size / (SIGN_KNOWN * std), 1.0), std
-        )
+        place = np.minimum(size / (SIGN_KNOWN * std), 1.0)
+        return cls(x, y, size, std, place, np.where(size > 0, x / some, 1.0), y / some)
 
 
 class Loading(NamedTuple):
-    """The arm at given link angles under a force; all (n,).
+    """The arm at given link angles under a force; (n,) each, or plain floats.
 
     Attributes:
         x1: link 1 along x, m.
         y1: along y.
         x2: link 2 along x, m.
         y2: along y.
-        offset_x: S - H(Q*) by the gripper, m.
-        offset_y: along y.
+        offset: S - H(Q*) by the gripper along x and along y, m.
         c1: torque of joint 1, Nm.
         c2: of joint 2.
         s1: place of joint 1 in its dead band, -1 to 1.
@@ -117,23 +100,84 @@ class Loading(NamedTuple):
         k2: of joint 2.
     """
 
-    x1: Floats
-    y1: Floats
-    x2: Floats
-    y2: Floats
-    offset_x: Floats
-    offset_y: Floats
-    c1: Floats
-    c2: Floats
-    s1: Floats
-    s2: Floats
-    k1: Floats
-    k2: Floats
+    x1: Any
+    y1: Any
+    x2: Any
+    y2: Any
+    offset: tuple[Any, Any]
+    c1: Any
+    c2: Any
+    s1: Any
+    s2: Any
+    k1: Any
+    k2: Any
 
     @property
-    def in_band(self) -> Mask:
+    def in_band(self) -> Any:
         """Whether a joint is inside its dead band."""
-        return np.asarray((np.abs(self.s1) < 1) | (np.abs(self.s2) < 1))
+        return (abs(self.s1) < 1) | (abs(self.s2) < 1)
+
+    def tip(self, p: Parameters) -> tuple[Any, Any]:
+        """S along x and along y without effects, m."""
+        return p.x0 + self.x1 + self.x2 + self.offset[0], p.y0 + self.y1 + self.y2 + self.offset[1]
+
+
+def load_arm(
+    p: Parameters, links: tuple[Any, Any, Any, Any], offset: tuple[Any, Any], force: Force, moment: Any = 0.0
+) -> Loading:
+    """The torques of the arm and its places in the dead bands; floats, or arrays of any one shape.
+
+    Args:
+        p: L̄.
+        links: x and y of link 1, then of link 2, m.
+        offset: S - H(Q*) by the gripper, m.
+        force: on the object.
+        moment: that it adds to both torques where it acts beside the rigid tip, Nm.
+    """
+    x1, y1, x2, y2 = links
+    c2 = x2 * force.y - y2 * force.x + moment
+    c1 = x1 * force.y - y1 * force.x + c2
+    known1, known2 = c1, c2
+    if force.held is not None:
+        x, y = force.held
+        known2 = x2 * y - y2 * x
+        known1 = x1 * y - y1 * x + known2
+    own, known = STEEPEST * (p.l1 + p.l2) * force.size, SIGN_KNOWN * force.std
+    x, y = x1 + x2, y1 + y2
+    b1, b2 = known * (x * x + y * y) ** 0.5 + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
+    u1, u2 = known1 / b1, known2 / b2
+    inside1, inside2 = abs(u1) < 1, abs(u2) < 1
+    s1, s2 = inside1 * u1 + (u1 >= 1) - (u1 <= -1), inside2 * u2 + (u2 >= 1) - (u2 <= -1)
+    k1, k2 = p.p1 + inside1 * (p.g1 / b1), p.p2 + inside2 * (p.g2 / b2)
+    return Loading(x1, y1, x2, y2, offset, c1, c2, s1, s2, k1, k2)
+
+
+def newton_step(
+    p: Parameters, joints: tuple[Any, Any], angles: tuple[Any, Any], turn: Any, at: Loading, force: Force
+) -> tuple[Any, Any, tuple[Any, Any, Any, Any]]:
+    """By what Q* is to be smaller for law (6) to hold, rad, and M⁻¹ by rows; floats, or arrays of any one shape.
+
+    Args:
+        p: L̄.
+        joints: Q, rad.
+        angles: absolute angles of the links, rad.
+        turn: δ of both joints by the effects, rad.
+        at: the arm there.
+        force: on the object.
+    """
+    row1 = angles[0] - p.theta1 - joints[0] + p.p1 * at.c1 + p.g1 * at.s1 + turn[0]
+    row2 = angles[1] - angles[0] - p.theta2 - joints[1] + p.p2 * at.c2 + p.g2 * at.s2 + turn[1]
+    rows = i11, i12, i21, i22 = inverse_of_rows(at, force)
+    return i11 * row1 + i12 * row2, i21 * row1 + i22 * row2, rows
+
+
+def inverse_of_rows(at: Loading, force: Force) -> tuple[Any, Any, Any, Any]:
+    """M⁻¹ by rows, M = I + diag(k) ∂C/∂Q* at constant F."""
+    c22 = -(force.x * at.x2 + force.y * at.y2)
+    c11 = c22 - (force.x * at.x1 + force.y * at.y1)
+    m11, m12, m21, m22 = 1.0 + at.k1 * c11, at.k1 * c22, at.k2 * c22, 1.0 + at.k2 * c22
+    scale = 1.0 / (m11 * m22 - m12 * m21)
+    return m22 * scale, -m12 * scale, -m21 * scale, m11 * scale
 
 
 @dataclass(frozen=True)
@@ -150,47 +194,29 @@ class Law:
     gripper: Gripper
     noise: Noise
 
+    def offset(self, force: Force) -> tuple[Any, Any]:
+        """S - H(Q*) by an isotropic gripper, m; floats, or arrays of any one shape."""
+        slope, own = self.gripper.slope(self.model.parameters), self.model.parameters.g_ee * force.place
+        return slope * force.x - own * force.nx, slope * force.y - own * force.ny
+
     def loading(self, first: Floats, second: Floats, force: Force) -> Loading:
         """The arm with its links at absolute angles `first` and `second`, (n,), rad."""
-        p = self.model.parameters
-        x1, y1, x2, y2 = p.l1 * np.cos(first), p.l1 * np.sin(first), p.l2 * np.cos(second), p.l2 * np.sin(second)
-        along = self.gripper.slope(p) * force.size - p.g_ee * force.place
-        offset_x, offset_y, moment = along * force.nx, along * force.ny, np.zeros(1)
+        p, offset, moment = self.model.parameters, self.offset(force), 0.0
         skew = self.gripper.skew(np.arctan2(force.ny, force.nx) - second)
         if skew is not None:  # the force then acts beside the rigid tip, and turns both joints
             normal, tangent = force.size * skew.normal, force.size * skew.tangent
-            offset_x = offset_x + normal * force.nx - tangent * force.ny
-            offset_y = offset_y + normal * force.ny + tangent * force.nx
+            x, y = offset
+            offset = x + normal * force.nx - tangent * force.ny, y + normal * force.ny + tangent * force.nx
             moment = -tangent * force.size
-        c2 = x2 * force.y - y2 * force.x + moment
-        c1 = x1 * force.y - y1 * force.x + c2
-        own = STEEPEST * (p.l1 + p.l2) * force.size
-        known = SIGN_KNOWN * force.std
-        b1, b2 = known * np.hypot(x1 + x2, y1 + y2) + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
-        u1, u2 = c1 / b1, c2 / b2
-        k1, k2 = p.p1 + np.where(np.abs(u1) < 1, p.g1 / b1, 0.0), p.p2 + np.where(np.abs(u2) < 1, p.g2 / b2, 0.0)
-        s1, s2 = np.clip(u1, -1.0, 1.0), np.clip(u2, -1.0, 1.0)
-        return Loading(x1, y1, x2, y2, offset_x, offset_y, c1, c2, s1, s2, k1, k2)
+        links = p.l1 * np.cos(first), p.l1 * np.sin(first), p.l2 * np.cos(second), p.l2 * np.sin(second)
+        return load_arm(p, links, offset, force, moment)
 
     def touch_state(self, joints: Floats, at: Loading, force: Force, metadata: TouchMetadata) -> TouchState:
         """The poses as effects take them; `joints` is Q, (n, 2), rad."""
         p = self.model.parameters
-        normal = np.array([force.nx, force.ny]).T
-        tip = np.array([p.x0 + at.x1 + at.x2 + at.offset_x, p.y0 + at.y1 + at.y2 + at.offset_y]).T
-        return TouchState(
-            parameters=p,
-            joints=joints,
-            force=np.array([force.x, force.y]).T,
-            magnitude=force.size,
-            normal=normal,
-            torques=np.array([at.c1, at.c2]).T,
-            link1=np.array([at.x1, at.y1]).T / p.l1,
-            link2=np.array([at.x2, at.y2]).T / p.l2,
-            centers=tip + _DISC_RADIUS * normal,
-            radii=np.full(len(normal), _DISC_RADIUS),
-            metadata=metadata,
-            off_normal=np.zeros(len(normal)),
-        )
+        pairs = (force.x, force.y), (at.c1, at.c2), (at.x1, at.y1), (at.x2, at.y2), at.tip(p)
+        forces, torques, link1, link2, tip = (np.array(pair).T.reshape(-1, 2) for pair in pairs)
+        return TouchState.of_poses(p, joints, forces, torques, (link1, link2), tip, metadata)
 
     def shift(self, at: TouchState, place: Floats) -> tuple[Floats, Floats]:
         """δ, rad, and d, m, by the effects of the robot, (n, 2) each; those by the force fade out with `place`."""
@@ -261,27 +287,14 @@ def tip_under_load(law: Law, joints: Floats, force: Force, metadata: TouchMetada
             state = law.touch_state(joints, at, force, metadata)
             shift, moved = law.shift(state, force.place)
             turn = shift.T
-        row1 = first - p.theta1 - q1 + p.p1 * at.c1 + p.g1 * at.s1 + turn[0]
-        row2 = second - first - p.theta2 - q2 + p.p2 * at.c2 + p.g2 * at.s2 + turn[1]
-        i11, i12, i21, i22 = inverse_of_rows(at, force)
-        step1, step2 = i11 * row1 + i12 * row2, i21 * row1 + i22 * row2
+        step1, step2, _ = newton_step(p, (q1, q2), (first, second), turn, at, force)
         first, second = first - step1, second - step1 - step2
         change = np.maximum(np.abs(step1), np.abs(step2))
         if not (change > _ROUNDING).any():
             break
     at = law.loading(first, second, force)
-    x, y = p.x0 + at.x1 + at.x2 + at.offset_x, p.y0 + at.y1 + at.y2 + at.offset_y
-    tip = np.where((change < _SOLVED)[:, None], np.array([x, y]).T + moved, np.nan)
+    tip = np.where((change < _SOLVED)[:, None], np.array(at.tip(p)).T + moved, np.nan)
     return Equilibrium(joints, tip, at, state)
-
-
-def inverse_of_rows(at: Loading, force: Force) -> tuple[Floats, Floats, Floats, Floats]:
-    """M⁻¹ by rows, M = I + diag(k) ∂C/∂Q* at constant F; (n,) each."""
-    c22 = -(force.x * at.x2 + force.y * at.y2)
-    c11 = c22 - (force.x * at.x1 + force.y * at.y1)
-    m11, m12, m21, m22 = 1.0 + at.k1 * c11, at.k1 * c22, at.k2 * c22, 1.0 + at.k2 * c22
-    scale = 1.0 / (m11 * m22 - m12 * m21)
-    return m22 * scale, -m12 * scale, -m21 * scale, m11 * scale
 
 
 def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, metadata: TouchMetadata) -> Equilibrium:
@@ -298,14 +311,15 @@ def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, met
     once = not law.model.effects and law.gripper.isotropic
     compliance, backlash = np.array([[p.p1], [p.p2]]), np.array([[p.g1], [p.g2]])
     turn, moved, state = np.zeros((2, len(tip))), np.zeros((len(tip), 2)), None
-    joints, offset = np.zeros((2, len(tip))), _offset(law, np.zeros(len(tip)), force)
+    still = np.zeros(len(tip))
+    joints, offset = np.zeros((2, len(tip))), np.array(law.loading(still, still, force).offset)
     change: tuple[Floats, Floats] = (joints, offset)
     for _ in range(_PASSES):
         links = inverse(p, tip - offset.T - moved, posture).T
         first = links[0] + p.theta1
         at = law.loading(first, first + links[1] + p.theta2, force)
         found = links + compliance * np.array([at.c1, at.c2]) + backlash * np.array([at.s1, at.s2]) + turn
-        added = np.array([at.offset_x, at.offset_y])
+        added = np.array(at.offset)
         change = np.abs(found - joints), np.abs(added - offset)
         joints, offset = found, added
         # where the place is out of reach it is not a number
@@ -319,84 +333,8 @@ def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, met
     return Equilibrium(np.where(solved, joints, np.nan).T, tip, at, state)
 
 
-def _offset(law: Law, second: Floats, force: Force) -> Floats:
-    """S - H(Q*) by the gripper with link 2 at angles (n,), rad; (2, n), m."""
-    at = law.loading(second, second, force)
-    return np.array([at.offset_x, at.offset_y])
-
-
 DEPENDS = 1.0
 """A change of the tip by the plausible range of an undetermined direction that counts, in standard uncertainties."""
-
-
-class Jacobian(NamedTuple):
-    """G = ∂S/∂Q at fixed F, by rows, (n,) each, m/rad."""
-
-    xx: Floats
-    xy: Floats
-    yx: Floats
-    yy: Floats
-
-    @classmethod
-    def at(cls, found: Equilibrium, force: Force) -> Jacobian:
-        """That of poses."""
-        a = found.loading
-        i11, i12, i21, i22 = inverse_of_rows(a, force)
-        j1x, j1y = -(a.y1 + a.y2), a.x1 + a.x2
-        return cls(j1x * i11 - a.y2 * i21, j1x * i12 - a.y2 * i22, j1y * i11 + a.x2 * i21, j1y * i12 + a.x2 * i22)
-
-    def inverse(self) -> Jacobian:
-        """G⁻¹; not finite where the arm is stretched or folded."""
-        with np.errstate(divide='ignore', invalid='ignore'):
-            scale = 1.0 / (self.xx * self.yy - self.xy * self.yx)
-            return Jacobian(self.yy * scale, -self.xy * scale, -self.yx * scale, self.xx * scale)
-
-    def times(self, vectors: Floats) -> tuple[Floats, Floats]:
-        """G times vectors (n, 2): the components."""
-        return (
-            self.xx * vectors[:, 0] + self.xy * vectors[:, 1],
-            self.yx * vectors[:, 0] + self.yy * vectors[:, 1],
-        )
-
-
-class Symmetric(NamedTuple):
-    """A symmetric 2×2 matrix for each of n poses; its entries xx, yy and xy, (n,) each."""
-
-    xx: Floats
-    yy: Floats
-    xy: Floats
-
-    def plus(self, other: Symmetric) -> Symmetric:
-        """The sum."""
-        return Symmetric(*(one + two for one, two in zip(self, other, strict=True)))
-
-    def mapped(self, by: Jacobian) -> Symmetric:
-        """B Σ Bᵀ."""
-        a, b = by.xx * self.xx + by.xy * self.xy, by.xx * self.xy + by.xy * self.yy
-        c, d = by.yx * self.xx + by.yy * self.xy, by.yx * self.xy + by.yy * self.yy
-        return Symmetric(a * by.xx + b * by.xy, c * by.yx + d * by.yy, a * by.yx + b * by.yy)
-
-    def variance_along(self, x: Floats, y: Floats) -> Floats:
-        """nᵀ Σ n for unit vectors."""
-        return np.asarray(self.xx * x * x + self.yy * y * y + 2 * self.xy * x * y)
-
-    @property
-    def largest(self) -> Floats:
-        """Variance in the worst direction, (n,)."""
-        return np.asarray((self.xx + self.yy) / 2 + np.hypot((self.xx - self.yy) / 2, self.xy))
-
-    @property
-    def matrices(self) -> Floats:
-        """(n, 2, 2)."""
-        return np.array([[self.xx, self.xy], [self.xy, self.yy]]).transpose(2, 0, 1)
-
-
-class Squares(NamedTuple):
-    """Squares of the half gaps of the joints, rad², and of the gripper, m²."""
-
-    joint1: float
-    joint2: float
-    gripper: float
 
 
 class Spread(NamedTuple):
@@ -404,151 +342,165 @@ class Spread(NamedTuple):
 
     Attributes:
         factor: B with B Bᵀ = Σ, (12 + k, r).
+        gaps: expectations E[g²] = g² + var(g) of the backlashes of the joints, rad², and of the gripper, m², (3,).
         undetermined: directions that the touches do not determine, (12 + k, u).
+        undetermined_gaps: squares of the plausible ranges of the backlashes along these, (3,).
     """
 
     factor: Floats
+    gaps: Floats
     undetermined: Floats
-
-    def gaps(self, parameters: Parameters) -> Squares:
-        """Expectations E[g²] = g² + var(g) of the backlashes."""
-        g = parameters
-        v1, v2, own = (float(self.factor[k] @ self.factor[k]) for k in (G1, G2, G_EE))
-        return Squares(g.g1**2 + v1, g.g2**2 + v2, g.g_ee**2 + own)
-
-    @property
-    def undetermined_gaps(self) -> Squares:
-        """Squares of the plausible ranges of the backlashes along what is undetermined."""
-        return Squares(*(float(self.undetermined[k] @ self.undetermined[k]) for k in (G1, G2, G_EE)))
+    undetermined_gaps: Floats
 
     @classmethod
-    def of(cls, covariance: Floats, undetermined: Floats) -> Spread:
-        """That of a covariance, (12 + k, 12 + k)."""
+    def of(cls, covariance: Floats, undetermined: Floats, parameters: Parameters) -> Spread:
+        """That of a covariance, (12 + k, 12 + k), at values of L̄."""
         std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
         scale = np.where(std > 0, std, 1.0)
         values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
         kept = values > 0
-        return cls(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]), undetermined)
+        factor = scale[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+        own, free = ((part[[G1, G2, G_EE]] ** 2).sum(axis=1) for part in (factor, undetermined))
+        return cls(factor, own + np.square([parameters.g1, parameters.g2, parameters.g_ee]), undetermined, free)
 
-    def tip(self, derivative: Floats) -> Symmetric:
-        """J Σ Jᵀ for derivatives (12 + k, 2, n), m²; NaN where the tip depends on what is undetermined."""
-        k, _, n = derivative.shape
-        x, y = (self.factor.T @ derivative.reshape(k, 2 * n)).reshape(-1, 2, n).transpose(1, 0, 2)
-        xx, yy, xy = (np.einsum('rn,rn->n', one, two) for one, two in ((x, x), (y, y), (x, y)))
-        if self.undetermined.shape[1]:
-            free = (self.undetermined.T @ derivative.reshape(k, 2 * n)).reshape(-1, n)
-            unknown = np.einsum('rn,rn->n', free, free) > DEPENDS**2 * (xx + yy)
-            xx, yy, xy = (np.where(unknown, np.nan, part) for part in (xx, yy, xy))
-        return Symmetric(xx, yy, xy)
+    def tip(self, derivative: Floats) -> Floats:
+        """J Σ Jᵀ for derivatives (..., r, 12 + k), m²; NaN where x or y depends on what is undetermined."""
+        by_values = derivative @ self.factor
+        found = by_values @ by_values.swapaxes(-1, -2)
+        if not self.undetermined.shape[1]:
+            return found
+        free = np.square(derivative[..., :2, :] @ self.undetermined).sum(axis=(-1, -2))
+        return np.where((free > DEPENDS**2 * _variance(found))[..., None, None], np.nan, found)
 
+    def with_dead_bands(self, by_model: Floats, jacobian: Floats, at: Loading, force: Force) -> Floats:
+        """Covariance of the tip by the values of the model and the unknown places in the dead bands, (..., r, r), m².
 
-def tip_derivative(law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> Floats:
-    """∂S/∂(values of the model) at fixed Q and F, (12 + k, 2, n)."""
-    p, a, g = law.model.parameters, found.loading, jacobian
-    out = np.zeros((len(law.model.names), 2, len(force.x)))
-    out[X0, 0] = out[Y0, 1] = 1.0
-    out[THETA1], out[THETA2] = (g.xx, g.yx), (g.xy, g.yy)
-    u1x, u1y, u2x, u2y = a.x1 / p.l1, a.y1 / p.l1, a.x2 / p.l2, a.y2 / p.l2
-    by_l1 = a.k1 * (u1x * force.y - u1y * force.x)
-    out[L1] = u1x - g.xx * by_l1, u1y - g.yx * by_l1
-    moment = u2x * force.y - u2y * force.x
-    w1, w2 = a.k1 * moment, a.k2 * moment
-    out[L2] = u2x - g.xx * w1 - g.xy * w2, u2y - g.yx * w1 - g.yy * w2
-    out[P1], out[P2] = (-g.xx * a.c1, -g.yx * a.c1), (-g.xy * a.c2, -g.yy * a.c2)
-    out[G1], out[G2] = (-g.xx * a.s1, -g.yx * a.s1), (-g.xy * a.s2, -g.yy * a.s2)
-    out[P_EE] = law.gripper.factor * force.x, law.gripper.factor * force.y
-    out[G_EE] = -force.place * force.nx, -force.place * force.ny
-    if found.state is not None:
-        _add_effects(out, law, found, force, jacobian)
-    return out
+        NaN where such a place counts whose backlash the touches do not determine.
+
+        Args:
+            by_model: by the values alone, J Σ Jᵀ.
+            jacobian: G, (..., r, 2).
+            at: the poses.
+            force: on the object there.
+        """
+        total = by_model + band_covariance(self.gaps, jacobian, at, force)
+        if not self.undetermined.shape[1]:
+            return total
+        free = _variance(band_covariance(self.undetermined_gaps, jacobian, at, force))
+        return np.where((free > DEPENDS**2 * _variance(total))[..., None, None], np.nan, total)
 
 
-def _add_effects(out: Floats, law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> None:
-    """The rows of the effects' values, and what those of L̄ change in the effects."""
-    assert found.state is not None
-    row = len(NAMES)
-    for effect, values in zip(law.model.effects, law.model.effect_arrays, strict=True):
-        for part in effect.derivative(found.state, values):
-            shift = faded(part, effect.force_dependence, force.place)
-            _add(out[row], shift._replace(place=None) if effect.on_object else shift, jacobian)
-            row += 1
-    for name, shift in law.model.shift_by_robot(found.state).items():
-        _add(out[NAMES.index(name)], shift, jacobian)
+def _variance(covariance: Floats) -> Floats:
+    """Of x and y together."""
+    return np.asarray(covariance[..., 0, 0] + covariance[..., 1, 1])
 
 
-def _add(row: Floats, shift: Shift, jacobian: Jacobian) -> None:
-    """Add d - G δ to a row (2, n)."""
-    if shift.place is not None:
-        row += shift.place.T
-    if shift.joints is not None:
-        row -= jacobian.times(shift.joints)
-
-
-def band_covariance(gaps: Squares, found: Equilibrium, force: Force, jacobian: Jacobian) -> Symmetric:
-    """Covariance of the tip by the unknown places in the dead bands, m²: E[g²] / 3 (1 - s²) of each.
+def tip_by_joints(at: Loading, rows: tuple[Any, Any, Any, Any], with_yaw: bool = False) -> Floats:
+    """G = ∂S/∂Q at fixed F, (n, 2, 2), of floats (2, 2), m/rad; the angle of link 2 may be a third row.
 
     Args:
-        gaps: of the backlashes.
-        found: the poses.
-        force: on the object there.
-        jacobian: G there.
+        at: the poses.
+        rows: M⁻¹ there, by `inverse_of_rows`.
+        with_yaw: whether it is.
     """
-    a, g = found.loading, jacobian
-    v1, v2 = gaps.joint1 / 3 * (1 - a.s1**2), gaps.joint2 / 3 * (1 - a.s2**2)
-    own = gaps.gripper / 3 * (1 - force.place**2)
-    return Symmetric(
-        g.xx**2 * v1 + g.xy**2 * v2 + own,
-        g.yx**2 * v1 + g.yy**2 * v2 + own,
-        g.xx * g.yx * v1 + g.xy * g.yy * v2,
-    )
+    i11, i12, i21, i22 = rows
+    jx, jy = -(at.y1 + at.y2), at.x1 + at.x2
+    by_joints = [
+        (jx * i11 - at.y2 * i21, jx * i12 - at.y2 * i22),
+        (jy * i11 + at.x2 * i21, jy * i12 + at.x2 * i22),
+        (i11 + i21, i12 + i22),
+    ]
+    return stacked(by_joints if with_yaw else by_joints[:2], np.shape(i11)).T
 
 
-def with_dead_bands(by_model: Symmetric, spread: Spread, law: Law, found: Equilibrium, force: Force) -> Symmetric:
-    """Covariance of the tip by the values of the model and the unknown places in the dead bands, m².
-
-    NaN where such a place counts whose backlash the touches do not determine.
+def tip_by_values(law: Law, jacobian: Floats, at: Loading, force: Force, state: TouchState | None) -> Floats:
+    """∂S/∂(values of the model) at fixed Q and F, (n, r, 12 + k), of floats (r, 12 + k), with the rows of G.
 
     Args:
-        by_model: by the values alone, J Σ Jᵀ.
-        spread: of the values.
         law: of the arm.
-        found: the poses.
+        jacobian: G, (n, r, 2) or (r, 2).
+        at: the poses.
+        force: on the object there.
+        state: the poses as effects take them; None without effects.
+    """
+    p, s = law.model.parameters, law.gripper.factor
+    u1x, u1y, u2x, u2y = at.x1 / p.l1, at.y1 / p.l1, at.x2 / p.l2, at.y2 / p.l2
+    joints = LoadedJoints(
+        slope=(at.k1, at.k2),
+        moment=(u1x * force.y - u1y * force.x, u2x * force.y - u2y * force.x),
+        torque=(at.c1, at.c2),
+        sense=(at.s1, at.s2),
+    )
+    parts = (
+        ((1.0, 0.0), (u1x, u2x), (s * force.x, -force.place * force.nx)),
+        ((0.0, 1.0), (u1y, u2y), (s * force.y, -force.place * force.ny)),
+        ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
+    )
+    turns = jacobian.tolist() if jacobian.ndim == 2 else jacobian.transpose(1, 2, 0)
+    rows = [
+        component_by_parameters(axis, links, turn, gripper, joints)
+        for (axis, links, gripper), turn in zip(parts, turns, strict=False)
+    ]
+    found = stacked(rows, jacobian.shape[:-2]).T
+    return found if state is None else _with_effects(found, law, jacobian, force, state)
+
+
+def _with_effects(found: Floats, law: Law, jacobian: Floats, force: Force, state: TouchState) -> Floats:
+    """The columns of L̄ and what they change in the effects, then those of the effects' values: d - G δ each."""
+    place = np.reshape(force.place, -1)
+
+    def column(shift: Shift) -> Floats:
+        out = np.zeros(found.shape[:-1])
+        if shift.place is not None:
+            out[..., :2] += shift.place.reshape(*out.shape[:-1], 2)
+        if shift.joints is not None:
+            out -= (jacobian @ shift.joints[..., None]).reshape(out.shape)
+        return out
+
+    for name, shift in law.model.shift_by_robot(state).items():
+        found[..., NAMES.index(name)] += column(shift)
+    columns = []
+    for effect, values in zip(law.model.effects, law.model.effect_arrays, strict=True):
+        for part in effect.derivative(state, values):
+            shift = faded(part, effect.force_dependence, place)
+            columns.append(column(shift._replace(place=None) if effect.on_object else shift))
+    return np.concatenate([found, np.stack(columns, axis=-1)], axis=-1)
+
+
+def band_covariance(gaps: Floats, jacobian: Floats, at: Loading, force: Force) -> Floats:
+    """Covariance of the tip by the unknown places in the dead bands, (..., r, r), m²: E[g²] / 3 (1 - s²) of each.
+
+    Args:
+        gaps: squares of the backlashes, as `Spread.gaps`.
+        jacobian: G, (..., r, 2).
+        at: the poses.
         force: on the object there.
     """
-    jacobian = Jacobian.at(found, force)
-    total = by_model.plus(band_covariance(spread.gaps(law.model.parameters), found, force, jacobian))
-    if not spread.undetermined.shape[1]:
-        return total
-    free = band_covariance(spread.undetermined_gaps, found, force, jacobian)
-    unknown = free.xx + free.yy > DEPENDS**2 * (total.xx + total.yy)
-    return Symmetric(*(np.where(unknown, np.nan, part) for part in total))
+    variances = gaps / 3 * (1 - np.array([at.s1, at.s2, force.place]).T ** 2)
+    found: Floats = (jacobian * variances[..., None, :2]) @ jacobian.swapaxes(-1, -2)
+    found[..., 0, 0] += variances[..., 2]
+    found[..., 1, 1] += variances[..., 2]
+    return found
 
 
-def by_force(law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> Jacobian:
-    """∂S/∂F at fixed Q = ∓p_ee I - g_ee s / f (I - n nᵀ) - G diag(k) Jᵀ, m/N."""
-    p, a, g = law.model.parameters, found.loading, jacobian
-    along = law.gripper.factor * p.p_ee
-    aside = p.g_ee * force.place / np.where(force.size > 0, force.size, 1.0)
-    j1x, j1y = -(a.y1 + a.y2), a.x1 + a.x2
-    xx = along - aside * force.ny**2 - (g.xx * a.k1 * j1x - g.xy * a.k2 * a.y2)
-    xy = aside * force.nx * force.ny - (g.xx * a.k1 * j1y + g.xy * a.k2 * a.x2)
-    yx = aside * force.nx * force.ny - (g.yx * a.k1 * j1x - g.yy * a.k2 * a.y2)
-    yy = along - aside * force.nx**2 - (g.yx * a.k1 * j1y + g.yy * a.k2 * a.x2)
-    return Jacobian(xx, xy, yx, yy)
+def tip_by_noise(law: Law, jacobian: Floats, at: Loading, force: Force) -> Floats:
+    """Change of the tip by one standard deviation of the noise of q1, q2, F_x and F_y, (..., r, 4), m.
 
-
-def by_noise(law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> Floats:
-    """Change of the tip by one standard deviation of the noise of q1, q2, F_x and F_y, (n, 2, 4), m."""
-    f, (q1, q2) = by_force(law, found, force, jacobian), law.noise.joint_levels
-    x = (jacobian.xx * q1, jacobian.xy * q2, f.xx * force.std, f.xy * force.std)
-    y = (jacobian.yx * q1, jacobian.yy * q2, f.yx * force.std, f.yy * force.std)
-    return np.stack([np.stack(x, axis=-1), np.stack(y, axis=-1)], axis=1)
-
-
-def measurement_covariance(law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> Symmetric:
-    """Covariance of the tip by the noise of one measurement of Q and F, m²."""
-    g, (q1, q2) = jacobian, (std**2 for std in law.noise.joint_levels)
-    by_joints = Symmetric(g.xx**2 * q1 + g.xy**2 * q2, g.yx**2 * q1 + g.yy**2 * q2, g.xx * g.yx * q1 + g.xy * g.yy * q2)
-    variance = force.std**2
-    isotropic = Symmetric(variance, variance, np.zeros_like(variance))
-    return by_joints.plus(isotropic.mapped(by_force(law, found, force, jacobian)))
+    ∂S/∂F at fixed Q is ∓p_ee I - g_ee s / f (I - n nᵀ) - G diag(k) Jᵀ, m/N; of a joint whose dead band follows a held
+    force k is p.
+    """
+    p, (q1, q2) = law.model.parameters, law.noise.joint_levels
+    if force.held is None:
+        slopes, size = (at.k1, at.k2), np.where(force.size > 0, force.size, 1.0)
+    else:
+        slopes, size = (p.p1, p.p2), max(force.size, SIGN_KNOWN * force.std)
+    along, aside = law.gripper.factor * p.p_ee, p.g_ee * force.place / size
+    cross = aside * force.nx * force.ny
+    plain = [(along - aside * force.ny * force.ny, cross), (cross, along - aside * force.nx * force.nx), (0.0, 0.0)]
+    shape = jacobian.shape[:-2]
+    torques = [
+        (-slopes[0] * (at.y1 + at.y2), slopes[0] * (at.x1 + at.x2)),
+        (-slopes[1] * at.y2, slopes[1] * at.x2),
+    ]
+    by_force = stacked(plain[: jacobian.shape[-2]], shape).T - jacobian @ stacked(torques, shape).T
+    return np.concatenate([jacobian * (q1, q2), by_force * np.asarray(force.std)[..., None, None]], axis=-1)
