@@ -77,7 +77,6 @@ class Reply(NamedTuple):
         grade: ``fit``, ``caution`` or ``unfit``.
         verdict: of the diagnosis.
         warnings: irregularities of the recordings, one sentence each.
-        details: the figures by name.
         values: the twelve parameters, SI units.
         deviations: their standard deviations; NaN where there is none.
         effects: path, value, standard deviation, unit and meaning of each parameter of the effects found.
@@ -92,7 +91,6 @@ class Reply(NamedTuple):
     grade: str
     verdict: str
     warnings: list[str]
-    details: dict[str, str]
     values: list[float]
     deviations: list[float]
     effects: list[list[Any]]
@@ -141,7 +139,6 @@ def do(job: Job, progress: Callable[[str, float], None]) -> Reply:
         grade=grade,
         verdict=outcome.verdict,
         warnings=list(outcome.warnings),
-        details=details(outcome),
         values=list(outcome.final.parameters.as_dict().values()),
         deviations=outcome.final.std.tolist(),
         effects=[list(item) for item in effect_parameters(outcome.diagnosis.found)],
@@ -211,37 +208,6 @@ def _verdict(outcome: Outcome) -> str:
     open_ones = [f'one of ({", ".join(group)})' for group in d.rivals]
     checked = '' if outcome.final.degrees_of_freedom >= LIMITS.least_freedoms else ' (too few touches to check)'
     return ', '.join([d.verdict + checked, *found, *possible, *open_ones])
-
-
-def details(outcome: Outcome) -> dict[str, str]:
-    """The same figures by name."""
-    from scara_kinetostatic.results.tables import base_rank
-
-    result, compared = outcome.final, outcome.comparison
-    alone, extended = compared.base, compared.extended
-    found = outcome.diagnosis.found
-    return {
-        'assessment': outcome.assessment.grade.value,
-        'reasons': '; '.join(outcome.assessment.reasons),
-        'actions': '; '.join(outcome.assessment.actions) or 'none',
-        'touches found': str(outcome.found),
-        'touches used': str(int(result.used.sum())),
-        'force error, nominal [N]': f'{compared.nominal:.6g}',
-        'force error, calibrated [N]': f'{alone.force_error:.6g}',
-        'force error, extended [N]': f'{extended.force_error:.6g}',
-        'force error, held out [N]': f'{alone.held_out:.6g}',
-        'force error, held out, extended [N]': f'{extended.held_out:.6g}',
-        'reduced chi-square': f'{alone.reduced_chi_square:.6g}',
-        'reduced chi-square, extended': f'{extended.reduced_chi_square:.6g}',
-        'rank': str(base_rank(result)),
-        'confounded': ', '.join(' '.join(group) for group in result.identifiability.confounded) or 'none',
-        'verdict': outcome.diagnosis.verdict,
-        'effects': ', '.join(item.effect.label for item in found if item.is_found) or 'none',
-        'possible effects': ', '.join(item.effect.label for item in found if item.is_possible) or 'none',
-        'rivals': '; '.join(', '.join(group) for group in outcome.diagnosis.rivals) or 'none',
-        'warnings': '; '.join(outcome.warnings) or 'none',
-        'sources': ', '.join(outcome.sources),
-    }
 
 
 def warnings_in_line(warnings: Sequence[str]) -> str:

@@ -176,7 +176,12 @@ class Calibrator(CellNode):
         level = _LEVELS[reply.grade]
         if reply.verdict == 'unexplained' or reply.warnings or reply.unwritten:
             level = max(level, WARN)
-        self._condition = Condition(level, message, reply.details | {'published': str(take).lower()})
+        figures = {
+            name: '; '.join(fact) if isinstance(fact, list) else str(fact)
+            for name, fact in reply.facts.items()
+            if name != 'model'
+        }
+        self._condition = Condition(level, message, figures | {'published': str(take).lower()})
         self.say(level, message)
         for warning in reply.warnings:
             self.get_logger().warning(warning)

@@ -156,8 +156,8 @@ def test_effects_come_and_go_with_the_calibration_that_finds_them(
     label = f'object_radius[{PAPER_CELL.discs[1].name}]'
     assert f'missing effects: explained, {label}; with them' in answer.message
     assert node._condition.values['effects'] == label
-    assert float(node._condition.values['force error, held out, extended [N]']) < 0.5 * float(
-        node._condition.values['force error, held out [N]']
+    assert float(node._condition.values['held_out_force_error.extended']) < 0.5 * float(
+        node._condition.values['held_out_force_error.calibrated']
     )
     name = f'object_radius.{PAPER_CELL.discs[1].name}.radius'
     found = effects(node)

@@ -5,11 +5,10 @@ import signal
 from collections.abc import Callable
 from math import inf, nan
 from pathlib import Path
-from time import sleep
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from nodes.waiting import WAIT, eventually, trigger
+from nodes.waiting import WAIT, eventually, meet, trigger
 from rclpy.node import Node
 from rclpy.qos import QoSPresetProfiles, QoSProfile
 from rosbags.rosbag2 import Reader
@@ -33,13 +32,11 @@ def publish(node: Node, qos: QoSProfile, count: int, names: tuple[str, str] = ('
     """Publishes joint states and wrenches in which nothing is touched, once somebody listens."""
     joints = node.create_publisher(JointState, '/joint_states', qos)
     wrench = node.create_publisher(WrenchStamped, '/wrench', qos)
-    assert eventually(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
-    sleep(0.3)
+    meet(node, joints, wrench)
     for number in range(count):
         stamp = 1_700_000_000_000_000_000 + 10_000_000 * number
         joints.publish(conversion.joint_state(Sample(stamp, 0.1, 0.2), names))
         wrench.publish(conversion.wrench(Sample(stamp, 0.0, 0.0), 'base'))
-        sleep(0.002)
 
 
 def test_start_and_stop_each_make_sense_once(
@@ -126,8 +123,7 @@ def test_senseless_messages_do_not_end_the_node(spin: Callable[..., Node], tmp_p
     joints = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
     wrench = collector.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
     names = ('joint1', 'joint2')
-    assert eventually(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
-    sleep(0.3)
+    meet(collector, joints, wrench)
     for stamp in (0, 2_000_000_000_000_000_000, 1_700_000_000_000_000_000, 1_600_000_000_000_000_000):
         joints.publish(JointState())
         joints.publish(JointState(name=['joint1', 'joint2'], position=[1.0]))
@@ -136,7 +132,8 @@ def test_senseless_messages_do_not_end_the_node(spin: Callable[..., Node], tmp_p
         wrench.publish(WrenchStamped())
         wrench.publish(conversion.wrench(Sample(stamp, nan, 0.0), ''))
         wrench.publish(conversion.wrench(Sample(stamp, 1e300, -1e300), ''))
-        sleep(0.15)  # Let the touch detection have a look at it.
+        detector = collector._session._detector
+        assert eventually(lambda: detector._polled == detector._pair.wrench.total)  # noqa: B023
     assert eventually(lambda: [m.count for m in collector._streams.monitors.values()] == [66, 62])
     assert [monitor.unusable for monitor in collector._streams.monitors.values()] == [16, 8]
     assert '0 touches' in collector._stop()

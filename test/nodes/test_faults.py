@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from time import sleep
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from nodes.waiting import WAIT, eventually
+from nodes.waiting import WAIT, eventually, meet
 from rcl_interfaces.srv import SetParameters
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -36,8 +36,7 @@ def play(collector: Node, names: list[str], start: int) -> None:
     angles = {'joint1': 0.1, 'lift': 0.7, 'joint2': 0.2}
     joints = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
     wrench = collector.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
-    assert eventually(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
-    sleep(0.3)
+    meet(collector, joints, wrench)
     monitors = collector._streams.monitors.values()
     expected = [monitor.count + 20 for monitor in monitors]
     for stamp in range(start, start + 200_000_000, 10_000_000):
@@ -48,6 +47,8 @@ def play(collector: Node, names: list[str], start: int) -> None:
     assert eventually(lambda: [monitor.count for monitor in monitors] == expected)
     collector.destroy_publisher(joints)
     collector.destroy_publisher(wrench)
+    heard = [item._subscription for item in collector._streams._subscriptions]
+    assert eventually(lambda: not any(item.get_publisher_count() for item in heard))
 
 
 def test_a_publisher_that_comes_back_with_another_joint_order(spin: Callable[..., Node], tmp_path: Path) -> None:
@@ -149,8 +150,7 @@ def test_messages_that_were_lost_are_said(
     collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path}')
     client.call('/collector/start', Trigger, Trigger.Request(), WAIT)
     publisher = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
-    assert eventually(lambda: publisher.get_subscription_count() > 0)
-    sleep(0.3)
+    meet(collector, publisher)
     monitor = collector._streams.monitors[Stream.JOINTS]
 
     def publish(stamp: int) -> None:
@@ -162,7 +162,7 @@ def test_messages_that_were_lost_are_said(
         timer.cancel()
         for stamp in range(1, 101):
             publish(stamp)
-        sleep(0.5)
+        publisher.wait_for_all_acked(Duration(seconds=WAIT))
 
     publish(0)
     assert eventually(lambda: monitor.count == 1)
@@ -199,14 +199,13 @@ def test_gaps_in_the_numbers_of_messages(publishers: int, numbers: list[int | No
 def test_a_driver_that_does_not_stamp_is_named(spin: Callable[..., Node], tmp_path: Path) -> None:
     collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
     publisher = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
-    assert eventually(lambda: publisher.get_subscription_count() > 0)
-    sleep(0.3)
+    meet(collector, publisher)
     monitor = collector._streams.monitors[Stream.JOINTS]
-    for _ in range(30):
+    for number in (1, 2):
         publisher.publish(JointState(name=['joint1', 'joint2'], position=[0.1, 0.2]))
-        sleep(0.05)
-    assert eventually(lambda: monitor.count == 30)
+        assert eventually(lambda: monitor.count == number)  # noqa: B023
+        monitor._stamped -= 2.0  # as if 2 s had passed
     assert 'header stamps do not change' in monitor.complaint(rate=1.0, expected=True)
     publisher.publish(conversion.joint_state(Sample(1_700_000_000_000_000_000, 0.1, 0.2), ('joint1', 'joint2')))
-    assert eventually(lambda: monitor.count == 31)
+    assert eventually(lambda: monitor.count == 3)
     assert monitor.complaint(rate=1.0, expected=True) == ''

@@ -25,7 +25,7 @@ from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.nodes import calibration_job as module
-from scara_kinetostatic.nodes.calibration_job import Reply, details, line_of
+from scara_kinetostatic.nodes.calibration_job import Reply, line_of
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
 from scara_kinetostatic.nodes.demo_client import DemoClient
@@ -53,7 +53,6 @@ def reply(outcome: Any) -> Reply:
         grade='fit',
         verdict='none',
         warnings=[],
-        details=details(outcome),
         values=list(outcome.final.parameters.as_dict().values()),
         deviations=[float('nan'), *outcome.final.std.tolist()[1:]],
         effects=[],

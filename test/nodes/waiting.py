@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from time import monotonic, sleep
 
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.nodes.demo_client import DemoClient
@@ -19,6 +21,16 @@ def eventually(condition: Callable[[], bool]) -> bool:
     while not condition() and monotonic() < end:
         sleep(0.02)
     return condition()
+
+
+def meet(node: Node, *publishers: Publisher) -> None:
+    """Waits until each publisher and the subscription of a cell's node know each other: then nothing is missed."""
+
+    def met() -> bool:
+        heard = {item._subscription.topic_name: item._subscription for item in node._streams._subscriptions}
+        return all(one.get_subscription_count() and heard[one.topic_name].get_publisher_count() for one in publishers)
+
+    assert eventually(met)
 
 
 def trigger(client: DemoClient, service: str) -> Trigger.Response:
