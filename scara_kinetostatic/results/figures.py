@@ -15,7 +15,7 @@ from scipy.special import betaincinv
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.comparison import Bias, EffectResidual
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
@@ -99,15 +99,11 @@ def _draw_touches(axes: Axes, c: Calibration, tip: Floats, arm: float) -> None:
     aside = np.stack([-along[:, 1], along[:, 0]], axis=-1) * c.touches.posture[:, None] * 0.004 * arm
     head = tip + aside
     tail = head - _LONGEST_ARROW * arm * c.force / max(float(magnitude.max()), 1e-9)
-    for number in range(len(c.cell.discs)):
-        for posture in (1, -1):
-            chosen = (c.touches.disc == number) & (c.touches.posture == posture) & c.used
-            shaft = np.stack([tail[chosen], head[chosen]], axis=1)
-            look = mark(number)
-            axes.add_collection(LineCollection(list(shaft), colors=look.colour, linewidths=1.0, alpha=0.55))
-            fill = look.colour if posture > 0 else PAPER
-            x, y = head[chosen].T
-            axes.plot(x, y, look.shape, ls='none', ms=4.6, mfc=fill, mec=look.colour, mew=1.1, zorder=3)
+    disc, posture = c.touches.disc[c.used], c.touches.posture[c.used]
+    shafts = np.stack([tail, head], axis=1)[c.used]
+    colours = [mark(number).colour for number in disc.tolist()]
+    axes.add_collection(LineCollection(list(shafts), colors=colours, linewidths=1.0, alpha=0.55))
+    _draw_marks(axes, disc, posture, head[c.used], 4.6)
     for k in np.flatnonzero(~c.used):
         axes.plot(*tip[k], 'X', ms=9, mfc=WARN, mec=PAPER, zorder=6)
         axes.annotate(str(c.touches.index[k]), (tip[k, 0], tip[k, 1]), (7, -4), textcoords='offset points', color=WARN)
@@ -202,16 +198,19 @@ def correlation_picture(c: Calibration) -> Markup:
 
 
 def _scatter(axes: Axes, c: Calibration, values: Floats) -> None:
-    """Touches by disc (colour and shape) and posture (full: left, hollow: right); crosses for those not used."""
-    for number in range(len(c.cell.discs)):
+    """Touches, one over the other by index; crosses for those not used."""
+    t, used = c.touches, c.used
+    _draw_marks(axes, t.disc[used], t.posture[used], np.stack([t.index[used], values[used]], axis=-1), 5)
+    axes.plot(t.index[~used], values[~used], 'X', ls='none', ms=8, mfc=WARN, mec=PAPER)
+
+
+def _draw_marks(axes: Axes, disc: Indices, posture: Indices, places: Floats, size: float) -> None:
+    """Touches at places (n, 2) by disc (colour and shape) and posture (full: left, hollow: right)."""
+    for number in np.unique(disc).tolist():
         look = mark(number)
-        for posture in (1, -1):
-            chosen = (c.touches.disc == number) & (c.touches.posture == posture) & c.used
-            fill = look.colour if posture > 0 else PAPER
-            x, y = c.touches.index[chosen], values[chosen]
-            axes.plot(x, y, look.shape, ls='none', ms=5, mfc=fill, mec=look.colour, mew=1.1)
-    x, y = c.touches.index[~c.used], values[~c.used]
-    axes.plot(x, y, 'X', ls='none', ms=8, mfc=WARN, mec=PAPER)
+        for side, fill in ((1, look.colour), (-1, PAPER)):
+            x, y = places[(disc == number) & (posture == side)].T
+            axes.plot(x, y, look.shape, ls='none', ms=size, mfc=fill, mec=look.colour, mew=1.1, zorder=3)
 
 
 _PAGE_UNITS = {'[rad]': ('[°]', math.degrees(1.0)), '[µrad]': ('[°]', math.degrees(1e-6)), '[µm]': ('[mm]', 1e-3)}
@@ -245,7 +244,7 @@ def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = (
         values = np.clip(deviation, -0.97 * largest, 0.97 * largest)
         one.axhline(0, color=FAINT, lw=0.9)
         one.vlines(x, values - std, values + std, color=LINE, lw=1.0, zorder=1)
-        _scatter_touches(one, found, x, values)
+        _draw_marks(one, found.disc, found.posture, np.stack([x, values], axis=-1), 4.4)
         one.set(title=title, xlabel=found.x_label, ylim=(-largest, largest))
         one.grid(visible=False, axis='x')
         if kinds:
@@ -280,18 +279,6 @@ def _side_by_side(x: Floats) -> Floats:
         # 0.3: how far aside, as a part of the distance between categories
         out[members] += apart * 0.3 * np.linspace(-1, 1, len(members) + 2)[1:-1]
     return np.asarray(out)
-
-
-def _scatter_touches(axes: Axes, found: EffectResidual, x: Floats, values: Floats) -> None:
-    """Touches by disc (colour and shape) and posture (full: left, hollow: right)."""
-    for number in np.unique(found.disc):
-        look = mark(int(number))
-        for posture in (1, -1):
-            chosen = (found.disc == number) & (found.posture == posture)
-            fill = look.colour if posture > 0 else PAPER
-            axes.plot(
-                x[chosen], values[chosen], look.shape, ls='none', ms=4.4, mfc=fill, mec=look.colour, mew=1.0, zorder=3
-            )
 
 
 def bias_picture(rows: Sequence[Bias]) -> Markup:
