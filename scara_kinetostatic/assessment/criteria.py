@@ -18,6 +18,7 @@ from scara_kinetostatic.assessment.rejections import between
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.calibration.tip_uncertainty import tip_covariance
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
@@ -364,7 +365,7 @@ def workspace(c: Calibration) -> Floats:
 def tip_std(c: Calibration, joints: Floats) -> Floats:
     """Standard uncertainty of the unloaded tip H(L̄, Q) in the direction where it is largest, (n,), m."""
     derivative = forward_by_parameters(c.parameters, joints)[..., :GEOMETRY]
-    covariance = derivative @ c.covariance[:GEOMETRY, :GEOMETRY] @ derivative.swapaxes(1, 2)
+    covariance = tip_covariance(derivative, c.covariance[:GEOMETRY, :GEOMETRY])
     return np.sqrt(np.clip(np.linalg.eigvalsh(covariance)[:, -1], 0.0, None))
 
 

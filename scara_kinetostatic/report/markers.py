@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, tip_covariance
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
@@ -192,12 +192,15 @@ def result_markers(document: Mapping[str, Any], discs: Sequence[Disc], scales: S
 def uncertainty_markers(document: Mapping[str, Any], joints: ArrayLike, scales: Scales) -> list[Primitive]:
     """The ellipse of the tip's uncertainty (k = 2), magnified, at joint angles (2,), rad, without load.
 
-    None where the data do not determine the geometry.
+    Nothing where the data do not determine a parameter of the geometry, or the document has no covariance.
     """
-    covariance = tip_covariance(document, joints)
-    if covariance is None:
+    stated, parameters = document.get('covariance'), estimated(document)
+    if stated is None or any(document['parameters'][name]['status'] == 'confounded' for name in NAMES[:6]):
         return []
-    tip = forward(estimated(document), joints)
+    by_name = dict(zip(NAMES, forward_by_parameters(parameters, joints).T, strict=True))
+    derivative = np.stack([by_name.get(name, np.zeros(2)) for name in stated['names']], axis=-1)
+    covariance = tip_covariance(derivative[None], np.asarray(stated['matrix']))[0]
+    tip = forward(parameters, joints)
     values, axes = np.linalg.eigh(covariance)
     lengths = COVERAGE_FACTOR * np.sqrt(np.maximum(values, 0))
     outline = tip + scales.uncertainty * (_circle() * lengths) @ axes.T
@@ -207,22 +210,6 @@ def uncertainty_markers(document: Mapping[str, Any], joints: ArrayLike, scales: 
         Primitive('uncertainty', Shape.STRIP, places(outline), CALIBRATED_COLOUR, _THIN),
         label('uncertainty', below, text, CALIBRATED_COLOUR),
     ]
-
-
-def tip_covariance(document: Mapping[str, Any], joints: ArrayLike) -> Floats | None:
-    """Covariance of the rigid arm's tip, (2, 2), m², from that of the estimated parameters.
-
-    J Σ Jᵀ with the columns ∂H/∂L̄ of (5): I for the base, J_i for theta_i, the unit vector of link i for l_i. Without
-    load the deflection parameters have none. None where a parameter of the geometry is not determined, or the document
-    has no covariance.
-    """
-    stated = document.get('covariance')
-    if stated is None or any(document['parameters'][name]['status'] == 'confounded' for name in NAMES[:6]):
-        return None
-    parameters = estimated(document)
-    by_name = dict(zip(NAMES, forward_by_parameters(parameters, joints).T, strict=True))
-    derivative = np.stack([by_name.get(name, np.zeros(2)) for name in stated['names']], axis=-1)
-    return np.asarray(derivative @ np.asarray(stated['matrix']) @ derivative.T)
 
 
 def estimated(document: Mapping[str, Any]) -> Parameters:
