@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, repeat
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,39 +20,48 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 
-WAVES = 3
-"""Highest order of the waves over an angle."""
-POWERS = 4
-"""Highest power over any other variable."""
-FEW = 3
-"""Powers of a curve over a joint's angle that few parameters describe, such as what a cable does."""
-BEYOND = 1.05
-"""Half ranges from the middle beyond which a fitted curve is constant: no touch lies there."""
-PLACE_WAVES = (2, 3, 4)
-"""Orders of the waves around a disc; the first would be a displaced centre."""
+
+class CurveVariable(NamedTuple):
+    """What a curve may depend on.
+
+    Attributes:
+        words: what it is.
+        unit: SI.
+        values: at n touches, (n,).
+        force_dependence: what of the force it depends on.
+    """
+
+    words: str
+    unit: str
+    values: Callable[[TouchState], Floats]
+    force_dependence: ForceDependence = ForceDependence.ALL
+
+
+def _direction(vectors: Floats) -> Floats:
+    """Of vectors (n, 2), (n,), rad."""
+    return np.asarray(np.arctan2(vectors[:, 1], vectors[:, 0]))
+
+
+CURVE_VARIABLES = {
+    'q1': CurveVariable('the angle of joint 1', 'rad', lambda at: at.joints[:, 0], ForceDependence.NONE),
+    'q2': CurveVariable('the angle of joint 2', 'rad', lambda at: at.joints[:, 1], ForceDependence.NONE),
+    'torque1': CurveVariable('the torque of joint 1', 'Nm', lambda at: at.torques[:, 0]),
+    'torque2': CurveVariable('the torque of joint 2', 'Nm', lambda at: at.torques[:, 1]),
+    'force': CurveVariable('the size of the force', 'N', lambda at: at.magnitude),
+    'direction': CurveVariable(
+        'the direction of the force', 'rad', lambda at: _direction(at.normal), ForceDependence.DIRECTION
+    ),
+    'direction_from_link2': CurveVariable(
+        'the direction of the force relative to link 2',
+        'rad',
+        lambda at: _direction(at.normal) - _direction(at.link2),
+        ForceDependence.DIRECTION,
+    ),
+    'time': CurveVariable('time', 's', lambda at: at.metadata.time, ForceDependence.NONE),
+}
+"""By name."""
 JOINTS = ('q1', 'q2')
 """Angles that are not periodic: a curve over them may have a slope."""
-ANGLES = (*JOINTS, 'direction', 'direction_from_link2')
-JOINT_CHANNELS = ('joint1', 'joint2')
-CURVE_VARIABLES = {
-    'q1': ('the angle of joint 1', 'rad'),
-    'q2': ('the angle of joint 2', 'rad'),
-    'torque1': ('the torque of joint 1', 'Nm'),
-    'torque2': ('the torque of joint 2', 'Nm'),
-    'force': ('the size of the force', 'N'),
-    'direction': ('the direction of the force', 'rad'),
-    'direction_from_link2': ('the direction of the force relative to link 2', 'rad'),
-    'time': ('time', 's'),
-}
-"""What a curve may depend on: in words, and the unit."""
-_FORCE_DEPENDENCE = {
-    'q1': ForceDependence.NONE,
-    'q2': ForceDependence.NONE,
-    'time': ForceDependence.NONE,
-    'direction': ForceDependence.DIRECTION,
-    'direction_from_link2': ForceDependence.DIRECTION,
-}
-"""Of these variables; the others depend on all of the force."""
 CHANNELS = {
     'joint1': 'joint 1 deviates by an angle',
     'joint2': 'joint 2 deviates by an angle',
@@ -59,8 +69,6 @@ CHANNELS = {
     'across': 'the tip deviates across the force',
 }
 """Where a curve may act, in words."""
-CONSTANT = {'joint1': 'theta1', 'joint2': 'theta2', 'along': 'g_ee'}
-"""The base parameter that a constant in a channel is."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,7 @@ class Unnamed(LinearEffect):
         middle: of the variable in the touches.
         half: half its range there.
         disc: number of the disc if it acts there alone; -1 for all.
-        powers: highest power if it is a polynomial; 0 for what `variable` asks for.
+        powers: highest power if it is a polynomial; 0 for what `variable` asks for: waves over an angle, else four.
     """
 
     channel: str = 'along'
@@ -105,7 +113,7 @@ class Unnamed(LinearEffect):
     def description(self) -> str:
         """What deviates depending on what."""
         where = f' on {self.target}' if self.disc >= 0 else ''
-        return f'{CHANNELS[self.channel]}{where}, depending on {CURVE_VARIABLES[self.variable][0]}'
+        return f'{CHANNELS[self.channel]}{where}, depending on {CURVE_VARIABLES[self.variable].words}'
 
     @property
     def finding(self) -> str:
@@ -125,55 +133,58 @@ class Unnamed(LinearEffect):
     @property
     def force_dependence(self) -> ForceDependence:  # type: ignore[override]
         """That of its variable; along and across the force it turns with it at least."""
-        of_variable = _FORCE_DEPENDENCE.get(self.variable, ForceDependence.ALL)
-        return of_variable if self.channel in JOINT_CHANNELS else max(of_variable, ForceDependence.DIRECTION)
+        of_variable = CURVE_VARIABLES[self.variable].force_dependence
+        return of_variable if self.channel in ('joint1', 'joint2') else max(of_variable, ForceDependence.DIRECTION)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """One coefficient per function."""
-        unit = 'rad' if self.channel in JOINT_CHANNELS else 'm'
+        unit = 'rad' if self.channel in ('joint1', 'joint2') else 'm'
         return tuple(Parameter(name, unit, 1e-3, 'coefficient') for name in self._function_names())
 
     def _function_names(self) -> list[str]:
         if self.waves:
             slope = ['slope'] if self.variable in JOINTS else []
             return slope + [f'{wave}{k}' for k in self._orders() for wave in ('cos', 'sin')]
-        return [f'power{k}' for k in range(1, (self.powers or POWERS) + 1)]
+        return [f'power{k}' for k in range(1, (self.powers or 4) + 1)]
 
     @property
     def waves(self) -> bool:
         """Whether it is a sum of waves; else it is one of powers."""
-        return self.variable in ANGLES and not self.powers
+        return CURVE_VARIABLES[self.variable].unit == 'rad' and not self.powers
 
     def _orders(self) -> Sequence[int]:
-        return PLACE_WAVES if self.disc >= 0 else range(1, WAVES + 1)
+        # around a disc, the first would be a displaced centre
+        return (2, 3, 4) if self.disc >= 0 else (1, 2, 3)
 
     def functions(self, at: TouchState) -> list[Floats]:
         """The functions of the variable, (n,) each."""
-        value = _variable(at, self.variable)
-        z = np.clip((value - self.middle) / self.half, -BEYOND, BEYOND)
+        value = CURVE_VARIABLES[self.variable].values(at)
+        # constant beyond the touches, in half ranges from the middle
+        z = np.clip((value - self.middle) / self.half, -1.05, 1.05)
         if self.waves:
             angles = np.multiply.outer(self._orders(), value)
             waves = [wave for pair in zip(np.cos(angles), np.sin(angles), strict=True) for wave in pair]
             return [z, *waves] if self.variable in JOINTS else waves
-        return list(accumulate(repeat(z, self.powers or POWERS), np.multiply))
+        return list(accumulate(repeat(z, self.powers or 4), np.multiply))
 
     def undetermined_constant(self, at: TouchState, values: Floats) -> tuple[str, float] | None:
         """A curve may be raised by a constant: in a joint that is its offset, along the force the gripper's backlash.
         The root mean square of the curve over the touches is taken as the size.
         """
-        if self.disc >= 0 or self.channel not in CONSTANT:
+        base = {'joint1': 'theta1', 'joint2': 'theta2', 'along': 'g_ee'}.get(self.channel)
+        if self.disc >= 0 or base is None:
             return None
-        return CONSTANT[self.channel], float(np.sqrt(np.mean((np.stack(self.functions(at), axis=-1) @ values) ** 2)))
+        return base, float(np.sqrt(np.mean((np.stack(self.functions(at), axis=-1) @ values) ** 2)))
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         return np.asarray((at.metadata.disc == self.disc) | (self.disc < 0))
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         """The variable that it depends on; angles in degrees."""
-        title, unit = CURVE_VARIABLES[self.variable]
-        value = _variable(at, self.variable)
-        if self.variable in ANGLES:
+        title, unit, values, _ = CURVE_VARIABLES[self.variable]
+        value = values(at)
+        if CURVE_VARIABLES[self.variable].unit == 'rad':
             return PlotAxis(title, '°', np.degrees((value + np.pi) % (2 * np.pi) - np.pi))
         return PlotAxis(title, unit, value)
 
@@ -187,31 +198,9 @@ class Unnamed(LinearEffect):
         """The shift by a function of the variable, (n,)."""
         if self.disc >= 0:
             curve = curve * (at.metadata.disc == self.disc)
-        if self.channel in JOINT_CHANNELS:
+        if self.channel in ('joint1', 'joint2'):
             return Shift(joints=at_joint(curve, int(self.channel == 'joint2')))
         return Shift(place=curve[:, None] * (at.normal if self.channel == 'along' else at.tangent))
-
-
-def _variable(at: TouchState, name: str) -> Floats:
-    """A key of `CURVE_VARIABLES` at n touches, (n,); SI units."""
-    return _VALUES[name](at)
-
-
-def _direction(vectors: Floats) -> Floats:
-    """Of vectors (n, 2), (n,), rad."""
-    return np.asarray(np.arctan2(vectors[:, 1], vectors[:, 0]))
-
-
-_VALUES: dict[str, Callable[[TouchState], Floats]] = {
-    'q1': lambda at: at.joints[:, 0],
-    'q2': lambda at: at.joints[:, 1],
-    'torque1': lambda at: at.torques[:, 0],
-    'torque2': lambda at: at.torques[:, 1],
-    'force': lambda at: at.magnitude,
-    'direction': lambda at: _direction(at.normal),
-    'direction_from_link2': lambda at: _direction(at.normal) - _direction(at.link2),
-    'time': lambda at: at.metadata.time,
-}
 
 
 def empirical_effects(at: TouchState, discs: Sequence[str], one_level: bool = False) -> Iterator[Effect]:
@@ -225,13 +214,14 @@ def empirical_effects(at: TouchState, discs: Sequence[str], one_level: bool = Fa
     names = [name for name in CURVE_VARIABLES if not (one_level and name == 'force')]
     for channel in ('joint1', 'joint2', 'along', 'across'):
         for name in names:
-            value = _variable(at, name)
+            value = CURVE_VARIABLES[name].values(at)
             middle, half = float(value.max() + value.min()) / 2, float(np.ptp(value)) / 2 or 1.0
-            if name in ANGLES and name not in JOINTS:
+            if name in ('direction', 'direction_from_link2'):
                 middle, half = 0.0, 1.0
             yield Unnamed(None, channel, name, middle, half)
-            if name in JOINTS and channel in JOINT_CHANNELS:
-                yield Unnamed(None, channel, name, middle, half, powers=FEW)
+            if name in JOINTS and channel in ('joint1', 'joint2'):
+                # few parameters, such as for what a cable does
+                yield Unnamed(None, channel, name, middle, half, powers=3)
     for disc in np.unique(at.metadata.disc):
         for channel in ('along', 'across'):
             yield Unnamed(discs[disc], channel, 'direction', disc=int(disc))
