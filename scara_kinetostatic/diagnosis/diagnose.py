@@ -326,13 +326,12 @@ def _ranking(found: Search, calibration: Calibration, possible: Sequence[str] = 
     rivals = {label for group in found.rivals for label in group}
     std = (found.extended or calibration).std
     ranked = []
-    for score in score_singles(found.problem, found.scored_subsets):
-        label = score.candidate.effect.label
+    for candidate, scores in score_singles(found.problem, found.scored_subsets):
+        label = candidate.effect.label
         role = 'found' if label in found.in_every_model else 'rival' if label in rivals else 'rejected'
         role = 'possible' if role == 'found' and label in possible else role
-        bias, place = undetected_bias(found.problem, score.candidate, std)
-        scores = score.p_value, score.share, score.gain, score.held_out
-        ranked.append(Ranked(score.candidate.effect, role, *scores, score.independent_part, bias, NAMES[place]))
+        bias, place = undetected_bias(found.problem, candidate, std)
+        ranked.append(Ranked(candidate.effect, role, *scores, bias, NAMES[place]))
     for item in found.scored_subsets.candidate_set.unidentifiable:
         ranked.append(Ranked(item.effect, 'unidentifiable', np.nan, 0.0, 0.0, 0.0, item.independent_part))
     return tuple(ranked)

@@ -25,7 +25,7 @@ logarithmic predictive density is e_iᵀ (I - H_i)⁻¹ e_i / s² - ln det(I - H
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -314,32 +314,18 @@ def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
     return tuple(sorted(found, key=lambda subset: subset.score))
 
 
-class Score(NamedTuple):
-    """One effect by itself.
+def score_singles(
+    problem: Problem, scored_subsets: ScoredSubsets
+) -> Iterator[tuple[Candidate, tuple[float, float, float, float, float]]]:
+    """Every effect by itself, by its best trial, the best first.
 
-    Attributes:
-        candidate: the effect, and the trial by which it would be present.
-        p_value: of "it is not there", corrected for the search over its trials.
-        share: part of the residual's sum of squares that it explains.
-        gain: decrease of the penalised deviance.
-        held_out: decrease of the predictive deviance on touches left out, less 2 ln t for the
-            search over t trials, which is not repeated; above 0 they are predicted better than by the base model.
-        independent_part: largest part of a unit column of it that is independent of the base model.
+    Yields:
+        The effect, and its scores from `p_value` to `independent_part` as in `result.Ranked`. The predictive gain is
+        less 2 ln t for the search over t trials, which is not repeated.
     """
-
-    candidate: Candidate
-    p_value: float
-    share: float
-    gain: float
-    held_out: float
-    independent_part: float
-
-
-def score_singles(problem: Problem, scored_subsets: ScoredSubsets) -> tuple[Score, ...]:
-    """Every effect by itself, by its best trial, the best first."""
     nothing = held_out_deviance(problem, None, scored_subsets.scale)
     empty = next(subset for subset in scored_subsets.subsets if not subset.members)
-    found: dict[str, Score] = {}
+    found: set[str] = set()
     for subset in scored_subsets.subsets:  # the best first
         if len(subset.members) != 1:
             continue
@@ -352,8 +338,8 @@ def score_singles(problem: Problem, scored_subsets: ScoredSubsets) -> tuple[Scor
             nothing - held_out_deviance(problem, candidate.unit, scored_subsets.scale) - 2 * np.log(candidate.tried)
         )
         gain = empty.score - subset.score
-        found[candidate.effect.label] = Score(candidate, p_value, share, gain, float(held_out), part)
-    return tuple(found.values())
+        found.add(candidate.effect.label)
+        yield candidate, (p_value, share, gain, float(held_out), part)
 
 
 def undetected_bias(problem: Problem, candidate: Candidate, std: Floats) -> tuple[float, int]:
