@@ -182,8 +182,8 @@ class Unnamed(LinearEffect):
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         """The variable that it depends on; angles in degrees."""
-        title, unit, values, _ = CURVE_VARIABLES[self.variable]
-        value = values(at)
+        title, unit, of_touches, _ = CURVE_VARIABLES[self.variable]
+        value = of_touches(at)
         if CURVE_VARIABLES[self.variable].unit == 'rad':
             return PlotAxis(title, '°', np.degrees((value + np.pi) % (2 * np.pi) - np.pi))
         return PlotAxis(title, unit, value)
