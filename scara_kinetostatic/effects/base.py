@@ -96,6 +96,7 @@ class Effect(ABC):
         grid_parameter: the parameter over which `trials` is a grid, such as a frequency; empty if there is none.
         is_stepwise: whether it changes in steps along `grid_parameter`: a fit holds it at the best trial, and its
             uncertainty is that of the choice among the trials.
+        not_stored: fields that the target determines: a stored calibration does not repeat them.
         special_cases: labels of effects that it contains: one of these is named in its place unless it explains the
             touches significantly better.
         diverges_with_alias: whether it runs to large values beside a rival that is nearly the same, instead of
@@ -143,6 +144,7 @@ class Effect(ABC):
     on_object: ClassVar[bool] = False
     grid_parameter: ClassVar[str] = ''
     is_stepwise: ClassVar[bool] = False
+    not_stored: ClassVar[tuple[str, ...]] = ()
     special_cases: ClassVar[tuple[str, ...]] = ()
     diverges_with_alias: ClassVar[bool] = False
     scaled_by: ClassVar[tuple[str, ...]] = ()

@@ -82,6 +82,7 @@ class Stepped(Effect):
     plot_variable = 'touch'
     grid_parameter = 'moment'
     is_stepwise = True
+    not_stored = ('statement', 'effect', 'moved', 'remains', 'acts_before')
     force_dependence = ForceDependence.NONE
     diverges_with_alias = True
     order = 21

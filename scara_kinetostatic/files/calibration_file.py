@@ -376,15 +376,9 @@ def read_effect(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> Effe
 
 
 def _plain_fields(effect: Effect) -> dict[str, Any]:
-    """The fields that JSON can hold, by name."""
-    values = {item.name: getattr(effect, item.name) for item in fields(effect)}
-    return {name: value for name, value in values.items() if _is_plain(value)}
-
-
-def _is_plain(value: object) -> bool:
-    """Whether it is a number, a text, nothing, or a tuple of these."""
-    parts = value if isinstance(value, tuple) else (value,)
-    return all(part is None or isinstance(part, (str, int, float)) for part in parts)
+    """The fields that JSON can hold, by name, less those that the target determines."""
+    values = {item.name: getattr(effect, item.name) for item in fields(effect) if item.name not in effect.not_stored}
+    return {name: v for name, v in values.items() if v is None or isinstance(v, (str, int, float, tuple))}
 
 
 def _checked(effect: Effect, stored: Mapping[str, Any]) -> dict[str, Any]:
