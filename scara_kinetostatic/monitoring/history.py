@@ -225,11 +225,10 @@ def _check_same(last: CalibrationRecord, record: CalibrationRecord, robot: str) 
 
 def _latest(entries: Sequence[Entry]) -> list[Entry]:
     """Of those of a robot that were calculated from the same recordings, only the one that was calculated last."""
-    last = {(entry.robot, entry.record.checksums or entry.number): (entry.created, entry.number) for entry in entries}
-    for entry in entries:
-        key = entry.robot, entry.record.checksums or entry.number
-        last[key] = max(last[key], (entry.created, entry.number))
-    kept = {number for _, number in last.values()}
+    last: dict[tuple[str, object], int] = {}
+    for entry in sorted(entries, key=lambda entry: (entry.created, entry.number)):
+        last[entry.robot, entry.record.checksums or entry.number] = entry.number
+    kept = set(last.values())
     return [entry for entry in entries if entry.number in kept]
 
 
