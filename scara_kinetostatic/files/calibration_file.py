@@ -35,10 +35,6 @@ SCHEMA = 'scara_kinetostatic/calibration/1'
 RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 """Of the document on `~/result` of the calibrator."""
 _MAX_BYTES = 1 << 28
-_SAME = 1e-9
-"""Relative difference of a value stated twice, by the digits of a rounded copy."""
-_ROUNDED = 1e-6
-"""Error of a covariance by rounding, of the product of both standard deviations."""
 _REMEDY = 'give the calibration.json that calibrate writes'
 _VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'tip', 'identification')
 """Keys of `cell` that are those of a cell description."""
@@ -283,7 +279,7 @@ def _check_agreement(stated: Any, key: str, model: ExtendedModel, where: str | P
     """
     for name, used in model.parameters.as_dict().items():
         value = stated.get(name, used) if isinstance(stated, dict) else used
-        if not (isinstance(value, (int, float)) and abs(value - used) <= _SAME * abs(used)):
+        if not (isinstance(value, (int, float)) and abs(value - used) <= 1e-9 * abs(used)):
             problem = f'{key}.{name} is {value!r:.40}, but the calibrated model has {used!r}'
             remedy = 'take the file as calibrate wrote it; a value that is known can be fixed there'
             raise CalibrationFileError(where, problem, remedy)
@@ -299,8 +295,8 @@ def stored_covariance(rows: Any, size: int) -> Floats:
     variance = np.diag(found)
     if (variance < 0).any():
         raise ValueError('a variance is negative')
-    limit = np.sqrt(np.outer(variance, variance))
-    if (np.abs(found - found.T) > _ROUNDED * limit).any() or (np.abs(found) > (1 + _ROUNDED) * limit).any():
+    limit, rounding = np.sqrt(np.outer(variance, variance)), 1e-6
+    if (np.abs(found - found.T) > rounding * limit).any() or (np.abs(found) > (1 + rounding) * limit).any():
         raise ValueError('the covariance is not that of anything')
     return found
 

@@ -27,8 +27,6 @@ CALIBRATED = 'calibrated_'
 """Begins the names of the calibrated arm beside the nominal one."""
 NOMINAL_COLOUR = (0.55, 0.55, 0.55, 0.6)
 CALIBRATED_COLOUR = (0.0, 0.45, 0.70, 0.9)
-_THICKNESS = 0.03
-"""Radius of a link, as a part of the arm's length."""
 
 Colour = tuple[float, float, float, float]
 
@@ -82,7 +80,7 @@ def _add_arm(robot: Element, joint_names: Sequence[str], arm: Arm, *, mimics: bo
             SubElement(made, 'mimic', joint=joint)
     _add_joint(robot, f'{prefix}tip', 'fixed', frames[2:], (p.l2, 0.0, 0.0))
     for frame, length in zip(frames[1:], (p.l1, p.l2, 0.0), strict=True):
-        _add_link(robot, frame, length, _THICKNESS * (p.l1 + p.l2), arm)
+        _add_link(robot, frame, length, 0.03 * (p.l1 + p.l2), arm)
 
 
 def _add_joint(

@@ -171,8 +171,6 @@ def _reason(error: Exception) -> str:
     return f'{line}{error.problem or error.context}'
 
 
-_LONGEST_WORD = 200
-_LONGEST_SHOWN = 60
 _E = TypeVar('_E', bound=Enum)
 
 
@@ -300,8 +298,8 @@ class Section:
             raise self.error(name, f'expected a string, got {shown(value)}', 'put it in quotes')
         if not value.strip() or value != value.strip() or not value.isprintable():
             raise self.error(name, f'expected a name, got {shown(value)}')
-        if len(value) > _LONGEST_WORD:
-            raise self.error(name, f'expected at most {_LONGEST_WORD} characters, got {len(value)}')
+        if len(value) > 200:
+            raise self.error(name, f'expected at most 200 characters, got {len(value)}')
         return value
 
     def choice(self, name: str, default: _E) -> _E:
@@ -322,4 +320,4 @@ class Section:
 def shown(value: Any) -> str:
     """A value for a message, shortened."""
     text = repr(value)
-    return text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + '...'
+    return text if len(text) <= 60 else text[:57] + '...'

@@ -14,11 +14,8 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import inverse, wrap
 
-_DIRECTIONS = 8
-"""Directions of the force in a correction table."""
 MOST_ROWS = 1_000_000
 """Of a table, some 100 MB."""
-_ELBOWS = {1: 'left', -1: 'right'}
 
 
 class Grid(NamedTuple):
@@ -127,8 +124,9 @@ def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> 
 def _rows(table: _Table, places: Floats, forces: Floats) -> Iterator[tuple[object, ...]]:
     for k, j in np.argwhere(np.isfinite(table.change).all(axis=2)).tolist():
         std = table.std[k, j]
+        elbow = 'left' if table.posture > 0 else 'right'
         yield (
-            *places[k].tolist(), *forces[j].tolist(), _ELBOWS[table.posture], *table.nominal[k].tolist(),
+            *places[k].tolist(), *forces[j].tolist(), elbow, *table.nominal[k].tolist(),
             *table.change[k, j].tolist(), float(table.miss[k, j]), float(std) if np.isfinite(std) else '',
             str(table.status[k, j]),
         )  # fmt: skip
@@ -178,6 +176,7 @@ def _places(arm: CalibratedArm, step: float, cells: Indices) -> Floats:
 
 
 def _forces(magnitudes: tuple[float, ...]) -> Floats:
-    angles = 2 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS)
+    directions = 8
+    angles = 2 * np.pi / directions * np.arange(directions)
     unit = np.stack([np.cos(angles), np.sin(angles)], axis=1).round(15) + 0.0
     return np.concatenate([np.zeros((1, 2)) if size == 0 else size * unit for size in magnitudes])

@@ -7,7 +7,7 @@ with the paper's two modifications: a step is shortened until the error index de
 **Additions to the paper's text.** At L̄n the tip misses most discs by more than its whole deflection: there A = 0 N and
 ∂A/∂L̄ = 0, and no step is defined. The touches are known to be contacts; they are therefore predicted with a two-sided
 contact (`contact(..., tension=True)`), which equals A wherever the tip presses. The pseudo-inverse depends on the units
-of the parameters: the columns are scaled by the plausible ranges, and singular values below a relative `_CUTOFF` are
+of the parameters: the columns are scaled by the plausible ranges, and singular values below a relative `cutoff` are
 set to zero.
 """
 
@@ -27,14 +27,6 @@ from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
-
-_MAX_ITERATIONS = 30
-_LONGEST_STEP = 1.0
-"""Bound of a step, in plausible ranges of the parameters."""
-_SHORTEST_FACTOR = 2.0**-12
-_CUTOFF = 1e-7
-_STOP = 1e-12
-"""Decrease of the error index in one step below which the iteration ends, N."""
 
 
 class PaperFit(NamedTuple):
@@ -70,7 +62,7 @@ class _Iterate(NamedTuple):
 
 
 def paper_calibrate(
-    touches: TouchSet, cell: Cell, start: Parameters | None = None, max_iterations: int = _MAX_ITERATIONS
+    touches: TouchSet, cell: Cell, start: Parameters | None = None, max_iterations: int = 30
 ) -> PaperFit:
     """The paper's algorithm on a set of touches.
 
@@ -105,7 +97,7 @@ def paper_calibrate(
             break
         gain, at = at.merit - better.merit, better
         visited.append(at)
-        if gain < _STOP:
+        if gain < 1e-12:  # N
             break
     history = tuple(force_error(force_residual(observations, ExtendedModel(item.parameters))) for item in visited)
     return PaperFit(
@@ -118,20 +110,20 @@ def paper_calibrate(
     )
 
 
-def _pseudo_inverse_step(at: _Iterate) -> tuple[Floats, int]:
+def _pseudo_inverse_step(at: _Iterate, cutoff: float = 1e-7, longest_step: float = 1.0) -> tuple[Floats, int]:
     """The step J⁺ ΔF (13) in scaled parameters, shortened to the bound, and the rank used."""
     jacobian = (at.jacobian * SCALES).reshape(-1, len(SCALES))
     u, values, vt = np.linalg.svd(jacobian, full_matrices=False)
-    rank = int((values > _CUTOFF * values[0]).sum())
+    rank = int((values > cutoff * values[0]).sum())
     scaled = vt[:rank].T @ ((u.T @ at.residual.ravel())[:rank] / values[:rank])
     longest = float(np.abs(scaled).max())
-    return SCALES * scaled * min(1.0, _LONGEST_STEP / max(longest, 1e-300)), rank
+    return SCALES * scaled * min(1.0, longest_step / max(longest, 1e-300)), rank
 
 
 def _lower(visit, at: _Iterate, step: Floats) -> _Iterate | None:  # type: ignore[no-untyped-def]
     """The first of the step, its half, its quarter, … that decreases the error index; None if none does."""
     factor = 1.0
-    while factor >= _SHORTEST_FACTOR:
+    while factor >= 2.0**-12:
         trial = visit(Parameters.from_array(at.parameters.as_array() + factor * step))
         if trial.merit < at.merit:
             return trial
