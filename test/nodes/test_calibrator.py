@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
@@ -140,6 +141,11 @@ def test_an_unfit_result_is_no_success(
     assert node._condition.level == OK
 
 
+@pytest.fixture(scope='module')
+def grown_outcome(grown: Path) -> Outcome:
+    return calibrate_recordings([grown], PAPER_CELL)
+
+
 def effects(node: Node) -> dict[str, float]:
     """The parameters of effects that the node has, by name."""
     groups = ('effects', 'effects_std')
@@ -147,7 +153,12 @@ def effects(node: Node) -> dict[str, float]:
 
 
 def test_effects_come_and_go_with_the_calibration_that_finds_them(
-    spin: Callable[..., Node], client: DemoClient, recording: Path, grown: Path, tmp_path: Path
+    spin: Callable[..., Node],
+    client: DemoClient,
+    recording: Path,
+    grown: Path,
+    grown_outcome: Outcome,
+    tmp_path: Path,
 ) -> None:
     node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}', '-p', f'recording:={grown}')
     assert effects(node) == {}
@@ -163,7 +174,7 @@ def test_effects_come_and_go_with_the_calibration_that_finds_them(
     found = effects(node)
     assert list(found) == [f'effects.{name}', f'effects_std.{name}']
     assert abs(found[f'effects.{name}'] - GROWN) < 4 * found[f'effects_std.{name}']
-    final = calibrate_recordings([grown], PAPER_CELL).final
+    final = grown_outcome.final
     assert values(node, 'calibrated') == list(final.parameters.as_dict().values())
     assert values(node, 'calibrated_std') == list(final.std)
     assert 'read-only' in set_parameter(client, f'effects.{name}', 1.0)
@@ -175,11 +186,11 @@ def test_effects_come_and_go_with_the_calibration_that_finds_them(
 
 
 def test_a_parameter_file_with_effects_can_be_loaded_again(
-    spin: Callable[..., Node], client: DemoClient, recording: Path, grown: Path, tmp_path: Path
+    spin: Callable[..., Node], client: DemoClient, recording: Path, grown_outcome: Outcome, tmp_path: Path
 ) -> None:
     from scara_kinetostatic.results.write import write_results
 
-    outcome = calibrate_recordings([grown], PAPER_CELL)
+    outcome = grown_outcome
     files = write_results(outcome, tmp_path / 'results')
     arguments = ('--params-file', str(files.parameters), '-p', f'recording:={recording}', '-p', f'output:={tmp_path}')
     node = spin(Calibrator, '--ros-args', *arguments)
