@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,13 +14,17 @@ from scara_kinetostatic.report.text import sentence
 if TYPE_CHECKING:
     import jinja2
 
+_UNIT = r'(?<=\d) (?=(?:mm|µm|m|N|Nm|rad|mrad|µrad|°|σ|%)[\s,;.:)<])'
+"""The blank between them."""
+
 
 def as_page(report: Report) -> str:
     """The page, with all figures drawn."""
     from scara_kinetostatic.report.figure import style
 
     with style():
-        return _template().render(report=report, version=__version__)
+        page = _template().render(report=report, version=__version__)
+    return re.sub(_UNIT, '\u00a0', page)  # a number and its unit stay on one line
 
 
 @cache

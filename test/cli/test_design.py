@@ -53,7 +53,7 @@ def test_the_document(folder):
 
 
 def test_the_page_stands_alone(folder):
-    page = (folder / 'design.html').read_text()
+    page = (folder / 'design.html').read_text().replace('\u00a0', ' ')
     assert page.count('<svg') == 4
     assert 'touches reach 25.0 µm and check themselves' in page
     first = page.index('Noise of a touch is assumed: 1e-05 rad (joint), 0.3 N (force)')
