@@ -15,6 +15,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
+from scara_kinetostatic.model.tip import Force, load_arm
 
 EFFECTS = [effect for effect in catalogue(PAPER_CELL) if not effect.on_object]
 COUNT = 2000
@@ -74,3 +75,22 @@ def test_outside_the_dead_bands_it_is_the_law_itself(arm: CalibratedArm) -> None
     assert found.loaded.sum() > 500
     np.testing.assert_allclose(found.joints[found.loaded], exact[found.loaded], rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.torques[found.loaded], torques[found.loaded], rtol=0, atol=1e-9)
+
+
+def test_a_dead_band_is_crossed_on_a_straight_line() -> None:
+    """s = c / b with b = 3 σ_F ‖J‖ + 4 g f (l1 + l2), at most 1 in size; one arm as floats, or many as arrays."""
+    p, links = PAPER_MEASURED, (0.3, 0.1, -0.05, 0.25)
+    sizes = np.array([0.02, 0.2, 2.0, 20.0])
+    zero, one, std = np.zeros(4), np.ones(4), np.full(4, 0.1)
+    found = load_arm(p, links, (0.0, 0.0), Force(zero, sizes, sizes, std, one, zero, one))
+    torques = np.outer((0.25, -0.05), sizes)
+    own = 4 * (p.l1 + p.l2) * sizes
+    bands = 0.3 * np.hypot(0.25, 0.35) + p.g1 * own, 0.3 * p.l2 + p.g2 * own
+    np.testing.assert_allclose((found.c1, found.c2), torques, rtol=1e-12)
+    np.testing.assert_allclose((found.s1, found.s2), np.clip(torques / bands, -1, 1), rtol=1e-12)
+    inside = np.abs(torques) < bands
+    assert found.in_band.tolist() == [True, True, True, False]
+    slopes = np.array([[p.p1], [p.p2]]) + np.where(inside, np.array([[p.g1], [p.g2]]) / bands, 0.0)
+    np.testing.assert_allclose((found.k1, found.k2), slopes, rtol=1e-12)
+    single = load_arm(p, links, (0.0, 0.0), Force(0.0, 0.2, 0.2, 0.1, 1.0, 0.0, 1.0))
+    assert single[5:] == pytest.approx([part[1] for part in found[5:]], rel=1e-12)
