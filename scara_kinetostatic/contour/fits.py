@@ -33,7 +33,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.result import Contour
@@ -364,7 +363,10 @@ def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indic
     weight = 5e-3  # m: points with opposite normals are taken to be farther apart by twice this length
     nodes = np.column_stack([outline.points, weight * outline.normals])
     wanted = np.column_stack([contour.surface[points], weight * contour.normal[points]])
-    return np.asarray(cKDTree(nodes).query(wanted)[1])
+    square, found = (nodes**2).sum(axis=1), []
+    for first in range(0, len(wanted), 512):  # worked out together
+        found.append((square - 2.0 * wanted[first : first + 512] @ nodes.T).argmin(axis=1))
+    return np.concatenate(found)
 
 
 def divided(outline: Outline) -> tuple[Piece, ...]:
