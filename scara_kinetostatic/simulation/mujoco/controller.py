@@ -7,7 +7,6 @@ harder first and then eased down, so that the joints reach the force from the ot
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -86,17 +85,6 @@ def pace_of(scene: Scene) -> Pace:
     return SLOW if scene.quasi_static else USUAL
 
 
-class Tick(NamedTuple):
-    """The state at one tick; see `SimulatedMotion`."""
-
-    joints: Floats
-    force: Floats
-    link2_angle: float
-    touch: int
-    phase: int
-    progress: float
-
-
 class SimulatedMotion(NamedTuple):
     """The motion, tick by tick, and at the end of each hold.
 
@@ -127,39 +115,6 @@ class SimulatedMotion(NamedTuple):
     press: Floats
     links: Floats
     speed: Floats
-
-    @classmethod
-    def of(
-        cls,
-        ticks: Sequence[Tick],
-        period: float,
-        begins: Sequence[int],
-        holds: Sequence[int],
-        links: Floats,
-        speed: Floats,
-    ) -> SimulatedMotion:
-        """From the ticks, a period in s apart; `begins` are the ticks from which on each hold was approached."""
-        joints = np.array([tick.joints for tick in ticks])
-        force = np.array([tick.force for tick in ticks])
-        touching = [a + int(force[a:b].any(axis=1).argmax()) for a, b in zip(begins, holds, strict=True)]
-        approach, press = (
-            np.array([last_movement(joints[a:b], joints[b]) for a, b in zip(starts, holds, strict=True)])
-            for starts in (begins, touching)
-        )
-        return cls(
-            time=np.asarray(period * np.arange(1, len(ticks) + 1), dtype=float),
-            joints=joints,
-            force=force,
-            link2_angle=np.array([tick.link2_angle for tick in ticks]),
-            touch=np.array([tick.touch for tick in ticks]),
-            phase=np.array([tick.phase for tick in ticks]),
-            progress=np.array([tick.progress for tick in ticks]),
-            holds=np.array(holds),
-            approach=approach,
-            press=press,
-            links=links,
-            speed=speed,
-        )
 
 
 CONTACT_FORCE = 0.5
@@ -198,7 +153,7 @@ class TouchController:
         self._command, self._depth, self._lift = self._home[0], 0.0, LIFT
         self._touch, self._phase = 0, Phase.TRAVEL
         self._force, self._first, self._compliance = 0.0, (0.0, 0.0), SETTINGS.compliance_limits[0]
-        self._ticks: list[Tick] = []
+        self._ticks: list[tuple[Floats, Floats, float, int, int, float]] = []
 
     def run(self) -> SimulatedMotion:
         """Makes all touches.
@@ -218,7 +173,16 @@ class TouchController:
             speed.append(self.engine.speed)
             self._retract()
         self._travel(self._home[1])
-        return SimulatedMotion.of(self._ticks, TICK, begins, holds, np.array(links), np.array(speed))
+        columns = (np.array(column) for column in zip(*self._ticks, strict=True))
+        joints, force, angle, number, phase, progress = columns
+        touching = [a + int(force[a:b].any(axis=1).argmax()) for a, b in zip(begins, holds, strict=True)]
+        approach, press = (
+            np.array([last_movement(joints[a:b], joints[b]) for a, b in zip(starts, holds, strict=True)])
+            for starts in (begins, touching)
+        )
+        time = np.asarray(TICK * np.arange(1, len(joints) + 1), dtype=float)
+        ends = np.array(holds), approach, press, np.array(links), np.array(speed)
+        return SimulatedMotion(time, joints, force, angle, number, phase, progress, *ends)
 
     def _motor_paths(self, cell: Cell) -> Floats:
         """Motor angles for the depths of each touch by the nominal arm, (m, SETTINGS.depths, 2), rad."""
@@ -236,7 +200,7 @@ class TouchController:
         self.engine.advance()
         force = self.engine.force()
         self._force += TICK / (TICK + FILTER) * (float(np.hypot(*force)) - self._force)
-        self._ticks.append(Tick(self.engine.joints, force, self.engine.link2_angle, self._touch, self._phase, progress))
+        self._ticks.append((self.engine.joints, force, self.engine.link2_angle, self._touch, self._phase, progress))
 
     def _at(self, depth: float) -> Floats:
         path = self._paths[self._touch]
@@ -321,7 +285,7 @@ class TouchController:
         """Retracts and lifts the tip."""
         start, goal = self._depth, -self.timing.clearance
         for part in _minimum_jerk_steps(self.timing.release + self.timing.retract):
-            self._phase = Phase.RELEASE if self._ticks[-1].force.any() else Phase.RETRACT
+            self._phase = Phase.RELEASE if self._ticks[-1][1].any() else Phase.RETRACT
             self._command = self._at(start + part * (goal - start))
             self._tick()
         self._phase = Phase.RETRACT
