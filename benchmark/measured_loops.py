@@ -25,9 +25,8 @@ from scipy.interpolate import PchipInterpolator
 
 from scara_kinetostatic.studies.dial_gauge.analysis import sense_name
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, Sense, analyse_loops, find_sweeps
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings, load_readings
 from scara_kinetostatic.studies.dial_gauge.statistics import combine_estimates
-from scara_kinetostatic.studies.dial_gauge.table_file import load_readings
 
 _QUANTITIES = {'gap': (1e6, 'µm'), 'compliance': (1e9, 'nm/N')}
 

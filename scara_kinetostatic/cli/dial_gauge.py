@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _tables(args: argparse.Namespace) -> list[DialGaugeReadings]:
     from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.studies.dial_gauge.table_file import TableDefaults, load_readings
+    from scara_kinetostatic.studies.dial_gauge.readings import TableDefaults, load_readings
 
     if args.lever is not None and args.lever > 5.0:  # no arm is longer
         remedy = f'it is in m, not mm: give {1e-3 * args.lever:g}'

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from cli.command import Run
 
+from scara_kinetostatic.studies.dial_gauge.readings import dump_readings
 from scara_kinetostatic.studies.dial_gauge.simulation import LoadPlan, simulate_experiments
-from scara_kinetostatic.studies.dial_gauge.table_file import dump_readings
 
 SMALL = LoadPlan(levels=(10.0, 20.0, 30.0), directions=tuple(np.radians(np.arange(0, 360, 60)).tolist()))
 TABLE = dump_readings(simulate_experiments(plan=SMALL, seed=2))

@@ -9,7 +9,7 @@ import pytest
 from studies.load_records import table, torque
 
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.studies.dial_gauge.table_file import load_readings
+from scara_kinetostatic.studies.dial_gauge.readings import load_readings
 from scara_kinetostatic.studies.hysteresis.laws import sine
 from scara_kinetostatic.studies.hysteresis.record_table import (
     LOAD,

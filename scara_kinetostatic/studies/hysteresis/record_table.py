@@ -16,9 +16,8 @@ back and forth meets it on both.
 from __future__ import annotations
 
 import difflib
-import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -26,10 +25,10 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
-from scara_kinetostatic.files.columns import Table, load_table, raise_wrong_rows, read_number
+from scara_kinetostatic.files import columns as units
+from scara_kinetostatic.files.columns import Column, Place, Table, load_table, split_heading
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.table_file import QUANTITIES, split_heading, table_readings
+from scara_kinetostatic.studies.dial_gauge.readings import COLUMNS, DialGaugeReadings, table_readings
 from scara_kinetostatic.studies.hysteresis.load_driven.record import (
     CHECK_LOAD,
     CONSTANT_LOAD,
@@ -41,36 +40,33 @@ from scara_kinetostatic.studies.hysteresis.load_driven.record import (
 from scara_kinetostatic.studies.hysteresis.motion import FEWEST_ROWS, FEWEST_SWEEPS, reversals
 
 RESPONSE, LOAD, TIME = 'response', 'load', 'time'
-_DEGREE = math.pi / 180
-_UNITS = {
-    'm': QUANTITIES['displacement'].units,
-    'rad': {'rad': 1.0, 'mrad': 1e-3, 'urad': 1e-6, 'µrad': 1e-6, 'μrad': 1e-6, **dict.fromkeys(('deg', '°'), _DEGREE)},
-    'N': QUANTITIES['force'].units,
-    'Nm': {'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3},
-    's': QUANTITIES['time'].units,
+
+
+class Quantity(NamedTuple):
+    """A quantity in words, factor to SI by unit, largest plausible size, SI."""
+
+    title: str
+    units: Mapping[str, float]
+    largest: float
+
+
+_QUANTITIES = {
+    'm': Quantity('a displacement', units.LENGTH, COLUMNS['displacement'].largest),
+    'rad': Quantity('an angle', units.ANGLE, 100.0),
+    'N': Quantity('a force', units.FORCE, COLUMNS['force'].largest),
+    'Nm': Quantity('a torque', units.TORQUE, 1e6),
+    's': Quantity('a time', units.TIME, COLUMNS['time'].largest),
 }
-"""Factor to SI by unit, by SI unit."""
-LARGEST = {'rad': 100.0, 'Nm': 1e6} | {
-    unit: QUANTITIES[name].largest for unit, name in (('m', 'displacement'), ('N', 'force'), ('s', 'time'))
-}
-"""Largest plausible magnitude by SI unit."""
+"""By SI unit."""
 _KINDS = {RESPONSE: ('m', 'rad'), LOAD: ('N', 'Nm'), TIME: ('s',)}
 _LOAD_OF = {'m': 'N', 'rad': 'Nm'}
-_QUANTITY = {'m': 'a displacement', 'rad': 'an angle', 'N': 'a force', 'Nm': 'a torque', 's': 'a time'}
-_GAUGE_DISPLACEMENT = frozenset(QUANTITIES['displacement'].names)
-_GAUGE_FORCE = frozenset(QUANTITIES['force'].names)
 _WORDS = {
-    RESPONSE: _GAUGE_DISPLACEMENT | {'angle', 'rotation', 'response'},
-    LOAD: _GAUGE_FORCE | {'torque', 'moment'},
-    TIME: frozenset(QUANTITIES['time'].names),
+    RESPONSE: {*COLUMNS['displacement'].words, 'angle', 'rotation', 'response'},
+    LOAD: {*COLUMNS['force'].words, 'torque', 'moment'},
+    TIME: set(COLUMNS['time'].words),
 }
 """Names that say what a column is; they are preferred to others of the same unit."""
-_EXAMPLE = {RESPONSE: 'displacement_m or angle_rad', LOAD: 'force_N or torque_Nm', TIME: 'time_s'}
 _JOINT = re.compile(r'(?<![^\W_])(?P<letters>[^\W\d_]+)[\s_]?(?P<number>\d+)')
-_CHANNELS = ('ch', 'channel', 'ai', 'sensor')
-"""Letters whose number is that of a channel, not of a joint."""
-_SHOWN = 6
-"""So many headings are listed."""
 
 
 class RecordColumn(NamedTuple):
@@ -94,10 +90,16 @@ class RecordColumn(NamedTuple):
         return split_heading(self.heading)[0].strip().lower()
 
     @property
+    def in_table(self) -> Place:
+        """The same as a place in a table."""
+        return Place(Column(self.heading, (), largest=_QUANTITIES[self.unit].largest), self.place, self.factor)
+
+    @property
     def joint(self) -> int | None:
         """Number of the joint in the heading, if it has one."""
         match = _JOINT.search(self.word)
-        return int(match['number']) if match and match['letters'] not in _CHANNELS else None
+        is_channel = match is not None and match['letters'] in ('ch', 'channel', 'ai', 'sensor')
+        return int(match['number']) if match and not is_channel else None
 
 
 class RecordColumns(NamedTuple):
@@ -141,14 +143,14 @@ def is_gauge_heading(cells: Sequence[str]) -> bool:
     """Whether the table names a force and a displacement as a table of dial gauge readings does."""
     columns = [_column(cell.strip(), place) for place, cell in enumerate(cells) if cell.strip() != 'gauge_at']
     words = {column.word for column in columns if column.unit not in ('rad', 'Nm')}
-    return bool(words & _GAUGE_FORCE) and bool(words & _GAUGE_DISPLACEMENT)
+    return all(words & set(COLUMNS[name].words) for name in ('force', 'displacement'))
 
 
 def _column(heading: str, place: int) -> RecordColumn:
     text = re.sub(r'[\s·*]', '', split_heading(heading)[1])
-    for unit, factors in _UNITS.items():
-        if text in factors:
-            return RecordColumn(heading, place, unit, factors[text])
+    for unit, quantity in _QUANTITIES.items():
+        if text in quantity.units:
+            return RecordColumn(heading, place, unit, quantity.units[text])
     return RecordColumn(heading, place)
 
 
@@ -161,7 +163,7 @@ def _named(columns: Sequence[RecordColumn], kind: str, heading: str, where: str)
         raise ParameterError(option, f'{where} has {len(found)} columns of this name', 'rename all but one')
     if found[0].unit not in _KINDS[kind]:
         unit = found[0].unit
-        got = f'the column is {_QUANTITY[unit]} ({unit})' if unit else 'the column has no known unit'
+        got = f'the column is {_QUANTITIES[unit].title} ({unit})' if unit else 'the column has no known unit'
         swapped = unit and unit not in _KINDS[TIME]
         remedy = 'exchange --response and --load' if swapped else f'choose or rename a column: {_endings(kind)}'
         raise ParameterError(option, f'{where}: {got}; expected {_expected(kind)}', remedy)
@@ -222,7 +224,7 @@ def _check_units(found: RecordColumns, where: str) -> None:
 
 
 def _units_error(one: RecordColumn, other: RecordColumn, where: str) -> RecordingError:
-    pair = f'{one.heading} is {_QUANTITY[one.unit]} and {other.heading} {_QUANTITY[other.unit]}'
+    pair = f'{one.heading} is {_QUANTITIES[one.unit].title} and {other.heading} {_QUANTITIES[other.unit].title}'
     remedy = 'give an angle with a torque (rad, Nm), or a displacement with a force (m, N)'
     return RecordingError(where, f'these units do not go together: {pair}', remedy)
 
@@ -238,16 +240,17 @@ def _check_joints(found: RecordColumns, columns: Sequence[RecordColumn], where: 
 
 
 def _expected(kind: str) -> str:
-    return ', '.join(unit for si in _KINDS[kind] for unit in _UNITS[si] if unit.isascii())
+    return ', '.join(unit for si in _KINDS[kind] for unit in _QUANTITIES[si].units if unit.isascii())
 
 
 def _endings(kind: str) -> str:
-    return f'such as {_EXAMPLE[kind]}'
+    return 'such as displacement_m or angle_rad' if kind == RESPONSE else 'such as force_N or torque_Nm'
 
 
 def _listed(headings: Sequence[str]) -> str:
-    more = len(headings) - _SHOWN
-    return ', '.join(headings[:_SHOWN]) + (f' and {more} more' if more > 0 else '')
+    shown = 6
+    more = len(headings) - shown
+    return ', '.join(headings[:shown]) + (f' and {more} more' if more > 0 else '')
 
 
 class RecordTable(NamedTuple):
@@ -305,22 +308,24 @@ def load_record_table(path: str | Path, response: str | None = None, load: str |
         ParameterError: a column asked for does not exist, or is no response or load.
         RecordingError: the file cannot be read, columns do not go together, or a row is wrong.
     """
-    where, rows = str(path), load_table(Path(path), 'time_s,angle_rad,torque_Nm')
-    if response is None and load is None and is_gauge_heading(rows.heading):
-        readings = table_readings(rows)
-        return RecordTable(where, readings.time, readings.force, readings.displacement, 'N', 'm', notes=readings.notes)
-    columns = choose_columns(rows.heading, where, response, load)
-    values = _values(rows, columns)
-    if columns.response.unit == 'rad':
-        _check_continuous(values[columns.response.heading], columns.response, rows, where)
+    table = load_table(Path(path), 'time_s,angle_rad,torque_Nm')
+    if response is None and load is None and is_gauge_heading(table.heading):
+        readings = table_readings(table)
+        return RecordTable(
+            table.source, readings.time, readings.force, readings.displacement, 'N', 'm', notes=readings.notes
+        )
+    chosen = choose_columns(table.heading, table.source, response, load)
+    values = table.read({kind: column.in_table for kind, column in chosen._asdict().items() if column}).numbers
+    if chosen.response.unit == 'rad':
+        _check_continuous(values[RESPONSE], chosen.response, table)
     return RecordTable(
-        where,
-        None if columns.time is None else values[columns.time.heading],
-        values[columns.load.heading],
-        values[columns.response.heading],
-        columns.load.unit,
-        columns.response.unit,
-        columns.response.joint if columns.response.joint is not None else columns.load.joint,
+        table.source,
+        values.get(TIME),
+        values[LOAD],
+        values[RESPONSE],
+        chosen.load.unit,
+        chosen.response.unit,
+        chosen.response.joint if chosen.response.joint is not None else chosen.load.joint,
     )
 
 
@@ -340,55 +345,15 @@ def check_alike(tables: list[RecordTable]) -> None:
             raise RecordingError(table.source, problem, 'give records of one joint, or rename the columns')
 
 
-def _values(table: Table, columns: RecordColumns) -> dict[str, Floats]:
-    """The columns in SI, by heading.
-
-    Raises:
-        RecordingError: a row is wrong; it names the line and the column, and the lines of others.
-    """
-    chosen = [column for column in columns if column is not None]
-    values: list[list[float]] = []
-    wrong: list[tuple[int, str]] = []
-    for line, cells in table.rows:
-        heading = ''
-        found = []
-        try:
-            table.check_width(cells)
-            for column in chosen:
-                heading = f'{column.heading}: '
-                found.append(_number(cells, column, table.decimal_comma))
-        except ValueError as error:
-            wrong.append((line, f'{heading}{error}'))
-        values.append(found)
-    raise_wrong_rows(table.source, wrong)
-    return {column.heading: array for column, array in zip(chosen, np.array(values).T, strict=True)}
-
-
-def _check_continuous(angle: Floats, column: RecordColumn, rows: Table, where: str) -> None:
+def _check_continuous(angle: Floats, column: RecordColumn, table: Table) -> None:
     steps = np.abs(np.diff(angle))
     if np.any(steps > np.pi):
-        line = rows.rows[int(steps.argmax()) + 1][0]
+        line = table.rows[int(steps.argmax()) + 1][0]
         problem = f'line {line}: {column.heading} jumps by {steps.max():.3g} rad, more than half a turn'
-        raise RecordingError(where, problem, 'unwrap the angle, or check the unit of the column')
-
-
-def _number(cells: list[str], column: RecordColumn, decimal_comma: bool) -> float:
-    cell = cells[column.place] if column.place < len(cells) else ''
-    value = read_number(cell, decimal_comma) * column.factor
-    if not abs(value) <= LARGEST[column.unit]:
-        raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; check the unit of the column')
-    return value
+        raise RecordingError(table.source, problem, 'unwrap the angle, or check the unit of the column')
 
 
 MOTION = 'motion'
-DRIVEN = (LOAD, MOTION)
-
-_COMPARABLE = 0.4
-"""Median extent of the sweeps of full loops, as a share of the range; 0.5 where the amplitude grows evenly."""
-_ONE_SIDE = 0.25
-"""Share of its largest up to which a load on one side of its rest reaches to the other side."""
-_RANGE = (2, 98)
-"""Percentiles that stand for the range of the load: impacts are left out."""
 
 
 def what_drives(tables: list[RecordTable], driven: str | None = None) -> str:
@@ -429,9 +394,10 @@ def _has_full_loops(response: Floats) -> bool:
     sweeps = len(edges) - 1
     if sweeps < FEWEST_SWEEPS or len(response) < FEWEST_ROWS * sweeps:
         return False
-    return bool(np.median(np.abs(np.diff(response[edges]))) >= _COMPARABLE * np.ptp(response))
+    # the median extent is 0.5 of the range where the amplitude grows evenly
+    return bool(np.median(np.abs(np.diff(response[edges]))) >= 0.4 * np.ptp(response))
 
 
 def _keeps_to_one_side(load: Floats) -> bool:
-    lowest, highest = np.percentile(load - load[0], _RANGE)
-    return bool(min(-lowest, highest) < _ONE_SIDE * max(-lowest, highest))
+    lowest, highest = np.percentile(load - load[0], (2, 98))  # impacts are left out
+    return bool(min(-lowest, highest) < 0.25 * max(-lowest, highest))
