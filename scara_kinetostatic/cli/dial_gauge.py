@@ -62,23 +62,20 @@ def run(args: argparse.Namespace) -> int:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: there is no reversal, or there are too few rows.
     """
+    from scara_kinetostatic.report import as_page, as_text, json_text
     from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
     from scara_kinetostatic.studies.dial_gauge.document import NAME, dial_gauge_document
+    from scara_kinetostatic.studies.dial_gauge.page import dial_gauge_report
     from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND
-    from scara_kinetostatic.studies.dial_gauge.text import text
 
     band = ZERO_BAND if args.zero_band is None else args.zero_band
     if band >= 1:
         raise InputError('--zero-band', f'expected a share below 1, got {band:g}')
     analysis = analyse_tables(_tables(args), args.kind, band)
     document = dial_gauge_document(analysis)
-    files = {}
-    if args.out:
-        from scara_kinetostatic.report.json_file import json_text
-        from scara_kinetostatic.studies.dial_gauge import page
-
-        files = {NAME: json_text(document), page.NAME: page.html_text(analysis)}
-    print_result(text(analysis), document, args.json, args.out, files)
+    report = dial_gauge_report(analysis)
+    files = {NAME: json_text(document), 'dial_gauge.html': as_page(report)} if args.out else {}
+    print_result(as_text(report), document, args.json, args.out, files)
     return 0
 
 

@@ -5,8 +5,8 @@ Figures of dial gauge experiments: force–displacement graphs, steps at zero fo
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, cast
+from functools import partial
+from typing import cast
 
 import numpy as np
 from markupsafe import Markup
@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
-from scara_kinetostatic import __version__
-from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, new_figure, style
-from scara_kinetostatic.report.page import page_template
+from scara_kinetostatic.report import Block, Figures, Items, Report, Section, Verdict
+from scara_kinetostatic.report import Figure as Picture
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, new_figure
+from scara_kinetostatic.report.quantities import count
 from scara_kinetostatic.studies.dial_gauge import text
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense
@@ -160,48 +161,49 @@ def _senses(record: LoopRecord) -> list[tuple[Sense, str]]:
     return [(sense, SERIES[0] if sense.sense > 0 else SERIES[1]) for sense in record.analysis.senses]
 
 
-NAME = 'dial_gauge.html'
-_TEMPLATE = Path(__file__).parent / 'page.html.j2'
-_MAP_CAPTION = 'With two standard deviations; dashed: mean; curve: {}.'
-_STEP_CAPTION = (
-    'Displacement less the elastic part, cycle by cycle: the backlash. Blue: positive force, orange: negative.'
-)
-
-
-def html_text(analysis: DialGaugeAnalysis) -> str:
-    """The page."""
+def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
+    """The result of dial gauge experiments for the terminal and as a page."""
     points = analysis.points
-    with style():
-        parts = [part_section(part) for part in points.parts] if points else []
-        loops = [_loop(record, f'loop{k}') for k, record in enumerate(analysis.loops)]
-    return page_template(_TEMPLATE).render(
-        version=__version__,
-        sources=[*(points.sources if points else ()), *(record.source for record in analysis.loops)],
-        warnings=analysis.warnings,
-        summary=text.summary_table(points) if points else None,
-        parts=parts,
-        loops=loops,
+    blocks: list[Block] = []
+    if points is not None:
+        blocks += [_part_section(part) for part in points.parts]
+        note = 'gap: displacement jump at zero force; half gap: g of equations (6) and (7); ±: one standard deviation'
+        blocks.append(Section('Summary', (text.summary_table(points), note)))
+    blocks += [_loop_section(record, f'loop{k}') for k, record in enumerate(analysis.loops)]
+    sources = [*(points.sources if points else ()), *(record.source for record in analysis.loops)]
+    what = [text.TITLES[part.name] for part in points.parts] if points else []
+    what += [f'loops of {record.source}' for record in analysis.loops]
+    return Report(
+        title='Compliance and backlash by dial gauge',
+        answer=Verdict(f'Compliance and backlash: {", ".join(what)}'),
+        blocks=tuple(blocks),
+        source=', '.join(sources),
+        remarks=tuple(analysis.warnings),
+        footer='all numbers in full in dial_gauge.json',
     )
 
 
-def part_section(part: Part) -> dict[str, Any]:
-    """What a page shows of one part: title, sentences, pairs of pictures with captions, table."""
-    pairs = []
+def part_figures(part: Part) -> tuple[Figures, ...]:
+    """Maps over the direction, typical runs, and the steps at zero force of one part."""
+    found = []
     if part.compliance_map is not None and part.gap_map is not None:
-        compliance = map_picture(part.compliance_map, 'µm/N', 'compliance', f'{part.name}_compliance')
-        gap = map_picture(part.gap_map, 'µm', 'backlash (gap)', f'{part.name}_gap')
-        pairs.append(
-            [(compliance, _MAP_CAPTION.format('uᵀPu')), (gap, _MAP_CAPTION.format('width of an elliptical dead zone'))]
-        )
-    forces = [(force_picture(run, f'{part.name}_force{k}'), _caption(run)) for k, run in _typical(part)]
-    steps = (step_picture(part, f'{part.name}_steps'), _STEP_CAPTION)
-    return {
-        'title': text.TITLES[part.name],
-        'sentences': text.map_sentences(part),
-        'pictures': [*pairs, [*forces, steps] if len(forces) == 1 else forces],
-        'steps': None if len(forces) == 1 else steps,
-        'table': text.run_table(part),
-    }
+        caption = 'With two standard deviations; dashed: mean; curve: {}.'
+        compliance = partial(map_picture, part.compliance_map, 'µm/N', 'compliance', f'{part.name}_compliance')
+        gap = partial(map_picture, part.gap_map, 'µm', 'backlash (gap)', f'{part.name}_gap')
+        ellipse = 'width of an elliptical dead zone'
+        found.append(Figures((Picture(compliance, caption.format('uᵀPu')), Picture(gap, caption.format(ellipse)))))
+    forces = tuple(
+        Picture(partial(force_picture, run, f'{part.name}_force{k}'), _caption(run)) for k, run in _typical(part)
+    )
+    steps = Picture(
+        partial(step_picture, part, f'{part.name}_steps'),
+        'Displacement less the elastic part, cycle by cycle: the backlash. Blue: positive force, orange: negative.',
+    )
+    return (*found, *((Figures((*forces, steps)),) if len(forces) == 1 else (Figures(forces), Figures((steps,)))))
+
+
+def _part_section(part: Part) -> Section:
+    return Section(text.TITLES[part.name], (text.run_table(part), *text.map_sentences(part), *part_figures(part)))
 
 
 def _typical(part: Part) -> list[tuple[int, Run]]:
@@ -217,18 +219,25 @@ def _caption(run: Run) -> str:
     return caption[0].upper() + caption[1:]
 
 
-def _loop(record: LoopRecord, name: str) -> dict[str, Any]:
-    return {
-        'title': f'Loops: {record.source}',
-        'loop': loop_picture(record, f'{name}_record'),
-        'reversals': reversal_picture(record, f'{name}_reversals'),
-        'senses': [
-            {
-                'title': f'Displacement {sense_name(sense)} after the reversal',
-                'sentences': [text.level_sentence(sense), *text.sense_sentences(sense)],
-                'table': text.reversal_table(sense),
-            }
-            for sense in record.analysis.senses
-        ],
-        'rejected': [f'{each.time:.2f} s: {each.reason}' for each in record.analysis.rejected],
-    }
+def _loop_section(record: LoopRecord, name: str) -> Section:
+    pictures = (
+        Picture(
+            partial(loop_picture, record, f'{name}_record'),
+            'The record; bars: the gap of each reversal, at the force inside the backlash. Blue: displacement rising '
+            'after the reversal, orange: falling.',
+        ),
+        Picture(
+            partial(reversal_picture, record, f'{name}_reversals'),
+            'Gap and compliance of each reversal, with one standard deviation from the residuals of the lines.',
+        ),
+    )
+    senses = [
+        Section(
+            f'Displacement {sense_name(sense)} after the reversal',
+            (text.reversal_table(sense), text.level_sentence(sense), *text.sense_sentences(sense)),
+        )
+        for sense in record.analysis.senses
+    ]
+    rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in record.analysis.rejected)
+    unused = [Items(rejected, f'{count(len(rejected), "reversal")} not used:')] if rejected else []
+    return Section(f'Loops: {record.source}', (Figures(pictures), *senses, *unused))

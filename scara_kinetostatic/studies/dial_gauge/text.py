@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.report.quantities import chance, count, decimals, p_equals
+from scara_kinetostatic.report.quantities import chance, decimals, p_equals
 from scara_kinetostatic.report.table import NOT_DETERMINED, Table
-from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER
 from scara_kinetostatic.studies.dial_gauge.result import DirectionMap, Part, PointAnalysis, Run
@@ -139,30 +138,3 @@ def _agreement_sentence(what: str, unit: str, factor: float, test: CombinedEstim
 def level_sentence(sense: Sense) -> str:
     """Forces inside the gap and at the plateau."""
     return f'Force inside the gap {sense.level:.0f} N, at the plateau {sense.plateau:.0f} N.'
-
-
-def text(analysis: DialGaugeAnalysis) -> str:
-    """The whole result for a terminal."""
-    lines: list[str] = []
-    if analysis.points is not None:
-        for part in analysis.points.parts:
-            lines += [TITLES[part.name], *run_table(part).lines(), *map_sentences(part), '']
-        lines += ['Summary', *summary_table(analysis.points).lines()]
-        lines += [
-            'gap: jump of the displacement at zero force; half gap: g of equations (6) and (7);',
-            '±: one standard deviation',
-            '',
-        ]
-    for record in analysis.loops:
-        lines += _loop_lines(record)
-    return '\n'.join([*lines, *(f'note: {warning}' for warning in analysis.warnings)]).rstrip()
-
-
-def _loop_lines(record: LoopRecord) -> list[str]:
-    lines = []
-    for sense in record.analysis.senses:
-        lines += [f'{record.source}: {sense_name(sense)}', *reversal_table(sense).lines()]
-        lines += [level_sentence(sense), *sense_sentences(sense), '']
-    rejected = record.analysis.rejected
-    lines += [f'{count(len(rejected), "reversal")} not used:'] * bool(rejected)
-    return lines + [f'  {each.time:.2f} s: {each.reason}' for each in rejected] + [''] * bool(rejected)

@@ -13,13 +13,13 @@ from matplotlib.ticker import MaxNLocator
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, UNITS, Parameters
 from scara_kinetostatic.report import Fact, Facts, Figure, Figures, Note, Report, Section, Table, Verdict
-from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure, style
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure
 from scara_kinetostatic.studies.design import figures as design_figures
 from scara_kinetostatic.studies.design import report as design_text
 from scara_kinetostatic.studies.design.optimal_design import Design
 from scara_kinetostatic.studies.dial_gauge.document import dial_gauge_document
-from scara_kinetostatic.studies.dial_gauge.page import part_section
-from scara_kinetostatic.studies.dial_gauge.text import summary_table
+from scara_kinetostatic.studies.dial_gauge.page import part_figures
+from scara_kinetostatic.studies.dial_gauge.text import TITLES, summary_table
 from scara_kinetostatic.studies.paper.study import Reproduction
 from scara_kinetostatic.studies.paper.table_2 import (
     ESTIMATED,
@@ -380,8 +380,6 @@ def _design(design: Design) -> Section:
 def _dial_gauge(r: Reproduction) -> Section:
     points = r.dial_gauge.points
     assert points is not None
-    with style():
-        parts = [part_section(part) for part in points.parts]
     return Section(
         'Section 5.2, figure 4: the dial gauge experiments',
         (
@@ -393,14 +391,9 @@ def _dial_gauge(r: Reproduction) -> Section:
                 'Figure 4(d), measured by the authors: gripper 3.76e-5 m/N and 5.49e-5 to 2.05e-4 m over the '
                 'directions; joint 1 3.23e-5 rad/Nm and 2.64e-4 rad; joint 2 1.08e-4 rad/Nm and 2.68e-4 rad.'
             ),
-            *(Section(part['title'], tuple(map(_side_by_side, part['pictures']))) for part in parts),
+            *(Section(TITLES[part.name], part_figures(part)) for part in points.parts),
         ),
     )
-
-
-def _side_by_side(pictures: Sequence[tuple[Markup, str]]) -> Figures:
-    """Pictures with their captions."""
-    return Figures(tuple(Figure(partial(Markup, picture), caption) for picture, caption in pictures))
 
 
 def _table_2(columns: Sequence[_Column]) -> Table:
