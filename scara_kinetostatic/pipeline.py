@@ -338,7 +338,7 @@ def _check_streams(streams: Streams, cell: Cell) -> None:
     """
     found = find_touches(streams, cell)
     joints, wrench = streams.topics or cell.sensor.topics
-    if (shifted := offset_touches(streams, cell, found)) and len(shifted[1].touches) >= FEWEST_TOUCHES:
+    if (shifted := offset_touches(streams, cell, found)) and check_touches(shifted[1].touches, cell).agrees:
         offset, detection = shifted
         apart = f'{abs(offset):.1f} s {"later" if offset > 0 else "earlier"}'
         problem = (
@@ -355,13 +355,13 @@ def _check_units(streams: Streams, cell: Cell) -> None:
     """Check that a recording without touches would not have them with forces in kN, or joint angles in degrees.
 
     Raises:
-        InputError: it would.
+        InputError: it would, and these touches agree with the cell.
     """
     for force, angle, what in _OTHER_UNITS:
         joints = replace(streams.joints, position=angle * streams.joints.position)
         wrench = replace(streams.wrench, force=force * streams.wrench.force)
         found = find_touches(replace(streams, joints=joints, wrench=wrench), cell)
-        if len(found.touches) >= max(_MOSTLY * found.found, FEWEST_TOUCHES):
+        if len(found.touches) >= _MOSTLY * found.found and check_touches(found.touches, cell).agrees:
             size = float(np.median(np.hypot(*found.touches.force.T)))
             problem = f'{what}: then {len(found.touches)} touches are found, of {size:.2g} N (median), else none'
             raise InputError(streams.source, problem, 'let the drivers publish rad and N')

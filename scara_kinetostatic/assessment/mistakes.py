@@ -141,6 +141,11 @@ class Check(NamedTuple):
     misfit: float = np.inf
     backlash: float = 0.0
 
+    @property
+    def agrees(self) -> bool:
+        """Whether there are enough touches and they agree as stated, but for what a calibration corrects."""
+        return self.misfit < _LIMITS.agrees
+
     def mistake(self, calibration: Calibration | None = None) -> Mistake | None:
         """The mistake found, or one of all radii, of which a calibration of the touches says more."""
         return self.found or _common_radius(self, calibration)
