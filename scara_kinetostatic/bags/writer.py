@@ -4,7 +4,7 @@ A `BagWriter` makes a rosbag2 folder, which appears in one step, with the cell d
 `<name>_0.mcap`. `checkpoint` ends the chunk that is being filled, waits until it is on the disk and replaces
 `metadata.yaml` in one step; when it returns, everything written before is part of the recording, also after a kill or
 a power failure. A file that was not ended has no index: this package reads it from its start to its last complete
-chunk, and so do `ros2 bag` and `mcap recover`. A file is ended at `SPLIT_SIZE`, and the next one begun.
+chunk; `mcap recover` adds the index. A file is ended at `SPLIT_SIZE`, and the next one begun.
 """
 
 from __future__ import annotations

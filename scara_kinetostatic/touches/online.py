@@ -266,6 +266,8 @@ class OnlineDetector:
             return False
         self._pair.observe()
         fresh = wrench.last(new + self._width).values
+        if not len(fresh):  # `restart` has dropped them
+            return False
         if self._searched == _NEVER:
             first = wrench.samples
             self._searched, self._searched_stamp = int(first.log_time[0]), int(wrench.times[0])

@@ -105,6 +105,16 @@ def stamped(received, offset):
     return np.zeros_like(received) if offset is None else received + offset
 
 
+def test_samples_dropped_by_a_restart_are_not_looked_at():
+    detector = OnlineDetector(CELL)
+    detector.add_joint_state(START, (0.1, 0.2))
+    detector.add_wrench(START, (0.0, 0.0))
+    detector.restart()
+    assert detector.poll().found == 0
+    detector.add_wrench(START + 10**7, (0.0, 0.0))
+    assert detector.poll().found == 0
+
+
 @pytest.mark.parametrize('offsets', CLOCKS.values(), ids=list(CLOCKS))
 def test_clocks_are_judged_live_as_in_a_recording(offsets):
     streams = simulate_streams(CELL, PAPER_MEASURED, PLAN.select(np.arange(6)), seed=4, start=START)
