@@ -78,6 +78,6 @@ setup(
             f'monitor = {NAME}.nodes.executables:monitor',
             f'compensator = {NAME}.nodes.executables:compensator',
             f'contour_tracker = {NAME}.nodes.executables:contour_tracker',
-        ],
+        ]
     },
 )

@@ -139,13 +139,7 @@ def repeat(run: Callable[[], object]) -> dict[str, Any]:
         run()
         seconds.append(time.process_time() - begin)
     least, lower, median, upper, largest = np.quantile(seconds, [0, 0.25, 0.5, 0.75, 1]).tolist()
-    return {
-        'runs': number,
-        'median': median,
-        'quartiles': [lower, upper],
-        'extremes': [least, largest],
-        'first': first,
-    }
+    return {'runs': number, 'median': median, 'quartiles': [lower, upper], 'extremes': [least, largest], 'first': first}
 
 
 def reset_peak_memory() -> None:

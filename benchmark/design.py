@@ -72,10 +72,7 @@ def compare(truth: Parameters, plan: Plan, number: int, balanced: bool) -> dict[
     places = tip_std(tip, predicted).places.ravel()
     largest, rms = float(np.sqrt(variance.max())), float(np.sqrt(variance @ tip.weight))
     ratio = errors.std(axis=0, ddof=1) / predicted.std
-    tips = {
-        'largest': (tip_std(tip, predicted).largest, largest),
-        'rms': (tip_std(tip, predicted).rms, rms),
-    }
+    tips = {'largest': (tip_std(tip, predicted).largest, largest), 'rms': (tip_std(tip, predicted).rms, rms)}
     tip_off = max(abs(b / a - 1) for a, b in tips.values())
     parameters_off = float(np.abs(ratio - 1).max())
     allowed = WITHIN if balanced else max(WITHIN, 3 / np.sqrt(2 * (number - 1)))
@@ -109,10 +106,7 @@ def main() -> int:
     requirements = Requirements(accuracy=1e-5, most_discs=0)
     expected: Design = optimal_design(Robot.of(CELL, PAPER_ACTUAL), requirements)
     nominal: Design = optimal_design(Robot.of(CELL), requirements)
-    cases = {
-        'recommended for table 2': expected.recommended,
-        'recommended for the nominal robot': nominal.recommended,
-    }
+    cases = {'recommended for table 2': expected.recommended, 'recommended for the nominal robot': nominal.recommended}
     result: dict[str, object] = {'runs': options.number, 'sampling_error': 1 / np.sqrt(2 * (options.number - 1))}
     for name, designed in cases.items():
         for noise in ('independent', 'balanced'):

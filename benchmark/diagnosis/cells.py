@@ -57,10 +57,7 @@ def _setup(discs: tuple[Disc, ...], truth: Parameters, per_disc: int) -> Setup:
     return Setup(cell, truth, default_plan(cell, per_disc, preload=PRELOAD).select(np.arange(TOUCHES)))
 
 
-SETUPS = {
-    'paper': _setup(PAPER_DISCS, PAPER_ACTUAL, 18),
-    'soft': _setup(FOUR_DISCS, PAPER_MEASURED, 14),
-}
+SETUPS = {'paper': _setup(PAPER_DISCS, PAPER_ACTUAL, 18), 'soft': _setup(FOUR_DISCS, PAPER_MEASURED, 14)}
 """The paper's cell with L̄a of table 2; four other discs with the soft robot of figure 4(d)."""
 
 

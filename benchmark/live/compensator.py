@@ -152,9 +152,7 @@ def run(seconds: float, rate: float, label: str, folder: Path) -> dict[str, Any]
         driver.take()
         rclpy.try_shutdown()
     busy, stolen, total = (after - ago for after, ago in zip(_machine(), before, strict=True))
-    found = {
-        'CPU [% of one core]': round(used, 1),
-    }
+    found = {'CPU [% of one core]': round(used, 1)}
     found |= {'machine busy [%]': round(100 * busy / total), 'time stolen [%]': round(100 * stolen / total)}
     return _figures(driver.heard(), pair, joints, force, stamps, rate) | found
 

@@ -23,21 +23,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, quarter_turn, stacked, wrap
-from scara_kinetostatic.model.parameters import (
-    G1,
-    G2,
-    G_EE,
-    L1,
-    L2,
-    NAMES,
-    P1,
-    P2,
-    P_EE,
-    THETA1,
-    THETA2,
-    X0,
-    Y0,
-)
+from scara_kinetostatic.model.parameters import G1, G2, G_EE, L1, L2, NAMES, P1, P2, P_EE, THETA1, THETA2, X0, Y0
 
 DISTANCE = 2e-4
 """D: distances from the circle of contact of this size are those of ordinary model errors, m."""
@@ -128,10 +114,7 @@ def fit_readings(readings: Sequence[Reading]) -> Agreement:
 def _solved(scene: _Scene, change: Floats, prior: Floats, by_d: float, by_a: float) -> Floats:
     """One step of reweighted least squares: the changes from the nominal values, (k, 13)."""
     rows, left = [], []
-    for value, derivative, scale in (
-        (scene.distance, scene.by_distance, by_d),
-        (scene.angle, scene.by_angle, by_a),
-    ):
+    for value, derivative, scale in ((scene.distance, scene.by_distance, by_d), (scene.angle, scene.by_angle, by_a)):
         weight = 1.0 / (scale * np.sqrt(1.0 + (value / scale) ** 2))
         rows.append(weight[..., None] * derivative * prior[:, None])
         left.append(weight * (np.einsum('kni,ki->kn', derivative, change) - value))
@@ -202,11 +185,7 @@ def _derivatives(arm: _Arm, size: Floats, inward: Floats, away: Floats, tool: Fl
     at = LoadedJoints(torque=(arm.torque1, arm.torque2), sense=arm.senses)
     rows = [
         component_by_parameters(
-            (1.0 - k, k),
-            (arm.u[..., k], arm.v[..., k]),
-            (arm.turn1[..., k], arm.turn2[..., k]),
-            (0.0, 0.0),
-            at,
+            (1.0 - k, k), (arm.u[..., k], arm.v[..., k]), (arm.turn1[..., k], arm.turn2[..., k]), (0.0, 0.0), at
         )
         for k in (0, 1)
     ]

@@ -29,14 +29,7 @@ from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import Stores, get_typestore
 
 from scara_kinetostatic.bags.cdr import joint_state_messages, ros2_types, string_message, wrench_messages
-from scara_kinetostatic.bags.messages import (
-    DISCARD_TOPIC,
-    JOINT_STATE,
-    STRING,
-    TF_MESSAGE,
-    TF_STATIC,
-    WRENCH_STAMPED,
-)
+from scara_kinetostatic.bags.messages import DISCARD_TOPIC, JOINT_STATE, STRING, TF_MESSAGE, TF_STATIC, WRENCH_STAMPED
 from scara_kinetostatic.bags.sources import METADATA
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.files.atomic import all_or_nothing, fresh_folder, replace_text, writing

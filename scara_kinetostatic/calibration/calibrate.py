@@ -13,14 +13,7 @@ from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
-from scara_kinetostatic.errors import (
-    CellError,
-    InputError,
-    ParameterError,
-    UnsupportedDataError,
-    did_you_mean,
-    expect,
-)
+from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel

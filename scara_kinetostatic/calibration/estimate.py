@@ -103,11 +103,7 @@ class _Round(NamedTuple):
 
 
 def estimate(
-    observations: Observations,
-    cell: Cell,
-    start: ExtendedModel,
-    free: Indices,
-    warm_start: WarmStart | None = None,
+    observations: Observations, cell: Cell, start: ExtendedModel, free: Indices, warm_start: WarmStart | None = None
 ) -> Estimation:
     """Fit a model to touches, round by round.
 

@@ -250,14 +250,7 @@ def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     measured = base_force(o, model)
     off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
     found = contact(
-        model,
-        o.joints,
-        o.centers,
-        o.radii,
-        o.gripper,
-        warm_start=measured,
-        metadata=o.metadata,
-        off_normal=off_normal,
+        model, o.joints, o.centers, o.radii, o.gripper, warm_start=measured, metadata=o.metadata, off_normal=off_normal
     )
     return measured - found.force
 

@@ -35,12 +35,7 @@ import numpy as np
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import ForceCovariance, Noise, SensorFrame, force_covariance
-from scara_kinetostatic.model.contact import (
-    all_derivatives,
-    extended_equations,
-    off_normal_derivative,
-    solve_links,
-)
+from scara_kinetostatic.model.contact import all_derivatives, extended_equations, off_normal_derivative, solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2
@@ -270,10 +265,7 @@ def as_radial(observations: Observations, model: ExtendedModel, state: State) ->
     off_normal = np.zeros(len(force)) if model.off_normal_std else None
     state = place_force(o, model, o.joints, force, state)
     return Adjusted(
-        o.joints,
-        force,
-        solve_links(model, o.contact_problem(o.joints, off_normal), state, again=True)[0],
-        off_normal,
+        o.joints, force, solve_links(model, o.contact_problem(o.joints, off_normal), state, again=True)[0], off_normal
     )
 
 

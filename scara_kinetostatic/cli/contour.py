@@ -50,10 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_results(parser, required=True)
     parser.add_argument(
-        '--tip-radius',
-        type=real(0),
-        metavar='M',
-        help='radius of the tip, m (default: as the cell states it)',
+        '--tip-radius', type=real(0), metavar='M', help='radius of the tip, m (default: as the cell states it)'
     )
     parser.add_argument(
         '--fit',

@@ -31,11 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_cell(parser)
     add_seed(parser)
     parser.add_argument(
-        '--time-factor',
-        type=real(0.01),
-        default=20.0,
-        metavar='X',
-        help='simulated seconds per second (default: 20)',
+        '--time-factor', type=real(0.01), default=20.0, metavar='X', help='simulated seconds per second (default: 20)'
     )
 
 

@@ -66,10 +66,7 @@ def _inspection(bag: Path, streams: Streams | None, detection: Detection, cell: 
     return {
         'recording': str(bag),
         'topics': [{'name': name, 'type': kind} for name, kind in _topics(bag)] if streams else [],
-        'streams': {
-            joint_states: _stream(streams.joints.stamp),
-            wrench: _stream(streams.wrench.stamp),
-        }
+        'streams': {joint_states: _stream(streams.joints.stamp), wrench: _stream(streams.wrench.stamp)}
         if streams
         else {},
         **({'turned': streams.turned} if streams and streams.turned else {}),

@@ -42,10 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
     with progress() as show_progress:
         found = reproduce(args.runs, show_progress, with_design=not args.without_design)
-        texts = {
-            'paper.html': as_page(paper_report(found)),
-            'paper.json': json_text(paper_document(found)),
-        }
+        texts = {'paper.html': as_page(paper_report(found)), 'paper.json': json_text(paper_document(found))}
         if found.design:
             texts.update(design_files(found.design))
         write_texts(args.out, texts)

@@ -63,12 +63,7 @@ def _add_truth(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--list-effects', action='store_true', help='list the effects of the cell with their parameters, and stop'
     )
-    parser.add_argument(
-        '--truth-file',
-        type=Path,
-        metavar='FILE',
-        help='true parameters and effects; must not exist',
-    )
+    parser.add_argument('--truth-file', type=Path, metavar='FILE', help='true parameters and effects; must not exist')
 
 
 def _add_plan(parser: argparse.ArgumentParser) -> None:

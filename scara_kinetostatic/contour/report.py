@@ -177,10 +177,7 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
         'points': len(contour),
         'passes': int(contour.passes.max()) + 1,
         'tip_radius': contour.tip_radius,
-        'std_normal': {
-            'median': np.nanmedian(contour.std_normal),
-            'worst': np.nanmax(contour.std_normal),
-        },
+        'std_normal': {'median': np.nanmedian(contour.std_normal), 'worst': np.nanmax(contour.std_normal)},
         'friction': {
             'coefficient': f.coefficient,
             'std': f.std,

@@ -53,13 +53,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 )
 from scara_kinetostatic.diagnosis.model_selection import rank_singles, score_singles, undetected_bias
 from scara_kinetostatic.diagnosis.noise_structure import likelier, noise_candidate
-from scara_kinetostatic.diagnosis.refit import (
-    MOST_STEPS,
-    WITH_OTHER_NOISE,
-    Effort,
-    fit_again,
-    steps_of,
-)
+from scara_kinetostatic.diagnosis.refit import MOST_STEPS, WITH_OTHER_NOISE, Effort, fit_again, steps_of
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.search import Search, select_hypothesis
 from scara_kinetostatic.effects.base import Effect
@@ -213,12 +207,7 @@ def unexplained(c: Calibration, tests: BaseTests, found: Search) -> Diagnosis:
 
 
 def with_extended_model(
-    c: Calibration,
-    tests: BaseTests,
-    found: Search,
-    fitted: Calibration,
-    known: tuple[Effect, ...],
-    effort: Effort,
+    c: Calibration, tests: BaseTests, found: Search, fitted: Calibration, known: tuple[Effect, ...], effort: Effort
 ) -> Diagnosis:
     """The diagnosis with an extended model: verdict, effects, standard deviations that cover rivals and alternatives.
 

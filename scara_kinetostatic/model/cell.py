@@ -433,11 +433,7 @@ def _check_uncertainty(where: str, std: float) -> None:
         raise ParameterError(where, f'expected a standard uncertainty of 0 or more, got {std}')
 
 
-PAPER_DISCS = (
-    Disc('disc_1', -0.25, 0.30, 0.15),
-    Disc('disc_2', 0.20, 0.40, 0.05),
-    Disc('disc_3', 0.05, 0.25, 0.08),
-)
+PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
 """The three discs of figure 3."""
 PAPER_CELL = Cell(
     PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), sensor=Sensor('joint_states', 'wrench')

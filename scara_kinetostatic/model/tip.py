@@ -498,9 +498,6 @@ def tip_by_noise(law: Law, jacobian: Floats, at: Loading, force: Force) -> Float
     cross = aside * force.nx * force.ny
     plain = [(along - aside * force.ny * force.ny, cross), (cross, along - aside * force.nx * force.nx), (0.0, 0.0)]
     shape = jacobian.shape[:-2]
-    torques = [
-        (-slopes[0] * (at.y1 + at.y2), slopes[0] * (at.x1 + at.x2)),
-        (-slopes[1] * at.y2, slopes[1] * at.x2),
-    ]
+    torques = [(-slopes[0] * (at.y1 + at.y2), slopes[0] * (at.x1 + at.x2)), (-slopes[1] * at.y2, slopes[1] * at.x2)]
     by_force = stacked(plain[: jacobian.shape[-2]], shape).T - jacobian @ stacked(torques, shape).T
     return np.concatenate([jacobian * (q1, q2), by_force * np.asarray(force.std)[..., None, None]], axis=-1)

@@ -68,10 +68,7 @@ def _budget(outcome: Outcome) -> list[Document]:
         {
             'source': item.label,
             **({} if item.declared is None else {'declared': item.declared, 'unit': item.unit}),
-            'contribution': {
-                **dict(zip(NAMES, item.parameters, strict=True)),
-                'tip': item.tip,
-            },
+            'contribution': {**dict(zip(NAMES, item.parameters, strict=True)), 'tip': item.tip},
         }
         for item in outcome.budget
     ]
@@ -110,20 +107,13 @@ def _errors(outcome: Outcome) -> Document:
     compared = outcome.comparison
     base, extended = compared.base, compared.extended
     return {
-        'force_error': {
-            'nominal': compared.nominal,
-            'calibrated': base.force_error,
-            'extended': extended.force_error,
-        },
+        'force_error': {'nominal': compared.nominal, 'calibrated': base.force_error, 'extended': extended.force_error},
         'held_out_force_error': {
             'calibrated': base.held_out,
             'extended': extended.held_out,
             'folds': outcome.extended_held_out.folds,
         },
-        'reduced_chi_square': {
-            'calibrated': base.reduced_chi_square,
-            'extended': extended.reduced_chi_square,
-        },
+        'reduced_chi_square': {'calibrated': base.reduced_chi_square, 'extended': extended.reduced_chi_square},
         'tip_error': {
             'nominal': compared.nominal_tip,
             'calibrated': base.tip.fitted,
@@ -147,12 +137,7 @@ def _parameters(outcome: Outcome) -> Document:
             'std_noise': noise,
             'unit': UNITS[bias.name],
             'status': c.status[bias.name],
-            'base_model': {
-                'value': bias.base,
-                'std': bias.base_std,
-                'bias': bias.shift,
-                'bias_in_std': bias.in_std,
-            },
+            'base_model': {'value': bias.base, 'std': bias.base_std, 'bias': bias.shift, 'bias_in_std': bias.in_std},
         }
         for bias, noise in zip(outcome.comparison.biases, stds, strict=True)
     }

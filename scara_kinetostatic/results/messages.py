@@ -22,11 +22,7 @@ from scara_kinetostatic.report import Level, Verdict, sentence
 from scara_kinetostatic.report.quantities import SCALES, Scale, count, decimals, p_equals
 from scara_kinetostatic.results.tables import base_rank
 
-ANSWERS = {
-    Grade.FIT: 'Fit for use',
-    Grade.CAUTION: 'To be used with caution',
-    Grade.UNFIT: 'Not fit for use',
-}
+ANSWERS = {Grade.FIT: 'Fit for use', Grade.CAUTION: 'To be used with caution', Grade.UNFIT: 'Not fit for use'}
 """The grades in words: the first thing in text and page."""
 NEVER_IDENTIFIABLE = (
     'An error common to all radii, such as that of the radius of the tip: exactly equivalent to backlash of the '
@@ -99,11 +95,7 @@ def _model(d: Diagnosis) -> tuple[Level, str, list[str]]:
         return 'bad', 'Model error found, cause unknown', [f'{lack}.']
     curve = any(item.in_every_model and not item.effect.is_physical for item in d.found)
     rest = 'cause unknown; described by a fitted curve' if curve else 'only partly explained'
-    return (
-        'bad',
-        f'Model error found, {rest}',
-        [f'{lack}. {_added(d.found)}', *_rivals_in_model(d)],
-    )
+    return ('bad', f'Model error found, {rest}', [f'{lack}. {_added(d.found)}', *_rivals_in_model(d)])
 
 
 def _rivals_in_model(d: Diagnosis) -> list[str]:

@@ -200,11 +200,7 @@ def _key(word: str) -> str:
 
 
 def _meaning(name: str, c: Calibration) -> str:
-    status = {
-        'estimated': '',
-        'fixed': '; held at this value',
-        'confounded': '; these data do not determine it',
-    }
+    status = {'estimated': '', 'fixed': '; held at this value', 'confounded': '; these data do not determine it'}
     return f'{UNITS[name]}, {DESCRIPTIONS[name]}{status[c.status[name]]}'
 
 

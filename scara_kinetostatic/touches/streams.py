@@ -103,10 +103,7 @@ def interleaved_seconds(received: NDArray[np.int64], values: Floats) -> int:
     return number if number >= 3 else 0  # messages out of order do not last
 
 
-NAMES = {
-    SensorFrame.BASE: ('base_link', 'base', 'world'),
-    SensorFrame.TOOL: ('tool0', 'tool', 'flange', 'tcp'),
-}
+NAMES = {SensorFrame.BASE: ('base_link', 'base', 'world'), SensorFrame.TOOL: ('tool0', 'tool', 'flange', 'tcp')}
 """Usual names of both frames, without what a prefix puts before the last slash; the first is that of the URDF, and an
 earlier one counts where several are connected."""
 

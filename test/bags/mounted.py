@@ -19,10 +19,7 @@ from scara_kinetostatic.touches.streams import Streams
 ANGLE = 35.0
 """Of the sensor against link 2, degrees."""
 TOOL_CELL = Cell(
-    PAPER_NOMINAL,
-    PAPER_CELL.discs,
-    noise=PAPER_CELL.noise,
-    sensor=Sensor('joint_states', 'wrench', SensorFrame.TOOL),
+    PAPER_NOMINAL, PAPER_CELL.discs, noise=PAPER_CELL.noise, sensor=Sensor('joint_states', 'wrench', SensorFrame.TOOL)
 )
 
 

@@ -235,11 +235,7 @@ def test_a_result_replaces_no_input(folder, tmp_path, capsys):
 def test_checksum_date_and_earlier_result(folder, result, capsys):
     (recording,) = result['recordings']
     table = folder / 'touches.csv'
-    assert recording == {
-        'path': str(table),
-        'sha256': hashlib.sha256(table.read_bytes()).hexdigest(),
-        'start': None,
-    }
+    assert recording == {'path': str(table), 'sha256': hashlib.sha256(table.read_bytes()).hexdigest(), 'start': None}
     out = folder / 'result'
     own = out / 'residuals.csv'
     assert run('calibrate', table, '--cell', folder / 'cell.yaml', '--out', out, '--residuals', own) == 0

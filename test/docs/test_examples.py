@@ -60,12 +60,7 @@ def test_commands_are_understood(page: Path) -> None:
 
 @pytest.mark.parametrize(
     ('shown', 'printed'),
-    [
-        ('l1 330.2', 'l1 340.2'),
-        ('l1 330.2', 'l2 330.2'),
-        ('…\nb 2\n…\na 1', 'a 1\nb 2'),
-        ('done …', 'failed'),
-    ],
+    [('l1 330.2', 'l1 340.2'), ('l1 330.2', 'l2 330.2'), ('…\nb 2\n…\na 1', 'a 1\nb 2'), ('done …', 'failed')],
 )
 def test_another_output_is_noticed(shown: str, printed: str) -> None:
     with pytest.raises(AssertionError):

@@ -17,14 +17,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
-from scara_kinetostatic.files.export.formats import (
-    FORMATS,
-    ExportFacts,
-    dh_text,
-    header_text,
-    urdf_text,
-    xacro_text,
-)
+from scara_kinetostatic.files.export.formats import FORMATS, ExportFacts, dh_text, header_text, urdf_text, xacro_text
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor

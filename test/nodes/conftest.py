@@ -18,12 +18,7 @@ from rclpy.signals import SignalHandlerOptions  # noqa: E402
 
 from scara_kinetostatic.files.cell_file import dump_cell  # noqa: E402
 from scara_kinetostatic.model.cell import PAPER_CELL  # noqa: E402
-from scara_kinetostatic.nodes.demo_client import (  # noqa: E402
-    THIS_MACHINE,
-    DemoClient,
-    NodeProcesses,
-    is_free,
-)
+from scara_kinetostatic.nodes.demo_client import THIS_MACHINE, DemoClient, NodeProcesses, is_free  # noqa: E402
 
 
 @pytest.fixture

@@ -153,12 +153,7 @@ def effects(node: Node) -> dict[str, float]:
 
 
 def test_effects_come_and_go_with_the_calibration_that_finds_them(
-    spin: Callable[..., Node],
-    client: DemoClient,
-    recording: Path,
-    grown: Path,
-    grown_outcome: Outcome,
-    tmp_path: Path,
+    spin: Callable[..., Node], client: DemoClient, recording: Path, grown: Path, grown_outcome: Outcome, tmp_path: Path
 ) -> None:
     node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}', '-p', f'recording:={grown}')
     assert effects(node) == {}

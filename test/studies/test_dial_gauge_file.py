@@ -85,10 +85,7 @@ def test_an_unknown_column_is_mentioned():
         ('force_N\n1\n', "no column 'displacement_m', got force_N; name them force_N,displacement_m"),
         ('a,b\n1,2\n', "no column 'force_N', got a, b"),
         ('force,displacement_m\n1,2\n', "the column 'force' has no unit; call it one of force_N"),
-        (
-            'force_N,displacement_inch\n1,2\n',
-            "'displacement_inch' has the unit 'inch'; convert it to one of",
-        ),
+        ('force_N,displacement_inch\n1,2\n', "'displacement_inch' has the unit 'inch'; convert it to one of"),
         ('force_N,load_kN,displacement_m\n1,2,3\n', "two columns of force, 'force_N' and 'load_kN'"),
         ('force_N,displacement_mm\n1,0\n2,x\n3,0\n,0\n', r"line 3: displacement_mm: .* got 'x'; also wrong: line 5;"),
         ('force_N,displacement_mm\n1,\n', 'line 2: displacement_mm: expected a number, got nothing'),
@@ -106,10 +103,7 @@ def test_an_unknown_column_is_mentioned():
         ('force_N,displacement_m\n1e999,0\n', 'too large to be plausible'),
         ('force_N,displacement_mm\n1,5,0,2\n', 'line 2: expected 2 columns, got 4 .a decimal comma needs semicolons'),
         ('force_N,displacement_m,cycle\n1,0,first\n', "line 2: cycle: expected the number of a cycle, got 'first'"),
-        (
-            'force_N,displacement_m,part\n1,0,elbow\n',
-            "line 2: part: expected gripper or joint1 or joint2, got 'elbow'",
-        ),
+        ('force_N,displacement_m,part\n1,0,elbow\n', "line 2: part: expected gripper or joint1 or joint2, got 'elbow'"),
         ('force_N,displacement_m,lever_m\n1,0,0\n', 'line 2: lever_m: expected a number above 0'),
         (
             'force_N,displacement_m,direction_deg\n1,0,9000\n',
@@ -127,8 +121,7 @@ def test_what_is_wrong_is_said_in_one_line(text, message):
 
 
 @pytest.mark.parametrize(
-    ('data', 'message'),
-    [(b'PK\x03\x04', 'got a spreadsheet'), (b'\x00\x01', 'binary'), (b'\xff\xfe1', 'UTF-16')],
+    ('data', 'message'), [(b'PK\x03\x04', 'got a spreadsheet'), (b'\x00\x01', 'binary'), (b'\xff\xfe1', 'UTF-16')]
 )
 def test_files_that_are_no_tables(data, message, tmp_path):
     path = tmp_path / 'table.csv'

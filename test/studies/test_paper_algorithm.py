@@ -13,9 +13,7 @@ from scara_kinetostatic.model.cell import Sensor, SensorFrame
 from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL
 from scara_kinetostatic.studies.paper.algorithm import paper_calibrate
 from scara_kinetostatic.studies.paper.study import observable_parts
-from scara_kinetostatic.studies.paper.table_2 import (
-    CELL as PAPER_CELL,
-)
+from scara_kinetostatic.studies.paper.table_2 import CELL as PAPER_CELL
 from scara_kinetostatic.studies.paper.table_2 import (
     ONE_LEVEL,
     THREE_LEVELS,

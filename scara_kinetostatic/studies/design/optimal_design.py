@@ -58,14 +58,7 @@ from scara_kinetostatic.studies.design.search import (
     smallest_set,
     without_each,
 )
-from scara_kinetostatic.studies.design.sensitivity import (
-    Curve,
-    Row,
-    Tips,
-    row_of_discs,
-    study_factors,
-    study_number,
-)
+from scara_kinetostatic.studies.design.sensitivity import Curve, Row, Tips, row_of_discs, study_factors, study_number
 
 _EVERYWHERE = Region()
 

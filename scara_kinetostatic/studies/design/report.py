@@ -29,12 +29,7 @@ from scara_kinetostatic.report.quantities import SCALES, count
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 from scara_kinetostatic.studies.design import figures
 from scara_kinetostatic.studies.design.candidates import MOST_LEVERAGE, TOUCHES_PER_DISC
-from scara_kinetostatic.studies.design.optimal_design import (
-    USUAL_ACCURACY,
-    AccuracySource,
-    Design,
-    contributions,
-)
+from scara_kinetostatic.studies.design.optimal_design import USUAL_ACCURACY, AccuracySource, Design, contributions
 from scara_kinetostatic.studies.design.search import COMPLIANCE_FACTOR, MOST_TOUCHES, NOISE_FACTOR
 from scara_kinetostatic.studies.design.sensitivity import BAND, Row
 

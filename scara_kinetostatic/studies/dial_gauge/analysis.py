@@ -84,10 +84,7 @@ def _loop_warnings(record: LoopRecord) -> list[str]:
     level = FALSE_ALARM_LEVEL / sum(2 + len(sense.trends) for sense in record.analysis.senses)
     for sense in record.analysis.senses:
         where = f'{record.source}: {sense_name(sense)}'
-        for name, test, factor, unit in (
-            ('gap', sense.gap, 1e6, 'µm'),
-            ('compliance', sense.compliance, 1e6, 'µm/N'),
-        ):
+        for name, test, factor, unit in (('gap', sense.gap, 1e6, 'µm'), ('compliance', sense.compliance, 1e6, 'µm/N')):
             if test is not None and test.p_value < level:
                 between = f'{factor * test.between:.3g} {unit}'
                 found.append(f'{where}: the reversals are inconsistent in {name}; standard deviation between {between}')

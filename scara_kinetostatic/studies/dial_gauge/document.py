@@ -33,10 +33,7 @@ def dial_gauge_document(analysis: DialGaugeAnalysis) -> Document:
 
 
 def _part(part: Part) -> dict[str, Any]:
-    found = {
-        **_quantities(part, part.units),
-        'runs': [_run(run, part.units) for run in part.runs],
-    }
+    found = {**_quantities(part, part.units), 'runs': [_run(run, part.units) for run in part.runs]}
     if part.compliance_map is not None and part.gap_map is not None:
         found['over_direction'] = {
             'compliance': _map(part.compliance_map, part.units[0]),
@@ -121,11 +118,7 @@ def _loop(record: LoopRecord) -> dict[str, Any]:
 
 
 def _sense(sense: Sense) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        'gap_force': sense.level,
-        'slip_force': sense.plateau,
-        'residual_std': list(sense.sigma),
-    }
+    found: dict[str, Any] = {'gap_force': sense.level, 'slip_force': sense.plateau, 'residual_std': list(sense.sigma)}
     for place, (name, test, unit) in enumerate((('gap', sense.gap, 'm'), ('compliance', sense.compliance, 'm/N'))):
         found[name] = None
         if test is not None:

@@ -25,11 +25,7 @@ from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.fit import Fit, fit, predict, refit, with_std
 from scara_kinetostatic.studies.hysteresis.laws import SLIP, Values
-from scara_kinetostatic.studies.hysteresis.model_selection import (
-    ModelSelection,
-    effective_count,
-    select_model,
-)
+from scara_kinetostatic.studies.hysteresis.model_selection import ModelSelection, effective_count, select_model
 from scara_kinetostatic.studies.hysteresis.motion import Motion, motion_from_readings, repeatability
 
 

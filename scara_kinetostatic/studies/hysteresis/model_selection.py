@@ -30,14 +30,7 @@ from scipy import stats
 
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.studies.hysteresis.fit import Fit, fit
-from scara_kinetostatic.studies.hysteresis.laws import (
-    BACKLASH,
-    CANDIDATES,
-    RESET,
-    SLIP,
-    SLIP_NO_GAP,
-    Law,
-)
+from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, CANDIDATES, RESET, SLIP, SLIP_NO_GAP, Law
 from scara_kinetostatic.studies.hysteresis.motion import Motion, Rows
 
 _BINS = 16

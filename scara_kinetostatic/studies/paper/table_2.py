@@ -269,11 +269,7 @@ class Comparison(NamedTuple):
 
 
 def compare(
-    levels: tuple[float, ...],
-    noise: Noise,
-    runs: int,
-    progress: Callable[[int], None] | None = None,
-    workers: int = 2,
+    levels: tuple[float, ...], noise: Noise, runs: int, progress: Callable[[int], None] | None = None, workers: int = 2
 ) -> Comparison:
     """Runs both estimators on simulated data sets.
 
