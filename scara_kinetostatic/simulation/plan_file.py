@@ -27,31 +27,30 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from scara_kinetostatic.errors import InputError, ParameterError, did_you_mean
-from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
+from scara_kinetostatic.files.yaml_file import Section, Within, parse_yaml, read_text, shown
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, REACH_MARGIN, Plan, within_reach
 from scara_kinetostatic.simulation.slides import Slide
 
-_KEYS = ('disc', 'angle_deg', 'posture', 'force')
 POSTURES = {'left': 1, 'right': -1, 1: 1, -1: -1}
 POSTURE_NAMES = {1: 'left', -1: 'right'}
-_SLIDE_KEYS = ('slide', 'force', 'friction', 'speed', 'posture', 'from', 'to')
-_TOUCH = 'write {disc: NAME, angle_deg: 30, posture: left, force: 25}'
-_SLIDE = 'write {slide: {center: [0.2, 0.35], radius: 0.06}, force: 15}'
+_SLIDE_VALUES = {'force': 'force', 'friction': 'friction', 'speed': 'speed', 'from': 'begin', 'to': 'end'}
+"""Fields of a slide by key."""
 _FORMS = {
-    'radius': ({'center', 'radius'}, set[str]()),
-    'semi_axes': ({'center', 'semi_axes'}, {'angle_deg'}),
-    'outline': ({'outline'}, {'corner_radius', 'closed'}),
+    'radius': (('center', 'radius'), ()),
+    'semi_axes': (('center', 'semi_axes'), ('angle_deg',)),
+    'outline': (('outline',), ('corner_radius', 'closed')),
 }
 """Keys that each form of an outline must and may have, by the key that tells it."""
 LARGEST_FORCE = 10_000.0
 """Largest force of a planned touch, N."""
+_FORCE = Within(0.0, LARGEST_FORCE, positive=True, unit='N')
+_PRELOAD = Within(0.0, LARGEST_PRELOAD, unit='of the force')
 
 
 class PlanError(InputError):
@@ -73,8 +72,15 @@ def load_plan(path: str | Path, cell: Cell) -> Plan:
 
 def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan:
     """The plan that a YAML text holds; see `load_plan`."""
-    entries = _entries(text, where, 'touches', _TOUCH)
-    rows = [_entry(entry, cell, f'{where}: touch {number}') for number, entry in enumerate(entries)]
+    required, optional = ('disc', 'angle_deg', 'posture', 'force'), ('preload',)
+    rows = []
+    for entry in _entries(text, where, 'touch', required, optional):
+        names = [disc.name for disc in cell.discs]
+        name, preload = entry.word('disc'), entry.optional('preload', within=_PRELOAD)
+        if name not in names:
+            raise entry.error('disc', f'the cell has no disc {name!r}', did_you_mean(name, names, 'its discs are'))
+        angle, force = math.radians(entry.number('angle_deg')), entry.number('force', within=_FORCE)
+        rows.append((names.index(name), angle, _posture(entry), force, preload or 0.0))
     plan = Plan(*(np.array(column) for column in zip(*rows, strict=True)))
     lost = np.flatnonzero(~within_reach(cell, plan))
     if len(lost):
@@ -86,43 +92,20 @@ def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan:
     return plan
 
 
-def _entries(text: str, where: str | Path, what: str, example: str) -> list[Any]:
+def _entries(
+    text: str, where: str | Path, what: str, required: tuple[str, ...], optional: tuple[str, ...]
+) -> list[Section]:
     entries = parse_yaml(text, where, PlanError)
     if not isinstance(entries, list) or not entries:
-        raise PlanError(where, f'expected a list of {what}', example)
-    return entries
+        raise PlanError(where, f'expected a list with one {what} per entry', 'see docs/reference/formats.md')
+    places = (f'{where}: {what} {number}' for number in range(len(entries)))
+    return [Section(PlanError, at, '', entry, required, optional) for at, entry in zip(places, entries, strict=True)]
 
 
-def _entry(entry: Any, cell: Cell, where: str) -> tuple[int, float, int, float, float]:
-    """Disc, angle in rad, posture, force and preload of one entry."""
-    if not isinstance(entry, dict):
-        raise PlanError(where, f'expected a mapping with {", ".join(_KEYS)}, got {entry!r}', _TOUCH)
-    _check_keys(entry, (*_KEYS, 'preload'), where)
-    for key in _KEYS:
-        if entry.get(key) is None:
-            raise PlanError(where, f'the key {key!r} is missing', _TOUCH)
-    names = [disc.name for disc in cell.discs]
-    if entry['disc'] not in names:
-        raise PlanError(where, f'unknown disc {entry["disc"]!r}', f'the discs of the cell are {", ".join(names)}')
-    posture = _posture(entry['posture'], where)
-    angle, force = (_number(entry[key], f'{where}: {key}') for key in ('angle_deg', 'force'))
-    if not 0 < force <= LARGEST_FORCE:
-        raise PlanError(where, f'force: expected N above 0 and up to {LARGEST_FORCE:.0f}, got {force:g}')
-    preload = _number(entry.get('preload', 0.0), f'{where}: preload')
-    if not 0 <= preload <= LARGEST_PRELOAD:
-        raise PlanError(where, f'preload: expected 0 to {LARGEST_PRELOAD:g} of the force, got {preload:g}')
-    return names.index(entry['disc']), math.radians(angle), posture, force, preload
-
-
-def _check_keys(entry: dict[Any, Any], keys: tuple[str, ...], where: str) -> None:
-    for key in entry:
-        if key not in keys:
-            raise PlanError(where, f'unknown key {key!r}', did_you_mean(key, keys, 'the keys are'))
-
-
-def _posture(given: Any, where: str) -> int:
+def _posture(entry: Section) -> int:
+    given = entry.data.get('posture', 'left')
     if type(given) not in (int, str) or given not in POSTURES:
-        raise PlanError(where, f'posture: expected left, right, 1 or -1, got {given!r}')
+        raise entry.error('posture', f'expected left, right, 1 or -1, got {shown(given)}')
     return POSTURES[given]
 
 
@@ -172,66 +155,43 @@ def load_slides(path: str | Path, cell: Cell) -> tuple[Slide, ...]:
     Raises:
         PlanError: the file cannot be read, or an entry is not valid.
     """
-    entries = _entries(read_text(path, PlanError), path, 'slides', _SLIDE)
-    return tuple(_slide(entry, cell, f'{path}: slide {number}') for number, entry in enumerate(entries))
+    slides = []
+    for entry in _entries(read_text(path, PlanError), path, 'slide', ('slide',), (*_SLIDE_VALUES, 'posture')):
+        values = {name: entry.number(key) for key, name in _SLIDE_VALUES.items() if key in entry.data}
+        if 'force' in values:
+            entry.number('force', within=_FORCE)
+        try:
+            slides.append(Slide(_outline(entry, cell), posture=_posture(entry), **values))
+        except ParameterError as error:
+            raise entry.error('', error.problem, error.remedy) from error
+    return tuple(slides)
 
 
-def _slide(entry: Any, cell: Cell, where: str) -> Slide:
-    if not isinstance(entry, dict) or 'slide' not in entry:
-        raise PlanError(where, f'expected a mapping with the key {"slide"!r}, got {entry!r}', _SLIDE)
-    _check_keys(entry, _SLIDE_KEYS, where)
-    posture = _posture(entry.get('posture', 'left'), where)
-    names = {'force': 'force', 'friction': 'friction', 'speed': 'speed', 'from': 'begin', 'to': 'end'}
-    values = {name: _number(entry[key], f'{where}: {key}') for key, name in names.items() if key in entry}
-    if values.get('force', 0.0) > LARGEST_FORCE:
-        raise PlanError(where, f'force: expected up to {LARGEST_FORCE:.0f} N, got {values["force"]:g}')
-    try:
-        return Slide(_outline(entry['slide'], cell, where), posture=posture, **values)
-    except ParameterError as error:
-        raise PlanError(where, error.problem, error.remedy) from error
-
-
-def _outline(given: Any, cell: Cell, where: str) -> Outline:
+def _outline(entry: Section, cell: Cell) -> Outline:
+    """The outline under the key `slide`: of a disc of the cell, by its name, or one of `_FORMS`."""
+    given = entry.data['slide']
     if isinstance(given, str):
-        return _disc(given, cell, where)
-    form = next((key for key in _FORMS if isinstance(given, dict) and key in given), None)
-    if form is None:
-        raise PlanError(where, f'slide: expected a disc of the cell or an outline, got {given!r}', _SLIDE)
-    needed, optional = _FORMS[form]
-    for key in [*(needed - given.keys()), *(given.keys() - needed - optional)]:
-        problem = f'slide: the key {key!r} is missing' if key in needed else f'slide: unknown key {key!r}'
-        raise PlanError(where, problem, f'its keys are {", ".join(sorted(needed | optional))}')
+        discs = {disc.name: disc for disc in cell.discs}
+        if given not in discs:
+            raise entry.error('slide', f'the cell has no disc {given!r}', did_you_mean(given, discs, 'its discs are'))
+        disc = discs[given]
+        return circle((disc.x, disc.y), disc.radius - (cell.tip_radius or 0.0))
+    form = next((key for key in _FORMS if isinstance(given, dict) and key in given), 'radius')
+    shape = entry.section('slide', *_FORMS[form])
     if form == 'outline':
-        corners = given['outline']
+        corners, closed = shape.data['outline'], shape.data.get('closed', True)
         if not isinstance(corners, list):
-            raise PlanError(where, f'outline: expected a list of corners [x, y], got {corners!r}')
-        closed = given.get('closed', True)
+            raise shape.error('outline', f'expected a list of corners [x, y], got {shown(corners)}')
         if not isinstance(closed, bool):
-            raise PlanError(where, f'closed: expected true or false, got {closed!r}')
-        points = [_pair(corner, f'{where}: outline') for corner in corners]
-        return polygon(points, _number(given.get('corner_radius', 0.0), f'{where}: corner_radius'), closed)
-    center = _pair(given['center'], f'{where}: center')
+            raise shape.error('closed', f'expected true or false, got {shown(closed)}')
+        points = shape.entries('outline', {str(number): corner for number, corner in enumerate(corners)})
+        return polygon([_pair(points, name) for name in points.data], shape.optional('corner_radius') or 0.0, closed)
+    center = _pair(shape, 'center')
     if form == 'radius':
-        return circle(center, _number(given['radius'], f'{where}: radius'))
-    angle = math.radians(_number(given.get('angle_deg', 0.0), f'{where}: angle_deg'))
-    return ellipse(center, _pair(given['semi_axes'], f'{where}: semi_axes'), angle)
+        return circle(center, shape.number('radius'))
+    return ellipse(center, _pair(shape, 'semi_axes'), math.radians(shape.optional('angle_deg') or 0.0))
 
 
-def _disc(name: str, cell: Cell, where: str) -> Outline:
-    for disc in cell.discs:
-        if disc.name == name:
-            return circle((disc.x, disc.y), disc.radius - (cell.tip_radius or 0.0))
-    names = [disc.name for disc in cell.discs]
-    raise PlanError(where, f'the cell has no disc {name!r}', did_you_mean(name, names, 'its discs are'))
-
-
-def _pair(value: Any, where: str) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise PlanError(where, f'expected two numbers, got {value!r}')
-    return _number(value[0], where), _number(value[1], where)
-
-
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise PlanError(where, f'expected a number, got {value!r}')
-    return float(value)
+def _pair(shape: Section, name: str) -> tuple[float, float]:
+    x, y = shape.vector(name, ('x', 'y'))
+    return x, y

@@ -12,12 +12,11 @@ A file that holds nothing but the twelve parameters by name is accepted as well.
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 import yaml
@@ -26,17 +25,16 @@ from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
+from scara_kinetostatic.files.yaml_file import Section, parse_yaml, read_text
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
 SCHEMA = 'scara_kinetostatic/truth/1'
 PAPER_ROBOTS = {'paper': PAPER_ACTUAL, 'measured': PAPER_MEASURED}
 """Robots by name: L̄a of table 2 and the compliances and backlashes of figure 4(d)."""
-_FORM = 'write parameters: {x0: 0.0025, ...} with all twelve, and effects: [{name: ..., target: ..., parameters: ...}]'
 
 
 class TrueEffect(NamedTuple):
@@ -64,16 +62,18 @@ def parse_effect(text: str, cell: Cell) -> TrueEffect:
     where = f'effect {text!r}'
     label, _, listed = text.rpartition(':') if ':' in text else (text, '', '')
     effect = find(cell, label.strip())
-    given: dict[str, float] = {}
-    for item in (part.strip() for part in listed.split(',') if part.strip()):
-        name, _, value = (part.strip() for part in item.partition('='))
-        if name in given:
-            raise ParameterError(where, f'{name!r} is given twice', parameter_list(effect))
-        try:
-            given[name] = float(value)
-        except ValueError:
-            raise ParameterError(where, f'expected parameter=value, got {item!r}', parameter_list(effect)) from None
-    return _with_values(effect, given, where)
+    names = [parameter.name for parameter in effect.parameters]
+    items = [item.partition('=') for item in listed.split(',') if item.strip()]
+    given = [name.strip() for name, _, _ in items]
+    if sorted(given) != sorted(names):
+        raise ParameterError(where, f'expected {", ".join(names)} once each', parameter_list(effect))
+    try:
+        values = {name: float(value) for name, (_, _, value) in zip(given, items, strict=True)}
+    except ValueError as error:
+        raise ParameterError(where, f'expected parameter=value: {error}', parameter_list(effect)) from None
+    if not all(isfinite(value) for value in values.values()):
+        raise ParameterError(where, 'expected finite numbers', parameter_list(effect))
+    return TrueEffect(effect, tuple(values[name] for name in names))
 
 
 def parameter_list(effect: Effect) -> str:
@@ -133,49 +133,21 @@ def load_truth(path: str | Path, cell: Cell) -> ExtendedModel:
     Raises:
         ParameterError: the file cannot be read, or its content is not valid.
     """
-    where = str(path)
     data = parse_yaml(read_text(path, ParameterError), path, ParameterError)
-    if not isinstance(data, dict):
-        raise ParameterError(where, 'expected the twelve parameters by name', 'write x0: 0.0025 and so on')
-    if 'parameters' not in data:
+    if isinstance(data, dict) and 'parameters' not in data:
         data = {'parameters': data}
-    unknown = [key for key in data if key not in ('schema', 'seed', 'parameters', 'effects')]
-    if unknown:
-        close = difflib.get_close_matches(str(unknown[0]), ('seed', 'parameters', 'effects'), 1)
-        remedy = f'did you mean {close[0]!r}?' if close else _FORM
-        raise ParameterError(where, f'unknown key {unknown[0]!r}', remedy)
-    base, listed = data['parameters'], data.get('effects') or []
-    if not isinstance(base, dict) or not isinstance(listed, list):
-        raise ParameterError(where, 'expected parameters by name and a list of effects', _FORM)
-    parameters = Parameters.from_mapping(base, where)
-    parameters.check_physical(where)
-    return with_effects(parameters, (_parse_entry(item, cell, where) for item in listed))
+    top = Section(ParameterError, str(path), '', data, ('parameters',), ('schema', 'seed', 'effects'))
+    parameters = Parameters.from_mapping(top.section('parameters', NAMES).data, str(path))
+    parameters.check_physical(str(path))
+    listed = top.items('effects', 'effects', ('name',), ('target', 'parameters')) if data.get('effects') else []
+    return with_effects(parameters, (_stored_effect(entry, cell) for entry in listed))
 
 
-def _parse_entry(item: Any, cell: Cell, where: str) -> TrueEffect:
-    if not isinstance(item, dict) or not {'name'} <= set(item) <= {'name', 'target', 'parameters'}:
-        raise ParameterError(where, 'effects: expected name, target and parameters', _FORM)
-    effect = find(cell, f'{item["name"]}[{item["target"]}]' if item.get('target') else str(item['name']))
-    values = item.get('parameters') or {}
-    if not isinstance(values, dict) or not all(type(value) in (int, float) for value in values.values()):
-        raise ParameterError(where, f'{effect.label}: expected its parameters by name, as numbers', _FORM)
-    return _with_values(effect, values, f'{where}: {effect.label}')
-
-
-def _with_values(effect: Effect, given: Mapping[str, float], where: str) -> TrueEffect:
-    """An effect with values by name; `where` for messages."""
-    names = [parameter.name for parameter in effect.parameters]
-    for name in given:
-        if name not in names:
-            close = difflib.get_close_matches(name, names, 1)
-            remedy = f'did you mean {close[0]!r}? ' if close else ''
-            raise ParameterError(where, f'unknown parameter {name!r}', f'{remedy}{parameter_list(effect)}')
-    for name in names:
-        if name not in given:
-            raise ParameterError(where, f'parameter {name!r} is missing', parameter_list(effect))
-        if not isfinite(given[name]):
-            raise ParameterError(where, f'{name}: expected a finite number, got {given[name]}', parameter_list(effect))
-    return TrueEffect(effect, tuple(float(given[name]) for name in names))
+def _stored_effect(entry: Section, cell: Cell) -> TrueEffect:
+    name, target = entry.word('name'), entry.data.get('target')
+    effect = find(cell, f'{name}[{target}]' if target else name)
+    values = entry.section('parameters', [parameter.name for parameter in effect.parameters])
+    return TrueEffect(effect, tuple(values.number(parameter.name) for parameter in effect.parameters))
 
 
 def truth_text(truth: ExtendedModel | Parameters, seed: int = 0) -> str:

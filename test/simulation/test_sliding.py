@@ -112,14 +112,14 @@ def test_plan_of_slides(tmp_path):
     ('entry', 'message'),
     [
         ('{slide: disc_9}', 'the cell has no disc'),
-        ('{slide: {center: [0, 0]}}', 'expected a disc of the cell or an outline'),
+        ('{slide: {center: [0, 0]}}', "slide: the key 'radius' is missing"),
         ('{slide: {radius: 0.1}}', "'center' is missing"),
         ('{slide: {center: [0, 0], radius: -1}}', 'above 0 m'),
         ('{slide: disc_1, speed: -1}', 'above 0'),
         ('{slide: disc_1, fricton: 0.1}', "unknown key 'fricton'; did you mean 'friction'"),
         ('{slide: {outline: [[0, 0], [1, 0]]}}', '3 or more corners'),
         ('{slide: {outline: [[0, 0], [1, 0]], closed: false}, to: 2}', 'from 0 to 1'),
-        ('{disc: disc_1}', "with the key 'slide'"),
+        ('{disc: disc_1}', "unknown key 'disc'; the keys here are slide"),
     ],
 )
 def test_wrong_plans_are_refused(tmp_path, entry, message):
