@@ -48,7 +48,7 @@ KEPT_IN = {
     'scipy': ('assessment', 'calibration', 'diagnosis', 'monitoring', 'results', 'studies'),
     'yaml': ('files', 'simulation', 'bags'),
     'matplotlib': ('contour', 'report', 'results', 'studies'),
-    'markupsafe': ('contour', 'monitoring', 'report', 'results', 'studies'),
+    'markupsafe': ('contour', 'files', 'monitoring', 'report', 'results', 'simulation', 'studies'),
     'jinja2': ('files', 'report'),
     'rich': ('cli',),
     'mujoco': ('simulation',),

@@ -9,14 +9,14 @@ hold, and is linear in the force between them and beyond.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import Contact, contact
@@ -25,7 +25,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.load_history import remembered, torques_of
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import padded_history, stacked_histories
-from scara_kinetostatic.simulation.plan import CLEARANCE, Plan
+from scara_kinetostatic.simulation.plan import CLEARANCE, Plan, check_numbers
 
 Phase = IntEnum('Phase', 'TRAVEL PAUSE APPROACH PRESS EASE HOLD RELEASE RETRACT', start=0)
 """Of a touch."""
@@ -63,10 +63,7 @@ class Timing:
     clearance: float = CLEARANCE
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not np.isfinite(value) or value < 0 or (value == 0 and item.name != 'pause'):
-                raise ParameterError(f'timing: {item.name}', f'expected a value above 0, got {value}')
+        check_numbers('timing', self, zero=('pause',))
 
 
 def minimum_jerk(part: Floats) -> Floats:

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import gcd
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Noise
 
 Index = NDArray[np.intp]
 
@@ -28,6 +29,30 @@ CLEARANCE = 0.018
 """Distance of the free pose from the disc, m; see `simulation.trajectory`."""
 LARGEST_PRELOAD = 5.0
 """Largest preload, over the force of the hold."""
+
+
+def check_numbers(where: str, holder: Any, *, zero: Sequence[str] = (), signed: Sequence[str] = ()) -> None:
+    """Whether the numbers of a dataclass, single or in tuples, are finite and above 0.
+
+    Args:
+        where: what they are of, for the message.
+        holder: the dataclass.
+        zero: names of those that may be 0.
+        signed: names of those that may have any finite value.
+
+    Raises:
+        ParameterError: one of them is not.
+    """
+    for item in fields(holder):
+        value = getattr(holder, item.name)
+        value = value.levels if isinstance(value, Noise) else value
+        if not isinstance(value, (int, float, tuple)):
+            continue
+        array = np.asarray(value, dtype=float)
+        least = -np.inf if item.name in signed else 0.0
+        if not np.all(np.isfinite(array) & (array >= least) & ((array != least) | (item.name in zero))):
+            wanted = 'a finite value' + (f' {"of 0 or more" if item.name in zero else "above 0"}' if least == 0 else '')
+            raise ParameterError(f'{where}: {item.name}', f'expected {wanted}, got {value}')
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,11 @@ bias, is scaled with the contact force up to its full value in the hold.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import sensor_error
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
@@ -24,6 +23,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.contact_forces import Phase
+from scara_kinetostatic.simulation.plan import check_numbers
 from scara_kinetostatic.simulation.trajectory import CellState
 
 TYPICAL_NOISE = Noise(joint=1e-5, force=0.3)
@@ -60,14 +60,8 @@ class SensorModel:
     offset: float = 0.0037
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            value = value.levels if isinstance(value, Noise) else value
-            lowest = -np.inf if item.name == 'bias' else 0.0
-            if value is not None and not np.all(np.isfinite(value) & (np.asarray(value) >= lowest)):
-                raise ParameterError(f'sensors: {item.name}', f'expected a finite value of 0 or more, got {value}')
-        if self.joint_rate == 0 or self.wrench_rate == 0:
-            raise ParameterError('sensors: rate', 'expected a rate above 0 Hz')
+        zero = ('touch_noise', 'joint_noise', 'force_noise', 'resolution', 'jitter', 'offset')
+        check_numbers('sensors', self, zero=zero, signed=('bias',))
 
     @classmethod
     def ideal(cls, rate: float = 100.0) -> SensorModel:

@@ -8,9 +8,8 @@ sign, resolution and stamps are those of `SensorModel`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
-from math import isfinite
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -25,6 +24,7 @@ from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.contact_forces import Phase, minimum_jerk
 from scara_kinetostatic.simulation.outline import Outline, Track
+from scara_kinetostatic.simulation.plan import check_numbers
 from scara_kinetostatic.simulation.sensors import SensorModel, sensor_angle
 from scara_kinetostatic.simulation.streams import START, Sensed, recorded
 from scara_kinetostatic.simulation.trajectory import CellState
@@ -57,12 +57,7 @@ class Slide:
     end: float = 1.0
 
     def __post_init__(self) -> None:
-        for item in fields(self)[1:]:
-            if not isfinite(getattr(self, item.name)):
-                raise ParameterError(f'slide: {item.name}', f'expected a finite number, got {getattr(self, item.name)}')
-        for name in ('force', 'speed'):
-            if not getattr(self, name) > 0:
-                raise ParameterError(f'slide: {name}', f'expected a number above 0, got {getattr(self, name):g}')
+        check_numbers('slide', self, zero=('friction',), signed=('posture', 'begin', 'end'))
         if not 0 <= self.friction <= 2:
             raise ParameterError('slide: friction', f'expected 0 to 2, got {self.friction:g}')
         if abs(self.posture) != 1:
@@ -100,10 +95,7 @@ class SlideTiming:
     variation_time: float = 0.5
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not isfinite(value) or value < 0 or (value == 0 and item.name != 'force_variation'):
-                raise ParameterError(f'timing: {item.name}', f'expected a value above 0, got {value}')
+        check_numbers('timing', self, zero=('force_variation',))
 
 
 SlidePhase = IntEnum('SlidePhase', 'TRAVEL PAUSE APPROACH PRESS STICK SLIDE STOP RELEASE RETRACT REST', start=0)

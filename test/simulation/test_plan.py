@@ -138,7 +138,7 @@ def test_plan_file(tmp_path):
             '- {disc: disc_1, angle_deg: 0, posture: left, force: -3}',
             'touch 0: force: expected above 0, at most 10000 N, got -3',
         ),
-        ('- {disc: disc_1, angle_deg: north, posture: left, force: 3}', 'touch 0: angle_deg: expected a finite number'),
+        ('- {disc: disc_1, angle_deg: north, posture: left, force: 3}', 'touch 0: angle_deg: expected a number'),
         ('- {disc: disc_1, angle_deg: .nan, posture: left, force: 3}', 'touch 0: angle_deg: expected a finite number'),
         ('- {disc: [1], angle_deg: 0, posture: left, force: 3}', 'touch 0: disc: expected a string'),
         ('- {disc: disc_1, angle_deg: 0, posture: left, force: 3, preload: -1}', 'preload: expected 0 to 5'),

@@ -10,14 +10,14 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
-from xml.sax.saxutils import escape, quoteattr
 
-import jinja2
 import numpy as np
+from markupsafe import Markup, escape
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.errors import UnsupportedDataError, one_line
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
+from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import GripperSign
@@ -114,13 +114,10 @@ def rigid_miss(arm: CalibratedArm) -> float:
     return largest if largest > 1e-9 else 0.0  # rounding alone
 
 
-_HEAD = '<?xml version="1.0"?>\n'
-
-
 def urdf_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     """The URDF: its tip `tool0` is at H(L̄, Q) for the joint angles Q that the robot reports."""
-    text = arm_urdf(_name(arm), arm.cell.joint_names, [Arm(arm.model.parameters, colour=CALIBRATED_COLOUR)])
-    return text.replace(_HEAD, _HEAD + _comment(facts), 1)
+    arms = [Arm(arm.model.parameters, colour=CALIBRATED_COLOUR)]
+    return arm_urdf(_name(arm), arm.cell.joint_names, arms, _comment(facts))
 
 
 def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
@@ -128,49 +125,19 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
 
     With the argument ``standalone:=false`` the macro is defined and no arm is made.
     """
-    p = arm.model.parameters
-    properties = '\n'.join(
-        f'  <xacro:property name="scara_{name}" value="{getattr(p, name)!r}"/>  <!-- {UNITS[name]}, {std} -->'
-        for name, std in zip(UNITS, facts.std, strict=True)
-        if name in RIGID
-    )
-    first, second = (escape('${prefix}' + name, {'"': '&quot;'}) for name in map(_literal, arm.cell.joint_names))
-    return (
-        f'{_HEAD}{_comment(facts)}<robot name={quoteattr(_name(arm))} xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
-        f'  <xacro:arg name="standalone" default="true"/>\n{properties}\n'
-        f'{_MACRO.format(joint1=first, joint2=second)}'
-        '  <xacro:if value="$(arg standalone)">\n'
-        '    <link name="base_link"/>\n'
-        '    <xacro:calibrated_scara parent="base_link"/>\n'
-        '  </xacro:if>\n'
-        '</robot>\n'
+    return render(
+        Path(__file__).with_name('arm.xacro.j2'),
+        comment=Markup(_comment(facts)),
+        name=_name(arm),
+        properties=[row for row in _values(arm, facts) if row[0] in RIGID],
+        joints=[_literal(name) for name in arm.cell.joint_names],
     )
 
 
-_MACRO = """\
-  <xacro:macro name="calibrated_scara" params="parent prefix:=''">
-    <link name="${{prefix}}link1"/>
-    <link name="${{prefix}}link2"/>
-    <link name="${{prefix}}tool0"/>
-    <joint name="{joint1}" type="continuous">
-      <parent link="${{parent}}"/>
-      <child link="${{prefix}}link1"/>
-      <origin xyz="${{scara_x0}} ${{scara_y0}} 0" rpy="0 0 ${{scara_theta1}}"/>
-      <axis xyz="0 0 1"/>
-    </joint>
-    <joint name="{joint2}" type="continuous">
-      <parent link="${{prefix}}link1"/>
-      <child link="${{prefix}}link2"/>
-      <origin xyz="${{scara_l1}} 0 0" rpy="0 0 ${{scara_theta2}}"/>
-      <axis xyz="0 0 1"/>
-    </joint>
-    <joint name="${{prefix}}tip" type="fixed">
-      <parent link="${{prefix}}link2"/>
-      <child link="${{prefix}}tool0"/>
-      <origin xyz="${{scara_l2}} 0 0" rpy="0 0 0"/>
-    </joint>
-  </xacro:macro>
-"""
+def _values(arm: CalibratedArm, facts: ExportFacts) -> list[tuple[str, float, str, str]]:
+    """Name, value, uncertainty in words and unit of the twelve parameters."""
+    values = zip(UNITS, arm.model.parameters.as_array().tolist(), facts.std, strict=True)
+    return [(name, value, std, UNITS[name]) for name, value, std in values]
 
 
 def _literal(name: str) -> str:
@@ -235,21 +202,14 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
-    values = zip(NAMES, arm.model.parameters.as_array().tolist(), facts.std, strict=True)
-    constants = [(name.upper(), repr(value), std, UNITS[name]) for name, value, std in values]
-    template = jinja2.Template(
-        Path(__file__).with_name('header.h.j2').read_text(encoding='utf-8'),
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    physical = arm.cell.gripper_sign is GripperSign.PHYSICAL
-    return template.render(
+    return render(
+        Path(__file__).with_name('header.h.j2'),
+        escape=False,
         lines=facts.lines,
-        constants=constants,
-        force_std=repr(arm.noise.force_rms),
-        force_growth=repr(arm.noise.growth),
-        compliance_sign='-' if physical else '+',
+        constants=_values(arm, facts),
+        force_std=arm.noise.force_rms,
+        force_growth=arm.noise.growth,
+        compliance_sign='-' if arm.cell.gripper_sign is GripperSign.PHYSICAL else '+',
     )
 
 

@@ -1,8 +1,8 @@
 """A cell in the physics engine MuJoCo: bodies, springs, friction and contact, independent of this package's model.
 
-`scene` describes the robot, `mjcf` builds it of bodies, `engine` integrates it, `controller` makes the touches of a
-plan (`motion`), `streams` applies the sensors, `truth` states the true parameters and effects. MuJoCo comes with the
-extra `physics` and is imported when the engine starts.
+`scene` describes the robot, the template `scene.xml.j2` builds it of bodies, `engine` integrates it, `controller` makes
+the touches of a plan, `streams` applies the sensors and states the truth. MuJoCo comes with the extra `physics` and is
+imported when the engine starts.
 """
 
 from __future__ import annotations

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree as Xml
 
 import numpy as np
+from markupsafe import Markup
 
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.template import render
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.simulation.mujoco.scene import Scene
@@ -22,10 +26,8 @@ LIFT = 0.02
 """How far the third axis lifts the tip above its place between the discs, m."""
 PIECES = 8
 """Hinges of a link that bends."""
-HARD = {'solref': f'{2 * TIMESTEP} 1', 'solimp': '0.9999 0.9999 0.001 0.5 2'}
-"""Contacts and stops as hard as the engine makes them."""
-HARD_STOP = {'solreflimit': HARD['solref'], 'solimplimit': HARD['solimp']}
-HARD_FRICTION = {'solreffriction': HARD['solref'], 'solimpfriction': HARD['solimp']}
+HARD = (f'{2 * TIMESTEP} 1', '0.9999 0.9999 0.001 0.5 2')
+"""Reference and impedance of contacts, stops and friction as hard as the engine makes them."""
 PAD_ONSET, PAD_FULL = 0.3, 0.7
 """Impedance of a coat on a disc at no pressure, and from the depth on for which its stiffness is stated."""
 BACKLASH_INERTIA, BACKLASH_DAMPING = 0.5, 1.0
@@ -33,7 +35,6 @@ BACKLASH_INERTIA, BACKLASH_DAMPING = 0.5, 1.0
 LIGHT_ARM, LIGHT_TIP = 0.1, 0.3
 """Inertia of a quasi-static scene's arm, and of its parts behind the third axis, over that of the others: as light as
 the contacts stay closed with this time step."""
-_TIP_PARTS = ('quill', 'gripper', 'tip')
 
 
 @dataclass(frozen=True)
@@ -88,254 +89,80 @@ def _tip_radius(cell: Cell) -> float:
 
 
 def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
-    """The scene as MJCF.
+    """The scene as MJCF, from the template `scene.xml.j2`.
 
     Args:
         scene: the robot.
         cell: the discs.
         outline: of one object that stands there instead of the discs.
     """
-    root = Xml.Element('mujoco', model=scene.name)
-    _put(root, 'compiler', angle='radian', autolimits='true', inertiafromgeom='false')
-    _put(root, 'option', timestep=TIMESTEP, integrator='discrete', cone='elliptic', impratio=1000.0,
-         tolerance=1e-14, gravity=_gravity(scene))  # fmt: skip
-    world = _put(root, 'worldbody')
-    if outline is not None:
-        _object(world, scene, outline)
-    for number in range(len(cell.discs) if outline is None else 0):
-        _disc(world, scene, cell, number)
-    base = _base(world, scene)
-    elbow = _link1(_transmission(base, scene, 1), scene)
-    _tip(_transmission(elbow, scene, 2), scene, cell)
-    _connections(root, scene)
-    if scene.quasi_static:
-        _lighten(world)
-    _servos(root)
-    return Xml.tostring(root, encoding='unicode')
-
-
-def _put(parent: Xml.Element, tag: str, **attributes: object) -> Xml.Element:
-    return Xml.SubElement(parent, tag, {name.rstrip('_'): _text(value) for name, value in attributes.items()})
-
-
-def _text(value: object) -> str:
-    if isinstance(value, tuple):
-        return ' '.join(_text(item) for item in value)
-    return repr(float(value)) if isinstance(value, float) else str(value)
-
-
-def _body(parent: Xml.Element, name: str, mass: float, *, inertia: float = 0.01, x: float = 0.0) -> Xml.Element:
-    """A body whose frame is at `x` along its parent's, with its mass there."""
-    body = _put(parent, 'body', name=name, pos=(x, 0.0, 0.0))
-    _put(body, 'inertial', pos=(0.0, 0.0, 0.0), mass=mass, diaginertia=(inertia, inertia, inertia))
-    return body
-
-
-def _gravity(scene: Scene) -> tuple[float, float, float]:
-    """9.81 m/s² downwards in the frame of a base turned by `tilt` about its x and then its y axis."""
     a, b = scene.tilt
-    return (9.81 * np.cos(a) * np.sin(b), -9.81 * np.sin(a), -9.81 * np.cos(a) * np.cos(b))
-
-
-def _disc(world: Xml.Element, scene: Scene, cell: Cell, number: int) -> None:
-    disc = cell.discs[number]
-    dx, dy = scene.displacement if number == scene.displaced_disc(cell) else (0.0, 0.0)
-    body = _put(world, 'body', name=f'disc{number}', pos=(disc.x + dx, disc.y + dy, 0.0))
-    surface: dict[str, object] = dict(HARD)
-    if number in scene.padded_discs(cell):
-        surface = {
-            'solref': (-1.0, -1.0),
-            'solimp': (PAD_ONSET, PAD_FULL, scene.pad[1], 0.5, 2.0),
-        }  # scaled in `engine`
-    friction = (scene.contact_friction, 0.0, 0.0)
-    size = (disc.radius - _tip_radius(cell), SETTINGS.disc_height)
+    tip, light = _tip_radius(cell), scene.quasi_static
+    moved = (scene.displaced_disc(cell), *scene.displacement)
     condim = 3 if scene.contact_friction else 1
-    _put(body, 'geom', name=f'disc{number}', type='cylinder', size=size, friction=friction, condim=condim, priority=1,
-         **surface)  # fmt: skip
+    return render(
+        Path(__file__).with_name('scene.xml.j2'),
+        row=_row,
+        sqrt=math.sqrt,
+        settings=SETTINGS,
+        timestep=TIMESTEP,
+        hard=HARD,
+        scene=scene,
+        p=scene.parameters,
+        # 9.81 m/s² downwards in the frame of a base turned by `tilt` about its x and then its y axis
+        gravity=(9.81 * np.cos(a) * np.sin(b), -9.81 * np.sin(a), -9.81 * np.cos(a) * np.cos(b)),
+        light=LIGHT_ARM if light else 1.0,
+        light_tip=LIGHT_TIP if light else 1.0,
+        backlash_inertia=BACKLASH_INERTIA,
+        backlash_damping=SETTINGS.light_backlash_damping if light else BACKLASH_DAMPING,
+        tip_radius=tip,
+        discs=[
+            {
+                'x': disc.x + moved[1] * (k == moved[0]),
+                'y': disc.y + moved[2] * (k == moved[0]),
+                'radius': disc.radius - tip,
+            }
+            for k, disc in enumerate(cell.discs)
+        ],
+        padded=scene.padded_discs(cell),
+        pad_onset=PAD_ONSET,
+        pad_full=PAD_FULL,
+        sliding=Markup(f'friction="{scene.contact_friction} 0.0 0.0" condim="{condim}" priority="1"'),
+        outline=outline,
+        pieces={} if outline is None else _geoms(outline),
+        bends=PIECES,
+    )
 
 
-def _object(world: Xml.Element, scene: Scene, outline: Outline) -> None:
-    """An object of any outline: a slab behind each edge, a cylinder in each rounded corner, an ellipsoid.
+def _row(values: Iterable[float]) -> str:
+    return ' '.join(str(float(value)) for value in values)
+
+
+def _geoms(outline: Outline) -> dict[int, Markup]:
+    """A slab behind each edge, a cylinder in each rounded corner, an ellipsoid; by the number of the piece.
 
     Where the tip touches it, an ellipsoid with a high third axis is as good as a cylinder. The contact is scaled in
-    `engine`.
+    `Engine`.
     """
-    body = _put(world, 'body', name='object')
-    surface: dict[str, object] = {'friction': (scene.contact_friction, 0.0, 0.0), 'solref': (-1.0, -1.0)}
-    surface |= {'solimp': (SETTINGS.sliding_impedance, SETTINGS.sliding_impedance, 0.001, 0.5, 2.0)}
-    surface |= {'condim': 3 if scene.contact_friction else 1, 'priority': 1}
+    found: dict[int, tuple[str, tuple[float, ...], Floats | tuple[float, float], float]] = {}
     for number, piece in enumerate(outline.pieces):
-        name = f'object{number}'
         if isinstance(piece, Arc):
-            (x, y), (a, b) = piece.center, piece.semi_axes
-            turn = (0.0, 0.0, piece.rotation)
+            a, b = piece.semi_axes
             if a == b > 0:
-                _put(
-                    body, 'geom', name=name, type='cylinder', size=(a, SETTINGS.disc_height), pos=(x, y, 0.0), **surface
-                )
+                found[number] = 'cylinder', (a, SETTINGS.disc_height), piece.center, 0.0
             elif a > 0:
-                size = (a, b, SETTINGS.object_height)
-                _put(body, 'geom', name=name, type='ellipsoid', size=size, pos=(x, y, 0.0), euler=turn, **surface)
+                found[number] = 'ellipsoid', (a, b, SETTINGS.object_height), piece.center, piece.rotation
         elif isinstance(piece, Edge):
             begin, end = np.array(piece.begin), np.array(piece.end)
-            along = (end - begin) / np.hypot(*(end - begin))
-            x, y = (begin + end) / 2 + SETTINGS.slab / 2 * np.array([-along[1], along[0]])
-            size = (float(np.hypot(*(end - begin))) / 2, SETTINGS.slab / 2, SETTINGS.disc_height)
-            turn = (0.0, 0.0, float(np.arctan2(along[1], along[0])))
-            _put(body, 'geom', name=name, type='box', size=size, pos=(float(x), float(y), 0.0), euler=turn, **surface)
-
-
-def _base(world: Xml.Element, scene: Scene) -> Xml.Element:
-    base = _put(world, 'body', name='base', pos=(scene.parameters.x0, scene.parameters.y0, 0.0))
-    mass = 100.0 * SETTINGS.small_mass
-    _put(base, 'inertial', pos=(0.0, 0.0, 0.0), mass=mass, diaginertia=(1.0, 1.0, 1.0))
-    for axis, compliance, direction in zip('xy', scene.base_compliance, ((1, 0, 0), (0, 1, 0)), strict=True):
-        if compliance:
-            _spring(base, f'base_{axis}', 'slide', direction, 1.0 / compliance, mass)
-    return base
-
-
-def _spring(
-    body: Xml.Element,
-    name: str,
-    kind: str,
-    axis: tuple[int, int, int],
-    stiffness: float,
-    inertia: float,
-    **more: object,
-) -> None:
-    """A joint with a spring, critically damped for an inertia."""
-    damping = 2.0 * np.sqrt(stiffness * inertia)
-    _put(body, 'joint', name=name, type=kind, axis=axis, stiffness=float(stiffness), damping=float(damping), **more)
-
-
-def _transmission(parent: Xml.Element, scene: Scene, number: int) -> Xml.Element:
-    """Rotor, springs and backlash of a joint, and the frame of the link behind, at the joint's axis."""
-    values, name, z = scene.parameters.as_dict(), str(number), (0, 0, 1)
-    rotor = _body(parent, f'rotor{name}', 1.0)
-    _put(rotor, 'joint', name=f'motor{name}', type='hinge', axis=z, armature=SETTINGS.rotor)
-    link = _body(rotor, f'link{name}', 1.0)
-    _slip(link, scene, number)
-    friction = scene.winding_friction[number - 1]
-    rubbing: dict[str, object] = {'frictionloss': friction, **HARD_FRICTION} if friction else {}
-    stiffness = 1.0 / values[f'p{name}']
-    _spring(
-        link,
-        f'spring{name}',
-        'hinge',
-        z,
-        stiffness,
-        SETTINGS.link_inertia[number - 1],
-        armature=BACKLASH_INERTIA,
-        **rubbing,
-    )
-    backlash = values[f'g{name}']
-    if backlash:
-        _put(link, 'joint', name=f'backlash{name}', type='hinge', axis=z, range=(-backlash, backlash),
-             armature=BACKLASH_INERTIA, damping=BACKLASH_DAMPING, **HARD_STOP)  # fmt: skip
-    frame = _body(link, f'beam{name}', scene.masses[number - 1])
-    frame.set('euler', _text((0.0, 0.0, values[f'theta{name}'])))
-    length, inertial = values[f'l{name}'], frame.find('inertial')
-    assert inertial is not None
-    inertial.set('pos', _text((0.5 * length, 0.0, 0.0)))
-    return frame
-
-
-def _slip(link: Xml.Element, scene: Scene, number: int) -> None:
-    """The second spring of a transmission, with Coulomb friction beside it, if there is one."""
-    compliance, torque = scene.slip_compliance[number - 1], scene.slip_torque[number - 1]
-    if compliance:
-        _spring(link, f'slip{number}', 'hinge', (0, 0, 1), 1.0 / compliance, SETTINGS.link_inertia[number - 1],
-                armature=BACKLASH_INERTIA, frictionloss=torque, **HARD_FRICTION)  # fmt: skip
-
-
-def _link1(beam: Xml.Element, scene: Scene) -> Xml.Element:
-    """Link 1 up to the elbow: in one piece, or bending in hinges at the middles of its pieces."""
-    length = scene.parameters.l1
-    if not scene.link_compliance:
-        return _body(beam, 'elbow', 0.1, x=length)
-    step, stiffness = length / PIECES, PIECES / scene.link_compliance
-    for number in range(PIECES):
-        beam = _body(beam, f'piece{number}', 0.1, x=step if number else 0.5 * step)
-        _spring(beam, f'bend{number}', 'hinge', (0, 0, 1), stiffness, 0.05, armature=0.05)
-    return _body(beam, 'elbow', 0.1, x=0.5 * step)
-
-
-def _tip(beam: Xml.Element, scene: Scene, cell: Cell) -> None:
-    """Third axis, gripper on two springs, and the ball, with backlash if there is any."""
-    x, y, z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
-    body = _body(beam, 'quill', SETTINGS.small_mass, x=scene.parameters.l2)
-    _put(body, 'joint', name='lift', type='slide', axis=z)
-    body = _body(body, 'gripper', SETTINGS.small_mass)
-    for name, axis in (('grip_x', x), ('grip_y', y)):
-        _spring(body, name, 'slide', axis, 1.0 / scene.parameters.p_ee, 2.0 * SETTINGS.small_mass)
-    _put(body, 'site', name='pin')
-    if scene.parameters.g_ee:
-        body = _body(body, 'tip', SETTINGS.small_mass)
-        for name, axis in (('loose_x', x), ('loose_y', y)):
-            _put(body, 'joint', name=name, type='slide', axis=axis, damping=SETTINGS.tip_damping)
-    _put(body, 'site', name='ball')
-    _put(body, 'geom', name='ball', type='sphere', size=_tip_radius(cell), condim=1)
-
-
-def _connections(root: Xml.Element, scene: Scene) -> None:
-    """Couplings of several joints: the pin in the ball's hole, friction of a bearing, a cable."""
-    tendons = _put(root, 'tendon')
-    if scene.parameters.g_ee:
-        pin = _put(tendons, 'spatial', name='pin', range=(0.0, scene.parameters.g_ee), **HARD_STOP)
-        _put(pin, 'site', site='pin')
-        _put(pin, 'site', site='ball')
-    for number, friction in enumerate(scene.bearing_friction, start=1):
-        if friction:
-            _turning(_put(tendons, 'fixed', name=f'bearing{number}', frictionloss=friction, **HARD_FRICTION), scene,
-                     number)  # fmt: skip
-    if scene.cable:
-        _turning(_put(tendons, 'fixed', name='cable', stiffness=scene.cable, springlength=0.0), scene, 2)
-
-
-def _turning(tendon: Xml.Element, scene: Scene, number: int) -> None:
-    """Makes a tendon follow the turning of a link against what carries its motor."""
-    names = {
-        'motor': True,
-        'slip': scene.slip_compliance[number - 1],
-        'spring': True,
-        'backlash': getattr(scene.parameters, f'g{number}'),
+            length = np.hypot(*(end - begin))
+            along = (end - begin) / length
+            middle = (begin + end) / 2 + SETTINGS.slab / 2 * np.array([-along[1], along[0]])
+            size = length / 2, SETTINGS.slab / 2, SETTINGS.disc_height
+            found[number] = 'box', size, middle, np.arctan2(along[1], along[0])
+    return {
+        number: Markup(f'type="{kind}" size="{_row(size)}" pos="{_row(place)} 0.0" euler="0.0 0.0 {turn}"')
+        for number, (kind, size, place, turn) in found.items()
     }
-    for name in (name for name, present in names.items() if present):
-        _put(tendon, 'joint', joint=f'{name}{number}', coef=1.0)
-
-
-def _lighten(world: Xml.Element) -> None:
-    """Makes arm and tip lighter, their springs still critically damped."""
-    for body in world.iter('body'):
-        factor = LIGHT_TIP if body.get('name') in _TIP_PARTS else LIGHT_ARM
-        for inertial in body.findall('inertial'):
-            _scale(inertial, 'mass', factor)
-            _scale(inertial, 'diaginertia', factor)
-        for joint in body.findall('joint'):
-            name = str(joint.get('name'))
-            if name.startswith('backlash'):
-                joint.set('damping', _text(SETTINGS.light_backlash_damping))
-            elif 'stiffness' in joint.attrib:
-                _scale(joint, 'damping', float(np.sqrt(factor)))
-            if not name.startswith('motor'):
-                _scale(joint, 'armature', factor)
-
-
-def _scale(element: Xml.Element, attribute: str, factor: float) -> None:
-    if attribute in element.attrib:
-        element.set(attribute, _text(tuple(factor * float(value) for value in element.attrib[attribute].split())))
-
-
-def _servos(root: Xml.Element) -> None:
-    servos = _put(root, 'actuator')
-    for name, gain, inertia in (
-        ('motor1', SETTINGS.motor_gain, SETTINGS.rotor),
-        ('motor2', SETTINGS.motor_gain, SETTINGS.rotor),
-        ('lift', *SETTINGS.lift_servo),
-    ):
-        damping = 2.0 * np.sqrt(gain * inertia)
-        _put(servos, 'position', name=name, joint=name, kp=gain, kv=float(damping))
 
 
 if TYPE_CHECKING:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 
-import numpy as np
-
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
+from scara_kinetostatic.simulation.plan import check_numbers
 
 Pair = tuple[float, float]
 
@@ -65,13 +64,8 @@ class Scene:
         for name in ('p_ee', 'p1', 'p2'):
             if getattr(self.parameters, name) == 0:
                 raise ParameterError(f'{where}: {name}', 'expected a compliance above 0', 'a spring needs a stiffness')
-        for item in fields(self):
-            if item.name in ('name', 'parameters', 'displaced', 'padded', 'quasi_static'):
-                continue
-            value = np.asarray(getattr(self, item.name), dtype=float)
-            signed = item.name in ('displacement', 'tilt')
-            if not np.all(np.isfinite(value)) or (not signed and np.any(value < 0)):
-                raise ParameterError(f'{where}: {item.name}', f'expected a finite value of 0 or more, got {value}')
+        names = [item.name for item in fields(self)]
+        check_numbers(where, self, zero=names, signed=('displacement', 'tilt'))
         if any(bool(w) != bool(r) for w, r in zip(self.slip_compliance, self.slip_torque, strict=True)):
             raise ParameterError(f'{where}: slip_torque', 'expected one above 0 for each slip_compliance above 0')
         if self.padded and min(self.pad) <= 0:
