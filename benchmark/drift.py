@@ -122,7 +122,7 @@ def run(job: Job) -> Any:
         return compare(record, record_of(cell, 2_000_000 + job.seed, job.seed, job.per_disc)).p_value
     if job.section == 'verify':
         touches = touches_of(cell, 3_000_000 + job.seed, job.seed, 40)
-        return verify(Detection(touches, found=len(touches)), record).p_value
+        return verify(Detection.of(touches), record).p_value
     return [_drift(record, cell, name, job.seed) for name in NAMES]
 
 

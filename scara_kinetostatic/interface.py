@@ -89,8 +89,8 @@ def make_touches(
     if objects is None:
         association = associate(q, f, cell)
         for k in np.flatnonzero(~association.known):
-            nearest = f'the nearest, {cell.discs[association.disc[k]].name!r}, is {association.miss[k]:.3f} m away'
-            raise InputError(f'touch {k}', f'no object there; {nearest}', association.advice or 'leave it out')
+            remedy = 'leave it out, or check units, sensor.frame and sensor.sign'
+            raise InputError(f'touch {k}', association.reason(int(k), cell), remedy)
         disc = association.disc
     else:
         disc = _discs(objects, cell, len(q))
@@ -130,8 +130,6 @@ def read_touches(paths: Paths, cell: Cell) -> TouchSet:
         problem = "a table has its forces in the base frame, the cell's sensor in the tool frame"
         raise InputError(tables[0], problem, 'give a cell with sensor.frame base')
     detection = gather_touches(listed, cell)
-    if detection.contradiction:
-        raise InputError('cell', ': '.join(detection.contradiction), 'correct it')
     if not len(detection.touches):
         reason = detection.rejected[0].reason if detection.rejected else 'no contact found'
         raise UnsupportedDataError(f'{", ".join(map(str, listed))}: no usable touch: {reason}')
@@ -229,8 +227,7 @@ def diagnose(
         if any(effect.label not in source.held_effects for effect in source.model.effects):
             problem = 'expected a calibration of the base model, got one with effects'
             raise InputError('source', problem, 'give its touches and its cell')
-        early = left_out(source)
-        detection = Detection(source.touches, rejected=early, found=len(source.touches) + len(early))
+        detection = Detection.of(source.touches, left_out(source))
         return calibrate_touches(detection, source.cell, calibration=source)
     if cell is None:
         raise InputError('cell', 'is missing', _LOAD)

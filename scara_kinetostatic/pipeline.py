@@ -26,14 +26,7 @@ from scara_kinetostatic.files.checksum import check_different, recording_checksu
 from scara_kinetostatic.files.tables import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
-from scara_kinetostatic.touches.detection import (
-    UNKNOWN_SEQUENCE,
-    Detection,
-    find_touches,
-    first_places,
-    offset_touches,
-    sequence_of,
-)
+from scara_kinetostatic.touches.detection import UNKNOWN_SEQUENCE, Detection, find_touches, first_places, sequence_of
 from scara_kinetostatic.touches.left_out import LeftOut, check_named, kept_recordings, leave_out, parse_left_out
 from scara_kinetostatic.touches.streams import Streams
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
@@ -44,8 +37,6 @@ _OTHER_UNITS = (
     (1e3, float(np.deg2rad(1.0)), 'the forces are in kN, not in N, and the joint angles in degrees, not in rad'),
 )
 """Factors of forces and joint angles, with words for each."""
-_MANY = 0.3
-"""Where more of the touches are rejected, the streams are checked for the likeliest mistakes."""
 _MOSTLY = 0.5
 """Such a unit is right if with it at least this part of the contacts are touches of known objects."""
 Progress = Callable[[str, float], None]
@@ -142,9 +133,9 @@ def calibrate_recordings(
     tables = [path for path in paths if is_touch_table(path)]
     cell = cell_of_files(cell, tables, [path for path in paths if path not in tables])
     detection = leave_out(gather_touches(paths, cell, progress), paths, left_out)
-    if len(detection.rejected) > _MANY * detection.found or len(detection.held) < FEWEST_TOUCHES:
+    if len(detection.held) < FEWEST_TOUCHES:
         for path in (path for path in paths if not is_touch_table(path)):
-            _check_streams(read_streams(path, cell), cell)
+            _check_units(read_streams(path, cell), cell)
     sources = zip(paths, detection.starts, detection.turned, strict=True)
     recordings = tuple(recording_of(*source) for source in sources)
     outcome = calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
@@ -178,22 +169,17 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
     given, sequence = np.arange(len(parts)), sequence_of(parts)
     first_touches = first_places(parts, given)
     in_time = first_places(parts, given if sequence is None else sequence)
-    parts = [part.renumbered(first_touches[k], k, in_time[k]) for k, part in enumerate(parts)]
-    found = sum(part.found for part in parts)
-    _report(progress, f'{found} touches found', 1.0)
+    parts = [part.renumbered(range(part.found), first_touches[k], in_time[k], k) for k, part in enumerate(parts)]
+    _report(progress, f'{sum(part.found for part in parts)} touches found', 1.0)
     return Detection(
-        touches=TouchSet.concatenate([part.touches for part in parts]),
-        rejected=tuple(item for part in parts for item in part.rejected),
-        found=found,
-        warnings=(*(text for part in parts for text in part.warnings), *_unknown_histories(paths, parts)),
+        held=TouchSet.concatenate([part.held for part in parts]),
         episodes=tuple(item for part in parts for item in part.episodes),
-        elsewhere=TouchSet.concatenate([part.elsewhere for part in parts]),
+        warnings=(*(text for part in parts for text in part.warnings), *_unknown_histories(paths, parts)),
         start=parts[0].start,
         starts=tuple(part.start for part in parts),
         first_touches=tuple(first_touches),
         turned=tuple(text for part in parts for text in part.turned or ('',)),
         sequence_known=sequence is not None,
-        contradiction=next((part.contradiction for part in parts if part.contradiction), None),
     )
 
 
@@ -251,7 +237,7 @@ def calibrate_touches(
         UnsupportedDataError: no touches, too few, or a fit that does not converge.
         ParameterError: `fixed` names no parameter.
     """
-    detection = Detection(touches, found=len(touches)) if isinstance(touches, TouchSet) else touches
+    detection = Detection.of(touches) if isinstance(touches, TouchSet) else touches
     names = ', '.join(map(str, sources)) or 'these touches'
     if fixed:
         check_units(fixed, cell.nominal)
@@ -287,8 +273,6 @@ def _calibrate_touches(
     progress: Progress | None,
 ) -> Outcome:
     """`calibrate_touches` without a name for the mistake behind a failure."""
-    if detection.contradiction:
-        raise CellError(*detection.contradiction, 'correct it')
     if not len(detection.touches):
         raise UnsupportedDataError(f'{names}: {_no_touches(detection)}', 'see what `inspect` says about the recording')
     if calibration is None:
@@ -328,27 +312,6 @@ def _unknown_sequence(detection: Detection, diagnosis: Diagnosis) -> list[str]:
 def left_out(calibration: Calibration) -> tuple[Rejection, ...]:
     """The touches that were rejected before the fit: they are not in `Calibration.touches`."""
     return tuple(item for item in calibration.rejected if item.index not in calibration.touches.index)
-
-
-def _check_streams(streams: Streams, cell: Cell) -> None:
-    """Check that a recording with few touches would not have them with one clock, or in other units.
-
-    Raises:
-        InputError: it would.
-    """
-    found = find_touches(streams, cell)
-    joints, wrench = streams.topics or cell.sensor.topics
-    if (shifted := offset_touches(streams, cell, found)) and check_touches(shifted[1].touches, cell).agrees:
-        offset, detection = shifted
-        apart = f'{abs(offset):.1f} s {"later" if offset > 0 else "earlier"}'
-        problem = (
-            f'{wrench} is stamped about {apart} than {joints}: without that {len(detection.touches)} '
-            f'of {detection.found} touches can be used, else {len(found.touches)}'
-        )
-        remedy = f'let both drivers stamp by one clock, or state `sensor.time_offset: {-offset:.1f}`'
-        raise InputError(streams.source, problem, remedy)
-    if len(found.held) < FEWEST_TOUCHES:
-        _check_units(streams, cell)
 
 
 def _check_units(streams: Streams, cell: Cell) -> None:

@@ -144,15 +144,10 @@ class OnlineContour:
         self.zero = recent.mean(axis=0)
         return self.zero
 
-    def poll(self, now: int = 0) -> bool:
-        """Traces what has come; whether the outlines have changed.
-
-        Args:
-            now: on the clock of the reception, ns: where messages were late at first, nothing is traced for 15 s; 0:
-                when the last was received.
-        """
+    def poll(self) -> bool:
+        """Traces what has come; whether the outlines have changed."""
         before, self._problem, self.contour = self._shown, '', None
-        signals = self._signals(now)
+        signals = self._signals()
         if signals is None:
             return False
         if self._find_zero(signals):
@@ -167,11 +162,11 @@ class OnlineContour:
                 self._drop(signals.start + round(1e9 * jump.times[-1]))
         return self._shown is not before
 
-    def _signals(self, now: int) -> Signals | None:
+    def _signals(self) -> Signals | None:
         """The samples that are kept, on one clock; None where there are too few."""
         if any(len(buffer.samples.stamp) < 2 for buffer in self._pair.buffers):
             return None
-        streams = self._pair.streams(_SOURCE, now=now)
+        streams = self._pair.streams(_SOURCE)
         if streams is None:
             if self._pair.is_refused:
                 self._clock_problem = self._pair.problem

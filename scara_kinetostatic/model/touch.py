@@ -145,10 +145,18 @@ def _unloaded(joints: Floats, length: int) -> Floats:
 
 @dataclass(frozen=True)
 class Rejection:
-    """A touch that is not used, and why."""
+    """A touch that is not used, and why.
+
+    Attributes:
+        index: number of the touch.
+        reason: why, one clause.
+        kind: of the reason, for programs: ``no object``, ``gap``, ``frozen``, ``no hold``, ``unsteady``, ``no tare``,
+            ``request``; empty where none is stated.
+    """
 
     index: int
     reason: str
+    kind: str = ''
 
 
 def common_reason(reasons: Sequence[str], touches: int) -> str:

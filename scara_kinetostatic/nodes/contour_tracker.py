@@ -94,7 +94,7 @@ class ContourTracker(CellNode):
         began = monotonic()
         if self._online is None or began < self._next:
             return
-        if self._online.poll(time_ns()):
+        if self._online.poll():
             self._publish()
         self._next = began + 5 * (monotonic() - began)  # a pause of five times what it took
 

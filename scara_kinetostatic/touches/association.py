@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Sensor, SensorFrame, SensorSign
+from scara_kinetostatic.model.cell import Cell, Sensor, SensorFrame
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn, rotate
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -39,9 +39,6 @@ class AssociationSettings:
         miss_medians: see there.
         fewest_for_fit: touches needed for the fit of the geometry.
         largest_friction_angle: accepted angle between the force and the normal of the disc (friction, noise), rad.
-        mostly_known: if a smaller part of the touches belongs to discs, another frame or sign of the sensor is
-            tried;
-        mostly_by_other: it is advised if at least this part of them would, and at least three.
     """
 
     length_prior: float = 0.015
@@ -52,8 +49,6 @@ class AssociationSettings:
     miss_medians: float = 6.0
     fewest_for_fit: int = 8
     largest_friction_angle: float = 0.35
-    mostly_known: float = 0.8
-    mostly_by_other: float = 0.9
 
 
 SETTINGS = AssociationSettings()
@@ -67,17 +62,17 @@ class Association(NamedTuple):
         posture: +1 or -1, (n,).
         miss: |m| of that disc, less what an oblique force explains (`SETTINGS.largest_friction_angle`), (n,), m.
         known: whether the touch belongs to the disc, (n,).
-        advice: frame and sign of the sensor by which nearly all touches would meet a disc, in words; empty if those
-            of the cell description do, or no others.
-        contradiction: the wrong keys of the cell description, and what contradicts them; None where `advice` is empty.
     """
 
     disc: NDArray[np.intp]
     posture: NDArray[np.intp]
     miss: Floats
     known: NDArray[np.bool_]
-    advice: str
-    contradiction: tuple[str, str] | None
+
+    def reason(self, number: int, cell: Cell) -> str:
+        """Why a touch that is not known is rejected."""
+        nearest = cell.discs[int(self.disc[number])].name
+        return f'no object there; the nearest, {nearest!r}, is {1e3 * self.miss[number]:.0f} mm away'
 
 
 def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
@@ -97,10 +92,7 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
         if np.sum(close) >= max(SETTINGS.fewest_for_fit, len(joints) / 2):
             disc, miss = fitted_disc, fitted_miss
             known = miss <= max(SETTINGS.largest_miss_fitted, SETTINGS.miss_medians * float(np.median(miss)))
-    advice, contradiction = '', None
-    if known.mean() <= SETTINGS.mostly_known:
-        advice, contradiction = _other_convention(joints, force, cell, int(np.sum(~known)))
-    return Association(disc, posture(cell.nominal, joints), miss, known, advice, contradiction)
+    return Association(disc, posture(cell.nominal, joints), miss, known)
 
 
 def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[Floats, Floats]:
@@ -157,28 +149,3 @@ def _miss_jacobian(parameters: Parameters, joints: Floats, lever: Floats, sensor
     if sensor.frame is SensorFrame.TOOL:
         jacobian[..., [2, 4]] += quarter_turn(lever)[..., None]
     return jacobian
-
-
-def _other_convention(joints: Floats, force: Floats, cell: Cell, lost: int) -> tuple[str, tuple[str, str] | None]:
-    """`Association.advice` and `Association.contradiction`; `lost` touches meet no disc."""
-    n = len(joints)
-    for frame in SensorFrame:
-        for sign in SensorSign:
-            pairs = (('frame', cell.sensor.frame, frame), ('sign', cell.sensor.sign, sign))
-            changed = [(key, is_now.value, other.value) for key, is_now, other in pairs if is_now is not other]
-            if not changed:
-                continue
-            turned = force if sign is cell.sensor.sign else -force
-            other_cell = Cell(cell.nominal, cell.discs, sensor=cell.sensor._replace(frame=frame, sign=sign))
-            meet = int(
-                np.sum(_nearest_disc(cell.nominal, joints, turned, other_cell)[1] <= SETTINGS.largest_miss_nominal)
-            )
-            if meet >= max(3, SETTINGS.mostly_by_other * n):
-                keys = ', '.join(f'sensor.{key}' for key, _, _ in changed)
-                stated = ' and '.join(repr(value) for _, value, _ in changed)
-                right = ' and '.join(repr(value) for _, _, value in changed)
-                met = f'all {n}' if meet == n else f'{meet} of {n}'
-                advice = f'with {" and ".join(f"sensor.{key} {value!r}" for key, _, value in changed)} {met} meet one'
-                problem = f'with {stated} {lost} of {n} touches meet no disc, with {right} {met} meet one'
-                return advice, (keys, problem)
-    return '', None

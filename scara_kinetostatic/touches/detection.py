@@ -10,18 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.touch import Rejection, TouchSet, stacked_histories
 from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.contacts import find_contacts
-from scara_kinetostatic.touches.holds import TouchCandidate, find_candidates
+from scara_kinetostatic.touches.holds import Defect, TouchCandidate, find_candidates
 from scara_kinetostatic.touches.load_history import LoadMemory, approach_of_hold, load_history, resolution
-from scara_kinetostatic.touches.signals import Signals, as_signals, runs
+from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import Streams
 
 DISCARDED = 'discarded while recording'
@@ -38,13 +38,15 @@ class Episode:
         hold: begin and end of the hold; of the contact where there is none.
         tare: the force zero in the frame and sign of the sensor, (2,), N; NaN where unknown.
         reason: why the touch is rejected; empty if it is not.
+        kind: of the reason (`Rejection.kind`).
     """
 
     index: int
     contact: tuple[float, float]
     hold: tuple[float, float]
     tare: Floats
-    reason: str
+    reason: str = ''
+    kind: str = ''
 
 
 @dataclass(frozen=True)
@@ -52,95 +54,81 @@ class Detection:
     """The touches of a recording, numbered from 0 in the order of time.
 
     Attributes:
-        touches: the accepted ones.
-        rejected: the others, with the reason.
-        found: number of both.
+        held: all touches with a steady force, those that seem to meet no object as well.
+        episodes: where each touch lies in the recording, accepted or not, and why not.
         warnings: what is unusual in the recording, one sentence each.
-        episodes: where each touch lies in the recording, accepted or not.
         start: first stamp of the recording, ns; 0 where unknown. Of several recordings, of the first.
+        memories: what the joints remember of the load after each contact, in the order of time.
         starts: first stamp of each recording, ns; empty for one.
         first_touches: number of the first touch of each recording.
         turned: how the forces of each recording were turned by their `frame_id`, empty where not; or no entries.
         sequence_known: whether the touches of several recordings are in the order of time.
-        contradiction: where most touches meet no disc but would with another frame or sign of the sensor, the wrong
-            keys of the cell description, and what contradicts them; None otherwise.
-        memories: what the joints remember of the load after each contact, in the order of time.
-        elsewhere: touches that are rejected because no object is there, each with the nearest one.
     """
 
-    touches: TouchSet
-    rejected: tuple[Rejection, ...] = ()
-    found: int = 0
-    warnings: tuple[str, ...] = ()
+    held: TouchSet
     episodes: tuple[Episode, ...] = field(default=(), repr=False)
+    warnings: tuple[str, ...] = ()
     start: int = 0
+    memories: tuple[LoadMemory, ...] = field(default=(), repr=False)
     starts: tuple[int, ...] = ()
     first_touches: tuple[int, ...] = (0,)
     turned: tuple[str, ...] = ()
     sequence_known: bool = True
-    contradiction: tuple[str, str] | None = None
-    memories: tuple[LoadMemory, ...] = field(default=(), repr=False)
-    elsewhere: TouchSet = field(default_factory=lambda: no_touches(), repr=False)
+
+    @classmethod
+    def of(cls, touches: TouchSet, rejected: Sequence[Rejection] = ()) -> Detection:
+        """Touches that come from elsewhere, and others that are rejected."""
+        unknown = (np.nan, np.nan)
+        rows = zip(touches.index.tolist(), touches.time.tolist(), strict=True)
+        episodes = [Episode(index, (time, time), (time, time), np.full(2, np.nan)) for index, time in rows]
+        episodes += [Episode(r.index, unknown, unknown, np.full(2, np.nan), r.reason, r.kind) for r in rejected]
+        return cls(touches, tuple(sorted(episodes, key=lambda episode: episode.index)))
 
     @property
-    def held(self) -> TouchSet:
-        """All touches with a steady force, those that seem to meet no object as well."""
-        if not len(self.elsewhere):
-            return self.touches
-        held = TouchSet.concatenate([self.touches, self.elsewhere])
-        return held.select(np.argsort(held.index))
+    def found(self) -> int:
+        """Number of touches, accepted or rejected."""
+        return len(self.episodes)
 
-    def part(self, numbers: Sequence[int]) -> Detection:
-        """Some of the touches, numbered from 0 in the order given; `found` is their number."""
-        place = {number: place for place, number in enumerate(numbers)}
+    @cached_property
+    def touches(self) -> TouchSet:
+        """The accepted ones."""
+        return self.held.select(~np.isin(self.held.index, [item.index for item in self.rejected]))
 
-        def numbered(touches: TouchSet) -> TouchSet:
-            kept = touches.select(np.isin(touches.index, numbers))
-            index = np.array([place[old] for old in kept.index.tolist()], dtype=np.intp)
-            return kept.replace(index=index, order=index)
-
-        return replace(
-            self,
-            touches=numbered(self.touches),
-            elsewhere=numbered(self.elsewhere),
-            rejected=tuple(replace(item, index=place[item.index]) for item in self.rejected if item.index in place),
-            found=len(place),
-            episodes=tuple(replace(item, index=place[item.index]) for item in self.episodes if item.index in place),
-        )
+    @cached_property
+    def rejected(self) -> tuple[Rejection, ...]:
+        """The others, with the reason."""
+        return tuple(Rejection(one.index, one.reason, one.kind) for one in self.episodes if one.reason)
 
     def without(self, numbers: Collection[int], reason: str) -> Detection:
         """The same with some of the touches rejected for a reason; one that is rejected already keeps its own."""
-        listed = np.fromiter(numbers, dtype=np.intp, count=len(numbers))
-        left_out = {int(index) for index in self.held.index if index in numbers}
-        left_out |= {item.index for item in self.episodes if item.index in numbers and not item.reason}
-        known = {item.index for item in self.rejected}
-        added = [Rejection(index, reason) for index in sorted(left_out - known)]
         return replace(
             self,
-            touches=self.touches.select(~np.isin(self.touches.index, listed)),
-            elsewhere=self.elsewhere.select(~np.isin(self.elsewhere.index, listed)),
-            rejected=tuple(sorted((*self.rejected, *added), key=lambda item: item.index)),
+            held=self.held.select(~np.isin(self.held.index, list(numbers))),
             episodes=tuple(
-                replace(item, reason=reason) if item.index in left_out - known else item for item in self.episodes
+                replace(one, reason=reason, kind='request') if one.index in numbers and not one.reason else one
+                for one in self.episodes
             ),
         )
 
-    def renumbered(self, first: int, recording: int = 0, first_in_time: int | None = None) -> Detection:
-        """The same with the touches numbered from `first`, as those of one of several recordings.
+    def renumbered(
+        self, numbers: Sequence[int], first: int, in_time: int | None = None, recording: int = 0
+    ) -> Detection:
+        """Some of the touches, numbered from `first` in the order given, as those of one of several recordings.
 
-        Their order in time starts at `first_in_time`, at `first` where that is not given.
+        Args:
+            numbers: which.
+            first: number of the first of them.
+            in_time: how many touches were before in time; None: `first`.
+            recording: number of the recording.
         """
-        before = first if first_in_time is None else first_in_time
-
-        def numbered(t: TouchSet) -> TouchSet:
-            return t.replace(index=t.index + first, order=t.order + before, recording=np.full(len(t), recording))
-
+        place = {number: place for place, number in enumerate(numbers)}
+        kept = self.held.select(np.isin(self.held.index, list(place)))
+        index = np.array([place[number] for number in kept.index.tolist()], dtype=np.intp)
+        order = kept.order - kept.index + index + (first if in_time is None else in_time)
         return replace(
             self,
-            touches=numbered(self.touches),
-            elsewhere=numbered(self.elsewhere),
-            rejected=tuple(replace(item, index=item.index + first) for item in self.rejected),
-            episodes=tuple(replace(item, index=item.index + first) for item in self.episodes),
+            held=kept.replace(index=index + first, order=order, recording=np.full(len(index), recording)),
+            episodes=tuple(replace(one, index=first + place[one.index]) for one in self.episodes if one.index in place),
         )
 
 
@@ -159,24 +147,17 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
     if signals is None:
         return Detection(no_touches())
     contacts = find_contacts(signals)
-    found, weak = find_candidates(signals, contacts)
-    candidates, contradiction = _with_discs(found, cell)
-    advice = [': '.join(contradiction)] if contradiction else []
-    episodes = tuple(_episode(number, candidate) for number, candidate in enumerate(candidates))
+    candidates, weak = find_candidates(signals, contacts)
+    candidates = _with_discs(candidates, cell)
     held, history = _held_touches(signals, candidates, cell), load_history(signals, candidates, cell, earlier)
-    known = np.array([not candidates[number].reason for number in held.index.tolist()], dtype=bool)
-    touches = held.select(known)
-    before = [[turn.state for turn in history.before.get(number, ())] for number in touches.index.tolist()]
+    before = [() if candidates[k].defect else history.before.get(k, ()) for k in held.index.tolist()]
+    states = [[turn.state for turn in turns] for turns in before]
     detection = Detection(
-        touches=touches.replace(history=stacked_histories(before, touches.joints)),
-        rejected=tuple(Rejection(episode.index, episode.reason) for episode in episodes if episode.reason),
-        found=len(candidates),
-        warnings=(*signals.warnings, *_warnings(contacts.spikes, weak, candidates), *advice),
-        episodes=episodes,
+        held.replace(history=stacked_histories(states, held.joints)),
+        tuple(_episode(number, candidate) for number, candidate in enumerate(candidates)),
+        warnings=(*signals.warnings, *_warnings(contacts.spikes, weak, candidates)),
         start=signals.start,
-        contradiction=contradiction,
         memories=history.memories,
-        elsewhere=held.select(~known),
     )
     return _without_discarded(detection, streams.discarded) if streams.discarded else detection
 
@@ -196,20 +177,17 @@ def no_touches() -> TouchSet:
     return TouchSet(none, none, np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp))
 
 
-def _with_discs(candidates: list[TouchCandidate], cell: Cell) -> tuple[list[TouchCandidate], tuple[str, str] | None]:
-    """The candidates with their discs, those that meet none rejected; and `Association.contradiction`."""
-    good = [number for number, candidate in enumerate(candidates) if not candidate.reason]
+def _with_discs(candidates: list[TouchCandidate], cell: Cell) -> list[TouchCandidate]:
+    """The candidates with their discs, those that meet none rejected."""
+    good = [number for number, candidate in enumerate(candidates) if not candidate.defect]
     if not good:
-        return candidates, None
-    association = associate(*_means([candidates[number] for number in good], cell), cell)
-    hint = f': {association.advice}' if association.advice else ''
+        return candidates
+    found = associate(*_means([candidates[number] for number in good], cell), cell)
     for place, number in enumerate(good):
-        disc, miss = int(association.disc[place]), 1e3 * association.miss[place]
-        reason = f'no object there; the nearest, {cell.discs[disc].name!r}, is {miss:.0f} mm away{hint}'
-        reason = '' if association.known[place] else reason
-        side = int(association.posture[place])
-        candidates[number] = candidates[number]._replace(disc=disc, posture=side, reason=reason)
-    return candidates, association.contradiction
+        defect = None if found.known[place] else Defect('no object', found.reason(place, cell))
+        disc, side = int(found.disc[place]), int(found.posture[place])
+        candidates[number] = candidates[number]._replace(disc=disc, posture=side, defect=defect)
+    return candidates
 
 
 def _means(candidates: list[TouchCandidate], cell: Cell) -> tuple[Floats, Floats]:
@@ -253,7 +231,7 @@ def _held_touches(signals: Signals, candidates: list[TouchCandidate], cell: Cell
 def _episode(number: int, candidate: TouchCandidate) -> Episode:
     hold = candidate.contact if candidate.hold is None else (candidate.hold.begin, candidate.hold.end)
     tare = np.full(2, np.nan) if candidate.tare is None else candidate.tare.force
-    return Episode(number, candidate.contact, hold, tare, candidate.reason)
+    return Episode(number, candidate.contact, hold, tare, *(candidate.defect or ('', ''))[::-1])
 
 
 def _warnings(spikes: int, weak: int, candidates: list[TouchCandidate]) -> list[str]:
@@ -262,6 +240,9 @@ def _warnings(spikes: int, weak: int, candidates: list[TouchCandidate]) -> list[
         warnings.append(f'{spikes} spikes of the force are too short for a touch and were ignored')
     if weak:
         warnings.append(f'{weak} weak forces during a motion of the arm are no touches and were ignored')
+    if 2 * sum(c.defect is not None and c.defect.kind == 'no object' for c in candidates) > len(candidates):
+        keys = 'sensor.frame, sensor.sign, the joint names and the places of the objects'
+        warnings.append(f'most touches meet no object: check {keys}')
     zeros = np.array([candidate.tare.force for candidate in candidates if candidate.tare is not None])
     change = float(np.ptp(zeros, axis=0).max()) if len(zeros) else 0.0
     if change > 1.0:
@@ -291,46 +272,3 @@ def first_places(parts: Sequence[Detection], sequence: Indices) -> list[int]:
     first = np.zeros(len(parts), dtype=np.intp)
     first[sequence] = np.cumsum(found[sequence]) - found[sequence]
     return first.tolist()
-
-
-def offset_touches(streams: Streams, cell: Cell, found: Detection) -> tuple[float, Detection] | None:
-    """By how much the wrenches are stamped later than the joint states, s, and the touches without that difference.
-
-    Args:
-        streams: of a recording.
-        cell: the cell.
-        found: the touches as the streams are.
-
-    Returns:
-        None where most contacts are touches, or no difference makes most contacts touches.
-    """
-    signals = as_signals(streams, cell)
-    if signals is None or _is_usual(found):
-        return None
-    tried = [(0.0, found)]
-    tried += [(offset, _shifted(streams, cell, offset)) for offset in _offsets(signals)]
-    offset, best = max(tried, key=lambda item: len(item[1].touches))
-    return (offset, best) if abs(offset) > 0.2 and _is_usual(best) else None
-
-
-def _is_usual(detection: Detection) -> bool:
-    return len(detection.touches) >= 0.7 * detection.found
-
-
-def _shifted(streams: Streams, cell: Cell, offset: float) -> Detection:
-    """The touches with the wrenches stamped earlier by so many s."""
-    stamp = streams.wrench.stamp - round(1e9 * offset)
-    return find_touches(replace(streams, wrench=replace(streams.wrench, stamp=stamp)), cell)
-
-
-def _offsets(signals: Signals) -> list[float]:
-    """Differences at which the joints move least during the contacts, s: up to eight, half a second or more apart."""
-    joints, contacts = signals.joints, find_contacts(signals)
-    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(joints.value, axis=0)).sum(axis=1))])
-    offsets = 0.05 * np.arange(-200, 201)
-    begin, end = (np.interp(time - offsets[:, None], joints.time, path) for time in (contacts.begin, contacts.end))
-    moved = (end - begin).sum(axis=1)
-    least = sliding_window_view(np.pad(moved, 10, mode='edge'), 21).min(axis=1)
-    lows, ends = runs(moved <= least)
-    middles = sorted(zip(lows, ends, strict=True), key=lambda run: moved[run[0]])[:8]
-    return [float(offsets[(low + high) // 2]) for low, high in middles]

@@ -129,28 +129,15 @@ class Hold(NamedTuple):
         return self.end - self.begin
 
 
-class HoldSearch(NamedTuple):
-    """The holds of a contact, and figures that explain why there is none.
+class Defect(NamedTuple):
+    """Why a hold or contact is no touch: `Rejection.kind`, and the reason in words."""
 
-    Attributes:
-        holds: those that are long enough, in the order of time.
-        longest: duration of the longest hold, long enough or not, s.
-        parts: number of holds, long enough or not.
-        loaded: time from the first to the last sample with more than half of the largest force, s.
-        steady: part of that time with a steady force.
-        slides: whether the joints move farther meanwhile than their compliance explains.
-    """
-
-    holds: tuple[Hold, ...] = ()
-    longest: float = 0.0
-    parts: int = 0
-    loaded: float = 0.0
-    steady: float = 0.0
-    slides: bool = False
+    kind: str
+    reason: str
 
 
-def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> HoldSearch:
-    """The holds of one contact.
+def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[list[Hold], Defect]:
+    """The holds of one contact that are long enough, in the order of time, and why there are none where there are none.
 
     Args:
         signals: the recording.
@@ -158,59 +145,42 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> HoldSe
         begin: time of the first sample that is clearly in contact, s.
         end: time of the last sample of the contact, s.
     """
-    joints, window = signals.joints, signals.window
-    time = signals.filtered.time[signals.filtered.stretch(tare.contact, end)]
+    joints, wrench, window, s = signals.joints, signals.filtered, signals.window, SETTINGS
+    time = wrench.time[wrench.stretch(tare.contact, end)]
     if len(time) < 2:
-        return HoldSearch()
-    state = _steadiness(signals, tare, time)
-    is_hold = state.steady & state.at_rest & (time >= begin)
-    found = _holds_of_contact(signals, tare, time, is_hold, window, state.noise)
-    shortest = SETTINGS.shortest_hold - 1.5 * max(joints.period, signals.wrench.period)
-    loaded = np.flatnonzero(state.load >= SETTINGS.loaded * state.load.max())
-    span = slice(int(loaded[0]), int(loaded[-1]) + 1)
-    under_load = joints.value[joints.stretch(time[span][0], time[span][-1])]
-    return HoldSearch(
-        holds=tuple(hold for hold in found if hold.duration >= shortest),
-        longest=max((hold.duration for hold in found), default=0.0),
-        parts=len(found),
-        loaded=float(time[span][-1] - time[span][0]),
-        steady=float(state.steady[span].mean()),
-        slides=_is_sliding(under_load, state.load[span], state.at_rest[span]),
-    )
-
-
-class _Steadiness(NamedTuple):
-    """At k times of a contact: force and its white noise, N; whether the force is steady and the joints are at rest."""
-
-    load: Floats
-    steady: NDArray[np.bool_]
-    at_rest: NDArray[np.bool_]
-    noise: float
-
-
-def _steadiness(signals: Signals, tare: Tare, time: Floats) -> _Steadiness:
-    joints, wrench, window = signals.joints, signals.filtered, signals.window
+        return [], _too_short(0.0)
     force_step, load = steps_of_mean(wrench, time, window)
     load = np.hypot(*(load - tare.force).T)
     force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
-    noise = max(tare.noise, min(white_noise(force), SETTINGS.rough_contact * float(median(load))))
-    slow_noise = min(tare.slow_noise, SETTINGS.largest_slow_noise * float(load.max()))
-    force_limit = max(SETTINGS.sigmas * max(_step_std(noise, wrench, window), slow_noise), _resolution(force))
-    joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), SETTINGS.highest_joint_noise)
-    joint_limit = SETTINGS.steady_joint * window + SETTINGS.sigmas * _step_std(joint_noise, joints, window)
-    return _Steadiness(
-        load=load,
-        steady=np.hypot(*force_step.T) <= np.maximum(force_limit, SETTINGS.steady_force * load),
-        at_rest=np.abs(steps_of_mean(joints, time, window)[0]).max(axis=1) <= joint_limit,
-        noise=noise,
-    )
+    noise = max(tare.noise, min(white_noise(force), s.rough_contact * float(median(load))))
+    slow_noise = min(tare.slow_noise, s.largest_slow_noise * float(load.max()))
+    force_limit = max(s.sigmas * max(_step_std(noise, wrench, window), slow_noise), _resolution(force))
+    steady = np.hypot(*force_step.T) <= np.maximum(force_limit, s.steady_force * load)
+    joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), s.highest_joint_noise)
+    joint_limit = s.steady_joint * window + s.sigmas * _step_std(joint_noise, joints, window)
+    at_rest = np.abs(steps_of_mean(joints, time, window)[0]).max(axis=1) <= joint_limit
+    found = _holds_of_contact(signals, tare, time, steady & at_rest & (time >= begin), noise)
+    shortest = s.shortest_hold - 1.5 * max(joints.period, signals.wrench.period)
+    holds = [hold for hold in found if hold.duration >= shortest]
+    if holds:
+        return holds, _too_short(0.0)
+    loaded = np.flatnonzero(load >= s.loaded * load.max())
+    span = slice(int(loaded[0]), int(loaded[-1]) + 1)
+    under_load = joints.value[joints.stretch(time[span][0], time[span][-1])]
+    if (lasting := float(time[span][-1] - time[span][0])) < s.shortest_hold:
+        return [], _too_short(lasting, 'under load for')
+    is_moving = at_rest[span].mean() <= 0.5 and len(under_load)
+    if is_moving and np.ptp(under_load, axis=0).max() > s.farthest_joint + s.softest * np.ptp(load[span]):
+        return [], Defect('slides', 'the tip slides: the joints keep moving during the contact')
+    if len(found) == 1 and found[0].duration > s.shortest_named:
+        return [], _too_short(found[0].duration)
+    part = 100 * float(steady[span].mean())
+    return [], Defect('unsteady', f'no steady force: it is steady during only {part:.0f} % of the contact')
 
 
-def _is_sliding(joints: Floats, load: Floats, at_rest: NDArray[np.bool_]) -> bool:
-    """Whether the joints, mostly not at rest, move farther than their compliance explains."""
-    if at_rest.mean() > 0.5 or not len(joints):
-        return False
-    return bool(np.ptp(joints, axis=0).max() > SETTINGS.farthest_joint + SETTINGS.softest * np.ptp(load))
+def _too_short(lasting: float, how: str = 'at rest for') -> Defect:
+    expected = f'expected {SETTINGS.shortest_hold} s at rest'
+    return Defect('short hold', f'hold too short: {how} {lasting:.2f} s, {expected}')
 
 
 def _resolution(values: Floats) -> float:
@@ -225,10 +195,11 @@ def _step_std(noise: float, topic: Topic, window: float) -> float:
 
 
 def _holds_of_contact(
-    signals: Signals, tare: Tare, time: Floats, is_hold: NDArray[np.bool_], window: float, noise: float
+    signals: Signals, tare: Tare, time: Floats, is_hold: NDArray[np.bool_], noise: float
 ) -> list[Hold]:
     """The holds of any length, each joined to the previous one where both are the same."""
     found: list[Hold] = []
+    window = signals.window
     for first, last in zip(*runs(is_hold), strict=True):
         begin, end = float(time[first]), float(time[last])
         if end - begin + 2 * window < min(SETTINGS.shortest_searched, 3 * window):
@@ -285,7 +256,7 @@ class TouchCandidate(NamedTuple):
         contact: begin and end of the contact, s.
         tare: the zero of the force before it; None where unknown.
         hold: the hold; None if there is none.
-        reason: why it is rejected; empty if it is not.
+        defect: why it is rejected; None if it is not.
         disc: index of the touched disc, -1 until it is known.
         posture: elbow posture, +1 or -1, 0 until it is known.
     """
@@ -293,20 +264,13 @@ class TouchCandidate(NamedTuple):
     contact: tuple[float, float]
     tare: Tare | None
     hold: Hold | None
-    reason: str
+    defect: Defect | None
     disc: int = -1
     posture: int = 0
 
 
-class TouchCandidates(NamedTuple):
-    """All candidates in the order of time, and the number of weak contacts that are not among them."""
-
-    found: list[TouchCandidate]
-    weak: int
-
-
-def find_candidates(signals: Signals, contacts: Contacts) -> TouchCandidates:
-    """Every hold of every contact, and every contact without a hold.
+def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCandidate], int]:
+    """Every hold of every contact, and every contact without a hold, in the order of time.
 
     Contacts without a hold, with far less force than any hold (`SETTINGS.weak_force`) and while the joints move far
     (`SETTINGS.weak_travel`), are left out: the force comes from the acceleration of the arm.
@@ -314,15 +278,16 @@ def find_candidates(signals: Signals, contacts: Contacts) -> TouchCandidates:
     Args:
         signals: the recording.
         contacts: its contacts.
+
+    Returns:
+        The candidates, and the number of contacts left out.
     """
     found = _all_candidates(signals, contacts)
-    loads = [float(np.hypot(*c.hold.force)) for c in found if c.hold is not None and not c.reason]
+    loads = [float(np.hypot(*c.hold.force)) for c in found if c.hold is not None and not c.defect]
     held = [c.contact[1] for c in found if c.hold is not None]
     weak = contacts.peak < SETTINGS.weak_force * min(loads, default=0.0)
     weak &= ~np.isin(contacts.end, held) & (contacts.travel > SETTINGS.weak_travel)
-    if not weak.any():
-        return TouchCandidates(found, 0)
-    return TouchCandidates(_all_candidates(signals, contacts.select(~weak)), int(weak.sum()))
+    return (_all_candidates(signals, contacts.select(~weak)) if weak.any() else found), int(weak.sum())
 
 
 def _all_candidates(signals: Signals, contacts: Contacts) -> list[TouchCandidate]:
@@ -333,7 +298,7 @@ def _all_candidates(signals: Signals, contacts: Contacts) -> list[TouchCandidate
         if tare is None:
             free = max(0.0, begin - max(previous + AFTER_CONTACT, float(signals.wrench.time[0])))
             reason = f'no free motion before it: {free:.2f} s, expected {SHORTEST_FREE} s or more for the force zero'
-            found.append(TouchCandidate((begin, end), None, None, reason))
+            found.append(TouchCandidate((begin, end), None, None, Defect('no tare', reason)))
         else:
             found += _candidates_of_contact(signals, tare, begin, end)
         previous = end
@@ -342,87 +307,70 @@ def _all_candidates(signals: Signals, contacts: Contacts) -> list[TouchCandidate
 
 def _candidates_of_contact(signals: Signals, tare: Tare, begin: float, end: float) -> list[TouchCandidate]:
     """The candidates of one contact: its holds, or a single rejected one where all of them are rejected."""
-    search = find_holds(signals, tare, begin, end)
+    holds, why = find_holds(signals, tare, begin, end)
     contact = (tare.contact, end)
+    if not holds:
+        return [TouchCandidate(contact, tare, None, _gap(signals, tare.contact, end) or why)]
     parts = []
-    for hold in search.holds:
-        defect = _gap(signals, tare.contact, hold.end) or _frozen(signals, tare, hold)
-        parts.append((defect, TouchCandidate(contact, tare, hold, defect or _slow_change(signals, tare, hold))))
-    if any(not part.reason for _, part in parts):
-        return [part for defect, part in parts if defect or not part.reason]
-    if parts:
+    for hold in holds:
+        broken = _gap(signals, tare.contact, hold.end) or _frozen(signals, tare, hold)
+        parts.append((broken, TouchCandidate(contact, tare, hold, broken or _slow_change(signals, tare, hold))))
+    if all(part.defect for _, part in parts):
         return [parts[0][1]]
-    reason = _gap(signals, tare.contact, end) or _why_no_hold(search)
-    return [TouchCandidate(contact, tare, None, reason)]
+    return [part for broken, part in parts if broken or not part.defect]
 
 
-def _gap(signals: Signals, begin: float, end: float) -> str:
-    """The topic with a gap between two times, in words; empty if there is none."""
+def _gap(signals: Signals, begin: float, end: float) -> Defect | None:
+    """The topic with a gap between two times; None if there is none."""
     for topic in (signals.joints, signals.wrench):
-        pause = topic.longest_pause(begin, end)
-        if pause > topic.gap_limit:
-            return f'gap of {pause:.3f} s in {topic.name}, expected {topic.gap_limit:.3f} s at most'
-    return ''
+        pause, most = topic.longest_pause(begin, end), topic.gap_limit
+        if pause > most:
+            return Defect('gap', f'gap of {pause:.3f} s in {topic.name}, expected {most:.3f} s at most')
+    return None
 
 
-def _why_no_hold(search: HoldSearch) -> str:
-    """Why a contact has no hold that is long enough."""
-    if search.loaded < SETTINGS.shortest_hold:
-        return f'hold too short: under load for {search.loaded:.2f} s, expected {SETTINGS.shortest_hold} s at rest'
-    if search.slides:
-        return 'the tip slides: the joints keep moving during the contact'
-    if search.parts == 1 and search.longest > SETTINGS.shortest_named:
-        return f'hold too short: at rest for {search.longest:.2f} s, expected {SETTINGS.shortest_hold} s'
-    return f'no steady force: it is steady during only {100 * search.steady:.0f} % of the contact'
-
-
-def _slow_change(signals: Signals, tare: Tare, hold: Hold) -> str:
-    """What changes slowly during a hold, in words; empty if nothing does."""
+def _slow_change(signals: Signals, tare: Tare, hold: Hold) -> Defect | None:
+    """What changes slowly during a hold; None if nothing does."""
     joints, force = signals.joints.during(hold.intervals), signals.wrench.during(hold.intervals)
-    load, noise = float(np.hypot(*hold.force)), max(tare.noise, white_noise(force))
-    scatter = float(hold.force_scatter.max())
-    slide = _drift(joints)
-    if slide > SETTINGS.largest_slide:
-        return f'the tip slides: the joints move by {slide:.1e} rad during the hold'
-    wide = float(hold.joint_scatter.max())
-    if wide > SETTINGS.largest_joint_scatter:
-        return f'the joint angles scatter by {wide:.1e} rad during the hold: messages of two robots on one topic?'
-    drift = _drift(force)
+    load, noise, s = float(np.hypot(*hold.force)), max(tare.noise, white_noise(force)), SETTINGS
+    scatter, wide = float(hold.force_scatter.max()), float(hold.joint_scatter.max())
+    slide, drift = _drift(joints), _drift(force)
+    if slide > s.largest_slide:
+        return Defect('slides', f'the tip slides: the joints move by {slide:.1e} rad during the hold')
+    if wide > s.largest_joint_scatter:
+        text = f'the joint angles scatter by {wide:.1e} rad during the hold: messages of two robots on one topic?'
+        return Defect('scatter', text)
     apart = 2.0 / 3.0 * float(hold.intervals[-1, 1] - hold.intervals[0, 0])
-    allowed = load * min(SETTINGS.largest_drift, SETTINGS.fastest_drift * apart)
-    white = SETTINGS.drift_sigmas * noise / np.sqrt(max(len(force) / 3, 1.0))
-    slow = min(SETTINGS.drift_sigmas * tare.slow_noise, 2.0 * allowed)
-    if drift > max(allowed, white, slow):
-        return f'no steady force: it changes by {drift:.2f} N during the hold'
-    if scatter > max(SETTINGS.largest_scatter * load, SETTINGS.scatter_sigmas * tare.noise):
-        return f'no steady force: its standard deviation during the hold is {scatter:.2f} N'
-    return ''
+    allowed = load * min(s.largest_drift, s.fastest_drift * apart)
+    white = s.drift_sigmas * noise / np.sqrt(max(len(force) / 3, 1.0))
+    if drift > max(allowed, white, min(s.drift_sigmas * tare.slow_noise, 2.0 * allowed)):
+        return Defect('unsteady', f'no steady force: it changes by {drift:.2f} N during the hold')
+    if scatter > max(s.largest_scatter * load, s.scatter_sigmas * tare.noise):
+        return Defect('unsteady', f'no steady force: its standard deviation during the hold is {scatter:.2f} N')
+    return None
 
 
-def _frozen(signals: Signals, tare: Tare, hold: Hold) -> str:
-    """Frozen readings during a hold, in words: a component of the force that is noisy before, or both joints.
+def _frozen(signals: Signals, tare: Tare, hold: Hold) -> Defect | None:
+    """Frozen readings during a hold: a component of the force that is noisy before, or both joints; None if there are
+    none.
 
     The readings of joints at rest may be equal to the last bit, but they change while the arm presses.
     """
-    force = signals.wrench.during(hold.intervals)
-    still = ~np.any(np.diff(force, axis=0), axis=0) & _is_noisy(signals, tare)
+    force, fewest = signals.wrench.during(hold.intervals), SETTINGS.fewest_frozen
+    free = signals.wrench.value[signals.wrench.stretch(tare.contact - 1.0, tare.contact)]
+    still = ~np.any(np.diff(force, axis=0), axis=0) & (np.mean(np.diff(free, axis=0) != 0, axis=0) > 0.5)
     for axis, name in enumerate('xy'):
-        if len(force) > SETTINGS.fewest_frozen and still[axis]:
-            return f'the force reading is frozen or saturated: {len(force)} samples of f{name} = {force[0, axis]:.6g} N'
+        if len(force) > fewest and still[axis]:
+            readings = f'{len(force)} samples of f{name} = {force[0, axis]:.6g} N'
+            return Defect('frozen', f'the force reading is frozen or saturated: {readings}')
     joints = signals.joints.value[signals.joints.stretch(tare.contact - SETTINGS.motion_before, hold.end)]
-    if len(joints) > SETTINGS.fewest_frozen and not np.any(np.diff(joints, axis=0)):
-        return f'the joint readings are frozen: {len(joints)} samples of {joints[0, 0]:.6g}, {joints[0, 1]:.6g} rad'
-    return ''
+    if len(joints) > fewest and not np.any(np.diff(joints, axis=0)):
+        readings = f'{len(joints)} samples of {joints[0, 0]:.6g}, {joints[0, 1]:.6g} rad'
+        return Defect('frozen', f'the joint readings are frozen: {readings}')
+    return None
 
 
 def _drift(values: Floats) -> float:
     """Difference of the medians of the last and the first third of samples (n, 2), the larger of both components."""
     third = max(len(values) // 3, 1)
     return float(np.abs(median(values[-third:]) - median(values[:third])).max())
-
-
-def _is_noisy(signals: Signals, tare: Tare) -> NDArray[np.bool_]:
-    """Whether most readings of the force in free motion differ from the previous one, for each component, (2,)."""
-    free = signals.wrench.value[signals.wrench.stretch(tare.contact - 1.0, tare.contact)]
-    changing: NDArray[np.bool_] = np.mean(np.diff(free, axis=0) != 0, axis=0) > 0.5
-    return changing

@@ -5,8 +5,8 @@ smoothed, with the zero of the sensor; once the force has deviated from it and r
 samples, and each contact that has ended is reported once. What the joints remember of the load is kept without a limit
 of time.
 
-Which clock is valid for both topics is found as for a recording (`clock`), by all that came so far. Where there is
-none, nothing more is reported: the recording could not be used either.
+Which clock is valid for both topics is found as for a recording (`clock`). Where there is none, nothing more is
+reported: the recording could not be used either.
 """
 
 from __future__ import annotations
@@ -19,22 +19,15 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.touches.clock import ClockComparison, Samples, by_clock, strays, without_strays
+from scara_kinetostatic.touches.clock import SECOND, BestLags, ClockStepError, Samples, on_one_clock
 from scara_kinetostatic.touches.contacts import CONTACT_FORCE, END_RATIO, coarse_tare
 from scara_kinetostatic.touches.detection import Detection, find_touches, no_touches
 from scara_kinetostatic.touches.load_history import LoadMemory
 from scara_kinetostatic.touches.signals import SMOOTHING, as_signals, median_of_three, moving_mean
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
-SECOND = 1_000_000_000
-_MOST = 150_000
-"""Most samples of a topic that are kept, whatever their stamps: the horizon at 5 kHz."""
-
-
 _CLEAR = SECOND // 7
 """A contact is over when the force has been back at its zero for so long, ns."""
-_SHORTEST_WAIT = SECOND // 2
-"""Touches are looked for once in so long at most, ns."""
 _NEVER = -(1 << 62)
 
 
@@ -79,10 +72,6 @@ class SampleBuffer:
             self._times, self._pairs = [], []
         return self._kept
 
-    def last(self, number: int) -> Samples:
-        """At most so many of the latest that are kept."""
-        return self.samples.select(slice(max(0, len(self.samples.stamp) - number), None))
-
     @property
     def times(self) -> NDArray[np.int64]:
         """Of the samples that are kept, by the valid clock, (n,), ns."""
@@ -92,36 +81,19 @@ class SampleBuffer:
     @property
     def now(self) -> int:
         """The latest time, ns; a single stamp that is far off does not count."""
-        stamp, log_time, _ = self.last(7)
-        latest = sorted((log_time if self.by_log_time else stamp).tolist())
-        return int(latest[len(latest) // 2]) + self.offset if latest else 0
-
-    @property
-    def received(self) -> int:
-        """When the latest sample was received, ns; 0 where there is none."""
-        times = self.samples.log_time
-        return int(times[-1]) if len(times) else 0
+        latest = np.sort(self.times[-7:])
+        return int(latest[len(latest) // 2]) if len(latest) else 0
 
     def latest(self, span: int) -> Floats:
         """The values of the last so many ns, at least one, (k, 2)."""
-        values = self.last(2048).values
+        values = self.samples.values[-2048:]
         recent = self.times[-2048:] > self.now - span
         return values[recent] if recent.any() else values[-1:]
 
-    def log_time_of(self, time: int) -> int:
-        """When the sample was received whose time is nearest, ns."""
-        return int(self.samples.log_time[np.argmin(np.abs(self.times - time))])
-
-    def clear(self) -> None:
-        """Drops all samples."""
-        self._kept = self.samples.select(slice(0))
-
     def drop_before(self, time: int) -> None:
         """Drops the samples that came before the first one with this time or a later one."""
-        times = self.times
-        if len(times) and times[0] < time:
-            later = times >= time
-            self._kept = self.samples.select(slice(int(later.argmax()) if later.any() else len(later), None))
+        later = np.append(self.times >= time, True)
+        self._kept = self.samples.select(slice(int(later.argmax()), None))
 
 
 class StreamPair:
@@ -140,47 +112,38 @@ class StreamPair:
     """
 
     def __init__(self, topics: tuple[str, str], most: int, time_offset: float | None = None) -> None:
-        self._topics = topics
+        self._topics, self._time_offset = topics, time_offset
         self.joints, self.wrench = self.buffers = SampleBuffer(most), SampleBuffer(most)
-        self.problem, self.is_refused = '', False
-        self._comparison = ClockComparison('online', topics, time_offset)
-        self._observed = [0, 0]
+        self.problem, self.is_refused, self._has_stepped = '', False, False
+        self._best: tuple[BestLags, BestLags] = ({}, {})
 
     def restart(self) -> None:
         """Drops all samples; what is known of the clocks stays."""
-        self.observe()
         for buffer in self.buffers:
-            buffer.clear()
+            buffer.drop_before(np.iinfo(np.int64).max)
 
-    def observe(self) -> None:
-        """Compares the clocks by what came since the last call; to be called before samples are dropped."""
-        fresh = []
-        for place, buffer in enumerate(self.buffers):
-            new = min(buffer.total - self._observed[place], len(buffer.samples.stamp))
-            around = buffer.last(new + 100)
-            sound = ~strays(around.stamp, self._comparison.rule)
-            sound[: len(sound) - new] = False
-            fresh.append(around.select(sound))
-            self._observed[place] = buffer.total
-        self._comparison.observe(*fresh)
+    def forget(self, horizon: int) -> None:
+        """Drops the samples before the last so many ns, of each topic by its own stamps: their clocks may differ."""
+        if any(len(buffer.times) and buffer.now - buffer.times[0] > horizon + SECOND for buffer in self.buffers):
+            self.streams('online')  # a clock that was set is noted before
+            for buffer in self.buffers:
+                buffer.drop_before(buffer.now - horizon)
 
-    def streams(self, source: str, at_end: bool = False, now: int = 0) -> Streams | None:
+    def streams(self, source: str, at_end: bool = False) -> Streams | None:
         """What is kept on one clock; None where there is none, or where it is not yet sure.
 
         Args:
             source: for messages.
             at_end: whether nothing more will come.
-            now: on the clock of the reception, ns, where nothing may come for a while; 0: when the last was received.
         """
-        self.observe()
-        samples = [
-            without_strays(topic, buffer.samples, []) for topic, buffer in zip(self._topics, self.buffers, strict=True)
-        ]
-        self._comparison.check_reception(*samples)
+        samples = [buffer.samples for buffer in self.buffers]
+        if self._has_stepped or not all(len(one.stamp) for one in samples):
+            return None
         try:
-            clock = self._comparison.clock(now)
+            timed, clock = on_one_clock(source, self._topics, samples, [], self._time_offset, self._best)
         except RecordingError as error:
             self.problem, self.is_refused = f'{error.problem}: {error.remedy}', True
+            self._has_stepped = isinstance(error, ClockStepError)
             return None
         self.is_refused = False
         if not (at_end or clock.is_sure):
@@ -188,8 +151,7 @@ class StreamPair:
         self.problem = clock.warning
         for buffer, offset in zip(self.buffers, (0, clock.offset), strict=True):
             buffer.by_log_time, buffer.offset = clock.by_log_time, offset
-        joints, wrench = by_clock(self._topics, samples, clock, [])
-        return Streams(source, JointStream(*joints), WrenchStream(*wrench), topics=self._topics)
+        return Streams(source, JointStream(*timed[0]), WrenchStream(*timed[1]), topics=self._topics)
 
 
 class OnlineDetector:
@@ -201,29 +163,28 @@ class OnlineDetector:
         cell: nominal parameters, discs, frame and sign of the sensor.
         horizon: length of the streams that is kept, ns: the longest contact that can be found.
         topics: names of both, for messages; those of the cell by default.
+        most: samples of a topic that are kept, whatever their stamps: the horizon at 5 kHz.
 
     Attributes:
+        found: touches reported so far, accepted or rejected.
         clock_warning: what had to be corrected in the stamps, the last time the touches were looked for; or empty.
     """
 
-    def __init__(self, cell: Cell, horizon: int = 30 * SECOND, topics: tuple[str, str] | None = None) -> None:
-        self._cell = cell
-        self._topics = topics or cell.sensor.topics
-        self._horizon = horizon
-        self._found = 0
-        self._pair = StreamPair(self._topics, _MOST, cell.sensor.time_offset)
-        self._tare: NDArray[np.float64] | None = None
-        self._width = 1
-        self._polled = 0
-        self._reported = self._searched = self._searched_stamp = _NEVER
-        self._in_contact = False
+    def __init__(
+        self, cell: Cell, horizon: int = 30 * SECOND, topics: tuple[str, str] | None = None, most: int = 150_000
+    ) -> None:
+        self._cell, self._horizon = cell, horizon
+        self._pair = StreamPair(topics or cell.sensor.topics, most, cell.sensor.time_offset)
         self._memory = LoadMemory()
+        self._polled = self.found = 0
         self.clock_warning = ''
+        self._begin()
 
-    @property
-    def found(self) -> int:
-        """Touches reported so far, accepted or rejected."""
-        return self._found
+    def _begin(self) -> None:
+        self._tare: Floats | None = None
+        self._width = 1
+        self._in_contact = False
+        self._reported = self._searched = _NEVER
 
     def add_joint_state(self, stamp_ns: int, joints: Sequence[float], log_time: int | None = None) -> None:
         """One sample of q1, q2, rad, with its header stamp and when it was received, ns; by default at its stamp."""
@@ -238,7 +199,7 @@ class OnlineDetector:
         if self._is_due():
             return self._search(open_too=False)
         if not self._in_contact:
-            self._forget()
+            self._pair.forget(self._horizon)
         return Detection(no_touches())
 
     def finish(self) -> Detection:
@@ -251,76 +212,56 @@ class OnlineDetector:
         What the joints remember of the load, and the numbers of the touches, go on.
         """
         self._pair.restart()
-        self._tare, self._in_contact = None, False
-        self._reported = self._searched = _NEVER
+        self._begin()
 
     def received(self, stamp_ns: int) -> int:
         """When the wrench was received whose stamp is nearest, ns, as long as it is kept."""
-        return self._pair.wrench.log_time_of(stamp_ns)
+        wrench = self._pair.wrench
+        return int(wrench.samples.log_time[np.argmin(np.abs(wrench.times - stamp_ns))])
 
     def _is_due(self) -> bool:
-        """Whether a contact has ended, or five seconds of one are over."""
+        """Whether a contact has ended, or five seconds of one are over, or half of the horizon."""
         wrench = self._pair.wrench
         new, self._polled = wrench.total - self._polled, wrench.total
-        if not new:
+        samples = wrench.samples
+        if not new or not len(samples.stamp):
             return False
-        self._pair.observe()
-        fresh = wrench.last(new + self._width).values
-        if not len(fresh):  # `restart` has dropped them
-            return False
-        if self._searched == _NEVER:
-            first = wrench.samples
-            self._searched, self._searched_stamp = int(first.log_time[0]), int(wrench.times[0])
-        waited = max(abs(wrench.received - self._searched), abs(wrench.now - self._searched_stamp))
-        if self._tare is None:
-            return waited > _SHORTEST_WAIT
-        smooth = moving_mean(median_of_three(fresh), self._width)
+        self._searched = int(samples.log_time[0]) if self._searched == _NEVER else self._searched
+        waited = int(samples.log_time[-1]) - self._searched
+        if self._tare is None or waited > self._horizon // 2:
+            return waited > SECOND // 2
+        smooth = moving_mean(median_of_three(samples.values[-new - self._width :]), self._width)
         # less than the force of a contact, as the zero may drift meanwhile
-        self._in_contact |= bool(np.any(_deviation(smooth, self._tare) > 0.8 * CONTACT_FORCE))
+        self._in_contact |= bool(np.any(np.linalg.norm(smooth - self._tare, axis=1) > 0.8 * CONTACT_FORCE))
         last = wrench.latest(4 * _CLEAR // 3).mean(axis=0)
-        back = bool(_deviation(last, self._tare) < END_RATIO * CONTACT_FORCE)
-        return self._in_contact and (waited > 5 * SECOND or (back and waited > _SHORTEST_WAIT))
+        is_back = np.hypot(*(last - self._tare)) < END_RATIO * CONTACT_FORCE
+        return self._in_contact and waited > (SECOND // 2 if is_back else 5 * SECOND)
 
     def _search(self, open_too: bool) -> Detection:
         """The touches among the kept samples that are new and complete; with `open_too`, also those in contact."""
-        none = Detection(no_touches())
-        if not (len(self._pair.joints.samples.stamp) and len(self._pair.wrench.samples.stamp)):
-            return none
         streams = self._pair.streams('online', at_end=open_too)
-        self._searched, self._searched_stamp = self._pair.wrench.received, self._pair.wrench.now
         self.clock_warning = self._pair.problem
-        if streams is None:
-            self._forget()
-            return none
-        signals = as_signals(streams, self._cell)
-        if signals is None:
-            return none
+        received = self._pair.wrench.samples.log_time
+        self._searched = int(received[-1]) if len(received) else _NEVER
+        signals = None if streams is None else as_signals(streams, self._cell)
+        if streams is None or signals is None:
+            self._pair.forget(self._horizon)
+            return Detection(no_touches())
         self._tare = coarse_tare(signals)[-1]
         self._width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
         latest = min(int(streams.wrench.stamp[-1]) - _CLEAR, int(streams.joints.stamp[-1]))
         new = self._new(find_touches(streams, self._cell, self._memory), np.iinfo(np.int64).max if open_too else latest)
-        self._forget()
+        self._pair.forget(self._horizon)
         return new
 
     def _new(self, detection: Detection, latest: int) -> Detection:
         """The touches of a detection that have not been reported and whose contact had ended at `latest`, ns."""
-        ends = [detection.start + round(1e9 * episode.contact[1]) for episode in detection.episodes]
-        begins = [detection.start + round(1e9 * episode.contact[0]) for episode in detection.episodes]
-        self._in_contact = any(end > latest for end in ends)
-        new = [n for n, begin in enumerate(begins) if begin > self._reported and ends[n] <= latest]
-        self._reported = max([self._reported, *(ends[number] for number in new)])
+        contacts = [detection.start + np.round(1e9 * np.array(one.contact)).astype(int) for one in detection.episodes]
+        self._in_contact = any(end > latest for _, end in contacts)
+        new = [n for n, (begin, end) in enumerate(contacts) if begin > self._reported and end <= latest]
+        self._reported = max([self._reported, *(int(contacts[number][1]) for number in new)])
         complete = [memory for memory in detection.memories if memory.stamp <= latest]
         self._memory = complete[-1] if complete else self._memory
-        part = detection.part(new).renumbered(self._found)
-        self._found += len(new)
+        part = detection.renumbered(new, self.found)
+        self.found += len(new)
         return part
-
-    def _forget(self) -> None:
-        """Drops the samples before the horizon, of each topic by its own stamps: their clocks may differ."""
-        for buffer in self._pair.buffers:
-            buffer.drop_before(buffer.now - self._horizon)
-
-
-def _deviation(force: NDArray[np.float64], tare: NDArray[np.float64]) -> NDArray[np.float64]:
-    distance: NDArray[np.float64] = np.linalg.norm(force - tare, axis=-1)
-    return distance

@@ -13,9 +13,9 @@ from scara_kinetostatic.files.tables import TouchTable
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.touch import Rejection, TouchSet, order_of_time
+from scara_kinetostatic.model.touch import TouchSet, order_of_time
 from scara_kinetostatic.touches.association import associate
-from scara_kinetostatic.touches.detection import Detection, Episode
+from scara_kinetostatic.touches.detection import Detection
 
 
 def in_base_frame(cell: Cell) -> Cell:
@@ -53,28 +53,12 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
         press=press_of(table.approach),
         order=order_of_time(table.time),
     )
-    lost = int(np.sum(~known))
-    contradiction = None
-    if lost and association.advice:
-        problem = (
-            f'{lost} of {len(disc)} touches have no object: {association.advice}; a table has the force on the object'
-        )
-        contradiction = (table.source, problem)
-    reasons = [
-        '' if known[k] else f'no object there; the nearest, {names[disc[k]]!r}, is {1e3 * miss:.0f} mm away'
-        for k, miss in enumerate(association.miss)
-    ]
-    times = [(time, time) for time in table.time.tolist()]
-    unknown = np.full(2, np.nan)
-    return Detection(
-        touches=touches.select(known),
-        rejected=tuple(Rejection(k, reason) for k, reason in enumerate(reasons) if reason),
-        found=len(disc),
-        warnings=table.notes,
-        episodes=tuple(Episode(k, time, time, unknown, reasons[k]) for k, time in enumerate(times)),
-        elsewhere=touches.select(~known),
-        contradiction=contradiction,
+    found = Detection.of(touches)
+    episodes = tuple(
+        one if known[one.index] else replace(one, reason=association.reason(one.index, cell), kind='no object')
+        for one in found.episodes
     )
+    return replace(found, episodes=episodes, warnings=table.notes)
 
 
 def press_of(approach: Floats) -> Floats:

@@ -170,7 +170,7 @@ def test_a_gross_mistake_is_an_error_before_anything_is_fitted(touches):
     given = touches['paper']
     cell = OF_CELL['x and y are swapped in the centers of all discs'](PAPER_CELL)
     with pytest.raises(CellError, match=r'^objects: x and y are swapped in the centers of all discs'):
-        calibrate_touches(Detection(given.select(np.arange(0)), found=len(given), elsewhere=given), cell)
+        calibrate_touches(Detection.of(given), cell)
 
 
 def test_nothing_is_blamed_on_good_touches():

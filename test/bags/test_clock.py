@@ -70,7 +70,7 @@ def test_a_few_messages_without_stamp(tmp_path: Path, stamps: tuple[np.ndarray, 
     some[[3, 77]] = 0
     read = record(tmp_path, some, wrench, joints, wrench)
     np.testing.assert_array_equal(read.joints.stamp, np.delete(joints, [3, 77]))
-    assert read.warnings == ('/joint_states: 2 messages dropped whose stamp is far off those around it',)
+    assert read.warnings == ('/joint_states: 2 messages dropped whose stamp is zero or far off those around it',)
 
 
 def test_one_stamp_far_off(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
@@ -79,17 +79,17 @@ def test_one_stamp_far_off(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]
     wild[50] += 3600 * SECOND
     read = record(tmp_path, joints, wild, joints, wrench)
     np.testing.assert_array_equal(read.wrench.stamp, np.delete(wrench, 50))
-    assert read.warnings == ('/wrench: 1 message dropped whose stamp is far off those around it',)
+    assert read.warnings == ('/wrench: 1 message dropped whose stamp is zero or far off those around it',)
 
 
 def test_strays_at_the_ends_and_a_long_pause(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
     joints, wrench = (np.where(stamp > stamp[150], stamp + 3600 * SECOND, stamp) for stamp in stamps)
     wild = joints.copy()
-    wild[[0, -1]] = [0, 5]
+    wild[[0, -1]] = 0
     read = record(tmp_path, wild, wrench, joints, wrench)
     np.testing.assert_array_equal(read.joints.stamp, joints[1:-1])
     np.testing.assert_array_equal(read.wrench.stamp, wrench)
-    assert read.warnings == ('/joint_states: 2 messages dropped whose stamp is far off those around it',)
+    assert read.warnings == ('/joint_states: 2 messages dropped whose stamp is zero or far off those around it',)
 
 
 def test_disorder_is_sorted(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:

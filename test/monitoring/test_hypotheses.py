@@ -59,7 +59,7 @@ def test_models_with_effects() -> None:
     change = compare(one, other)
     assert change.p_value > 1e-3 and change.degrees_of_freedom == 14
     touches = touches_of(DECLARED, 2, effects=given)
-    assert verify(Detection(touches), one).p_value > 1e-3
+    assert verify(Detection.of(touches), one).p_value > 1e-3
     less = compare(with_effects(3, labels[:1], given[:1]), other)
     assert less.only_after == ('encoder_gain[joint1]',)
     assert less.p_value < 1e-6 and less.ranking[0].name == 'encoder_gain[joint1]'

@@ -29,7 +29,7 @@ def record() -> CalibrationRecord:
 
 
 def detected(touches: TouchSet) -> Detection:
-    return Detection(touches, found=len(touches))
+    return Detection.of(touches)
 
 
 def test_p_values_of_sound_calibrations() -> None:

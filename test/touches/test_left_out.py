@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ def detection() -> Detection:
     touches = simulate_touches(PAPER_CELL, PAPER_MEASURED, default_plan(PAPER_CELL))
     touches = touches.select(np.isin(np.arange(len(touches)), [*range(12), *range(13, 20)]))
     touches = touches.replace(index=np.array([*range(12), *range(13, 20)]))
-    return Detection(touches, rejected=(Rejection(12, 'slides'),), found=20, first_touches=(0, 10))
+    return replace(Detection.of(touches, [Rejection(12, 'slides')]), first_touches=(0, 10))
 
 
 @pytest.mark.parametrize(
