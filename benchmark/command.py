@@ -22,8 +22,7 @@ from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.cli.main import VERBS
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 from scara_kinetostatic.touches.streams import Streams
 
 MESSAGES = 50_000

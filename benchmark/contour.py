@@ -31,7 +31,7 @@ from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.simulation.mujoco.scene import Scene
+from scara_kinetostatic.simulation.mujoco.engine import Scene
 from scara_kinetostatic.simulation.mujoco.sliding import simulate_slide
 from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import default_plan

@@ -32,10 +32,10 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
-from scara_kinetostatic.simulation.mujoco.scene import SCENES, Scene, scene_named
+from scara_kinetostatic.simulation.mujoco.engine import SCENES, Scene, scene_named
 from scara_kinetostatic.simulation.mujoco.streams import as_streams, built_effects, expected_parameters, preload_plan
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.streams import SensorModel
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 
 SAME_LAW = ('joint_slip', 'object_position', 'base_compliance', 'link_bending')

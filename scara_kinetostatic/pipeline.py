@@ -12,9 +12,8 @@ import numpy as np
 
 from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Origin, check_touches
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
-from scara_kinetostatic.bags.inputs import other_descriptions, recorded_cell
 from scara_kinetostatic.bags.messages import reading
-from scara_kinetostatic.bags.reader import read_streams
+from scara_kinetostatic.bags.reader import other_descriptions, read_streams, recorded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate, check_units, fixed_effects, fixed_values, parse_fixed
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration, held_out_force_error

@@ -32,8 +32,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 from scara_kinetostatic.touches.detection import find_touches
 
 CALIBRATED = 50

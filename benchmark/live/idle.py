@@ -29,8 +29,7 @@ from scara_kinetostatic.nodes.conversion import joint_sample, wrench_sample
 from scara_kinetostatic.nodes.session import Session
 from scara_kinetostatic.nodes.streams import Stream
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import START, simulate_streams
+from scara_kinetostatic.simulation.streams import START, SensorModel, simulate_streams
 from scara_kinetostatic.touches.streams import Streams
 
 SECOND = 1_000_000_000

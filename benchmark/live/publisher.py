@@ -24,8 +24,7 @@ from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 from scara_kinetostatic.touches.streams import Streams
 
 PERIOD = 0.001

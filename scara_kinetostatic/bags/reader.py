@@ -3,12 +3,13 @@
 A recording is a rosbag2 folder (MCAP or SQLite, split, compressed or not), a bare `.mcap` or `.db3` file, or a ROS 1
 `.bag`. The cell's two topics become arrays. Messages that cannot be used are dropped and counted in the warnings; a
 recording that cannot be used is a `RecordingError` that says what to do.
+`recorded_cell` gives the cell description that several recordings contain.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -31,9 +32,10 @@ from scara_kinetostatic.bags.messages import (
     reading,
 )
 from scara_kinetostatic.bags.sources import ZSTD_MAGIC, open_recording
-from scara_kinetostatic.errors import CellError, RecordingError, one_line
+from scara_kinetostatic.errors import CellError, InputError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
-from scara_kinetostatic.model.cell import Cell, Sensor
+from scara_kinetostatic.files.tables import is_touch_table
+from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
 from scara_kinetostatic.touches import clock
 from scara_kinetostatic.touches.clock import counted
 from scara_kinetostatic.touches.streams import (
@@ -276,3 +278,49 @@ def _by_namespace(here: list[list[str]], sensor: Sensor) -> list[tuple[str, str]
         tuple(name if name.startswith('/') else f'{space}/{name}' for name in sensor[:2])  # type: ignore[misc]
         for space in sorted(common)
     ]
+
+
+def recorded_cell(paths: Sequence[Path], option: str) -> Cell:
+    """The cell description that all recordings contain.
+
+    Args:
+        paths: recordings, and touch tables, which contain none.
+        option: how the user names a cell description instead, such as ``--cell``.
+
+    Raises:
+        RecordingError: a recording has no cell description or another one than the first, or all are tables.
+        CellError: it is not valid.
+    """
+    cells = {path: embedded_cell(path) for path in paths if not is_touch_table(path)}
+    if not cells:
+        raise RecordingError(paths[0], 'a table contains no cell description', f'give one by {option}')
+    first = next(iter(cells))
+    for path, cell in cells.items():
+        if cell is None:
+            raise RecordingError(path, 'contains no cell description', f'give one by {option}')
+        if cell != cells[first]:
+            raise RecordingError(path, f'contains another cell description than {first}', f'choose one by {option}')
+    common = cells[first]
+    assert common is not None
+    return common
+
+
+def other_descriptions(cell: Cell, paths: Sequence[Path], option: str, without: Collection[str] = ()) -> list[str]:
+    """One sentence for each recording that contains another cell description than the one in use.
+
+    Args:
+        cell: in use.
+        paths: recordings and touch tables.
+        option: what named it, such as ``--cell``.
+        without: parts in which they may differ.
+    """
+    sentences = []
+    for path in (path for path in paths if not is_touch_table(path)):
+        with suppress(InputError):  # an invalid one may be the reason to name another
+            recorded = embedded_cell(path)
+            keys = [] if recorded is None else [k for k in different_parts(cell, recorded) if k not in without]
+            if keys:
+                sentences.append(
+                    f'{path} contains another cell description ({", ".join(keys)}); that of {option} is used'
+                )
+    return sentences

@@ -139,7 +139,7 @@ def cell_or_recorded(path: Path | None, bags: Sequence[Path]) -> Cell:
         CellError: it cannot be read or is invalid.
         RecordingError: `path` is None, and a recording has no cell description or another one than the first.
     """
-    from scara_kinetostatic.bags.inputs import recorded_cell
+    from scara_kinetostatic.bags.reader import recorded_cell
     from scara_kinetostatic.files.cell_file import load_cell
 
     return recorded_cell(bags, '--cell') if path is None else load_cell(path)

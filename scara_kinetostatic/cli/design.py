@@ -141,7 +141,7 @@ def _requirements(args: argparse.Namespace, robot: Robot) -> Requirements:
 
 
 def _robot(args: argparse.Namespace) -> Robot:
-    from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE
+    from scara_kinetostatic.simulation.streams import TYPICAL_NOISE
     from scara_kinetostatic.simulation.truth import truth_named
     from scara_kinetostatic.studies.design.prediction import Robot
 

@@ -26,7 +26,7 @@ from scara_kinetostatic.errors import InputError
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.simulation.plan import Plan
-    from scara_kinetostatic.simulation.sensors import SensorModel
+    from scara_kinetostatic.simulation.streams import SensorModel
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -203,7 +203,7 @@ def _plan(args: argparse.Namespace, cell: Cell) -> Plan:
 
 
 def _sensors(args: argparse.Namespace, cell: Cell) -> SensorModel:
-    from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
+    from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel
 
     usual = cell.noise or TYPICAL_NOISE
     noise = usual._replace(

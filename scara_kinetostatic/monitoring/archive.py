@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.bags.inputs import recorded_cell
+from scara_kinetostatic.bags.reader import recorded_cell
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import cell_entry
 from scara_kinetostatic.files.cell_file import load_cell

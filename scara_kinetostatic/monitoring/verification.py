@@ -22,7 +22,7 @@ from scipy.special import chndtrinc
 
 from scara_kinetostatic.assessment.grade import LIMITS, Assessment, Grade, Remark
 from scara_kinetostatic.assessment.outcome import Recording
-from scara_kinetostatic.bags.inputs import other_descriptions
+from scara_kinetostatic.bags.reader import other_descriptions
 from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.errors import UnsupportedDataError

@@ -34,9 +34,8 @@ from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
-from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
 from scara_kinetostatic.simulation.slides import Slide, simulate_slides
-from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
 

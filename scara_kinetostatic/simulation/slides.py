@@ -22,12 +22,10 @@ from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.simulation.contact_forces import Phase, minimum_jerk
 from scara_kinetostatic.simulation.outline import Outline, Track
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.sensors import SensorModel, sensor_angle
-from scara_kinetostatic.simulation.streams import START, Sensed, recorded
-from scara_kinetostatic.simulation.trajectory import CellState
+from scara_kinetostatic.simulation.streams import START, Sensed, SensorModel, recorded, sensor_angle
+from scara_kinetostatic.simulation.trajectory import CellState, Phase, minimum_jerk
 from scara_kinetostatic.touches.streams import Streams
 
 

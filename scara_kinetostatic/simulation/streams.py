@@ -1,21 +1,199 @@
-"""A simulated recording: whole streams, or the touches alone."""
+"""A simulated recording: whole streams, or the touches alone. Encoders and force sensor have noise, bias, frame, sign, stamps.
+
+There are two kinds of noise. The noise of one touch (`Noise`, `cell.noise`) is its repeatability: an error that is
+constant during the touch, so that averaging does not reduce it. Its force part is proportional to the contact force;
+otherwise the tare before the touch would remove it. The noise of the samples is white.
+
+An effect that is an error of the force sensor is treated alike: the part of it that does not depend on the force, a
+bias, is scaled with the contact force up to its full value in the hold.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from scara_kinetostatic.model import sensor_error
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.simulation.contact_forces import PlannedLoads, Timing, load_histories
-from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.sensors import SensorModel, reported_force, sensor_angle
-from scara_kinetostatic.simulation.trajectory import CellState, Trajectory
+from scara_kinetostatic.simulation.plan import Plan, check_numbers
+from scara_kinetostatic.simulation.trajectory import CellState, Phase, PlannedLoads, Timing, Trajectory, load_histories
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+
+TYPICAL_NOISE = Noise(joint=1e-5, force=0.3)
+"""Repeatability of a touch where neither the sensors nor the cell give one."""
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """Encoders and force sensor.
+
+    Attributes:
+        touch_noise: repeatability of one touch; None: that of the cell.
+        joint_noise: white noise of the joint samples, rad.
+        force_noise: white noise of the force samples, N.
+        bias: reading of the force sensor without force, in its own frame and sign, N.
+        resolution: step of the encoders, rad; 0 for none.
+        joint_rate: joint states per second.
+        wrench_rate: wrenches per second.
+        jitter: 1-sigma of a stamp's lateness, in periods; also makes rare gaps of a few periods.
+        offset: lateness of the first wrench after the first joint state, s.
+
+    Raises:
+        ParameterError: a negative noise, a rate that is not above 0.
+    """
+
+    touch_noise: Noise | None = None
+    joint_noise: float = 0.0
+    force_noise: float = 0.05
+    bias: tuple[float, float] = (1.2, -0.8)
+    resolution: float = 1e-6
+    joint_rate: float = 80.0
+    wrench_rate: float = 98.0
+    jitter: float = 0.1
+    offset: float = 0.0037
+
+    def __post_init__(self) -> None:
+        zero = ('touch_noise', 'joint_noise', 'force_noise', 'resolution', 'jitter', 'offset')
+        check_numbers('sensors', self, zero=zero, signed=('bias',))
+
+    @classmethod
+    def ideal(cls, rate: float = 100.0) -> SensorModel:
+        """Sensors without any error, both at one even rate."""
+        return cls(Noise(0.0, 0.0), 0.0, 0.0, (0.0, 0.0), 0.0, rate, rate, 0.0, 0.0)
+
+    def touch_errors(
+        self,
+        cell: Cell,
+        count: int,
+        random: np.random.Generator,
+        force: Floats | None = None,
+        sensor_angle: Floats | None = None,
+    ) -> tuple[Floats, Floats]:
+        """One error of the joint angles and one of the force per touch, (count, 2) each, rad and N, base frame.
+
+        Args:
+            cell: its noise is taken where the sensors have none.
+            count: of touches.
+            random: source of the errors.
+            force: in the hold, (count, 2), N; where the noise grows with it.
+            sensor_angle: of the sensor's x axis in the base frame, (count,), rad; None for 0.
+        """
+        joint, unit = random.standard_normal((2, count, 2))
+        return self.scaled_errors(cell, joint, unit, force, sensor_angle)
+
+    def scaled_errors(
+        self, cell: Cell, joint: Floats, unit: Floats, force: Floats | None, sensor_angle: Floats | None
+    ) -> tuple[Floats, Floats]:
+        """As `touch_errors`, from errors of joint angles and force in standard deviations, (count, 2) each."""
+        noise = self.touch_noise or cell.noise or TYPICAL_NOISE
+        joint_errors, force_errors = np.array(noise.joint_levels) * joint, np.array(noise.force_levels) * unit
+        if noise.growth and force is not None:
+            grown = noise.growth * np.hypot(force[:, 0], force[:, 1])[:, None]
+            force_errors = np.hypot(noise.force_levels, grown) * unit
+        if noise.is_plain or sensor_angle is None:
+            return joint_errors, force_errors
+        return joint_errors, rotate(force_errors, sensor_angle)
+
+    def read_joints(self, state: CellState, errors: Floats, random: np.random.Generator) -> Floats:
+        """Joint angles as the encoders report them, (k, 2), rad.
+
+        Args:
+            state: the cell at the k stamps.
+            errors: of each touch, (m, 2), rad; they change from touch to touch during the travel.
+            random: source of the white noise.
+        """
+        before = np.where((state.phase == Phase.TRAVEL) & (state.touch > 0), state.touch - 1, state.touch)
+        share = np.where(state.phase == Phase.TRAVEL, state.progress, 1.0)[:, None]
+        error = (1.0 - share) * errors[before] + share * errors[state.touch]
+        read = state.joints + error + self.joint_noise * random.standard_normal(error.shape)
+        return np.round(read / self.resolution) * self.resolution if self.resolution else read
+
+    def read_force(
+        self,
+        cell: Cell,
+        truth: ExtendedModel | Parameters,
+        state: CellState,
+        errors: Floats,
+        random: np.random.Generator,
+    ) -> Floats:
+        """Forces as the sensor reports them: its frame, its sign, its zero, (k, 2), N.
+
+        Args:
+            cell: frame and sign of the sensor.
+            truth: its theta1 and theta2 place the tool frame; its effects may be errors of the sensor.
+            state: the cell at the k stamps.
+            errors: of each touch in the hold, base frame, (m, 2), N.
+            random: source of the white noise.
+        """
+        error = state.relative_force[:, None] * errors[state.touch]
+        touch = TouchMetadata.plain(len(error))._replace(order=state.touch)
+        reported = reported_force(cell, truth, state.joints, state.force, error, state.relative_force, touch)
+        reported *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+        return reported + self.bias + self.force_noise * random.standard_normal(reported.shape)
+
+    def stamps(self, duration: float, rate: float, offset: float, random: np.random.Generator) -> NDArray[np.int64]:
+        """Stamps of one topic from `offset` to `duration`, increasing, (k,), ns since the start."""
+        count = max(2, int(np.floor((duration - offset) * rate)) + 1)
+        lateness = np.abs(random.standard_normal(count)) * self.jitter
+        lateness += (random.random(count) < 0.01) * self.jitter * 20.0
+        due = (np.arange(count) + lateness) / rate + offset
+        stamps = np.maximum.accumulate(np.round(due * 1e9).astype(np.int64))
+        return np.unique(stamps[stamps <= round(duration * 1e9)])
+
+
+def in_sensor_frame(cell: Cell, truth: Parameters, joints: Floats, force: Floats) -> Floats:
+    """A force in the base frame, (k, 2), N, as seen from the frame the sensor reports in."""
+    angle = sensor_angle(cell, truth, joints)
+    return force if angle is None else rotate(force, -angle)
+
+
+def sensor_angle(cell: Cell, truth: Parameters, joints: Floats) -> Floats | None:
+    """Angle of the sensor's x axis in the base frame, (k,), rad; None where it is the base frame's."""
+    if cell.sensor.frame is SensorFrame.BASE:
+        return None
+    return np.asarray(joints.sum(axis=1) + truth.theta1 + truth.theta2)
+
+
+def reported_force(
+    cell: Cell,
+    truth: ExtendedModel | Parameters,
+    joints: Floats,
+    force: Floats,
+    error: Floats,
+    relative_force: Floats | None = None,
+    metadata: TouchMetadata | None = None,
+) -> Floats:
+    """Reading of the sensor for a force on the object, without its sign and bias, (k, 2), N, in its frame.
+
+    Args:
+        cell: frame of the sensor.
+        truth: places the tool frame; its effects may be errors of the sensor.
+        joints: Q, (k, 2), rad.
+        force: true force, base frame, (k, 2), N.
+        error: noise of the touch, base frame, (k, 2), N.
+        relative_force: force over that of the hold, (k,); None in the hold.
+        metadata: of the touches of these moments, (k,).
+    """
+    model = as_model(truth)
+    reported = in_sensor_frame(cell, model.parameters, joints, force + error)
+    if model.effects:
+        true = in_sensor_frame(cell, model.parameters, joints, force)
+        reported = reported + sensor_error.reported_force(model, true, metadata) - true
+        if relative_force is not None:
+            reported -= (1.0 - relative_force)[:, None] * sensor_error.reported_force(
+                model, np.zeros_like(true), metadata
+            )
+    return reported
+
 
 START = 1_700_000_000_000_000_000
 """Stamp of the start of a simulated recording, ns."""

@@ -14,9 +14,8 @@ from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.slides import Slide, simulate_slides
-from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 from scara_kinetostatic.touches.streams import Streams
 
 

@@ -15,8 +15,7 @@ from scara_kinetostatic.bags.writer import BagWriter
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.online import OnlineDetector
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream

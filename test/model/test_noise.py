@@ -11,8 +11,7 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Noise, Sensor, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_touches
 
 BY_AXIS = Noise((1e-5, 4e-5), (0.6, 0.15), 0.01)
 

@@ -18,7 +18,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.simulation.mujoco import Scene, scene_named, simulate_streams
 from scara_kinetostatic.simulation.mujoco.streams import preload_plan, truth_of_scene, truth_text
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.streams import SensorModel
 from scara_kinetostatic.simulation.truth import truth_named
 
 BAGS = Path(__file__).parents[2] / 'bags'

@@ -16,7 +16,7 @@ from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact_force
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
-from scara_kinetostatic.simulation.mujoco.scene import SCENES, Scene, scene_named
+from scara_kinetostatic.simulation.mujoco.engine import SCENES, Scene, scene_named
 from scara_kinetostatic.simulation.mujoco.streams import as_touches, with_noise
 from scara_kinetostatic.simulation.plan import Plan
 

@@ -12,10 +12,10 @@ from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.mujoco.scene import Scene
+from scara_kinetostatic.simulation.mujoco.engine import Scene
 from scara_kinetostatic.simulation.mujoco.sliding import SlideController
-from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.slides import Slide, SlidePhase, sensed
+from scara_kinetostatic.simulation.streams import SensorModel
 
 NO_BACKLASH = PAPER_ACTUAL.replace(g_ee=0.0, g1=0.0, g2=0.0)
 LIMIT = 4e-6

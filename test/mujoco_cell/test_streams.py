@@ -19,10 +19,10 @@ from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco import simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.mujoco.scene import SCENES, scene_named
+from scara_kinetostatic.simulation.mujoco.engine import SCENES, scene_named
 from scara_kinetostatic.simulation.mujoco.streams import truth_of_scene
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.streams import SensorModel
 from scara_kinetostatic.touches.detection import find_touches
 
 EXACT = Noise(0.0, 0.0)

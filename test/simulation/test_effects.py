@@ -18,11 +18,9 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.model.sensor_error import true_force
-from scara_kinetostatic.simulation.contact_forces import Phase
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import Trajectory
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.trajectory import Phase, Trajectory
 from scara_kinetostatic.touches.detection import find_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))

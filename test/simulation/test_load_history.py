@@ -12,8 +12,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.load_history import play_operator, torques_of
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.trajectory import Trajectory
 from scara_kinetostatic.touches.detection import find_touches
 

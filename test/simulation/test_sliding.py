@@ -13,8 +13,8 @@ from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.simulation.outline import Track, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan_file import PlanError, holds_slides, load_slides
-from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.slides import CROSSING, Slide, SlidePhase, SlidingMotion, simulate_slides
+from scara_kinetostatic.simulation.streams import SensorModel
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3), tip_radius=0.005)
 SQUARE = ((0.10, 0.30), (0.20, 0.30), (0.20, 0.40), (0.10, 0.40))

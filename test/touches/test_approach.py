@@ -9,11 +9,9 @@ from touches.scenes import CELL, Scene
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.simulation.contact_forces import Timing
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import Trajectory
+from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.trajectory import Timing, Trajectory
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL, last_movement, resolution
 from scara_kinetostatic.touches.online import OnlineDetector

@@ -16,8 +16,7 @@ from scara_kinetostatic.model.load_history import torques_of
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel, in_sensor_frame
-from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.streams import SensorModel, in_sensor_frame, simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.trajectory import Trajectory
 from scara_kinetostatic.touches import load_history
 from scara_kinetostatic.touches.detection import find_touches

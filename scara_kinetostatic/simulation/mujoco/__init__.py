@@ -1,13 +1,13 @@
 """A cell in the physics engine MuJoCo: bodies, springs, friction and contact, independent of this package's model.
 
-`scene` describes the robot, the template `scene.xml.j2` builds it of bodies, `engine` integrates it, `controller` makes
+`engine` describes the robot, builds it of bodies by the template `scene.xml.j2` and integrates it, `controller` makes
 the touches of a plan, `streams` applies the sensors and states the truth. MuJoCo comes with the extra `physics` and is
 imported when the engine starts.
 """
 
 from __future__ import annotations
 
-from scara_kinetostatic.simulation.mujoco.scene import SCENES, Scene, scene_named
+from scara_kinetostatic.simulation.mujoco.engine import SCENES, Scene, scene_named
 from scara_kinetostatic.simulation.mujoco.streams import simulate_streams, simulate_touches
 
 __all__ = ['SCENES', 'Scene', 'scene_named', 'simulate_streams', 'simulate_touches']

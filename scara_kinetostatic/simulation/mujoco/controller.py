@@ -17,10 +17,9 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse, wrap
-from scara_kinetostatic.simulation.contact_forces import Phase, Timing, minimum_jerk
-from scara_kinetostatic.simulation.mujoco.engine import LIFT, TICK, Engine
-from scara_kinetostatic.simulation.mujoco.scene import Scene
+from scara_kinetostatic.simulation.mujoco.engine import LIFT, TICK, Engine, Scene
 from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.trajectory import Phase, Timing, minimum_jerk
 from scara_kinetostatic.touches.load_history import last_movement
 
 

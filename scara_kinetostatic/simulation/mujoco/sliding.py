@@ -16,13 +16,11 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import inverse
-from scara_kinetostatic.simulation.contact_forces import minimum_jerk
-from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine
-from scara_kinetostatic.simulation.mujoco.scene import Scene
+from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene
 from scara_kinetostatic.simulation.outline import Track
-from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.slides import Slide, SlidePhase, SlideState, SlideTiming, sensed
-from scara_kinetostatic.simulation.streams import START
+from scara_kinetostatic.simulation.streams import START, SensorModel
+from scara_kinetostatic.simulation.trajectory import minimum_jerk
 from scara_kinetostatic.touches.streams import Streams
 
 COMPLIANCE = 2.5e-5

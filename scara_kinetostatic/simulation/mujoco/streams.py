@@ -13,14 +13,11 @@ from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import UNITS, Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.simulation.contact_forces import Timing
 from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
-from scara_kinetostatic.simulation.mujoco.engine import load_engine
-from scara_kinetostatic.simulation.mujoco.scene import Scene
+from scara_kinetostatic.simulation.mujoco.engine import Scene, load_engine
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import START, Sensed, recorded
-from scara_kinetostatic.simulation.trajectory import CellState
+from scara_kinetostatic.simulation.streams import START, Sensed, SensorModel, recorded
+from scara_kinetostatic.simulation.trajectory import CellState, Timing
 from scara_kinetostatic.touches.streams import Streams
 
 PRELOAD = 1.0

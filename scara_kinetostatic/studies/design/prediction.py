@@ -64,7 +64,7 @@ from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch_equations import State
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN, Plan
-from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, in_sensor_frame
+from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame
 
 
 @dataclass(frozen=True)
