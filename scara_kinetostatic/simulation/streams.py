@@ -1,4 +1,4 @@
-"""A simulated recording: whole streams, or the touches alone. Encoders and force sensor have noise, bias, frame, sign, stamps.
+"""A simulated recording: whole streams, or the touches alone; noise, bias, frame, sign and stamps of the sensors.
 
 There are two kinds of noise. The noise of one touch (`Noise`, `cell.noise`) is its repeatability: an error that is
 constant during the touch, so that averaging does not reduce it. Its force part is proportional to the contact force;
