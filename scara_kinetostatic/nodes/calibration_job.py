@@ -4,8 +4,8 @@ Such a process can be ended at any time by SIGTERM, gives all its memory back, a
 reads the order from its input and writes news and the reply to its output, one JSON object per line:
 
     {"progress": {"step": "fitting 72 touches", "part": 0.3}}
-    {"reply": …}     the fields of `Reply`
-    {"error": "…"}   there is no result; one line
+    {"reply": {"folder": "/results", "note": ""}}    the result is in the files of this folder; what was kept of another
+    {"error": "…"}                                   there is no result; one line
 """
 
 from __future__ import annotations
@@ -17,19 +17,14 @@ import signal
 import subprocess
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 from time import monotonic
-from types import FrameType
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
-from scara_kinetostatic.errors import OutputError, ScaraKinetostaticError, one_line
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.assessment.outcome import Outcome
-    from scara_kinetostatic.report.json_file import Document
+from scara_kinetostatic.errors import ScaraKinetostaticError, one_line
 
 UNFIT = 'unfit'
 """Folder, in that of the results, for one that is not fit for use."""
@@ -41,8 +36,6 @@ COMMAND = (
 """Followed by the places of Python modules: that of this package, before all others, and those of the node."""
 PATIENCE = 3.0
 """Time for the process to end by itself after it was told to, s."""
-CANCELLED = 'cancelled; earlier results are unchanged'
-"""Why there is no reply after `CalibrationProcess.cancel`."""
 
 
 class Job(NamedTuple):
@@ -69,52 +62,28 @@ class Job(NamedTuple):
     name: str = ''
 
 
-class Reply(NamedTuple):
-    """The result of a calibration.
-
-    Attributes:
-        line: the result in one line.
-        grade: ``fit``, ``caution`` or ``unfit``.
-        verdict: of the diagnosis.
-        warnings: irregularities of the recordings, one sentence each.
-        values: the twelve parameters, SI units.
-        deviations: their standard deviations; NaN where there is none.
-        effects: path, value, standard deviation, unit and meaning of each parameter of the effects found.
-        facts: what the result is made from and worth (`report.facts`).
-        document: what `calibration.json` holds.
-        folder: that holds the files.
-        note: what was kept of an earlier result; empty if nothing.
-        unwritten: why the files could not be written; empty if they were.
-    """
-
-    line: str
-    grade: str
-    verdict: str
-    warnings: list[str]
-    values: list[float]
-    deviations: list[float]
-    effects: list[list[Any]]
-    facts: dict[str, Any]
-    document: dict[str, Any]
-    folder: str
-    note: str
-    unwritten: str
-
-
-def do(job: Job, progress: Callable[[str, float], None]) -> Reply:
+def do(job: Job, progress: Callable[[str, float], None]) -> dict[str, str]:
     """Calibrates and writes the files.
 
     Args:
         job: what to calibrate.
         progress: called with each step and the part of the work that is done, 0 to 1.
 
+    Returns:
+        `folder` of the files, and `note`: what was kept of an earlier result, empty if nothing.
+
     Raises:
-        ScaraKinetostaticError: there is no result.
+        ScaraKinetostaticError: there is no result, or its files cannot be written.
     """
     from scara_kinetostatic.pipeline import calibrate_files
-    from scara_kinetostatic.results.document import as_document
-    from scara_kinetostatic.results.parameter_file import effect_parameters, facts
     from scara_kinetostatic.results.write import write_results
+
+    has_read = False
+
+    def over_all_steps(step: str, part: float) -> None:  # of reading, then of fitting, each from 0 to 1
+        nonlocal has_read
+        progress(step, 0.3 + 0.5 * part if has_read else 0.3 * part)
+        has_read = has_read or part >= 1.0
 
     outcome = calibrate_files(
         job.recordings,
@@ -123,137 +92,12 @@ def do(job: Job, progress: Callable[[str, float], None]) -> Reply:
         job.left_out,
         options=('the parameter cell', 'parameter fixed:', 'parameter leave_out'),
         joined=job.joined,
-        progress=_over_all_steps(progress),
+        progress=over_all_steps,
     )
-    grade = outcome.assessment.grade.value
-    folder = Path(job.output) / (UNFIT if grade == UNFIT and not job.publish_unfit else '')
     progress('writing the results', 0.8)
-    note = unwritten = ''
-    try:
-        with _taken_back():
-            note = write_results(outcome, folder).note
-    except OutputError as error:
-        unwritten = str(error)
-    return Reply(
-        line=line_of(outcome),
-        grade=grade,
-        verdict=outcome.verdict,
-        warnings=list(outcome.warnings),
-        values=list(outcome.final.parameters.as_dict().values()),
-        deviations=outcome.final.std.tolist(),
-        effects=[list(item) for item in effect_parameters(outcome.diagnosis.found)],
-        facts=facts(outcome),
-        document=as_document(outcome),
-        folder=str(folder),
-        note=note,
-        unwritten=unwritten,
-    )
-
-
-@contextmanager
-def _taken_back() -> Iterator[None]:
-    """Where SIGTERM takes back what was written; elsewhere it ends the process at once."""
-
-    def interrupt(_: int, __: FrameType | None) -> NoReturn:
-        raise KeyboardInterrupt
-
-    former = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, former)
-
-
-def _over_all_steps(progress: Callable[[str, float], None]) -> Callable[[str, float], None]:
-    """From the progress of reading, then of fitting, each from 0 to 1, to that of the whole work."""
-    read = False
-
-    def report(step: str, part: float) -> None:
-        nonlocal read
-        progress(step, 0.3 + 0.5 * part if read else 0.3 * part)
-        read = read or part >= 1.0
-
-    return report
-
-
-def line_of(outcome: Outcome) -> str:
-    """Assessment, touches, force error before and after, goodness of fit, verdict, effects, in one line."""
-    result, compared = outcome.final, outcome.comparison
-    alone, extended = compared.base, compared.extended
-    sources = f' from {len(outcome.sources)} recordings' if len(outcome.sources) > 1 else ''
-    parts = [
-        outcome.assessment.headline,
-        f'{int(result.used.sum())} of {outcome.found} touches used{sources}',
-        f'force error {compared.nominal:.4g} N before, {alone.force_error:.4g} N after',
-        f'reduced chi-square {alone.reduced_chi_square:.3g}',
-    ]
-    for group in result.identifiability.confounded:
-        parts.append(f'confounded: {" ".join(group)}')
-    parts.append(f'missing effects: {_verdict(outcome)}')
-    if outcome.diagnosis.extended:
-        parts.append(
-            f'with them {extended.force_error:.4g} N, reduced chi-square {extended.reduced_chi_square:.3g}, '
-            f'on touches not used {alone.held_out:.4g} N before, {extended.held_out:.4g} N after'
-        )
-    return '; '.join(parts)
-
-
-def _verdict(outcome: Outcome) -> str:
-    """The verdict and the effects behind it; rivals in brackets."""
-    from scara_kinetostatic.assessment.grade import LIMITS
-
-    d = outcome.diagnosis
-    found = [item.effect.label for item in d.found if item.is_found]
-    possible = [f'possible: {item.effect.label}' for item in d.found if item.in_every_model and item.is_possible]
-    open_ones = [f'one of ({", ".join(group)})' for group in d.rivals]
-    checked = '' if outcome.final.degrees_of_freedom >= LIMITS.least_freedoms else ' (too few touches to check)'
-    return ', '.join([d.verdict + checked, *found, *possible, *open_ones])
-
-
-def warnings_in_line(warnings: Sequence[str]) -> str:
-    """The first warnings, and the number of the others; empty if there are none."""
-    more = len(warnings) - 3
-    named = [*warnings[:3], *([f'{more} more'] if more > 0 else [])]
-    return f'warnings: {"; ".join(named)}' if named else ''
-
-
-def stored_document(folder: Path) -> Document | None:
-    """`calibration.json` of a result; None where it cannot be read or is no such document."""
-    try:
-        document = json.loads((folder / 'calibration.json').read_text(encoding='utf-8'))
-        summary(document)
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
-        return None
-    return dict(document)
-
-
-def summary(document: Document) -> Document:
-    """What `~/result` carries of `calibration.json`: all but the single touches and the details of the diagnosis."""
-    from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA
-
-    shared = (
-        'created', 'recordings', 'warnings', 'cell', 'parameters', 'model', 'noise', 'force_error',
-        'held_out_force_error', 'reduced_chi_square', 'tip_error', 'tip_uncertainty', 'assessment',
-    )  # fmt: skip
-    parts = {
-        'touches': ('found', 'used', 'rejected'),
-        'identifiability': ('rank', 'confounded', 'advice'),
-        'diagnosis': ('verdict', 'p_value', 'effects', 'possible', 'rivals', 'rival_effects', 'advice'),
-    }
-    some = {part: {key: document[part][key] for key in keys} for part, keys in parts.items()}
-    return {'schema': RESULT_SCHEMA, **{key: document[key] for key in shared}, **some}
-
-
-class Progress(NamedTuple):
-    """What the process does.
-
-    Attributes:
-        step: in words.
-        part: of the work that is done, 0 to 1.
-    """
-
-    step: str
-    part: float
+    aside = outcome.assessment.grade.value == UNFIT and not job.publish_unfit
+    folder = Path(job.output) / (UNFIT if aside else '')
+    return {'folder': str(folder.absolute()), 'note': write_results(outcome, folder).note}
 
 
 class CalibrationProcess:
@@ -272,7 +116,7 @@ class CalibrationProcess:
             encoding='utf-8',
             start_new_session=True,  # Ctrl-C reaches the node alone, which ends this process
         )
-        self._news: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._cancelled_at: float | None = None
         self._thread = Thread(target=self._converse, args=(json.dumps(job._asdict()),), daemon=True)
         self._thread.start()
@@ -281,41 +125,30 @@ class CalibrationProcess:
         """Gives the order and passes on what the process says; in a thread of its own."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        try:
+        with suppress(OSError):  # it has ended already
             self._process.stdin.write(order + '\n')
             self._process.stdin.close()
-        except OSError:  # it has ended already
-            pass
         with self._process.stdout as said:
             for line in said:
-                self._news.put(line)
-        self._news.put(None)
+                self._lines.put(line)
+        self._lines.put(None)
 
-    def poll(self) -> Progress | Reply | str | None:
-        """The latest news, without waiting.
+    def poll(self) -> dict[str, Any] | None:
+        """The latest news, without waiting; None where nothing is new.
 
         Returns:
-            Progress, the reply, or why there is none; None where nothing is new.
+            As the process writes them; `cancelled` or `error` with the reason where it ended without a reply.
         """
         if self._cancelled_at is not None and monotonic() > self._cancelled_at + PATIENCE:
             self._process.kill()
-        latest: Progress | None = None
-        while not self._news.empty():
-            line = self._news.get()
-            if line is None:
-                return self._ended()
-            try:
-                said: dict[str, Any] = json.loads(line)
-                if 'progress' in said:
-                    latest = Progress(**said['progress'])
-                    continue
-                ended = Reply(**said['reply']) if 'reply' in said else str(said['error'])
-            except (ValueError, KeyError, TypeError):
-                self._process.kill()
-                ended = one_line(f'the calibration gave no reply but {line[:80]!r}')
-            self._finish()
-            return ended
-        return latest
+        news: dict[str, Any] | None = None
+        while not self._lines.empty():
+            line = self._lines.get()
+            news = self._ended() if line is None else json.loads(line)
+            if 'progress' not in news:
+                self._finish()
+                break
+        return news
 
     def cancel(self) -> None:
         """Tells the process to end; `poll` says when it has. What it was writing is taken back."""
@@ -337,18 +170,19 @@ class CalibrationProcess:
         self._thread.join()
         return self._process.returncode
 
-    def _ended(self) -> str:
+    def _ended(self) -> dict[str, str]:
         """Why the process ended without a reply."""
         status = self._finish()
         if self._cancelled_at is not None:
-            return CANCELLED
+            return {'cancelled': 'cancelled; earlier results are unchanged'}
         if status == -signal.SIGKILL:
-            return 'the calibration was killed (SIGKILL); has the memory run out?'
-        return one_line(f'the calibration ended with status {status} and without a reply; see what the node prints')
+            return {'error': 'the calibration was killed (SIGKILL); has the memory run out?'}
+        return {'error': f'the calibration ended with status {status} and without a reply; see what the node prints'}
 
 
 def main() -> None:
     """Does the job on the input of the process."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what is being written is taken back
     output = os.fdopen(os.dup(sys.stdout.fileno()), 'w', encoding='utf-8')
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no reply
 
@@ -358,8 +192,7 @@ def main() -> None:
 
     try:
         job = Job(**json.loads(sys.stdin.readline()))
-        reply = do(job, lambda step, part: send('progress', {'step': step, 'part': part}))
-        send('reply', reply._asdict())
+        send('reply', do(job, lambda step, part: send('progress', {'step': step, 'part': part})))
     except ScaraKinetostaticError as error:
         send('error', str(error))
     except (KeyboardInterrupt, BrokenPipeError):  # told to end, or the node has gone
@@ -367,7 +200,3 @@ def main() -> None:
     except Exception as error:  # the node says so and stays up
         traceback.print_exc()
         send('error', one_line(f'internal error: {type(error).__name__}: {error}'))
-
-
-if __name__ == '__main__':
-    main()

@@ -10,7 +10,7 @@ it; there is only one at a time. One that fails does not change the former resul
 from __future__ import annotations
 
 import json
-import traceback
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,26 +19,16 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
-from scara_kinetostatic.nodes.calibration_job import (
-    CANCELLED,
-    UNFIT,
-    CalibrationProcess,
-    Job,
-    Progress,
-    Reply,
-    stored_document,
-    summary,
-    warnings_in_line,
-)
+from scara_kinetostatic.errors import CalibrationFileError, ParameterError, ScaraKinetostaticError
+from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA, read_document
+from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.calibrator_parameters import Announced, CalibratorSettings, ResultParameters
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.streams import LATCHED
+from scara_kinetostatic.report.json_file import Document
+from scara_kinetostatic.results import document as document_file
 from scara_kinetostatic.results import parameter_file
-from scara_kinetostatic.results.parameter_file import EffectParameter, load_result
-
-_LEVELS = {'fit': OK, 'caution': WARN, UNFIT: ERROR}
-"""The level of a result by its grade."""
+from scara_kinetostatic.results.parameter_file import StoredResult, load_result
 
 
 class Calibrator(CellNode):
@@ -57,7 +47,11 @@ class Calibrator(CellNode):
         self._process: CalibrationProcess | None = None
         self._part = 0.0
         self._ended = Future()
-        self._condition = self._loaded('a parameter file')
+        self._condition = Condition(OK, 'no calibration yet', {})
+        if self._results.exist:
+            facts = self._results.facts()
+            self._condition = _condition(facts, _loaded(facts, 'a parameter file'))
+            self.say(self._condition.level, self._condition.message)
         self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
         self.create_subscription(String, 'collector/stopped', lambda said: self._announced.stop(said.data), LATCHED)
         self._result = self.create_publisher(String, '~/result', LATCHED)
@@ -74,7 +68,7 @@ class Calibrator(CellNode):
         """Ends a calibration that is running; results are written all or nothing."""
         if self._process is not None:
             self._process.close()
-            self._end('the node is being shut down')
+            self._end({'error': 'the node is being shut down'})
 
     def _note_recording(self, message: String, info: dict[str, Any]) -> None:
         if self._announced.note(message.data, info.get('publication_sequence_number')):
@@ -88,29 +82,23 @@ class Calibrator(CellNode):
         former, self._part = self._condition, 0.0
         try:
             job = self._settings.job()
-            ended = await self._run(job)
-            if isinstance(ended, Reply):
-                response.success, response.message = self._publish(ended, job)
-            elif ended == CANCELLED:
-                response.message, self._condition = ended, former
-                self._tell('cancelled', ended, self._part)
-                self.get_logger().warning(ended)
+            self._ended, self._process = Future(), CalibrationProcess(job)
+            self._show(f'starting, {", ".join(job.recordings)}', 0.0)
+            self._timer.reset()
+            ended = await self._ended
+            if 'cancelled' in ended:
+                response.message, self._condition = ended['cancelled'], former
+                self._tell('cancelled', response.message, self._part)
+                self.get_logger().warning(response.message)
+            elif 'error' in ended:
+                self._fail(response, ended['error'])
             else:
-                self._fail(response, ended)
-        except ScaraKinetostaticError as error:
+                response.success, response.message = self._take(
+                    Path(ended['reply']['folder']), ended['reply']['note'], job
+                )
+        except (ScaraKinetostaticError, OSError) as error:  # OSError: no process can be made
             self._fail(response, str(error))
-        except Exception as error:  # The node stays up, whatever happens in a calibration.
-            self._fail(response, f'internal error: {type(error).__name__}: {error}')
-            self.get_logger().debug(traceback.format_exc())
         return response
-
-    async def _run(self, job: Job) -> Reply | str:
-        """The reply to a job, or why there is none."""
-        self._ended = Future()
-        self._process = CalibrationProcess(job)
-        self._show(Progress(f'starting, {", ".join(job.recordings)}', 0.0))
-        self._timer.reset()
-        return await self._ended
 
     async def _cancel(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._process is None:
@@ -118,8 +106,8 @@ class Calibrator(CellNode):
             return response
         self._process.cancel()
         ended = await self._ended
-        response.success = not isinstance(ended, Reply)
-        response.message = str(ended) if response.success else 'too late: the calibration was done'
+        response.success = 'reply' not in ended
+        response.message = 'too late: the calibration was done' if 'reply' in ended else ' '.join(ended.values())
         return response
 
     def _load(self) -> str:
@@ -130,77 +118,71 @@ class Calibrator(CellNode):
         stored = load_result(folder / parameter_file.NAME)
         if stored.facts.get('assessment') == UNFIT and not self._settings.publishes_unfit:
             raise ParameterError(folder, 'the result is unfit for use', 'publish_unfit:=true takes it all the same')
-        self._results.publish(*stored)
-        self._condition = self._loaded(str(folder))
-        message = self._condition.message
-        if document := stored_document(folder):
-            self._publish_document(document, folder, self._settings.name, True, message)
-            return message
-        return f'{message}; ~/result is as it was: no calibration.json there'
+        message = _loaded(stored.facts, str(folder))
+        self._publish(stored, folder, self._settings.name, True, message)
+        return message
 
     def _poll(self) -> None:
         """Looks what the running calibration does."""
         news = None if self._process is None else self._process.poll()
-        if isinstance(news, Progress):
-            self._show(news)
+        if news is not None and 'progress' in news:
+            self._show(**news['progress'])
         elif news is not None:
             self._end(news)
 
-    def _end(self, ended: Reply | str) -> None:
+    def _end(self, ended: dict[str, Any]) -> None:
         self._timer.cancel()
         self._process = None
         self._ended.set_result(ended)
 
-    def _show(self, progress: Progress) -> None:
-        self._part = progress.part
-        self._condition = Condition(OK, f'calibrating: {progress.step}', {'progress': f'{100 * progress.part:.0f} %'})
-        self._tell('running', progress.step, progress.part)
+    def _show(self, step: str, part: float) -> None:
+        self._part = part
+        self._condition = Condition(OK, f'calibrating: {step}', {'progress': f'{100 * part:.0f} %'})
+        self._tell('running', step, part)
 
     def _tell(self, state: str, message: str, part: float) -> None:
         """Publishes on `~/progress`."""
         self._progress.publish(String(data=json.dumps({'state': state, 'message': message, 'part': part})))
 
-    def _publish(self, reply: Reply, job: Job) -> tuple[bool, str]:
-        """Publishes a result; name and rules are those with which it was begun.
+    def _take(self, folder: Path, note: str, job: Job) -> tuple[bool, str]:
+        """Takes the result of a job; name and rules are those with which it was begun.
 
         Returns:
             Whether it may be used, and the result in one line.
         """
-        take = reply.grade != UNFIT or job.publish_unfit
-        if take:
-            effects = [EffectParameter(tuple(path), *rest) for path, *rest in reply.effects]
-            self._results.publish(reply.values, reply.deviations, effects, reply.facts)
-        where = f'files not written: {reply.unwritten}' if reply.unwritten else f'written to {reply.folder}'
-        kept = '' if take else 'the parameters calibrated.* are left as they were; publish_unfit:=true replaces them'
-        message = '; '.join(filter(None, (reply.line, warnings_in_line(reply.warnings), where, reply.note, kept)))
-        level = _LEVELS[reply.grade]
-        if reply.verdict == 'unexplained' or reply.warnings or reply.unwritten:
-            level = max(level, WARN)
-        figures = {
-            name: '; '.join(fact) if isinstance(fact, list) else str(fact)
-            for name, fact in reply.facts.items()
-            if name != 'model'
-        }
-        self._condition = Condition(level, message, figures | {'published': str(take).lower()})
-        self.say(level, message)
-        for warning in reply.warnings:
+        stored = load_result(folder / parameter_file.NAME)
+        facts: Mapping[str, Any] = stored.facts
+        is_fit = facts['assessment'] != UNFIT
+        published = is_fit or job.publish_unfit
+        kept = (
+            '' if published else 'the parameters calibrated.* are left as they were; publish_unfit:=true replaces them'
+        )
+        message = '; '.join(filter(None, (_in_one_line(facts), f'written to {folder}', note, kept)))
+        self._publish(stored, folder, job.name, published, message)
+        for warning in facts['warnings']:
             self.get_logger().warning(warning)
-        folder = None if reply.unwritten else Path(reply.folder)
-        self._publish_document(reply.document, folder, job.name, take, message)
         self._tell('done', message, 1.0)
-        return reply.grade != UNFIT, message
+        return is_fit, message
 
-    def _publish_document(
-        self, document: dict[str, Any], folder: Path | None, name: str, published: bool, message: str
-    ) -> None:
-        """Publishes on `~/result`."""
-        own = {
-            'name': name,
-            'published': published,
-            'message': message,
-            'files': {'folder': None if folder is None else str(folder.absolute())},
-        }
-        self._result.publish(String(data=json.dumps(summary(document) | own, ensure_ascii=False)))
+    def _publish(self, stored: StoredResult, folder: Path, name: str, published: bool, message: str) -> None:
+        """Publishes a result in files: as parameters, on `~/result`, as the status and in the log.
+
+        Raises:
+            CalibrationFileError: `calibration.json` cannot be read, or is damaged.
+        """
+        document = read_document(folder / document_file.NAME)
+        own = {'name': name, 'published': published, 'message': message, 'files': {'folder': str(folder.absolute())}}
+        try:
+            text = json.dumps(_summary(document) | own, ensure_ascii=False)
+        except (LookupError, TypeError) as error:
+            raise CalibrationFileError(
+                folder / document_file.NAME, f'is damaged: {error!r}', 'calibrate again'
+            ) from error
+        if published:
+            self._results.publish(stored)
+        self._condition = _condition(stored.facts, message, published)
+        self.say(self._condition.level, message)
+        self._result.publish(String(data=text))
 
     def _fail(self, response: Trigger.Response, message: str) -> None:
         """Answers that there is no result."""
@@ -209,34 +191,75 @@ class Calibrator(CellNode):
         self._tell('failed', message, self._part)
         self.get_logger().error(message)
 
-    def _loaded(self, where: str) -> Condition:
-        """The status with a result of an earlier calibration, or with none.
-
-        Args:
-            where: the result comes from.
-        """
-        if not self._results.exist:
-            return Condition(OK, 'no calibration yet', {})
-        grade = self._results.fact('assessment')
-        if grade not in _LEVELS:
-            return Condition(WARN, f'result loaded from {where}, which does not say how it was assessed', {})
-        level = _LEVELS[str(grade)]
-        if self._results.fact('verdict') == 'unexplained':
-            level = max(level, WARN)
-        message = f'{grade}: result loaded from {where}, {self._origin()}'
-        self.say(level, message)
-        return Condition(level, message, {})
-
-    def _origin(self) -> str:
-        """When and from what the present result was calculated, as far as it says so."""
-        created, sources = self._results.fact('created'), self._results.fact('recordings')
-        parts = [f'of {created}'] if created else []
-        parts += [f'from {", ".join(sources)}'] if isinstance(sources, list) else []
-        return ', '.join(parts) or 'of unknown origin'
-
     def _report(self) -> Condition:
         """The status, with what the present parameters are."""
-        if not self._results.exist:
-            return self._condition._replace(values=self._condition.values | {'present result': 'none'})
-        present = f'{self._results.fact("assessment") or "not assessed"}, {self._origin()}'
+        facts = self._results.facts()
+        present = f'{facts.get("assessment") or "not assessed"}, {_origin(facts)}' if self._results.exist else 'none'
         return self._condition._replace(values=self._condition.values | {'present result': present})
+
+
+def _in_one_line(facts: Mapping[str, Any]) -> str:
+    """Grade, touches, errors before and after, verdict with the effects (rivals in brackets), warnings: in one line."""
+    effects = [
+        *facts['effects'],
+        *(f'possible: {effect}' for effect in facts['possible_effects']),
+        *(f'one of ({group})' for group in facts['rivals']),
+    ]
+    parts = [
+        ': '.join([facts['assessment'], *facts['reasons'][:1]]),
+        f'{facts["touches.used"]} of {facts["touches.found"]} touches used',
+        f'force error {facts["force_error.nominal"]:.4g} N before, {facts["force_error.calibrated"]:.4g} N after',
+        f'reduced chi-square {facts["reduced_chi_square.calibrated"]:.3g}',
+        *(f'confounded: {group}' for group in facts['confounded']),
+        f'missing effects: {", ".join([facts["verdict"], *effects])}',
+    ]
+    if effects:
+        held_out = facts['held_out_force_error.calibrated'], facts['held_out_force_error.extended']
+        parts.append(
+            f'with them {facts["force_error.extended"]:.4g} N, '
+            f'reduced chi-square {facts["reduced_chi_square.extended"]:.3g}, '
+            f'on touches not used {held_out[0]:.4g} N before, {held_out[1]:.4g} N after'
+        )
+    if warnings := facts['warnings']:
+        more = [f'{len(warnings) - 3} more'] if len(warnings) > 3 else []
+        parts.append(f'warnings: {"; ".join([*warnings[:3], *more])}')
+    return '; '.join(parts)
+
+
+def _loaded(facts: Mapping[str, Any], where: str) -> str:
+    return f'{facts.get("assessment") or "not assessed"}: result loaded from {where}, {_origin(facts)}'
+
+
+def _origin(facts: Mapping[str, Any]) -> str:
+    """When and from what a result was calculated, as far as it says so."""
+    parts = [f'of {facts["created"]}'] if facts.get('created') else []
+    parts += [f'from {", ".join(facts["recordings"])}'] if facts.get('recordings') else []
+    return ', '.join(parts) or 'of unknown origin'
+
+
+def _condition(facts: Mapping[str, Any], message: str, published: bool = True) -> Condition:
+    """The status with a result: by its grade, at least WARN where it is unexplained, or there are warnings."""
+    level = {'fit': OK, UNFIT: ERROR}.get(str(facts.get('assessment')), WARN)
+    if facts.get('verdict') == 'unexplained' or facts.get('warnings'):
+        level = max(level, WARN)
+    figures = {
+        name: '; '.join(fact) if isinstance(fact, list) else str(fact)
+        for name, fact in facts.items()
+        if name != 'model'
+    }
+    return Condition(level, message, figures | {'published': str(published).lower()})
+
+
+def _summary(document: Document) -> Document:
+    """What `~/result` carries of `calibration.json`: all but the single touches and the details of the diagnosis."""
+    shared = (
+        'created', 'recordings', 'warnings', 'cell', 'parameters', 'model', 'noise', 'force_error',
+        'held_out_force_error', 'reduced_chi_square', 'tip_error', 'tip_uncertainty', 'assessment',
+    )  # fmt: skip
+    parts = {
+        'touches': ('found', 'used', 'rejected'),
+        'identifiability': ('rank', 'confounded', 'advice'),
+        'diagnosis': ('verdict', 'p_value', 'effects', 'possible', 'rivals', 'rival_effects', 'advice'),
+    }
+    some = {part: {key: document[part][key] for key in keys} for part, keys in parts.items()}
+    return {'schema': RESULT_SCHEMA, **{key: document[key] for key in shared}, **some}

@@ -7,13 +7,11 @@ long as the last calibration has found them: `effects.<name>.<target>.<parameter
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -25,7 +23,7 @@ from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, Job
 from scara_kinetostatic.results import parameter_file
-from scara_kinetostatic.results.parameter_file import FACTS, GROUP, EffectParameter, Value
+from scara_kinetostatic.results.parameter_file import FACTS, GROUP, StoredResult, Value
 from scara_kinetostatic.touches.left_out import parse_left_out
 
 CHOICES = {
@@ -35,6 +33,30 @@ CHOICES = {
 }
 
 
+_INPUTS: dict[str, tuple[str | None, str]] = {
+    'cell': ('', 'cell description (YAML file); empty: the one in the recordings'),
+    'recording': ('', 'recording to calibrate from'),
+    'recordings': (
+        None,
+        'recordings to calibrate from together; if recording is empty, too: those announced by the collector',
+    ),
+    'announced': (
+        'session',
+        'which of the recordings announced by the collector '
+        f'({"; ".join(f"{choice}: {meaning}" for choice, meaning in CHOICES.items())})',
+    ),
+    'leave_out': (
+        None,
+        'what to leave out: touches such as 5 or 10-14, those of one recording as touches_1:5, or a recording',
+    ),
+    'fixed': (
+        None,
+        'parameters to hold, such as l1=0.3302, g_ee (at its nominal value) or object_radius[disc_2].radius=0',
+    ),
+    'output': ('', 'folder for the results; empty: beside the last recording, with _calibration after its name'),
+    'name': ('', 'name under which the result is kept: a folder in that of the results; empty: that folder itself'),
+}
+"""Default, None for a list, and description of the parameters that are text."""
 _EFFECTS = (f'{parameter_file.EFFECTS}.', f'{parameter_file.EFFECTS_STD}.')
 """How the names of effects' parameters begin."""
 _NUMBERS = {
@@ -42,6 +64,7 @@ _NUMBERS = {
     **{f'calibrated_std.{name}': f'{DESCRIPTIONS[name]}, standard deviation, {UNITS[name]}' for name in NAMES},
 }
 """First the values, then their standard deviations, each in the order of `NAMES`."""
+_OF_EFFECT = (Parameter.Type.DOUBLE, 'of an effect')
 
 
 def _declared() -> dict[str, tuple[Parameter.Type, str]]:
@@ -116,31 +139,14 @@ class CalibratorSettings:
     def __init__(self, node: Node, announced: Announced) -> None:
         self._node = node
         self._announced = announced
-        self._declare_inputs(node)
-        output = 'folder for the results; empty: beside the last recording, with _calibration after its name'
-        declare.text(node, 'output', '', output, read_only=False)
-        name = 'name under which the result is kept: a folder in that of the results; empty: that folder itself'
-        _check('name', declare.text(node, 'name', '', name, read_only=False))
+        for name, (default, meaning) in _INPUTS.items():
+            if default is None:
+                _check(name, declare.texts(node, name, meaning, read_only=False))
+            else:
+                _check(name, declare.text(node, name, default, meaning, read_only=False))
         unfit = 'whether a result that is not fit for use replaces an earlier one in parameters and files'
         declare.switch(node, 'publish_unfit', False, unfit, read_only=False)
         node.add_on_set_parameters_callback(_check_parameters)
-
-    @staticmethod
-    def _declare_inputs(node: Node) -> None:
-        cell = 'cell description (YAML file); empty: the one in the recordings'
-        _check('cell', declare.text(node, 'cell', '', cell, read_only=False))
-        declare.text(node, 'recording', '', 'recording to calibrate from', read_only=False)
-        more = 'recordings to calibrate from together; if recording is empty, too: those announced by the collector'
-        declare.texts(node, 'recordings', more, read_only=False)
-        which = '; '.join(f'{choice}: {meaning}' for choice, meaning in CHOICES.items())
-        announced = f'which of the recordings announced by the collector ({which})'
-        _check('announced', declare.text(node, 'announced', 'session', announced, read_only=False))
-        left_out = (
-            'what to leave out: touches such as 5 or 10-14, those of one recording as touches_1:5, or a recording'
-        )
-        _check('leave_out', declare.texts(node, 'leave_out', left_out, read_only=False))
-        fixed = 'parameters to hold, such as l1=0.3302, g_ee (at its nominal value) or object_radius[disc_2].radius=0'
-        _check('fixed', declare.texts(node, 'fixed', fixed, read_only=False))
 
     @property
     def name(self) -> str:
@@ -273,16 +279,16 @@ class ResultParameters:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._writing, self._declared = False, _declared()
-        for full, (kind, description) in self._declared.items():
-            self._declare(full, kind, description)
+        for full in self._declared:
+            self._declare(full)
             given = node.get_parameter_or(full)
             if given.type_ == Parameter.Type.NOT_SET:
                 node.undeclare_parameter(full)
-            elif full.startswith('calibrated.') and not np.isfinite(given.value):
+            elif full.startswith('calibrated.') and not math.isfinite(given.value):
                 raise ParameterError(f'parameter {full}', f'expected a finite number, got {given.value}')
         self._effects = [full for full in node._parameter_overrides if full.startswith(_EFFECTS)]
         for full in self._effects:
-            self._declare(full, Parameter.Type.DOUBLE, 'of an effect')
+            self._declare(full)
         node.add_on_set_parameters_callback(self._guard)
 
     @property
@@ -290,53 +296,39 @@ class ResultParameters:
         """Whether there is a result."""
         return bool(self._node.has_parameter('calibrated.l1'))
 
-    def fact(self, name: str) -> Value | None:
-        """What the present result is made from or worth; None where it does not say so."""
-        full = f'{GROUP}.{name}'
-        return self._node.get_parameter(full).value if self._node.has_parameter(full) else None
+    def facts(self) -> dict[str, Any]:
+        """What the present result is made from and worth, by the names of `FACTS`, as far as it says so."""
+        present = self._node.get_parameters_by_prefix(GROUP)
+        return {name: present[name].value for name in FACTS if name in present}
 
-    def publish(
-        self,
-        values: ArrayLike,
-        deviations: ArrayLike,
-        effects: Sequence[EffectParameter] = (),
-        facts: Mapping[str, Value] | None = None,
-    ) -> None:
-        """Sets all of them at once; those of effects that are no longer found are removed.
-
-        Args:
-            values: those of the base model in the order of `NAMES`.
-            deviations: their standard deviations; NaN where there is none.
-            effects: those of the effects found.
-            facts: what the result is made from and worth, by the names of `FACTS`.
-        """
-        numbers = np.concatenate([np.asarray(values), np.asarray(deviations)]).tolist()
-        described = dict(self._declared)
-        named: dict[str, Value] = dict(zip(_NUMBERS, numbers, strict=True))
-        named |= {f'{GROUP}.{name}': value for name, value in (facts or {}).items()}
-        for item in effects:
-            for start, number in zip(_EFFECTS, (item.value, item.std), strict=True):
-                full = start + '.'.join(item.path)
-                named[full], described[full] = number, (Parameter.Type.DOUBLE, f'{item.meaning}, {item.unit}')
+    def publish(self, result: StoredResult) -> None:
+        """Sets all of them at once; those of effects that are no longer found are removed."""
+        named: dict[str, Value] = dict(zip(_NUMBERS, [*result.values, *result.deviations], strict=True))
+        named |= {f'{GROUP}.{name}': value for name, value in result.facts.items()}
+        for item in result.effects:
+            named |= {
+                start + '.'.join(item.path): number
+                for start, number in zip(_EFFECTS, (item.value, item.std), strict=True)
+            }
         self._writing = True
         try:
-            self._remove([full for full in (*self._effects, *self._declared) if full not in named])
+            for full in {*self._effects, *self._declared}.difference(named):
+                if self._node.has_parameter(full):
+                    self._node.undeclare_parameter(full)
             for full in named:
                 if not self._node.has_parameter(full):
-                    self._declare(full, *described[full])
+                    self._declare(full)
             self._effects = [full for full in named if full not in self._declared]
-            self._node.set_parameters_atomically(
-                [Parameter(full, described[full][0], value) for full, value in named.items()]
-            )
+            parameters = [Parameter(full, self._kind(full), value) for full, value in named.items()]
+            self._node.set_parameters_atomically(parameters)
         finally:
             self._writing = False
 
-    def _remove(self, names: Sequence[str]) -> None:
-        for full in names:
-            if self._node.has_parameter(full):
-                self._node.undeclare_parameter(full)
+    def _kind(self, full: str) -> Parameter.Type:
+        return self._declared.get(full, _OF_EFFECT)[0]
 
-    def _declare(self, full: str, kind: Parameter.Type, description: str) -> None:
+    def _declare(self, full: str) -> None:
+        kind, description = self._declared.get(full, _OF_EFFECT)
         descriptor = ParameterDescriptor(
             description=description, additional_constraints='read-only, the result of ~/calibrate'
         )

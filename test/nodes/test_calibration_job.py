@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
 from nodes.waiting import WAIT
 
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import write_streams
-from scara_kinetostatic.errors import CellError, InputError, RecordingError
+from scara_kinetostatic.errors import CellError, InputError, OutputError, RecordingError
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.nodes.calibration_job import Job, Reply, do, summary, warnings_in_line
+from scara_kinetostatic.nodes.calibration_job import Job, do
 from scara_kinetostatic.nodes.calibrator_parameters import CHOICES, Announced
 from scara_kinetostatic.results import report as page
+from scara_kinetostatic.results.parameter_file import load_result
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.left_out import REASON
@@ -51,9 +52,20 @@ def job(bags: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ma
     return lambda **changes: usual._replace(**changes)
 
 
-def calibrated(job: Job) -> tuple[Reply, list[tuple[str, float]]]:
+class Result(NamedTuple):
+    """The files of a job, and the progress that was heard."""
+
+    folder: Path
+    facts: dict[str, Any]
+    document: dict[str, Any]
+    heard: list[tuple[str, float]]
+
+
+def calibrated(job: Job) -> Result:
     heard: list[tuple[str, float]] = []
-    return do(job, lambda step, part: heard.append((step, part))), heard
+    folder = Path(do(job, lambda step, part: heard.append((step, part)))['folder'])
+    document = json.loads((folder / 'calibration.json').read_text())
+    return Result(folder, load_result(folder / 'calibration.yaml').facts, document, heard)
 
 
 def cell_file(folder: Path, cell: Cell) -> str:
@@ -63,15 +75,15 @@ def cell_file(folder: Path, cell: Cell) -> str:
 
 
 def test_two_recordings_are_calibrated_together(job: Make, bags: list[Path]) -> None:
-    reply, heard = calibrated(job(recordings=[str(bags[0]), str(bags[1])]))
-    assert (reply.grade, reply.verdict, reply.warnings, reply.unwritten) == ('fit', 'none', [], '')
-    assert reply.facts['touches.used'] == 72
-    assert reply.facts['recordings'] == [str(bags[0]), str(bags[1])]
-    parts = [part for _, part in heard]
+    result = calibrated(job(recordings=[str(bags[0]), str(bags[1])]))
+    facts = result.facts
+    assert (facts['assessment'], facts['verdict'], facts['warnings']) == ('fit', 'none', [])
+    assert facts['touches.used'] == 72
+    assert facts['recordings'] == [str(bags[0]), str(bags[1])]
+    parts = [part for _, part in result.heard]
     assert parts == sorted(parts), 'progress goes on'
-    assert heard[0] == (f'reading {bags[0]}', 0.0)
-    assert heard[-1] == ('writing the results', 0.8)
-    assert (Path(reply.folder) / 'calibration.yaml').is_file()
+    assert result.heard[0] == (f'reading {bags[0]}', 0.0)
+    assert result.heard[-1] == ('writing the results', 0.8)
 
 
 def test_a_recording_that_cannot_be_read_is_left_out_only_where_the_node_joined_it(
@@ -82,9 +94,9 @@ def test_a_recording_that_cannot_be_read_is_left_out_only_where_the_node_joined_
     with pytest.raises(RecordingError, match='broken'):
         calibrated(several)
     for named in ('', cell):
-        reply, _ = calibrated(several._replace(joined=True, cell=named))
-        assert reply.facts['recordings'] == [str(bags[0])]
-        (warning,) = reply.warnings
+        result = calibrated(several._replace(joined=True, cell=named))
+        assert result.facts['recordings'] == [str(bags[0])]
+        (warning,) = result.facts['warnings']
         assert warning.startswith(f'{bags[2]}: ')
         assert warning.endswith(': left out')
     with pytest.raises(RecordingError, match='broken'):
@@ -93,9 +105,9 @@ def test_a_recording_that_cannot_be_read_is_left_out_only_where_the_node_joined_
 
 def test_of_joined_recordings_the_last_cell_description_counts(job: Make, bags: list[Path], tmp_path: Path) -> None:
     write_streams(tmp_path / 'third', read_streams(bags[1], PAPER_CELL), replace(PAPER_CELL, noise=None))
-    reply, _ = calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'third')], joined=True))
-    assert reply.facts['recordings'] == [str(tmp_path / 'third')]
-    (warning,) = reply.warnings
+    result = calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'third')], joined=True))
+    assert result.facts['recordings'] == [str(tmp_path / 'third')]
+    (warning,) = result.facts['warnings']
     assert warning.startswith(f'{bags[0]}: contains another cell description than {tmp_path / "third"}')
 
 
@@ -104,65 +116,51 @@ def test_a_joined_recording_with_a_file_that_cannot_be_read_is_left_out(
 ) -> None:
     shutil.copytree(bags[1], tmp_path / 'cut')
     next((tmp_path / 'cut').glob('*.mcap')).write_bytes(b'')
-    reply, _ = calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'cut')], joined=True))
-    assert reply.facts['recordings'] == [str(bags[0])]
-    assert 'the file is empty' in reply.warnings[0]
+    result = calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'cut')], joined=True))
+    assert result.facts['recordings'] == [str(bags[0])]
+    assert 'the file is empty' in result.facts['warnings'][0]
 
 
 def test_numbers_of_touches_do_not_shift_where_a_recording_is_left_out(job: Make, bags: list[Path]) -> None:
     joined = job(recordings=[str(bags[2]), str(bags[0])], joined=True)
     with pytest.raises(InputError, match='3 counts the touches of a recording that is left out'):
         calibrated(joined._replace(left_out=['3']))
-    reply, _ = calibrated(joined._replace(left_out=['first:3', 'broken:0']))
-    assert reply.document['touches']['rejected'] == [{'index': 3, 'reason': REASON}]
+    result = calibrated(joined._replace(left_out=['first:3', 'broken:0']))
+    assert result.document['touches']['rejected'] == [{'index': 3, 'reason': REASON}]
 
 
 def test_another_cell_description_than_the_recorded_one_is_a_warning(
     job: Make, bags: list[Path], tmp_path: Path
 ) -> None:
     other = replace(PAPER_CELL, noise=None)
-    reply, _ = calibrated(job(cell=cell_file(tmp_path, other)))
-    assert reply.warnings == [
-        f'{bags[0]} contains another cell description (noise); that of the parameter cell is used'
-    ]
-    assert reply.facts['warnings'] == reply.warnings == summary(reply.document)['warnings']
+    result = calibrated(job(cell=cell_file(tmp_path, other)))
+    warning = f'{bags[0]} contains another cell description (noise); that of the parameter cell is used'
+    assert result.facts['warnings'] == result.document['warnings'] == [warning]
 
 
 def test_touches_and_recordings_can_be_left_out(job: Make, bags: list[Path]) -> None:
     both = [str(bags[0]), str(bags[1])]
-    reply, _ = calibrated(job(recordings=both, left_out=['3-4', 'second']))
-    assert reply.facts['recordings'] == both[:1]
-    assert reply.document['touches']['rejected'] == [{'index': k, 'reason': REASON} for k in (3, 4)]
+    result = calibrated(job(recordings=both, left_out=['3-4', 'second']))
+    assert result.facts['recordings'] == both[:1]
+    assert result.document['touches']['rejected'] == [{'index': k, 'reason': REASON} for k in (3, 4)]
     with pytest.raises(InputError, match="'third' is none of the recordings"):
         calibrated(job(left_out=['third']))
 
 
 def test_an_unfit_result_does_not_replace_files(job: Make, tmp_path: Path) -> None:
     strict = job(cell=cell_file(tmp_path, replace(PAPER_CELL, tolerance=1e-6)))
-    reply, _ = calibrated(strict)
-    assert reply.grade == 'unfit'
-    assert Path(reply.folder) == tmp_path / 'out' / 'unfit'
+    result = calibrated(strict)
+    assert result.facts['assessment'] == 'unfit'
+    assert result.folder == tmp_path / 'out' / 'unfit'
     assert [path.name for path in (tmp_path / 'out').iterdir()] == ['unfit']
-    reply, _ = calibrated(strict._replace(publish_unfit=True))
-    assert Path(reply.folder) == tmp_path / 'out'
+    result = calibrated(strict._replace(publish_unfit=True))
+    assert result.folder == tmp_path / 'out'
 
 
-def test_a_folder_that_cannot_be_written_does_not_keep_the_result(job: Make, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_named(job: Make, tmp_path: Path) -> None:
     (tmp_path / 'out').write_text('a file')
-    reply, _ = calibrated(job())
-    assert reply.grade != 'unfit'
-    assert str(tmp_path / 'out') in reply.unwritten
-
-
-def test_a_signal_while_the_files_are_written_takes_them_back(
-    job: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(page, 'html_text', lambda _: signal.raise_signal(signal.SIGTERM))
-    former = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(OutputError, match=str(tmp_path / 'out')):
         calibrated(job())
-    assert not (tmp_path / 'out').exists()
-    assert signal.getsignal(signal.SIGTERM) == former
 
 
 def test_what_contradicts_the_cell_names_its_file(job: Make, bags: list[Path], tmp_path: Path) -> None:
@@ -231,8 +229,3 @@ def test_a_recording_that_was_stopped_ends_the_session() -> None:
     assert announced.chosen('session') == ['tuesday']
     assert announced.note('tuesday_again', 1)
     assert announced.chosen('session') == ['tuesday', 'tuesday_again']
-
-
-def test_many_warnings_are_counted() -> None:
-    assert warnings_in_line([]) == ''
-    assert warnings_in_line(list('abcde')) == 'warnings: a; b; c; 2 more'

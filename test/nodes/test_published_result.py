@@ -23,9 +23,8 @@ from std_srvs.srv import Trigger
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes import calibration_job as module
-from scara_kinetostatic.nodes.calibration_job import Reply, line_of
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
 from scara_kinetostatic.nodes.demo_client import DemoClient
@@ -46,32 +45,27 @@ def outcome() -> Any:
     return calibrate_touches(touches, PAPER_CELL, sources=['monday'])
 
 
-@pytest.fixture(scope='module')
-def reply(outcome: Any) -> Reply:
-    return Reply(
-        line=line_of(outcome),
-        grade='fit',
-        verdict='none',
-        warnings=[],
-        values=list(outcome.final.parameters.as_dict().values()),
-        deviations=[float('nan'), *outcome.final.std.tolist()[1:]],
-        effects=[],
-        facts=facts(outcome),
-        document=as_document(outcome),
-        folder='/results',
-        note='',
-        unwritten='',
-    )
+def write(folder: Path, outcome: Any, **changed: Any) -> None:
+    """The files of a result, with some of the facts, or `l1`, changed; `l2` has no standard deviation."""
+    tree = yaml.safe_load(parameter_text(outcome))
+    given = tree['/**']['ros__parameters']
+    given['calibrated']['l1'] = changed.pop('l1', given['calibrated']['l1'])
+    given['calibrated_std']['l2'] = float('nan')
+    given['calibration'] |= changed
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / 'calibration.yaml').write_text(yaml.safe_dump(tree))
+    (folder / 'calibration.json').write_text(json_text(as_document(outcome)))
 
 
 @pytest.fixture
-def calibrated(client: DemoClient, reply: Reply, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Calibrated:
-    """Calibrates; the reply is the canned one with some fields changed."""
+def calibrated(client: DemoClient, outcome: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Calibrated:
+    """Calibrates; the result in the folder `results` is the canned one with some facts changed."""
     said = tmp_path / 'reply.json'
     monkeypatch.setattr(module, 'COMMAND', (sys.executable, '-c', f'print(open({str(said)!r}).read())'))
 
-    def call(**changes: object) -> Trigger.Response:
-        said.write_text(json.dumps({'reply': reply._replace(**changes)._asdict()}))
+    def call(note: str = '', **changed: Any) -> Trigger.Response:
+        write(tmp_path / 'results', outcome, **changed)
+        said.write_text(json.dumps({'reply': {'folder': str(tmp_path / 'results'), 'note': note}}))
         return client.call('/calibrator/calibrate', Trigger, Trigger.Request(), WAIT)
 
     return call
@@ -83,13 +77,13 @@ def start(spin: Callable[..., Node], tmp_path: Path, *arguments: str) -> Node:
 
 
 def test_an_unfit_result_leaves_the_parameters_unless_told_to_replace_them(
-    spin: Callable[..., Node], calibrated: Calibrated, client: DemoClient, reply: Reply, tmp_path: Path
+    spin: Callable[..., Node], calibrated: Calibrated, client: DemoClient, outcome: Any, tmp_path: Path
 ) -> None:
     node = start(spin, tmp_path)
     heard: list[dict[str, Any]] = []
     listen = lambda message: heard.append(json.loads(message.data))  # noqa: E731
     client._node.create_subscription(String, '/calibrator/result', listen, LATCHED)
-    answer = calibrated(grade='unfit')
+    answer = calibrated(assessment='unfit')
     assert not answer.success
     assert 'parameters calibrated.* are left as they were' in answer.message
     assert not node.has_parameter('calibrated.l1')
@@ -99,7 +93,7 @@ def test_an_unfit_result_leaves_the_parameters_unless_told_to_replace_them(
     former = node.get_parameter('calibrated.l1').value
     assert node._report().values['present result'].startswith('fit, of 20')
     assert node._report().values['present result'].endswith(', from monday')
-    worse = {'grade': 'unfit', 'values': [1.0] * 12}
+    worse = {'assessment': 'unfit', 'l1': 1.0}
     assert not calibrated(**worse).success
     assert node.get_parameter('calibrated.l1').value == former
     assert node._condition.level == ERROR
@@ -112,13 +106,13 @@ def test_an_unfit_result_leaves_the_parameters_unless_told_to_replace_them(
     assert [item['published'] for item in heard] == [False, True, False, True]
     assert heard[-1]['message'] == answer.message
     assert heard[-1]['schema'] == RESULT_SCHEMA
-    assert heard[-1]['files'] == {'folder': '/results'}
-    assert heard[-1]['assessment'] == reply.document['assessment']
+    assert heard[-1]['files'] == {'folder': str(tmp_path / 'results')}
+    assert heard[-1]['assessment'] == as_document(outcome)['assessment']
     assert heard[-1]['identifiability']['rank'] == 12
 
 
 def test_a_result_keeps_the_rules_with_which_it_was_begun(
-    spin: Callable[..., Node], reply: Reply, tmp_path: Path
+    spin: Callable[..., Node], outcome: Any, tmp_path: Path
 ) -> None:
     """Its files are written by these rules already."""
     node = start(spin, tmp_path)
@@ -126,7 +120,8 @@ def test_a_result_keeps_the_rules_with_which_it_was_begun(
     node.set_parameters([Parameter('publish_unfit', value=True), Parameter('name', value='next')])
     shown: list[str] = []
     node._result = SimpleNamespace(publish=lambda message: shown.append(message.data))
-    node._publish(reply._replace(grade='unfit'), job)
+    write(tmp_path / 'results', outcome, assessment='unfit')
+    node._take(tmp_path / 'results', '', job)
     assert not node.has_parameter('calibrated.l1')
     assert json.loads(shown[0])['name'] == ''
 
@@ -134,21 +129,15 @@ def test_a_result_keeps_the_rules_with_which_it_was_begun(
 @pytest.mark.parametrize(
     ('changes', 'level', 'said'),
     [
-        ({}, OK, 'written to /results'),
-        ({'grade': 'caution'}, WARN, 'written to /results'),
-        ({'verdict': 'unexplained'}, WARN, 'written to /results'),
-        ({'warnings': ['the clocks are apart', 'b']}, WARN, 'warnings: the clocks are apart; b'),
-        ({'unwritten': '/results: no space'}, WARN, 'files not written: /results: no space'),
+        ({}, OK, 'written to '),
+        ({'assessment': 'caution'}, WARN, 'caution: '),
+        ({'verdict': 'unexplained'}, WARN, 'missing effects: unexplained'),
+        ({'warnings': list('abcde')}, WARN, 'warnings: a; b; c; 2 more'),
         ({'note': 'the earlier result is kept'}, OK, 'the earlier result is kept'),
     ],
 )
 def test_the_level_follows_assessment_verdict_and_warnings(
-    spin: Callable[..., Node],
-    calibrated: Calibrated,
-    tmp_path: Path,
-    changes: dict[str, object],
-    level: bytes,
-    said: str,
+    spin: Callable[..., Node], calibrated: Calibrated, tmp_path: Path, changes: dict[str, Any], level: bytes, said: str
 ) -> None:
     node = start(spin, tmp_path)
     answer = calibrated(**changes)
@@ -159,12 +148,12 @@ def test_the_level_follows_assessment_verdict_and_warnings(
 
 
 def test_what_the_numbers_are_made_from_and_worth_is_in_parameters(
-    spin: Callable[..., Node], calibrated: Calibrated, reply: Reply, tmp_path: Path
+    spin: Callable[..., Node], calibrated: Calibrated, outcome: Any, tmp_path: Path
 ) -> None:
     node = start(spin, tmp_path)
     calibrated()
-    assert {name: node.get_parameter(f'calibration.{name}').value for name in FACTS} == reply.facts
-    assert isnan(node.get_parameter(f'calibrated_std.{NAMES[0]}').value)
+    assert {name: node.get_parameter(f'calibration.{name}').value for name in FACTS} == facts(outcome)
+    assert isnan(node.get_parameter('calibrated_std.l2').value)
     (refused,) = node.set_parameters([Parameter('calibration.assessment', value='fit')])
     assert 'read-only' in refused.reason
 
@@ -184,7 +173,7 @@ def test_the_status_says_which_result_was_loaded_from_a_file(
     status = start(spin, tmp_path, '--params-file', str(path))._report()
     assert status.level == level
     assert 'loaded from a parameter file' in status.message
-    assert 'not say how it was assessed' in status.message or status.message.startswith(f'{grade}: ')
+    assert status.message.startswith(f'{grade or "not assessed"}: ')
     assert status.values['present result'].startswith(f'{grade or "not assessed"}{origin}')
 
 
@@ -196,12 +185,8 @@ def test_results_are_kept_by_name_and_loaded_again(
         return client.call('/calibrator/load', Trigger, Trigger.Request(), WAIT)
 
     node = start(spin, tmp_path, '-p', f'output:={tmp_path}')
-    text, document = parameter_text(outcome), json_text(as_document(outcome))
-    assert 'assessment: "fit"' in text
-    for name, stored in (('monday', text), ('bad', text.replace('assessment: "fit"', 'assessment: "unfit"'))):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / 'calibration.yaml').write_text(stored)
-        (tmp_path / name / 'calibration.json').write_text(document)
+    write(tmp_path / 'monday', outcome)
+    write(tmp_path / 'bad', outcome, assessment='unfit')
     heard: list[dict[str, Any]] = []
     listen = lambda message: heard.append(json.loads(message.data))  # noqa: E731
     client._node.create_subscription(String, '/calibrator/result', listen, LATCHED)
@@ -221,8 +206,10 @@ def test_results_are_kept_by_name_and_loaded_again(
     node.set_parameters([Parameter('publish_unfit', value=True)])
     assert load('bad').success
     assert node._condition.level == ERROR
+    (tmp_path / 'monday' / 'calibration.json').write_text('{"schema": "scara_kinetostatic/calibration/1"}')
+    assert 'calibration.json: is damaged' in load('monday').message
     (tmp_path / 'monday' / 'calibration.json').unlink()
-    assert load('monday').message.endswith('; ~/result is as it was: no calibration.json there')
+    assert 'calibration.json: cannot be read' in load('monday').message
 
 
 def test_recordings_of_a_collector_that_was_started_anew_go_together(
