@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from time import time_ns
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
@@ -21,12 +22,14 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError
-from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm
+from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm, read_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.monitoring.record import check_same_identification
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.streams import LATCHED
+from scara_kinetostatic.report.json_file import Document
+from scara_kinetostatic.results.document import NAME
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -158,45 +161,113 @@ class PersistentComplaints:
         return list(present.values())
 
 
-class FollowedCalibration:
-    """Declares the parameters `calibration`, `follow`, `take_unfit` and `cell`, and follows the calibrator.
+class HasDate(Protocol):
+    """A calibration that says when it was calculated."""
+
+    @property
+    def created(self) -> str:
+        """UTC; empty where it is not known."""
+
+
+Calibration = TypeVar('Calibration', bound=HasDate)
+
+
+class FollowedCalibration(Generic[Calibration]):
+    """Declares the parameters `calibration` and `follow`, and follows the calibrator.
 
     Args:
         node: that uses the calibration.
+        load: from the file that the parameter names to the calibration.
+        read: from a message on `calibrator/result` to the calibration.
         take: called with each calibration to use from now on; what it raises is said, and the former one stays.
 
     Attributes:
-        cell: of the calibration that the node is started with, or of the parameter `cell`.
-        arm: the calibration in use; None before the first.
+        given: that of the parameter; None where it is empty.
+        present: the calibration in use; None before the first.
+        origin: of the calibration in use.
         refused: why the last one was not taken; empty where it was.
+
+    Raises:
+        InputError: the calibration that the parameter names is not valid.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        load: Callable[[Path], Calibration],
+        read: Callable[[Document], Calibration],
+        take: Callable[[Calibration], None],
+    ) -> None:
+        self._logger, self._read, self._take, self._began = node.get_logger(), read, take, time_ns()
+        self.present: Calibration | None = None
+        self.origin, self.refused = 'none', ''
+        meaning = 'calibration.json of a result; empty: from the calibrator'
+        self._path = declare.text(node, 'calibration', '', meaning)
+        follow = declare.switch(node, 'follow', True, 'take each result that the calibrator publishes')
+        self.given = load(declare.place('calibration', self._path)) if self._path else None
+        if follow:
+            node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
+
+    def start(self) -> None:
+        """Takes the calibration that the node is started with, where there is one."""
+        if self.given is None:
+            self._logger.info('no calibration yet; waiting for the calibrator')
+        else:
+            self._use(self.given, self._path)
+
+    def _take_result(self, message: String, info: Mapping[str, Any]) -> None:
+        """A result of the calibrator; not an older one than that of the start, published before it."""
+        try:
+            document = parse_document(message.data, 'calibrator/result')
+            if isinstance(document, dict) and not document.get('published', True):
+                return  # the calibrator keeps the former one, too
+            found, given = self._read(document), self.given
+            is_latched = int(info.get('source_timestamp') or 0) < self._began
+            if is_latched and given is not None and found.created and found.created < given.created:
+                self._logger.info(f'calibrator/result: of {found.created}, older than the calibration given; not taken')
+                return
+            self._use(found, 'calibrator/result')
+        except ScaraKinetostaticError as error:
+            self._refuse(str(error))
+
+    def _use(self, found: Calibration, origin: str) -> None:
+        """Takes a calibration; one that may not be used is said."""
+        try:
+            self._take(found)
+        except ScaraKinetostaticError as error:
+            self._refuse(str(error))
+            return
+        self.present, self.refused = found, ''
+        self.origin = f'{origin}, of {found.created or "unknown date"}'
+        self._logger.info(f'calibration in use: {self.origin}')
+
+    def _refuse(self, problem: str) -> None:
+        self.refused = problem
+        self._logger.error(f'calibration not taken: {problem}')
+
+
+class FollowedArm(FollowedCalibration[CalibratedArm]):
+    """Declares the parameters `take_unfit` and `cell` as well, and takes arms of this cell alone.
+
+    Attributes:
+        cell: of the calibration that the node is started with, or of the parameter `cell`.
 
     Raises:
         InputError: a parameter, the cell or the calibration is not valid.
     """
 
     def __init__(self, node: Node, take: Callable[[CalibratedArm], None]) -> None:
-        self._logger, self._take, self._began = node.get_logger(), take, time_ns()
-        self.arm: CalibratedArm | None = None
-        self._origin, self.refused = 'none', ''
-        meaning = 'calibration.json or calibration.yaml; empty: from the calibrator'
-        self._path = declare.text(node, 'calibration', '', meaning)
-        follow = declare.switch(node, 'follow', True, 'take each result that the calibrator publishes')
+        def checked(arm: CalibratedArm) -> None:
+            self._check(arm)
+            take(arm)
+
+        super().__init__(node, load_calibration, lambda document: read_arm(document, 'calibrator/result'), checked)
         self._take_unfit = declare.switch(node, 'take_unfit', False, 'take a calibration that is unfit for use')
-        self._given = load_calibration(declare.place('calibration', self._path)) if self._path else None
-        if self._given is None:
+        if self.given is None:
             self.cell: Cell = declare.cell_or_example(node)
         else:
             declare.text(node, 'cell', '', 'cell description; not used where a calibration is given')
-            self.cell = self._given.cell
-        if follow:
-            node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
-
-    def start(self) -> None:
-        """Takes the calibration that the node is started with, where there is one."""
-        if self._given is None:
-            self._logger.info('no calibration yet; waiting for the calibrator')
-        else:
-            self._use(self._given, self._path)
+            self.cell = self.given.cell
 
     def condition(self, found: Iterable[str], values: Mapping[str, str], good: str) -> Condition:
         """The status of the node: an error without a calibration, or where one was refused.
@@ -206,60 +277,48 @@ class FollowedCalibration:
             values: details by name.
             good: what is said where nothing is wrong.
         """
-        values = {'calibration': self._origin, **values}
-        known = () if self.arm is None else self.arm.reservations
-        listed = tuple(dict.fromkeys(text for text in found if text and text not in known))
-        if self.refused:
-            return Condition(ERROR, '; '.join((f'calibration not taken: {self.refused}', *listed)), values)
-        if self.arm is None:
-            return Condition(ERROR, '; '.join(('no calibration yet', *listed)), values)
-        grade = self.arm.grade or 'not assessed'
+        problem = f'calibration not taken: {self.refused}' if self.refused else ''
+        values = {'calibration': self.origin, **values}
+        if self.present is None:
+            return Condition(ERROR, _listed(problem or 'no calibration yet', *found), values)
+        grade = self.present.grade or 'not assessed'
         graded = '' if grade in ('fit', 'unfit') else f'the calibration is {grade}'  # of unfit it is a reservation
-        message = '; '.join(filter(None, (*listed, graded, *known)))
-        return Condition(WARN if message else OK, message or f'{good}: {self._origin}', values)
+        if message := _listed(problem, *found, graded, *self.present.reservations):
+            return Condition(ERROR if problem else WARN, message, values)
+        return Condition(OK, f'{good}: {self.origin}', values)
 
-    def _take_result(self, message: String, info: Mapping[str, Any]) -> None:
-        """A result of the calibrator; not an older one than that of the start, published before it."""
-        try:
-            document = parse_document(message.data, 'calibrator/result')
-            if isinstance(document, dict) and not document.get('published', True):
-                return  # the calibrator keeps the former one, too
-            arm, given = read_arm(document, 'calibrator/result'), self._given
-            is_latched = int(info.get('source_timestamp') or 0) < self._began
-            if is_latched and given is not None and arm.created and arm.created < given.created:
-                self._logger.info(f'calibrator/result: of {arm.created}, older than the calibration given; not taken')
-                return
-            self._use(arm, 'calibrator/result')
-        except ScaraKinetostaticError as error:
-            self._refuse(str(error))
-
-    def _use(self, arm: CalibratedArm, origin: str) -> None:
-        """Takes a calibration; one that may not be used is said."""
-        try:
-            self._check(arm, origin)
-            self._take(arm)
-        except ScaraKinetostaticError as error:
-            self._refuse(str(error))
-            return
-        self.arm, self.refused = arm, ''
-        self._origin = f'{origin}, {arm.grade or "not assessed"}, of {arm.created or "unknown date"}'
-        self._logger.info(f'calibration in use: {self._origin}')
-
-    def _check(self, arm: CalibratedArm, origin: str) -> None:
+    def _check(self, arm: CalibratedArm) -> None:
         """Check that a calibration may be used here.
 
         Raises:
             InputError: it is unfit for use, or of another robot or sensor.
         """
         if arm.grade == 'unfit' and not self._take_unfit:
-            problem = 'the calibration is unfit for use'
-            raise ParameterError(origin, problem, 'take_unfit:=true takes it all the same')
+            problem = 'is unfit for use'
+            raise ParameterError('the calibration', problem, 'take_unfit:=true takes it all the same')
         own, other = self.cell, arm.cell
         if own.joint_names != other.joint_names or own.sensor[2:] != other.sensor[2:]:
             problem = f'is of another robot: joints {" ".join(other.joint_names)}, sensor {other.sensor.frame.value}'
             raise InputError('the calibration', problem, 'give that of this cell')
-        check_same_identification(own, other, 'the cell in use', origin, 'give that of this cell')
+        check_same_identification(own, other, 'the cell in use', 'the calibration', 'give that of this cell')
 
-    def _refuse(self, problem: str) -> None:
-        self.refused = problem
-        self._logger.error(f'calibration not taken: {problem}')
+
+def _listed(*texts: str) -> str:
+    """Each once; empty texts are nothing."""
+    return '; '.join(dict.fromkeys(filter(None, texts)))
+
+
+def stored_document(said: Document) -> Document:
+    """The `calibration.json` of a result on `calibrator/result`.
+
+    Raises:
+        InputError: it cannot be read, as where the calibrator is on another machine, or is of another result.
+    """
+    try:
+        path, created = Path(said['files']['folder']) / NAME, said['created']
+    except (LookupError, TypeError) as error:
+        raise InputError('calibrator/result', 'is no result of a calibration') from error
+    document: Document = read_document(path)
+    if document.get('created') != created:
+        raise InputError(path, f'is of another result, {document.get("created")}', 'calibrate again')
+    return document

@@ -37,7 +37,7 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import MotionSense, OnlineArm, OnlinePosition
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedCalibration
+from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedArm
 from scara_kinetostatic.nodes.conversion import (
     NANOSECONDS,
     PlanarPose,
@@ -215,7 +215,7 @@ class Compensator(CellNode):
 
     def __init__(self) -> None:
         super().__init__('compensator')
-        self._calibration = FollowedCalibration(self, self._use)
+        self._calibration = FollowedArm(self, self._use)
         cell = self._calibration.cell
         age = 'age of a message beyond which it is stale, s'
         self._timeout = declare.number(self, 'timeout', 0.1, age, Range(0.001, 60))

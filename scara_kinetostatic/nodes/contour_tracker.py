@@ -29,7 +29,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedCalibration
+from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedArm
 from scara_kinetostatic.nodes.conversion import Sample, marker_array, path
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
@@ -46,7 +46,7 @@ class ContourTracker(CellNode):
 
     def __init__(self) -> None:
         super().__init__('contour_tracker')
-        self._calibration = FollowedCalibration(self, self._use)
+        self._calibration = FollowedArm(self, self._use)
         self._cell = cell = self._calibration.cell
         radius = declare.number(
             self, 'tip_radius', 0.0, 'radius of the tip, m; 0: as the calibration has it', Range(0, LARGEST_TIP)

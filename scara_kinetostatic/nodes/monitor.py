@@ -20,7 +20,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
-from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.files.tables import LARGEST
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.kinematics import posture
@@ -28,11 +27,19 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor, SinceTouch, alarm_line, drift_document
 from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
+from scara_kinetostatic.nodes.cell_node import (
+    ERROR,
+    OK,
+    WARN,
+    CellNode,
+    Condition,
+    FollowedCalibration,
+    RefusedError,
+    stored_document,
+)
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
+from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import count
-from scara_kinetostatic.results.document import NAME
 
 
 class Monitor(CellNode):
@@ -45,58 +52,31 @@ class Monitor(CellNode):
 
     def __init__(self) -> None:
         super().__init__('monitor')
-        meaning = 'calibration.json to hold touches against; empty: wait for a result of the calibrator'
-        named = declare.text(self, 'calibration', '', meaning)
-        follow = declare.switch(self, 'follow', True, 'take each newer result that the calibrator publishes')
         self._monitor: DriftMonitor | None = None
-        self._problem = '' if named else 'no calibration yet: calibrate, or set the parameter calibration'
-        self._refused = self._assumptions = ''
+        self._problem = self._assumptions = self._rejection = ''
         self._kept: dict[tuple[str, str], tuple[Measured, int]] = {}  # by recording and number; with the disc
         self._ignored = self._rejected = 0
-        self._rejection = ''
         self._alarm: Alarm | None = None
         self._drift = self.create_publisher(String, '~/drift', LATCHED)
-        if named:
-            self._take(CalibrationRecord.load(declare.place('calibration', named)))
-        if follow or not named:
-            self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
+        self._calibration = FollowedCalibration(self, CalibrationRecord.load, _of_result, self._take)
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
         self.serve('reset', self._reset)
         self.publish_status('drift', self._report)
+        self._calibration.start()
 
     def _take(self, record: CalibrationRecord) -> None:
-        """Begins anew with a calibration."""
-        self._monitor, self._problem, self._refused = DriftMonitor(record), '', ''
-        self._forget()
+        """Begins anew with a calibration; latched messages come again."""
+        if self._monitor is not None and self._monitor.record.created == record.created:
+            return
+        self._monitor = DriftMonitor(record)
         self._ignored, self._assumptions = 0, Predictor(record.arm).assumptions
         if self._assumptions:
             self.get_logger().warning(self._assumptions)
-        self.get_logger().info(f'holding touches against {record.source}, calibrated {record.created}')
-        self._tell()
+        self._forget()
 
     def _forget(self) -> None:
-        self._kept, self._alarm, self._rejected = {}, None, 0
-
-    def _note_result(self, message: String) -> None:
-        """Takes a newer result of the calibrator; one that was not published leaves the former one."""
-        try:
-            said = parse_document(message.data, 'calibrator/result')
-            if not said.get('published', True) or not self._is_newer(str(said['created'])):
-                return
-            folder = str(said['files']['folder'])
-            if not folder:
-                raise InputError('calibrator/result', 'the files of the result could not be written')
-            record = CalibrationRecord.load(Path(folder) / NAME)
-            if record.created != said['created']:
-                raise InputError(record.source, f'is of another result, {record.created}')
-            self._take(record)
-        except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
-            self._refused = f'the result of the calibrator cannot be used: {error}'
-            self.get_logger().warning(self._refused)
-
-    def _is_newer(self, created: str) -> bool:
-        """Whether a result is newer than the calibration in use: latched messages come again."""
-        return self._monitor is None or created > self._monitor.record.created
+        self._kept, self._alarm, self._rejected, self._problem = {}, None, 0, ''
+        self._tell()
 
     def _note_touch(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -155,17 +135,17 @@ class Monitor(CellNode):
 
     def _reset(self) -> str:
         if self._monitor is None:
-            raise RefusedError(self._refused or self._problem)
+            raise RefusedError(self._calibration.refused or 'no calibration yet')
         self._monitor.reset()
         self._forget()
-        self._problem = ''
-        self._tell()
         return 'touches count anew from here'
 
     def _report(self) -> Condition:
-        monitor = self._monitor
+        monitor, alarm = self._monitor, self._alarm
         if monitor is None:
-            return Condition(WARN, self._refused or self._problem, {})
+            refused = self._calibration.refused
+            missing = 'no calibration yet: calibrate, or set the parameter calibration'
+            return Condition(WARN, f'calibration not taken: {refused}' if refused else missing, {})
         values = {
             'calibration': monitor.record.source,
             'created': monitor.record.created,
@@ -176,28 +156,28 @@ class Monitor(CellNode):
             'threshold': f'{monitor.threshold:.1f}',
             'last touch [standard deviations]': f'{monitor.last_distance:.1f}',
         }
-        complaints = list(self._complaints(monitor.record))
-        if self._alarm is not None:
-            a = self._alarm
-            values |= {'changed': a.best.name, 'rivals': ', '.join(a.rivals) or 'none', 'since touch': str(a.since)}
-            return Condition(ERROR, '; '.join((alarm_line(a, self._since(a)), *complaints)), values)
-        if complaints:
-            return Condition(WARN, '; '.join(complaints), values)
+        complaints = list(self._complaints(monitor))
+        if alarm is not None:
+            values |= {'changed': alarm.best.name, 'rivals': ', '.join(alarm.rivals) or 'none'}
+            values |= {'since touch': str(alarm.since)}
+            return Condition(ERROR, '; '.join((alarm_line(alarm, self._since(alarm)), *complaints)), values)
         agree = f'{count(monitor.count, "touch agrees", "touches agree")} with the calibration'
         good = agree if monitor.count else 'no touch yet'
-        return Condition(OK, good, values)
+        return Condition(WARN if complaints else OK, '; '.join(complaints) or good, values)
 
-    def _complaints(self, record: CalibrationRecord) -> Iterator[str]:
+    def _complaints(self, monitor: DriftMonitor) -> Iterator[str]:
         """Why nothing, or not all, is watched."""
         if not self.count_publishers('collector/touch'):
             yield f'nobody publishes {self.resolve_topic_name("collector/touch")}: no touch is watched'
-        if record.arm.grade == 'unfit':
+        if monitor.record.arm.grade == 'unfit':
             yield 'the calibration is unfit for use'
-        if self._monitor is not None and self._monitor.threshold > 100:  # only large changes are seen
+        if monitor.threshold > 100:  # only large changes are seen
             yield 'the noise was estimated by too few touches: drift is hardly seen'
         if self._rejected >= 3:  # what drifted far is no longer recognised as a touch of an object
             yield f'the last {self._rejected} touches were rejected, the last one: {self._rejection}'
-        yield from filter(None, (self._refused, self._problem, self._assumptions))
+        if self._calibration.refused:
+            yield f'calibration not taken: {self._calibration.refused}'
+        yield from filter(None, (self._problem, self._assumptions))
 
     def _tell(self) -> None:
         """Publishes the state on `~/drift`."""
@@ -207,6 +187,11 @@ class Monitor(CellNode):
         since = None if self._alarm is None else self._since(self._alarm)
         document = drift_document(monitor, self._assumptions, self._alarm, since)
         self._drift.publish(String(data=json.dumps(document)))
+
+
+def _of_result(said: Document) -> CalibrationRecord:
+    """The calibration in the file that a result of the calibrator names."""
+    return CalibrationRecord.of_document(stored_document(said), 'calibrator/result')
 
 
 def touch_of(values: Mapping[str, str], record: CalibrationRecord) -> TouchSet:

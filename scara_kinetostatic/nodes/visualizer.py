@@ -14,7 +14,6 @@ A result that the calibrator does not publish, as it is unfit, changes neither t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -26,13 +25,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.files.urdf import BASE_FRAME, CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.calibration_job import stored_document
-from scara_kinetostatic.nodes.cell_node import CellNode
+from scara_kinetostatic.nodes.cell_node import CellNode, stored_document
 from scara_kinetostatic.nodes.conversion import UnusableMessageError, joint_sample, marker_array
 from scara_kinetostatic.nodes.declare import Range, cell_or_example
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
@@ -47,7 +45,6 @@ from scara_kinetostatic.report.markers import (
     touch_markers,
     uncertainty_markers,
 )
-from scara_kinetostatic.results.document import NAME
 
 
 class Visualizer(CellNode):
@@ -123,8 +120,11 @@ class Visualizer(CellNode):
 
     def _note_result(self, message: String) -> None:
         try:
-            said = parse_document(message.data, 'calibrator/result')
-            document, missing = _with_file(said)
+            document = said = parse_document(message.data, 'calibrator/result')
+            try:
+                document = stored_document(said)
+            except InputError as error:
+                self.get_logger().warning(f'residual forces and the uncertainty of the tip are not shown: {error}')
             calibrated = estimated(document)
             result_markers(document, self._cell.discs, self._scales)
             uncertainty_markers(document, (0.0, 0.0), self._scales)  # tried before it is shown
@@ -132,8 +132,6 @@ class Visualizer(CellNode):
         except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
             self.get_logger().warning(f'calibrator/result cannot be shown: {type(error).__name__}: {error}')
             return
-        if missing:
-            self.get_logger().warning(f'residual forces and the uncertainty of the tip are not shown: {missing}')
         self._document, self._changed = document, True
         if published:
             self._calibrated = document
@@ -176,20 +174,3 @@ class Visualizer(CellNode):
             return nominal
         calibrated = arm_markers('calibrated', estimated(self._calibrated), joints, CALIBRATED_COLOUR)
         return nominal + calibrated + uncertainty_markers(self._calibrated, joints, self._scales)
-
-
-def _with_file(said: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
-    """A result of the calibrator with what its file adds, and why nothing was added.
-
-    Raises:
-        ValueError, LookupError, TypeError: it is no such result.
-    """
-    folder = said['files']['folder']
-    if not folder:
-        return said, 'the files of the result could not be written'
-    stored = stored_document(Path(folder))
-    if stored is None:
-        return said, f'no {NAME} can be read in {folder}; is the calibrator on another machine?'
-    if stored['created'] != said['created']:
-        return said, f'{NAME} in {folder} is of another result, {stored["created"]}'
-    return stored, ''

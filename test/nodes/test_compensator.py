@@ -251,9 +251,9 @@ def test_an_older_result_from_before_the_start_is_not_taken(bench: Callable[...,
     node = bench().node
     older = arm_document(replace(arm, created='2025-01-01T00:00:00Z'))
     node._calibration._take_result(String(data=json.dumps(older)), {'source_timestamp': 1})
-    assert node._calibration.arm.created == arm.created
+    assert node._calibration.present.created == arm.created
     node._calibration._take_result(String(data=json.dumps(older)), {'source_timestamp': time_ns()})
-    assert node._calibration.arm.created == '2025-01-01T00:00:00Z'
+    assert node._calibration.present.created == '2025-01-01T00:00:00Z'
 
 
 def test_a_result_of_another_robot_is_refused(bench: Callable[..., Bench], arm: CalibratedArm) -> None:

@@ -25,7 +25,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.nodes import conversion
-from scara_kinetostatic.nodes.calibration_job import summary
+from scara_kinetostatic.nodes.calibrator import _summary as summary
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.session import JudgedTouch
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM
@@ -101,8 +101,8 @@ def test_it_shows_touches_arm_and_result(cell: Cell, grown: Any, tmp_path: Path)
 
 
 @pytest.mark.parametrize(('created', 'said'), [
-    (None, 'no calibration.json can be read in {folder}; is the calibrator on another machine?'),
-    ('1970-01-01T00:00:00Z', 'calibration.json in {folder} is of another result, 1970-01-01T00:00:00Z'),
+    (None, 'give the calibration.json that calibrate writes'),
+    ('1970-01-01T00:00:00Z', '{folder}/calibration.json: is of another result, 1970-01-01T00:00:00Z; calibrate again'),
 ])  # fmt: skip
 def test_a_result_without_its_file_is_shown_without_residuals(
     cell: Cell, plain: Any, tmp_path: Path, created: str | None, said: str
