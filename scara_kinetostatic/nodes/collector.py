@@ -16,10 +16,11 @@ Touches are looked for by steady time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import String, UInt32
 
 from scara_kinetostatic.bags.writer import OfferedQos, offered_qos
@@ -64,7 +65,7 @@ class Collector(CellNode):
         self.serve('stop', self._stop)
         self.serve('discard_last', self._discard_last)
         self.every(POLL, self._poll)
-        self.publish_status('recording', self._report)
+        self.publish_status('recording', self._examine)
         if not self._autostart:
             self.get_logger().info(f'not recording yet; call {self.resolve_service_name("~/start")}')
         elif not self._now():
@@ -82,11 +83,9 @@ class Collector(CellNode):
             raise RefusedError(f'recording already, to {self._session.folder}; call ~/stop first')
         if not self._now():
             raise RefusedError('parameter use_sim_time is set, but there is no message on /clock; publish it')
-        try:
-            return self._with_warnings(self._begin())
-        except ScaraKinetostaticError as error:
-            self._fail(error)
-            raise
+        with self._guarded():
+            self._begin()
+        return self._with_warnings(f'recording to {self._running().folder}')
 
     def _stop(self) -> str:
         self._stopped.publish(String(data=str(self._running().folder)))
@@ -97,15 +96,25 @@ class Collector(CellNode):
 
     def _discard_last(self) -> str:
         session = self._running()
-        try:
+        touch = None
+        with self._guarded():
             touch = session.discard_last(self._now())
-        except ScaraKinetostaticError as error:
-            self._fail(error)
-            raise
+        self._running()
         if touch is None:
             raise RefusedError('there is no accepted touch to discard')
         self._publish(session, [touch])
         return f'touch {touch.number} ({touch.object}) discarded; {session.touches} touches left'
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """What fails in the block ends the recording; the node goes on."""
+        try:
+            yield
+        except (ScaraKinetostaticError, OSError) as error:
+            if self._session is not None:
+                self._session.abandon()
+            self._session, self._failure = None, ' '.join(str(error).split())
+            self.get_logger().error(f'recording failed: {self._failure}')
 
     def _running(self) -> Session:
         """The recording.
@@ -127,12 +136,10 @@ class Collector(CellNode):
 
     def _begin_by_itself(self) -> None:
         self._autostart = False
-        try:
-            self.get_logger().info(self._begin())
-        except ScaraKinetostaticError as error:
-            self._fail(error)
+        with self._guarded():
+            self._begin()
 
-    def _begin(self) -> str:
+    def _begin(self) -> None:
         parent = declare.place('output', str(self.get_parameter('output').value)).absolute()
         joint_states, wrench = (monitor.topic for monitor in self._streams.monitors.values())
         self._session = Session(parent, self._cell, self._now(), (joint_states, wrench))
@@ -144,17 +151,16 @@ class Collector(CellNode):
         self._failure = ''
         self._publish(self._session)
         self._recording.publish(String(data=str(self._session.folder)))
-        return f'recording to {self._session.folder}'
+        self.get_logger().info(f'recording to {self._session.folder}')
 
     def _end(self) -> str:
         """Completes the bag; returns its contents in one line."""
-        session, self._session = self._session, None
-        assert session is not None
-        try:
+        session = self._running()
+        with self._guarded():
             self._publish(session, session.close())
-        except ScaraKinetostaticError as error:
-            self._fail(error)
-            return f'{session.folder}: {error}'
+            self._session = None
+        if self._failure:
+            return f'{session.folder}: {self._failure}'
         lost = self._lost() - self._lost_before
         loss = f'; {lost} messages were lost on the way' if lost else ''
         counted = f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}{loss}'
@@ -178,42 +184,25 @@ class Collector(CellNode):
         """Notes who publishes the topics, and by which quality of service."""
         self._streams.look_at_publishers()
         if self._session is not None:
-            offered = [_offered(item[0].qos_profile) if item else None for item in self._streams.endpoints.values()]
-            try:
-                self._session.offer(*offered)
-            except ScaraKinetostaticError as error:
-                self._fail(error)
+            self._session.offer(*(_offered(item) for item in self._streams.endpoints.values()))
 
     def _lost(self) -> int:
         return sum(monitor.lost for monitor in self._streams.monitors.values())
-
-    def _fail(self, error: Exception) -> None:
-        """Ends the recording; the node goes on."""
-        if self._session is not None:
-            self._session.abandon()
-        self._session = None
-        self._failure = ' '.join(str(error).split())
-        self.get_logger().error(f'recording failed: {self._failure}')
 
     def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
         """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
         if self._session is not None:
             log_time = self._now() if self._by_ros_time or not received else received
-            try:
+            with self._guarded():
                 self._session.take(stream, message, log_time, sample)
-            except ScaraKinetostaticError as error:
-                self._fail(error)
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:
         """Records fixed transforms; touches before them are told as they were judged."""
         session = self._session
         if session is None:
             return
-        try:
+        with self._guarded():
             self._publish(session, session.take_transforms(message, self._now(), anew))
-        except ScaraKinetostaticError as error:
-            self._fail(error)
-            return
         if anew and session.touches + session.rejected:
             last, how = session.touches + session.rejected - 1, self._streams.frame.description()
             text = f'/tf_static came after touch {last}: {how}; a calibration turns the forces before as well'
@@ -227,45 +216,39 @@ class Collector(CellNode):
         self._by_ros_time = self.get_clock().ros_time_is_active
         if self._autostart and self._now():
             self._begin_by_itself()
-        if self._session is None:
+        if (session := self._session) is None:
             return
-        try:
-            news = self._session.poll()
-        except ScaraKinetostaticError as error:
-            self._fail(error)
-            return
-        if news:
-            self._publish(self._session, news)
+        with self._guarded():
+            if news := session.poll():
+                self._publish(session, news)
 
-    def _report(self) -> Condition:
-        """The status; losses and persistent problems are logged, too."""
-        losses = [loss for monitor in self._streams.monitors.values() if (loss := monitor.loss())]
-        for loss in losses:
-            self.get_logger().warning(loss)
-        self._look_at_publishers()
-        if news := self._streams.frame.news():
-            self.get_logger().info(news)
-        return self._examine(losses)
-
-    def _examine(self, losses: Sequence[str] = ()) -> Condition:
+    def _examine(self) -> Condition:
+        """The status; persistent problems are logged, too."""
         session = self._session
+        with self._guarded():
+            self._look_at_publishers()
         complaints, values = self._streams.examine(expected=session is not None)
         complaints.append(self._example_cell())
-        if session is not None:
-            values |= session.details()
-            complaints += [session.clock_warning, session.room.complaint()]
+        rejections = ''
+        with self._guarded():
+            if session is not None:
+                values |= session.details()
+                complaints += [session.clock_warning, session.disk_warning()]
+                rejections = session.rejections()
         if self._failure:
             return Condition(ERROR, f'recording failed: {self._failure}', values)
-        if self._autostart:
-            complaints.append('waiting for /clock')
-        found = [*losses, *self._complaints.note(complaints), *([session.rejections()] if session else [])]
-        if any(found):
-            return Condition(WARN, '; '.join(filter(None, found)), values)
+        waiting = 'waiting for /clock' if self._autostart else ''
+        problems = [*self._complaints.note([*complaints, waiting]), *filter(None, [rejections])]
+        if problems:
+            return Condition(WARN, '; '.join(problems), values)
         return Condition(OK, 'idle' if session is None else f'recording to {session.folder}', values)
 
 
-def _offered(profile: QoSProfile) -> OfferedQos:
-    """The quality of service that a publisher offers, as a recording states it."""
+def _offered(publishers: Sequence[TopicEndpointInfo]) -> OfferedQos | None:
+    """The quality of service that the first publisher offers, as a recording states it; None where there is none."""
+    if not publishers:
+        return None
+    profile = publishers[0].qos_profile
     return offered_qos(
         profile.reliability.name,
         profile.durability.name,

@@ -132,7 +132,6 @@ class ContourTracker(CellNode):
         """The status: what is missing first."""
         self._streams.look_at_publishers()
         complaints, values = self._streams.examine()
-        complaints += [monitor.loss() for monitor in self._streams.monitors.values()]
         online = self._online
         if online is None:
             return self._calibration.condition(complaints, values, '')

@@ -46,9 +46,6 @@ from scara_kinetostatic.nodes.streams import Stream
 from scara_kinetostatic.touches.detection import DISCARDED, Detection
 from scara_kinetostatic.touches.online import OnlineDetector
 
-LONGEST_FILE = 600.0
-"""After this time without a touch the bag is written durably, s; and after 1 s without a message."""
-
 
 class JudgedTouch(NamedTuple):
     """One touch, accepted or not.
@@ -56,7 +53,6 @@ class JudgedTouch(NamedTuple):
     Attributes:
         number: in the recording.
         stamp: middle of its hold, of the contact where there is none, ns by the clock of the streams.
-        contact: begin and end of the contact, ns by the same clock.
         reason: why it is rejected; empty where it is accepted.
         object: name of the object touched; empty where unknown.
         force: on the object, in the frame of the sensor, (fx, fy), N; empty where unknown.
@@ -67,7 +63,6 @@ class JudgedTouch(NamedTuple):
 
     number: int
     stamp: int
-    contact: tuple[int, int]
     reason: str
     object: str = ''
     force: tuple[float, ...] = ()
@@ -90,7 +85,9 @@ class JudgedTouch(NamedTuple):
             recording: folder of the recording.
             frame: of the force.
         """
-        force, joints = (pair or ('', '') for pair in (self.force, self.joints))
+        fx, fy = self.force or ('', '')
+        q1, q2 = self.joints or ('', '')
+        approach1, approach2, press1, press2 = self.approach or ('',) * 4
         values = {
             'recording': recording,
             'touch': self.number,
@@ -99,11 +96,8 @@ class JudgedTouch(NamedTuple):
             'reason': self.reason,
             'object': self.object,
             'frame': frame,
-            'fx_N': force[0],
-            'fy_N': force[1],
-            'q1_rad': joints[0],
-            'q2_rad': joints[1],
-            **dict(zip(('approach1', 'approach2', 'press1', 'press2'), self.approach or ('',) * 4, strict=True)),
+            **{'fx_N': fx, 'fy_N': fy, 'q1_rad': q1, 'q2_rad': q2},
+            **{'approach1': approach1, 'approach2': approach2, 'press1': press1, 'press2': press2},
         }
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if self.reason else DiagnosticStatus.OK,
@@ -124,10 +118,8 @@ def judged_touches(detection: Detection, cell: Cell) -> list[JudgedTouch]:
     accepted = set(detection.touches.index.tolist())
     judged = []
     for episode in detection.episodes:
-        begin, end, middle = (
-            detection.start + round(1e9 * time) for time in (*episode.contact, 0.5 * sum(episode.hold))
-        )
-        touch = JudgedTouch(episode.index, middle, (begin, end), episode.reason)
+        middle = detection.start + round(1e9 * 0.5 * sum(episode.hold))
+        touch = JudgedTouch(episode.index, middle, episode.reason)
         if (place := places.get(episode.index)) is not None:
             touch = touch._replace(
                 object=cell.discs[int(held.disc[place])].name if episode.index in accepted else '',
@@ -137,47 +129,6 @@ def judged_touches(detection: Detection, cell: Cell) -> list[JudgedTouch]:
             )
         judged.append(touch)
     return judged
-
-
-class DiskRoom:
-    """How long the disk will hold a recording: said before it is full.
-
-    Args:
-        folder: the recording.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._since = monotonic()
-        self._written = 0
-
-    def add(self, size: int) -> None:
-        """Notes that so many bytes are recorded."""
-        self._written += size
-
-    def free(self) -> int:
-        """Free space, bytes; -1 where it is unknown."""
-        with suppress(OSError):
-            return shutil.disk_usage(self._folder).free
-        return -1
-
-    def complaint(self) -> str:
-        """That the disk will be full soon; empty if it will not."""
-        free = self.free()
-        rate = self._written / max(monotonic() - self._since, 1.0)
-        lasting = free / rate if rate else float('inf')
-        if free < 0 or (free >= 1 << 30 and lasting >= 3600):
-            return ''
-        time = f', at {rate / 2**20:.1g} MiB/s for {_duration(lasting)}' if rate else ''
-        return f'the disk of {self._folder.parent} has {free >> 20} MiB left{time}: make room'
-
-
-def _duration(seconds: float) -> str:
-    """Roughly, so that the text does not change each second."""
-    if seconds < 120:
-        return 'less than 2 min'
-    minutes = int(seconds // 60)
-    return f'about {minutes // 10 * 10 or minutes} min' if minutes < 300 else f'about {minutes // 60} h'
 
 
 class Session:
@@ -194,7 +145,6 @@ class Session:
         touches: touches found and durably recorded.
         rejected: the same of touches that were rejected or discarded.
         news: last touch, one line; empty before the first.
-        room: free space on the disk.
 
     Raises:
         OutputError: the folder cannot be made or written to; also in every method.
@@ -205,9 +155,8 @@ class Session:
         self.rejected = 0
         self.news = ''
         self._cell = cell
-        self._writer = _new_bag(parent, cell, log_time, topics)
+        self._writer = BagWriter(fresh_folder(parent, 'touches'), cell, log_time=log_time, topics=topics)
         self.folder = self._writer.folder
-        self.room = DiskRoom(self.folder)
         self._detector = OnlineDetector(cell, topics=topics)
         self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
         self._reasons: deque[str] = deque(maxlen=1000)
@@ -226,7 +175,6 @@ class Session:
             self._writer.write_joint_state(message, log_time)
         else:
             self._writer.write_wrench(message, log_time)
-        self.room.add(len(message))
         self._secured, self._last_message = False, monotonic()
         if sample is None:
             return
@@ -268,7 +216,7 @@ class Session:
         """
         found = self._secure(self._detector.poll())
         now = monotonic()
-        if not self._secured and (now - self._last_message > 1.0 or now - self._secured_at > LONGEST_FILE):
+        if not self._secured and (now - self._last_message > 1.0 or now - self._secured_at > 600.0):
             self._checkpoint()
         return found
 
@@ -316,8 +264,13 @@ class Session:
             'rejected': str(self.rejected),
             'last touch': self.news or 'none yet',
             'clock': self.clock_warning or 'header stamps',
-            'disk free [MiB]': str(self.room.free() >> 20),
+            'disk free [MiB]': str(shutil.disk_usage(self.folder).free >> 20),
         }
+
+    def disk_warning(self) -> str:
+        """That less than 1 GiB is left; empty if more is."""
+        free = shutil.disk_usage(self.folder).free >> 20
+        return '' if free >= 1024 else f'the disk of {self.folder.parent} has {free} MiB left: make room'
 
     @property
     def clock_warning(self) -> str:
@@ -349,15 +302,3 @@ class Session:
     def _checkpoint(self) -> None:
         self._writer.checkpoint()
         self._secured, self._secured_at = True, monotonic()
-
-
-def _new_bag(parent: Path, cell: Cell, log_time: int, topics: tuple[str, str] | None) -> BagWriter:
-    """A bag in a folder of its own, even if another collector begins at the same moment."""
-    for attempt in range(10):
-        folder = fresh_folder(parent, 'touches')
-        try:
-            return BagWriter(folder, cell, log_time=log_time, topics=topics)
-        except OutputError:
-            if not folder.exists() or attempt == 9:
-                raise
-    raise AssertionError

@@ -57,7 +57,7 @@ class Stream(Enum):
 
 
 class StreamMonitor:
-    """Counts the messages of one topic.
+    """Counts the messages of one topic; what is wrong with them is said in reports, one a second.
 
     Args:
         topic: its full name.
@@ -69,40 +69,35 @@ class StreamMonitor:
         count: messages so far.
         unusable: messages so far that did not hold what is needed.
         lost: messages so far that were published but not received.
-        problem: of the last unusable message; empty after a usable one. Where good and unusable ones
-            alternate (several drivers publish joint states on one topic), there is none.
+        problem: of the messages until the last report; empty where usable ones came: where several drivers publish
+            joint states on one topic, good and unusable ones alternate.
     """
 
     def __init__(self, topic: str, with_joints: bool = False) -> None:
         self.topic, self.problem = topic, ''
         self.publishers: list[str] = []
         self.count = self.unusable = self.lost = 0
-        self._with_joints = with_joints
-        self._values: list[tuple[float, float]] = []
-        self._interleaved = self._refused = self._others = self._accepted = False
-        self._counted = self._reported = self._number = 0
-        self._since = self._stamped = monotonic()
-        self._stamp = -1
+        self._with_joints, self._values = with_joints, list[tuple[float, float]]()
+        self._refusal = self._mixed = ''
+        self._stamp, self._stamped, self._constant = -1, monotonic(), False
+        self._number = 0
+        self._reported, self._others = (monotonic(), 0, 0, 0), 0
 
     def accept(self, stamp: int, values: tuple[float, float] = (0.0, 0.0)) -> None:
         """Notes a usable message with its stamp, ns, and its numbers."""
         self.count += 1
         if self._with_joints and len(self._values) < 5000:  # between two reports
             self._values.append(values)
-        self._accepted = True
         now = monotonic()
         if stamp != self._stamp:
             self._stamp, self._stamped = stamp, now
-        constant = now - self._stamped > 1.0
-        self.problem = 'the header stamps do not change: the times of reception are used' if constant else ''
+        self._constant = now - self._stamped > 1.0
 
     def refuse(self, problem: str) -> None:
         """Notes a message that cannot be used."""
         self.count += 1
         self.unusable += 1
-        self._refused = True
-        if not self._accepted:
-            self.problem = problem
+        self._refusal = problem
 
     def follow(self, number: int | None, publishers: Callable[[], int]) -> None:
         """Counts the messages missing before one, also those that newer ones displaced from the queue.
@@ -117,52 +112,43 @@ class StreamMonitor:
             self.lost += missed
         self._number = number or 0
 
-    def loss(self) -> str:
-        """The losses since the last call as text; empty if none."""
-        number, self._reported = self.lost - self._reported, self.lost
-        if not number:
-            return ''
-        return f'{self.topic}: {number} messages lost on the way; this machine or the network is too busy'
-
-    def rate(self) -> float:
-        """Messages per second since the last call."""
-        now = monotonic()
-        rate = (self.count - self._counted) / max(now - self._since, 1e-9)
-        self._counted, self._since, self._accepted = self.count, now, False
-        self._interleaved = is_interleaved(np.array(self._values).reshape(-1, 2))
-        self._others, self._refused = self._refused, False
-        self._values.clear()
-        return rate
-
-    def details(self, rate: float) -> dict[str, str]:
-        """The figures of the topic by name."""
-        return {
-            f'{self.topic}: publishers': ', '.join(self.publishers) or 'none',
-            f'{self.topic}: rate [Hz]': f'{rate:.1f}',
-            f'{self.topic}: messages': str(self.count),
-            f'{self.topic}: unusable': str(self.unusable),
-            f'{self.topic}: lost': str(self.lost),
-        }
-
-    def complaint(self, rate: float, expected: bool) -> str:
-        """The problem of the topic; empty if there is none.
+    def report(self, expected: bool = True) -> tuple[list[str], dict[str, str]]:
+        """What is wrong with the messages since the last report, and the figures by name.
 
         Args:
-            rate: messages per second.
             expected: whether there ought to be messages.
         """
-        if self.problem:
-            return f'{self.topic}: {self.problem}'
-        return f'{self.topic}: no messages' if expected and not rate else ''
+        since, *before = self._reported
+        self._reported = now, *totals = monotonic(), self.count, self.unusable, self.lost
+        count, self._others, lost = (total - former for total, former in zip(totals, before, strict=True))
+        if count > self._others:
+            constant = 'the header stamps do not change: the times of reception are used'
+            self.problem = constant if self._constant else ''
+        elif count:
+            self.problem = self._refusal
+        self._mixed = INTERLEAVED if is_interleaved(np.array(self._values).reshape(-1, 2)) else ''
+        self._values.clear()
+        problems = [self.problem or ('no messages' if expected and not count else '')]
+        if lost:
+            problems.append(f'{lost} messages lost on the way; this machine or the network is too busy')
+        values = {
+            'publishers': ', '.join(self.publishers) or 'none',
+            'rate [Hz]': f'{count / max(now - since, 1e-9):.1f}',
+            'messages': str(self.count),
+            'unusable': str(self.unusable),
+            'lost': str(self.lost),
+        }
+        complaints = [f'{self.topic}: {problem}' for problem in problems if problem]
+        return [*complaints, self.mixture()], {f'{self.topic}: {name}': value for name, value in values.items()}
 
     def mixture(self) -> str:
         """That messages of several robots mix, by the publishers or by the numbers; empty if they do not.
 
         A publisher whose messages cannot be used, of other joints, is no trouble.
         """
-        if self._interleaved:
-            return f'{self.topic}: {INTERLEAVED}'
-        if len(self.publishers) <= 1 + self._others:
+        if self._mixed:
+            return f'{self.topic}: {self._mixed}'
+        if len(self.publishers) <= (2 if self._others else 1):
             return ''
         several = f'{len(self.publishers)} publishers ({", ".join(sorted(self.publishers))})'
         return f'{self.topic}: {several}, whose messages mix: give each cell a namespace'
@@ -242,7 +228,6 @@ class FrameCheck:
         self._frame = WrenchFrame(stated)
         self._known: dict[tuple[str, ...], tuple[list[FixedTransform], bytes]] = {}
         self._turned: tuple[str, list[list[float]] | None] | None = None
-        self._stated_last = ''
         if TFMessage is None:
             text = 'tf2_msgs is not installed: the frame_id of a wrench is judged by its name, and no force is turned'
             self._logger.info(text)
@@ -287,11 +272,6 @@ class FrameCheck:
             turn = self._frame.turn(frame_id)
             self._turned = frame_id, None if turn is None else turn.tolist()
         return self._turned[1]
-
-    def news(self) -> str:
-        """How forces are turned, in words, where that has changed since the last call; else empty."""
-        former, self._stated_last = self._stated_last, self._frame.description(frame_of(self.last)) if self.last else ''
-        return (self._stated_last or 'forces are not turned any more') if self._stated_last != former else ''
 
     def description(self) -> str:
         """How the last wrench is turned, in words."""
@@ -375,7 +355,7 @@ class CellStreams:
         """
         complaints, values = [self.frame.complaint()], {'wrench frame': self.frame.description()}
         for monitor in self.monitors.values():
-            rate = monitor.rate()
-            values |= monitor.details(rate)
-            complaints += [monitor.complaint(rate, expected), monitor.mixture()]
+            found, figures = monitor.report(expected)
+            complaints += found
+            values |= figures
         return complaints, values

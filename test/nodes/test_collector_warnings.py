@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -88,36 +89,6 @@ def test_discarded_touches_are_those_of_the_recording(tmp_path: Path) -> None:
     assert detection.warnings == ()
 
 
-def test_files_end_by_themselves_where_nothing_is_touched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, 'LONGEST_FILE', 0.0)
-    recording = Session(tmp_path, PAPER_CELL, 1)
-    recording.take(Stream.WRENCH, b'', 1, None)
-    recording.poll()
-    assert recording._writer.recorded == 1
-    recording.close()
-
-
-@pytest.mark.parametrize(
-    ('free', 'written', 'seconds', 'said'),
-    [
-        (100 * GIB, GIB, 1000.0, ''),
-        (GIB // 2, 0, 1000.0, '512 MiB left: make room'),
-        (2 * GIB, GIB, 1000.0, '2048 MiB left, at 1 MiB/s for about 30 min: make room'),
-        (GIB // 100, GIB, 1000.0, '10 MiB left, at 1 MiB/s for less than 2 min: make room'),
-    ],
-)
-def test_a_disk_that_fills_is_announced(
-    free: int, written: int, seconds: float, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock = [0.0]
-    monkeypatch.setattr(session, 'monotonic', lambda: clock[0])
-    monkeypatch.setattr(session.shutil, 'disk_usage', lambda _: SimpleNamespace(free=free))
-    room = session.DiskRoom(tmp_path / 'bag')
-    room.add(written)
-    clock[0] = seconds
-    assert room.complaint() == (said and f'the disk of {tmp_path} has {said}')
-
-
 def test_the_collector_warns_of_the_disk(
     spin: Callable[..., Node], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -131,15 +102,22 @@ def test_the_collector_warns_of_the_disk(
     assert collector._examine().level == OK
 
 
+def publish_as(collector: Any, name: str) -> None:
+    """As if a node of that name were the only publisher."""
+    collector._streams.look_at_publishers = lambda: None
+    collector._streams.monitors[Stream.JOINTS].publishers = [name]
+
+
 def test_a_robot_taken_for_the_example_cell_is_said(
     spin: Callable[..., Node], client: DemoClient, tmp_path: Path
 ) -> None:
     collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path / "bags"}')
     said = 'taken for the example cell'
     for name, expected in (('/left/contact_simulator', False), ('/left/driver', True)):
-        collector._streams.monitors[Stream.JOINTS].publishers = [name]
+        publish_as(collector, name)
         assert (said in collector._examine().message) == expected
         assert (collector._examine().level == WARN) == expected
+    del collector._streams.look_at_publishers
     client._node.create_publisher(JointState, '/joint_states', 10)
     client.wait('the driver', lambda: collector.count_publishers('/joint_states') == 1, 15.0)
     answer = client.call('/collector/start', Trigger, Trigger.Request(), 15.0)
@@ -149,7 +127,7 @@ def test_a_robot_taken_for_the_example_cell_is_said(
 
 def test_a_robot_whose_cell_is_given_is_no_example(spin: Callable[..., Node], cell_file: Path) -> None:
     collector = spin(Collector, '--ros-args', '-p', f'cell:={cell_file}')
-    collector._streams.monitors[Stream.JOINTS].publishers = ['/left/driver']
+    publish_as(collector, '/left/driver')
     assert collector._examine().level == OK
 
 
@@ -173,7 +151,7 @@ def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none() ->
     assert '2 publishers (/a/driver, /b/driver)' in monitor.mixture()
     monitor.accept(1)
     monitor.refuse('other joints')
-    monitor.rate()
+    monitor.report()
     assert monitor.mixture() == ''
     monitor.publishers.append('/gripper')
     assert '3 publishers' in monitor.mixture()
@@ -183,9 +161,9 @@ def test_two_robots_by_way_of_one_publisher_are_seen() -> None:
     monitor = StreamMonitor('/joint_states', with_joints=True)
     for number in range(200):
         monitor.accept(number, (0.1 + 0.5 * (number % 2), 0.3))
-    monitor.rate()
+    monitor.report()
     assert 'two robots on one topic' in monitor.mixture()
     for number in range(200):
         monitor.accept(number, (0.1 + 0.001 * number, 0.3))
-    monitor.rate()
+    monitor.report()
     assert monitor.mixture() == ''

