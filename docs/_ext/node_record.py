@@ -116,6 +116,10 @@ class Recorder(StandIn):
         """The node's name."""
         return self.name
 
+    def has_parameter(self, name: str) -> bool:
+        """Whether it is declared and has a value."""
+        return self._values.get(name) is not None
+
     def get_parameter(self, name: str) -> StandIn:
         """The default value."""
         return StandIn(value=self._values[name])
