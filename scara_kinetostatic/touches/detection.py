@@ -36,7 +36,6 @@ class Episode:
         index: number of the touch.
         contact: begin and end of the contact.
         hold: begin and end of the hold; of the contact where there is none.
-        tare: the force zero in the frame and sign of the sensor, (2,), N; NaN where unknown.
         reason: why the touch is rejected; empty if it is not.
         kind: of the reason (`Rejection.kind`).
     """
@@ -44,7 +43,6 @@ class Episode:
     index: int
     contact: tuple[float, float]
     hold: tuple[float, float]
-    tare: Floats
     reason: str = ''
     kind: str = ''
 
@@ -80,8 +78,8 @@ class Detection:
         """Touches that come from elsewhere, and others that are rejected."""
         unknown = (np.nan, np.nan)
         rows = zip(touches.index.tolist(), touches.time.tolist(), strict=True)
-        episodes = [Episode(index, (time, time), (time, time), np.full(2, np.nan)) for index, time in rows]
-        episodes += [Episode(r.index, unknown, unknown, np.full(2, np.nan), r.reason, r.kind) for r in rejected]
+        episodes = [Episode(index, (time, time), (time, time)) for index, time in rows]
+        episodes += [Episode(r.index, unknown, unknown, r.reason, r.kind) for r in rejected]
         return cls(touches, tuple(sorted(episodes, key=lambda episode: episode.index)))
 
     @property
@@ -149,15 +147,20 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
     contacts = find_contacts(signals)
     candidates, weak = find_candidates(signals, contacts)
     candidates = _with_discs(candidates, cell)
-    held, history = _held_touches(signals, candidates, cell), load_history(signals, candidates, cell, earlier)
-    before = [() if candidates[k].defect else history.before.get(k, ()) for k in held.index.tolist()]
-    states = [[turn.state for turn in turns] for turns in before]
+    held = _held_touches(signals, candidates, cell)
+    before, memories = load_history(signals, candidates, cell, earlier)
+    states = [[] if candidates[k].defect else [turn.state for turn in before.get(k, ())] for k in held.index.tolist()]
     detection = Detection(
         held.replace(history=stacked_histories(states, held.joints)),
-        tuple(_episode(number, candidate) for number, candidate in enumerate(candidates)),
+        tuple(
+            Episode(
+                number, c.contact, (c.hold.begin, c.hold.end) if c.hold else c.contact, *(c.defect or ('', ''))[::-1]
+            )
+            for number, c in enumerate(candidates)
+        ),
         warnings=(*signals.warnings, *_warnings(contacts.spikes, weak, candidates)),
         start=signals.start,
-        memories=history.memories,
+        memories=memories,
     )
     return _without_discarded(detection, streams.discarded) if streams.discarded else detection
 
@@ -220,18 +223,12 @@ def _held_touches(signals: Signals, candidates: list[TouchCandidate], cell: Cell
         posture=np.array([candidate.posture for candidate in kept]),
         time=np.array([0.5 * (p.intervals[0, 0] + p.intervals[-1, 1]) for p in holds]),
         index=np.array(index),
-        approach=np.array([one.approach for one in approaches]),
-        press=np.array([one.press for one in approaches]),
+        approach=np.array([approach for approach, _ in approaches]),
+        press=np.array([press for _, press in approaches]),
         joint_scatter=np.array([p.joint_scatter for p in holds]),
         force_scatter=np.array([p.force_scatter for p in holds]),
         samples=np.array([p.samples for p in holds]),
     )
-
-
-def _episode(number: int, candidate: TouchCandidate) -> Episode:
-    hold = candidate.contact if candidate.hold is None else (candidate.hold.begin, candidate.hold.end)
-    tare = np.full(2, np.nan) if candidate.tare is None else candidate.tare.force
-    return Episode(number, candidate.contact, hold, tare, *(candidate.defect or ('', ''))[::-1])
 
 
 def _warnings(spikes: int, weak: int, candidates: list[TouchCandidate]) -> list[str]:

@@ -42,9 +42,6 @@ class HoldSettings:
         softest: plus this times the change of the force, rad/N: the largest compliance of a joint that is expected.
         same_force: two holds are one if their forces differ by less, relative to the force,
         same_joint: and their joint angles by less, rad.
-        creep: two holds whose forces differ by less, relative to the force,
-        creep_time: and that follow each other within this time, s, are one in which the force creeps; the longer is
-            kept.
         loaded: a contact is under load while the force exceeds this part of its largest value.
         shortest_searched: shorter stretches of steady samples, s, or those of less than three windows, are not
             considered.
@@ -78,8 +75,6 @@ class HoldSettings:
     softest: float = 3e-4
     same_force: float = 0.01
     same_joint: float = 5e-5
-    creep: float = 0.05
-    creep_time: float = 0.1
     loaded: float = 0.5
     shortest_searched: float = 0.1
     peak: float = 0.5
@@ -212,8 +207,6 @@ def _holds_of_contact(
             before = found.pop()
             both = np.vstack([before.intervals, hold.intervals])
             hold = _hold(signals, tare, both, before.begin, hold.end) or hold
-        elif found and _is_creep(found[-1], hold):
-            hold = max(found.pop(), hold, key=lambda one: one.duration)
         found.append(hold)
     longest = max((hold.duration for hold in found), default=0.0)
     return [hold for hold in found if hold.duration >= min(3 * window, SETTINGS.peak * longest)]
@@ -234,12 +227,6 @@ def _hold(signals: Signals, tare: Tare, intervals: Floats, begin: float, end: fl
         return None
     angles, load = robust_mean(joints), robust_mean(force)
     return Hold(intervals, begin, end, angles.mean, load.mean - tare.force, angles.scatter, load.scatter, len(force))
-
-
-def _is_creep(one: Hold, other: Hold) -> bool:
-    """Whether two holds of nearly the same force follow each other within `SETTINGS.creep_time`."""
-    nearly = np.hypot(*(one.force - other.force)) <= SETTINGS.creep * np.hypot(*one.force)
-    return bool(nearly and other.begin - one.end < SETTINGS.creep_time)
 
 
 def _same_hold(one: Hold, other: Hold, noise: float) -> bool:

@@ -122,14 +122,6 @@ class FixedTransform(NamedTuple):
     quaternion: tuple[float, float, float, float]
 
 
-class _Known(NamedTuple):
-    """A frame with a usual name: which it is, its name, the rotation into it."""
-
-    frame: SensorFrame
-    name: str
-    turn: Floats
-
-
 class WrenchFrame:
     """What the `frame_id` of wrenches says, beside the cell description.
 
@@ -152,42 +144,33 @@ class WrenchFrame:
 
     def turn(self, frame_id: str) -> Floats | None:
         """The first two rows of R, (2, 3), for wrenches with a `frame_id`; None where they are taken as they come."""
-        found = self._known_frame(frame_id.lstrip('/'))
-        if found is None or found.frame is not self._stated or _angle(found.turn) < 1e-9:
-            return None
-        turn: Floats = found.turn[:2]
-        return turn
+        frame, _, turn = self._known_frame(frame_id.lstrip('/'))
+        is_turned = frame is self._stated and not np.allclose(turn, np.eye(3), rtol=0, atol=1e-9)
+        return turn[:2] if is_turned else None
 
     def description(self, frame_id: str) -> str:
         """How the forces are turned, in words; empty where they are not."""
-        found = self._known_frame(frame_id.lstrip('/'))
-        if found is None or self.turn(frame_id) is None:
+        _, name, turn = self._known_frame(frame_id.lstrip('/'))
+        if self.turn(frame_id) is None:
             return ''
-        return f'forces turned by {degrees(_angle(found.turn)):.3g} degrees from {frame_id} into {found.name}'
+        angle = degrees(acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1) / 2))))
+        return f'forces turned by {angle:.3g} degrees from {frame_id} into {name}'
 
     def complaint(self, frame_id: str) -> str:
         """How a `frame_id` contradicts the cell description; empty if it does not, or if nothing is known of it."""
         start = frame_id.lstrip('/')
-        found = self._known_frame(start)
-        if found is None or found.frame is self._stated:
+        frame, name, _ = self._known_frame(start)
+        if frame is None or frame is self._stated:
             return ''
-        how = f'is fixed to {found.name}' if found.name != start else f'is a frame of the {found.frame.value}'
+        how = f'is fixed to {name}' if name != start else f'is a frame of the {frame.value}'
         stated = f'the cell description states sensor.frame: {self._stated.value}'
         return f'frame_id {frame_id!r} {how}, but {stated}; one of them is wrong'
 
-    def _known_frame(self, start: str) -> _Known | None:
-        """The frame with a usual name that is fixed to one; that which the cell states before the other."""
-        turns = self._connected(start)
-        wanted = sorted(NAMES, key=lambda frame: frame is not self._stated)
-        for frame in wanted:
-            for usual in NAMES[frame]:
-                for name, turn in turns.items():
-                    if name.rpartition('/')[2] == usual:
-                        return _Known(frame, name, turn)
-        return None
+    def _known_frame(self, start: str) -> tuple[SensorFrame | None, str, Floats]:
+        """The frame with a usual name that is fixed to one, its name and the rotation into it.
 
-    def _connected(self, start: str) -> dict[str, Floats]:
-        """The frames that are fixed to one, the nearest first, each with the rotation into it."""
+        That which the cell states counts before the other, a nearer one before one that is farther off.
+        """
         turns = {start: np.eye(3)}
         waiting = [start]
         for name in waiting:
@@ -195,26 +178,19 @@ class WrenchFrame:
                 if neighbour not in turns:
                     turns[neighbour] = step @ turns[name]
                     waiting.append(neighbour)
-        return turns
-
-
-def _angle(turn: Floats) -> float:
-    """Of a rotation matrix, rad."""
-    sine = 0.5 * float(np.linalg.norm([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]))
-    return sine if sine < 1e-4 and np.trace(turn) > 1 else acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1) / 2)))
+        for frame in sorted(NAMES, key=lambda frame: frame is not self._stated):
+            for usual in NAMES[frame]:
+                for name, turn in turns.items():
+                    if name.rpartition('/')[2] == usual:
+                        return frame, name, turn
+        return None, '', turns[start]
 
 
 def _matrix(quaternion: Sequence[float]) -> Floats | None:
     """The rotation matrix of a quaternion x, y, z, w; None where it is no rotation."""
-    q = np.asarray(quaternion, dtype=float)
-    length = float(np.linalg.norm(q))
+    length = float(np.linalg.norm(quaternion))
     if not (np.isfinite(length) and length > 0):
         return None
-    x, y, z, w = q / length
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    x, y, z, w = np.asarray(quaternion) / length
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)

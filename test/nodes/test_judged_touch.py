@@ -50,7 +50,7 @@ def test_accepted_rejected_and_discarded_touches_say_so() -> None:
 
 
 def test_a_contact_without_a_hold_has_no_numbers() -> None:
-    episode = Episode(0, (1.0, 2.0), (1.0, 2.0), np.full(2, np.nan), 'held for 0.05 s')
+    episode = Episode(0, (1.0, 2.0), (1.0, 2.0), 'held for 0.05 s')
     (touch,) = judged_touches(Detection(no_touches(), episodes=(episode,), start=10**9), PAPER_CELL)
     told = values(touch.message('/collector', 'r', 'base'))
     assert touch.stamp == 2_500_000_000

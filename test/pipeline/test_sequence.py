@@ -21,7 +21,7 @@ UNKNOWN = np.full(2, np.nan)
 
 
 def recorded(start: int, last: float, found: int = 10) -> Detection:
-    return Detection(no_touches(), start=start, episodes=found * (Episode(0, (1.0, last), (1.0, last), UNKNOWN),))
+    return Detection(no_touches(), start=start, episodes=found * (Episode(0, (1.0, last), (1.0, last)),))
 
 
 @pytest.mark.parametrize(

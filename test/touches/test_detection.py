@@ -213,4 +213,4 @@ def test_episodes_tell_where_the_touches_lie():
         assert episode.contact[0] < episode.hold[0] < episode.hold[1] < episode.contact[1]
         assert episode.hold[0] == pytest.approx(hold[2], abs=0.05)
         assert episode.hold[1] == pytest.approx(hold[3], abs=0.05)
-        np.testing.assert_allclose(episode.tare, (1.2, -0.8), atol=0.03)
+    np.testing.assert_allclose(detection.touches.force, find_touches(scene.streams(), CELL).touches.force, atol=0.05)
