@@ -4,7 +4,7 @@ Predicts the uncertainty of a calibration before any touch is made: the standard
 deviation of every parameter, and of the tip over the workspace. Recommends the
 smallest set of touches that reaches an accuracy and checks itself: every disc is
 touched, no touch counts on itself alone, and any one may fail. Finds the best
-places for discs, and shows what the accuracy depends on. The set is written as a
+place for one more disc, and shows what the accuracy depends on. The set is written as a
 plan for `simulate --plan` and for the simulated cell. What the cell description
 declares as uncertain counts.
 
@@ -75,7 +75,7 @@ def _add_robot(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_candidates(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group('candidate touches and discs')
+    group = parser.add_argument_group('candidate touches')
     group.add_argument(
         '--levels', type=real(0, above=True), nargs='+', metavar='F', default=[10.0, 25.0, 40.0],
         help='force levels, N (default: 10 25 40)',
@@ -85,14 +85,6 @@ def _add_candidates(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument('--per-disc', type=whole(3), default=36, metavar='N', help='points around a disc (default: 36)')
     group.add_argument('--touches', type=whole(12), default=36, metavar='N', help='number in comparisons (default: 36)')
-    group.add_argument('--discs', type=whole(0), default=3, metavar='N', help='to place, at most (default: 3)')
-    group.add_argument(
-        '--disc-radius',
-        type=real(0, above=True),
-        nargs=2,
-        metavar=('MIN', 'MAX'),
-        help='radius of placed discs, m (default: as in the cell)',
-    )
     add_seed(group, 'the searches')
 
 
@@ -104,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the accuracy is out of reach.
     """
     robot = _robot(args)
-    requirements = _requirements(args, robot)
+    requirements = _requirements(args)
     from scara_kinetostatic.report import as_text
     from scara_kinetostatic.studies.design.optimal_design import optimal_design
     from scara_kinetostatic.studies.design.report import design_document, design_files, design_report
@@ -116,16 +108,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _requirements(args: argparse.Namespace, robot: Robot) -> Requirements:
-    from scara_kinetostatic.studies.design.optimal_design import USUAL_ACCURACY, Requirements, with_usual_accuracy
+def _requirements(args: argparse.Namespace) -> Requirements:
+    from scara_kinetostatic.studies.design.optimal_design import Requirements
     from scara_kinetostatic.studies.design.prediction import Region
 
-    for option, values in (('--region', args.region), ('--disc-radius', args.disc_radius)):
-        for low, high in zip((values or [])[::2], (values or [])[1::2], strict=True):
-            if low > high or (low == high and option == '--region'):
-                raise InputError(option, f'expected the lower limit first, got {low:g} {high:g}')
-    requirements = Requirements(
-        accuracy=args.accuracy or USUAL_ACCURACY,
+    for low, high in zip((args.region or [])[::2], (args.region or [])[1::2], strict=True):
+        if low >= high:
+            raise InputError('--region', f'expected the lower limit first, got {low:g} {high:g}')
+    return Requirements(
+        accuracy=args.accuracy,
         levels=tuple(dict.fromkeys(args.levels)),
         postures={'both': (1, -1), 'left': (1,), 'right': (-1,)}[args.postures],
         per_disc=args.per_disc,
@@ -133,11 +124,8 @@ def _requirements(args: argparse.Namespace, robot: Robot) -> Requirements:
         under_load=args.under_load,
         region=Region(*args.region) if args.region else Region(),
         number=args.touches,
-        radii=tuple(args.disc_radius) if args.disc_radius else None,
-        most_discs=args.discs,
         seed=args.seed,
     )
-    return requirements if args.accuracy else with_usual_accuracy(robot, requirements)
 
 
 def _robot(args: argparse.Namespace) -> Robot:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,12 +11,13 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Sensor, SensorFrame
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Sensor, SensorFrame, Uncertainty
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.design.candidates import MOST_HELD_OUT, held_out_ratio
+from scara_kinetostatic.studies.design.optimal_design import Requirements, optimal_design
 from scara_kinetostatic.studies.design.prediction import (
     Region,
     Robot,
@@ -22,12 +25,23 @@ from scara_kinetostatic.studies.design.prediction import (
     free_tip,
     loaded_tip,
     make_workspace,
-    observability,
     predict,
     tip_std,
 )
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+KNOWN = tuple(disc._replace(center_std=1.5e-5, radius_std=5e-6) for disc in PAPER_DISCS)
+CELLS = {
+    'exact': CELL,
+    'common': replace(
+        CELL, discs=KNOWN, uncertainty=Uncertainty(3e-6, force_gain=0.005, force_rotation=1e-3, nominal={'l1': 1e-5})
+    ),
+    'plate': replace(
+        CELL,
+        discs=tuple(disc._replace(center_std=3e-6, plate='a') for disc in KNOWN),
+        plates=(Plate('a', 0.0, 0.3, center_std=1e-3, angle_std=2e-3),),
+    ),
+}
 ROBOT = Robot.of(CELL, PAPER_ACTUAL)
 PLAN = default_plan(CELL)
 
@@ -43,9 +57,47 @@ def test_exact_touches_satisfy_the_conditions(truth, frame):
     np.testing.assert_allclose(exact.observations.force, simulated.force, atol=1e-12)
 
 
-def test_prediction_is_what_the_calibration_states():
-    found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, PLAN, seed=3), CELL)
-    np.testing.assert_allclose(predict(ROBOT, PLAN).std, found.std, rtol=0.03)
+@pytest.mark.parametrize('name', CELLS)
+@pytest.mark.parametrize('frame', list(SensorFrame))
+def test_prediction_is_what_the_calibration_states(name, frame):
+    cell = replace(CELLS[name], sensor=Sensor(frame=frame), nominal=PAPER_NOMINAL.replace(l1=PAPER_ACTUAL.l1))
+    found = calibrate(simulate_touches(cell, PAPER_ACTUAL, PLAN, seed=3), cell)
+    prediction = predict(Robot.of(cell, PAPER_ACTUAL), PLAN)
+    np.testing.assert_allclose(prediction.std, found.std, rtol=0.03)
+    of_sources = sum((covariance for _, covariance in prediction.by_source), np.zeros((12, 12)))
+    assert np.linalg.eigvalsh(prediction.covariance - of_sources).min() > -1e-12  # what is left is noise
+
+
+def test_touches_count_and_check_each_other():
+    once, twice = predict(ROBOT, PLAN), predict(ROBOT, PLAN, 2 * len(PLAN))
+    np.testing.assert_allclose(once.covariance, 2 * twice.covariance, rtol=1e-9)
+    assert twice.touches == 2 * len(PLAN)
+    assert twice.condition == pytest.approx(once.condition)
+    assert 0 < once.leverage.min() <= once.leverage.max() < 1
+    assert once.leverage.sum() <= 12 + 1e-9
+
+
+def test_very_small_uncertainties_change_nothing_and_trusted_values_stay():
+    tiny = replace(CELL, discs=tuple(disc._replace(center_std=1e-12, radius_std=1e-12) for disc in PAPER_DISCS))
+    expected, got = predict(ROBOT, PLAN), predict(Robot.of(tiny, PAPER_ACTUAL), PLAN)
+    np.testing.assert_allclose(got.covariance, expected.covariance, rtol=1e-5, atol=1e-20)
+    np.testing.assert_allclose(got.leverage, expected.leverage, rtol=1e-5)
+    trusted = replace(CELL, uncertainty=Uncertainty(nominal={'l1': 1e-9}))
+    assert predict(Robot.of(trusted), PLAN).std[NAMES.index('l1')] == pytest.approx(1e-9, rel=1e-3)
+
+
+def test_all_discs_on_one_plate_are_judged_in_its_frame():
+    robot = Robot.of(CELLS['plate'])
+    tip = free_tip(robot, make_workspace(robot))
+    assert robot.common_plate == CELLS['plate'].plates[0]
+    assert tip_std(tip, predict(robot, PLAN)).largest > 1e-3
+    assert tip_std(tip, predict(robot.on_plate(), PLAN)).largest < 2e-5
+    assert Robot.of(CELL).common_plate is None
+
+
+def test_noise_that_nobody_stated_is_marked():
+    assert Robot.of(replace(CELL, noise=None)).assumed == ('joint', 'force')
+    assert Robot.of(CELL).assumed == ()
 
 
 def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():
@@ -66,19 +118,8 @@ def test_one_disc_leaves_the_robot_free_to_turn_about_it():
     prediction = predict(robot, default_plan(cell))
     assert prediction.rank == 11
     assert np.isinf(tip_std(free_tip(robot, make_workspace(robot)), prediction).largest)
-
-
-def test_twice_the_touches_halve_the_variance():
-    once, twice = predict(ROBOT, PLAN), predict(ROBOT, PLAN, 2 * len(PLAN))
-    np.testing.assert_allclose(once.covariance, 2 * twice.covariance, rtol=1e-9)
-    assert twice.touches == 2 * len(PLAN)
-    assert twice.condition == pytest.approx(once.condition)
-
-
-def test_leverages_sum_to_at_most_the_rank():
-    prediction = predict(ROBOT, PLAN)
-    assert 0 < prediction.leverage.min() <= prediction.leverage.max() < 1
-    assert prediction.leverage.sum() <= 12 + 1e-9
+    with pytest.raises(UnsupportedDataError, match='second disc'):
+        optimal_design(robot, Requirements(per_disc=12))
 
 
 @pytest.mark.parametrize('load', [None, 30.0])
@@ -119,17 +160,6 @@ def test_workspace_keeps_to_its_region_and_refuses_none():
     assert workspace.area.sum() == pytest.approx(1.0)
     with pytest.raises(ParameterError, match='within reach'):
         make_workspace(ROBOT, Region(2.0, 3.0, 2.0, 3.0))
-
-
-def test_observability_indices():
-    indices = observability(np.array([4.0, 1.0]), 4)
-    assert indices == pytest.approx((1.0, 0.25, 1.0, 0.25, 0.8))
-    assert observability(np.array([1.0, 0.0]), 4) == (0, 0, 0, 0, 0)
-
-
-def test_noise_must_be_above_zero():
-    with pytest.raises(ParameterError, match='noise'):
-        Robot.of(CELL, noise=Noise(0.0, 0.3))
 
 
 def test_unreachable_touch_is_named():

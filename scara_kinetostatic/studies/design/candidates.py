@@ -35,6 +35,7 @@ that of the fit, or the noise of the force where that is larger. Averaged over r
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -83,15 +84,13 @@ class CandidateTouches(NamedTuple):
         return self.traces(pack(covariance[..., self.rows[:, None], self.rows]))
 
     def traces(self, packed: Floats) -> Floats:
-        """Trace of TᵀT times packed matrices (…, k (k + 1) / 2) at each place, (…, g).
+        """Trace of TᵀT times packed matrices (…, k (k + 1) / 2) at each place, (…, g)."""
+        return packed @ self.quadric
 
-        Computed in pieces small enough for a single BLAS thread (200 000 multiplications in OpenBLAS): threads cost
-        more than they gain on such products.
-        """
-        piece = max(1, 200_000 // self.quadric.size)
-        if packed.ndim < 2 or len(packed) <= piece:
-            return packed @ self.quadric
-        return np.concatenate([packed[i : i + piece] @ self.quadric for i in range(0, len(packed), piece)])
+    def evenly_distributed(self, number: float) -> float:
+        """Largest standard deviation of the tip for a number of touches evenly distributed over all candidates, m."""
+        covariance: Floats = np.asarray(np.linalg.inv(number * self.information.mean(axis=0) + self.prior), dtype=float)
+        return float(np.sqrt(self.variance(covariance).max()))
 
     def information_of(self, chosen: Sequence[int]) -> Floats:
         """Information of a set of candidates and of the prior, (12 + m, 12 + m)."""
@@ -157,12 +156,15 @@ def declared_rows(robot: Robot) -> tuple[Floats, Floats]:
     return scales, robot.declared.prior.rows(len(NAMES)) * scales
 
 
+_lower = cache(np.tril_indices)
+
+
 def pack(matrices: Floats, *, twice: bool = False) -> Floats:
     """Lower triangles of symmetric matrices (…, k, k) as vectors, (…, k (k + 1) / 2).
 
     With `twice` the elements off the diagonal are doubled, so that `pack(a) @ pack(b, twice=True)` is trace(a b).
     """
-    i, j = np.tril_indices(matrices.shape[-1])
+    i, j = _lower(matrices.shape[-1])
     packed = matrices[..., i, j]
     return packed * np.where(i == j, 1.0, 2.0) if twice else packed
 

@@ -1,6 +1,6 @@
 """The robot for which touches are designed: its cell, what is expected of it, and the noise of a touch.
 
-Predicted covariance of L̄ for a plan of touches, before any touch is made, and its observability indices.
+Predicted covariance of L̄ for a plan of touches, before any touch is made.
 
 The conditions of the touches are linearised where they hold exactly, at Q = Ḡ(S, F) of the expected robot, and whitened
 by the noise of a touch. The Jacobian is the one from which the calibration works out its covariance, by the same
@@ -11,19 +11,6 @@ here as well: a prediction has the rank and the confounded groups of the fit tha
 whitened derivatives by L̄ and by the declared errors, and P the rows of the prior, the covariance of both is
 ([J N]ᵀ[J N] + PᵀP)⁻¹, and that of L̄ is its block. Touches do not make an error smaller that all of them share: with
 declared uncertainties the variance does not go with one over the number of touches.
-
-**Observability indices.** From the singular values σ1 ≥ … ≥ σL of the whitened Jacobian of m touches, its columns in
-units of the plausible range of each parameter (`calibration.identifiability.SCALES`); without common units only O1
-would be comparable between sets; declared errors are eliminated, so that σ_k⁻² are the eigenvalues of the covariance:
-
-    O1 = (σ1 ⋯ σL)^(1/L) / √m        Borm and Menq, Int. J. Robotics Research 10 (1991) 51: volume of the ellipsoid
-    O2 = σL / σ1                     Driels and Pathre, J. Robotic Systems 7 (1990) 921: inverse condition number
-    O3 = σL                          Nahvi, Hollerbach and Hayward, ICRA 1994, 984: the worst direction
-    O4 = σL² / σ1                    Nahvi and Hollerbach, ICRA 1996, 994: noise amplification
-    O5 = 1 / (1/σ1 + … + 1/σL)       Sun and Hollerbach, ICRA 2008, 831: mean uncertainty
-
-Larger is better. Where the rank is less than 12, only the L identifiable combinations count. The indices rank sets of
-touches in one cell; they do not depend on where the tip is used, as its standard deviation over the workspace does.
 
 Predicted standard deviation of the tip over the workspace, free and under load.
 
@@ -41,7 +28,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Source
@@ -54,6 +40,7 @@ from scara_kinetostatic.calibration.identifiability import (
     unidentifiable_directions,
 )
 from scara_kinetostatic.calibration.observations import Observations
+from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
@@ -76,22 +63,12 @@ class Robot:
         parameters: expected L̄; geometry, compliances and backlashes all enter the prediction.
         noise: repeatability of one touch, one standard deviation, rad and N.
         assumed: parts of the noise that nobody has stated, ``joint`` or ``force``: typical values stand for them.
-
-    Raises:
-        ParameterError: a noise level is not above 0.
     """
 
     cell: Cell
     parameters: Parameters
     noise: Noise
     assumed: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name, levels in (('joint', self.noise.joint_levels), ('force', self.noise.force_levels)):
-            for value in levels:
-                if not (np.isfinite(value) and value > 0):
-                    problem, remedy = f'expected a value above 0, got {value}', 'give the standard deviation of a touch'
-                    raise ParameterError(f'noise: {name}', problem, remedy)
 
     @classmethod
     def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> Robot:
@@ -127,35 +104,6 @@ class Robot:
         return replace(self, cell=replace(self.cell, plates=plates))
 
 
-class Indices(NamedTuple):
-    """O1 to O5; see the module."""
-
-    o1: float
-    o2: float
-    o3: float
-    o4: float
-    o5: float
-
-
-def observability(values: NDArray[np.float64], touches: int) -> Indices:
-    """The five indices.
-
-    Args:
-        values: singular values of the scaled, whitened Jacobian, (L,), in any order.
-        touches: m.
-    """
-    if not len(values) or not values.min() > 0:
-        return Indices(0.0, 0.0, 0.0, 0.0, 0.0)
-    largest, smallest = float(values.max()), float(values.min())
-    return Indices(
-        o1=float(np.exp(np.log(values).mean()) / np.sqrt(touches)),
-        o2=smallest / largest,
-        o3=smallest,
-        o4=smallest**2 / largest,
-        o5=float(1 / (1 / values).sum()),
-    )
-
-
 @dataclass(frozen=True)
 class Prediction:
     """Predicted uncertainty of L̄.
@@ -167,7 +115,6 @@ class Prediction:
         unidentifiable: directions of L̄ that the touches do not determine, (12, d), in `SCALES`.
         confounded: groups of parameters of which only combinations are determined, by name.
         condition: condition number of the whitened Jacobian with unit columns, over the identifiable directions.
-        indices: observability indices, over the identifiable directions.
         leverage: largest eigenvalue of each touch's block of the hat matrix, (m,), 0 to 1; at 1 no other touch checks
             it, and an error in it is not detected.
         by_source: the part of `covariance` that each declared uncertainty contributes, (12, 12); the rest is noise.
@@ -179,7 +126,6 @@ class Prediction:
     unidentifiable: Floats
     confounded: tuple[tuple[str, ...], ...]
     condition: float
-    indices: Indices
     leverage: Floats
     by_source: tuple[tuple[Source, Floats], ...] = ()
 
@@ -203,69 +149,33 @@ class ExactTouches(NamedTuple):
     arms: Floats
 
 
-class Where(NamedTuple):
-    """Where n touches are made and how; the discs need not be in the cell.
-
-    Attributes:
-        centers: centre of each touch's disc, (m, 2), m.
-        radii: its radius, (m,), m.
-        angle: direction from the centre to the contact, (m,), rad.
-        posture: +1 or -1, (m,).
-        force: its magnitude, (m,), N.
-        disc: index of the disc in the cell whose errors are declared, (m,).
-    """
-
-    centers: Floats
-    radii: Floats
-    angle: Floats
-    posture: NDArray[np.intp]
-    force: Floats
-    disc: NDArray[np.intp]
-
-
 def exact_plan(robot: Robot, plan: Plan) -> ExactTouches:
-    """The touches of a plan without noise.
+    """The touches of a plan without noise, with the derivatives by what the cell declares as uncertain.
 
     Raises:
         UnsupportedDataError: the robot cannot reach a touch.
     """
-    cell = robot.cell
-    where = Where(cell.centers[plan.disc], cell.radii[plan.disc], plan.angle, plan.posture, plan.force, plan.disc)
-    return exact_touches(robot, where, robot.declared)
-
-
-def exact_touches(robot: Robot, where: Where, declared: DeclaredErrors | None = None) -> ExactTouches:
-    """Touches without noise on discs that need not be in the cell.
-
-    Args:
-        robot: the robot; of its cell only the sensor and the gripper count.
-        where: the touches.
-        declared: errors by which they are to be differentiated, too.
-
-    Raises:
-        UnsupportedDataError: the robot cannot reach a touch.
-    """
-    p, cell, (centers, radii, angle, posture, force, disc) = robot.parameters, robot.cell, where
-    outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    pressed = -force[:, None] * outward
-    joints, torques = inverse_kinetostatics(p, centers + radii[:, None] * outward, pressed, posture, cell.gripper)
+    p, cell, declared = robot.parameters, robot.cell, robot.declared
+    centers, radii = cell.centers[plan.disc], cell.radii[plan.disc]
+    pressed = -plan.force[:, None] * plan.normal()
+    joints, torques = inverse_kinetostatics(p, plan.contact(cell), pressed, plan.posture, cell.gripper)
     if not np.isfinite(joints).all():
         lost = int(np.flatnonzero(~np.isfinite(joints).all(axis=1))[0])
         raise UnsupportedDataError(f'the robot cannot reach touch {lost} of the plan', 'leave it out, or move its disc')
     links, modes = joints - joint_deflection(p, torques), np.sign(torques)
     measured = in_sensor_frame(cell, p, joints, pressed)
     direction = np.arctan2(pressed[:, 1], pressed[:, 0])
-    state = State(links[:, 0], links[:, 1], force, direction, modes[:, 0], modes[:, 1])
+    state = State(links[:, 0], links[:, 1], plan.force, direction, modes[:, 0], modes[:, 1])
     observations = Observations(joints, measured, centers, radii, cell.sensor.frame, cell.gripper)
     if declared is not None:
         observations = observations._replace(
-            metadata=TouchMetadata.plain(len(joints))._replace(disc=disc, posture=posture),
+            metadata=TouchMetadata.plain(len(joints))._replace(disc=plan.disc, posture=plan.posture),
             declared=declared,
             errors=np.zeros(declared.count),
             reported=measured,
         )
     point = evaluate(observations, ExtendedModel(p), Adjusted(joints, measured, state), robot.noise)
-    return ExactTouches(observations, point, np.abs(torques) / force[:, None])
+    return ExactTouches(observations, point, np.abs(torques) / plan.force[:, None])
 
 
 def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
@@ -281,60 +191,38 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         UnsupportedDataError: the robot cannot reach a touch.
     """
     observations, point, _ = exact_plan(robot, plan)
-    everything = np.arange(len(NAMES))
-    unidentifiable = unidentifiable_directions(observations, point, everything, robot.noise)
-    basis = SCALES[:, None] * _complement(unidentifiable)
-    weight = 1.0 if number is None else number / len(plan)
-    jacobian, lifted = np.sqrt(weight) * point.whitened.jacobian, _lifted(basis, robot.declared)
-    prior = None if robot.declared is None else _rows(robot.declared, lifted)
-    system = least_squares.compress(jacobian @ lifted, point.whitened.residual, prior=prior)
-    within = least_squares.covariance(system)
-    own = within[: basis.shape[1], : basis.shape[1]]
-    covariance = basis @ own @ basis.T
-    groups = group_names(unidentifiable, everything)
-    std = np.sqrt(np.diag(covariance))
+    parameters, declared = np.arange(len(NAMES)), robot.declared
+    unidentifiable = unidentifiable_directions(observations, point, parameters, robot.noise)
+    subspace = Subspace.of_free(point.model, parameters, SCALES).without(unidentifiable)
+    lifted, prior = subspace.with_errors(len(point.errors)), ActivePrior.of(observations, subspace)
+    root = np.sqrt(1.0 if number is None else number / len(plan))
+    system = least_squares.compress(
+        root * point.whitened.jacobian,
+        point.whitened.residual,
+        basis=lifted,
+        prior=None if prior is None else prior.system(point),
+    )
+    covariance = lifted @ least_squares.covariance(system) @ lifted.T
+    own = covariance[: len(NAMES), : len(NAMES)]
+    groups = group_names(unidentifiable, parameters)
+    std = np.sqrt(np.diag(own))
     std[[name in {member for group in groups for member in group} for name in NAMES]] = np.nan
-    touches = number or len(plan)
-    values = system.values if robot.declared is None else 1 / np.sqrt(np.linalg.eigvalsh(own))
+    by_source = []
+    if declared is not None:  # C Pᵀ P C by the rows of the prior of each source
+        moved = covariance[: len(NAMES)] @ declared.prior.rows(len(NAMES)).T
+        by_source = [(source, moved[:, rows] @ moved[:, rows].T) for source, rows in declared.prior.by_source()]
+    jacobian = point.whitened.jacobian
+    hat = np.einsum('nik,kl,njl->nij', jacobian, covariance, jacobian, optimize=True)
     return Prediction(
-        touches=touches,
-        covariance=covariance,
+        touches=number or len(plan),
+        covariance=own,
         std=std,
         unidentifiable=unidentifiable,
         confounded=groups,
-        condition=condition_number(np.sqrt(weight) * (point.whitened.derivative @ basis)),
-        indices=observability(values, touches),
-        leverage=leverage(point.whitened.jacobian, lifted @ within @ lifted.T),
-        by_source=() if robot.declared is None else _by_source(robot.declared, lifted, within),
+        condition=condition_number(root * (point.whitened.derivative @ subspace.basis)),
+        leverage=np.linalg.eigvalsh(hat)[:, -1],
+        by_source=tuple(by_source),
     )
-
-
-def _by_source(declared: DeclaredErrors, lifted: Floats, within: Floats) -> tuple[tuple[Source, Floats], ...]:
-    """C Pᵀ P C by the rows of the prior of each source: what its errors do to the estimate of L̄."""
-    gain = (lifted @ within @ (declared.prior.rows(len(NAMES)) @ lifted).T)[: len(NAMES)]
-    return tuple((source, gain[:, rows] @ gain[:, rows].T) for source, rows in declared.prior.by_source())
-
-
-def _lifted(basis: Floats, declared: DeclaredErrors | None) -> Floats:
-    """Identifiable changes of L̄, (12, r), and the declared errors beside them, (12 + m, r + m)."""
-    return basis if declared is None else block_diag(basis, np.eye(declared.count))
-
-
-def _rows(declared: DeclaredErrors, lifted: Floats) -> Floats:
-    """Rows of the prior of the declared errors in `least_squares.compress`, (p + m, r + m + 1)."""
-    rows = declared.prior.rows(len(NAMES)) @ lifted
-    return np.concatenate([rows, np.zeros((len(rows), 1))], axis=1)
-
-
-def _complement(unidentifiable: Floats) -> Floats:
-    """Orthonormal columns that span all but the given orthonormal columns, (k, k - d)."""
-    k, d = unidentifiable.shape
-    return np.asarray(np.linalg.qr(np.concatenate([unidentifiable, np.eye(k)], axis=1))[0][:, d:k])
-
-
-def leverage(derivative: Floats, covariance: Floats) -> Floats:
-    """Leverage of each touch: the larger eigenvalue of J C Jᵀ, (m,); J whitened, (m, 2, k), C (k, k)."""
-    return np.asarray(np.linalg.eigvalsh(np.einsum('nik,kl,njl->nij', derivative, covariance, derivative))[:, -1])
 
 
 POSTURES = (1, -1)

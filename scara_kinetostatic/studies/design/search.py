@@ -32,20 +32,16 @@ Statistics A 7 (1978) 1379, for the iteration; Fedorov, Theory of Optimal Experi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.studies.design.candidates import (
     MOST_LEVERAGE,
     PRIOR,
     CandidateTouches,
-    held_out_ratio,
     least_on_discs,
     leverage_with_each,
     leverages,
@@ -54,14 +50,12 @@ from scara_kinetostatic.studies.design.candidates import (
     penalty,
     prepare_candidates,
 )
-from scara_kinetostatic.studies.design.prediction import Robot, Tip, predict, tip_std
+from scara_kinetostatic.studies.design.prediction import Robot, Tip
 
 MOST_TOUCHES = 200
 """Largest set that is searched for."""
 FEWEST_TOUCHES = 7
 """Smallest number of touches with which the calibration estimates twelve parameters: two equations each."""
-COMPLIANCE_FACTOR, NOISE_FACTOR = 1.5, 2.0
-"""Factors on the expected compliances and on the noise of joints or force in the check of a set."""
 
 
 class LowerBound(NamedTuple):
@@ -71,16 +65,12 @@ class LowerBound(NamedTuple):
         mean: tr(L C) of each iteration, (s,), m².
         gain: max_i tr(C L C I_i), (s,), m².
         prior: tr(C L C P), (s,), m²; 0 without declared uncertainties.
-        reached: largest variance of the approximate design found, for `touches`, m².
-        touches: number of touches for which the iterations were made; 1 without declared uncertainties.
         weights: of the candidates in that design, ξ, (n,).
     """
 
     mean: Floats
     gain: Floats
     prior: Floats
-    reached: float
-    touches: float
     weights: Floats
 
     def variance(self, number: float) -> float:
@@ -101,13 +91,16 @@ def find_lower_bound(candidates: CandidateTouches, target: float, iterations: in
         target: largest standard deviation of the tip for which the bound is to be tight, m.
         iterations: more make the bound tighter; it is valid after any number.
     """
-    number = _number_for(candidates, target) if len(candidates.declared) else 1.0
+    number = 1.0
+    if len(candidates.declared):  # evenly distributed, they reach the target, as far as it can be reached
+        numbers = np.geomspace(FEWEST_TOUCHES, MOST_TOUCHES, 24).tolist()
+        number = next((n for n in numbers if candidates.evenly_distributed(n) <= target), numbers[-1])
     declared = candidates.declared.T @ candidates.declared
     regular = declared.copy()
     regular[: len(PRIOR), : len(PRIOR)] += 1e-9 * PRIOR  # regular where the rank is less than 12
     design = np.full(len(candidates.plan), 1 / len(candidates.plan))  # ξ
     places = np.full(candidates.quadric.shape[1], 1 / candidates.quadric.shape[1])  # λ
-    bounds, reached = [], np.inf
+    bounds = []
     for step in range(iterations):
         information = number * np.tensordot(design, candidates.information, axes=1) + regular
         covariance: Floats = np.asarray(np.linalg.inv(information), dtype=float)
@@ -119,23 +112,12 @@ def find_lower_bound(candidates: CandidateTouches, target: float, iterations: in
         by_prior = float(np.einsum('pk,kl,pl->', known, squares, known))
         mean, largest = float(places @ variance), float(variance.max())
         bounds.append((mean, float(gain.max()), by_prior))
-        reached = min(reached, largest)
         design = design * np.sqrt(gain)
         design /= design.sum()
         places = places * np.exp(6.0 / np.sqrt(step + 1) * (variance / largest - 1))
         places /= places.sum()
     mean_of_each, gain_of_each, prior_of_each = np.array(bounds).T
-    return LowerBound(mean_of_each, gain_of_each, prior_of_each, reached, number, design)
-
-
-def _number_for(candidates: CandidateTouches, target: float) -> float:
-    """Number of touches, evenly distributed, that reach the target; `MOST_TOUCHES` where more would be needed."""
-    mean = candidates.information.mean(axis=0)
-    for number in np.geomspace(FEWEST_TOUCHES, MOST_TOUCHES, 24):
-        covariance: Floats = np.asarray(np.linalg.inv(number * mean + candidates.prior), dtype=float)
-        if candidates.variance(covariance).max() <= target**2:
-            break
-    return float(number)
+    return LowerBound(mean_of_each, gain_of_each, prior_of_each, design)
 
 
 def _unpack(packed: Floats) -> Floats:
@@ -233,63 +215,6 @@ def _criterion(variance: Floats, smooth: bool, doublings: int = 4) -> Floats:
     return np.asarray(largest * part.mean(axis=-1) ** (0.5**doublings))
 
 
-class FoundSet(NamedTuple):
-    """A set of touches found by the search.
-
-    Attributes:
-        chosen: indices of candidates, in increasing order.
-        value: largest standard deviation of the tip, m; of a set that checks itself that after the worst loss, and
-            infinite if a leverage is too large.
-        tried: that of the best sets of smaller numbers of touches, by number, m.
-    """
-
-    chosen: tuple[int, ...]
-    value: float
-    tried: dict[int, float]
-
-
-def smallest_set(
-    candidates: CandidateTouches,
-    bound: LowerBound,
-    target: float,
-    *,
-    least: int = 0,
-    seed: int = 0,
-    report: Callable[[int], None] | None = None,
-) -> FoundSet:
-    """The smallest set found that checks itself and keeps the target after the loss of any one touch.
-
-    Args:
-        candidates: the candidates.
-        bound: lower bound for them.
-        target: largest standard deviation of the tip, m.
-        least: smallest number of touches to try.
-        seed: of the sets drawn.
-        report: receives the number of touches being tried.
-
-    Raises:
-        UnsupportedDataError: the target is out of reach.
-    """
-    effort = 60 * min(1.0, 6000 / candidates.quadric.size)  # starts times touches: a few seconds for each number
-    number, tried = max(FEWEST_TOUCHES + 1, least, bound.number(target) + 1), dict[int, float]()
-    while number <= min(MOST_TOUCHES, len(candidates.plan)):
-        if report:
-            report(number)
-        starts = max(2, int(effort) // number)
-        found = best_set(candidates, bound, number, checked=True, seed=seed, starts=starts, target=target)
-        if found.value <= target:
-            return found._replace(tried=tried)
-        tried[number] = found.value
-        number += max(1, number // 40)
-    needed = bound.number(target)
-    raise UnsupportedDataError(
-        f'an accuracy of {target:.3g} m is out of reach: no set of {min(MOST_TOUCHES, len(candidates.plan))} of the '
-        f'{len(candidates.plan)} candidate touches reaches it'
-        + (f', at least {needed} are needed' if needed > 0 else ''),
-        'ask for a larger standard deviation, repeat touches, or move the discs',
-    )
-
-
 def best_set(
     candidates: CandidateTouches,
     bound: LowerBound,
@@ -299,8 +224,10 @@ def best_set(
     seed: int = 0,
     starts: int,
     target: float = np.inf,
-) -> FoundSet:
-    """The best set found of a given number of touches.
+) -> tuple[list[int], float]:
+    """The best set found of a given number of touches: indices of candidates, in increasing order, and its largest
+    standard deviation of the tip, m; of a set that checks itself that after the worst loss, and infinite if a leverage
+    is too large.
 
     Args:
         candidates: the candidates.
@@ -323,7 +250,7 @@ def best_set(
             break
     if checked and leverages(candidates, best).max() > MOST_LEVERAGE:
         lowest = np.inf
-    return FoundSet(tuple(sorted(best)), lowest, {})
+    return sorted(best), lowest
 
 
 def _draw(
@@ -342,82 +269,7 @@ def _draw(
     return chosen + drawn(weights, number - len(chosen))
 
 
-class SetCheck(NamedTuple):
-    """Checks of a set of touches.
-
-    Attributes:
-        without_each: largest standard deviation of the tip without each touch, (n,), m.
-        growth: largest factor by which the loss of each touch increases the standard deviation of a parameter, (n,).
-        random: largest standard deviation of the tip of random sets of the same size, in increasing order, (k,), m.
-        more_compliant: that for a robot with compliances `COMPLIANCE_FACTOR` times as large, m.
-        more_joint_noise: that with a joint noise `NOISE_FACTOR` times as large, m.
-        more_force_noise: that with a force noise `NOISE_FACTOR` times as large, m.
-        held_out: force error on touches not seen, in that of the fit.
-    """
-
-    without_each: Floats
-    growth: Floats
-    random: Floats
-    more_compliant: float
-    more_joint_noise: float
-    more_force_noise: float
-    held_out: float
-
-
-def check_set(
-    robot: Robot, candidates: CandidateTouches, chosen: Sequence[int], plan: Plan, tip: Tip, seed: int = 0
-) -> SetCheck:
-    """Checks a set: without each of its touches, against random sets, with larger compliances or more noise.
-
-    Args:
-        robot: the robot.
-        candidates: from which it was chosen.
-        chosen: the set, indices of candidates.
-        plan: its touches.
-        tip: the tip whose variance counts.
-        seed: of the random sets.
-    """
-    p, noise, louder = robot.parameters, robot.noise, robot.noise.scaled(NOISE_FACTOR)
-    more = p.replace(p_ee=COMPLIANCE_FACTOR * p.p_ee, p1=COMPLIANCE_FACTOR * p.p1, p2=COMPLIANCE_FACTOR * p.p2)
-    others = (
-        replace(robot, parameters=more),
-        replace(robot, noise=noise._replace(joint=louder.joint)),
-        replace(robot, noise=louder._replace(joint=noise.joint)),
-    )
-    compliant, more_joint, more_force = (tip_std(tip, predict(other, plan)).largest for other in others)
-    of_set = prepare_candidates(robot, plan, tip)
-    together = of_set.information_of(range(len(plan)))
-    both = np.linalg.inv(np.concatenate([together[None], together - of_set.information]))
-    own = np.diagonal(both, axis1=1, axis2=2)[:, : len(PRIOR)]
-    return SetCheck(
-        without_each=without_each(robot, plan, tip),
-        growth=np.sqrt((own[1:] / own[0]).max(axis=1)),
-        random=np.sort(largest_of_sets(candidates, random_sets(candidates, len(chosen), seed=seed))),
-        more_compliant=compliant,
-        more_joint_noise=more_joint,
-        more_force_noise=more_force,
-        held_out=held_out_ratio(robot, plan),
-    )
-
-
 def without_each(robot: Robot, plan: Plan, tip: Tip) -> Floats:
     """Largest standard deviation of the tip without each touch of a plan, (n,), m."""
-    every = np.arange(len(plan))
-    return largest_of_sets(prepare_candidates(robot, plan, tip), np.stack([np.delete(every, k) for k in every]))
-
-
-def random_sets(candidates: CandidateTouches, number: int, count: int = 300, seed: int = 0) -> Indices:
-    """Sets drawn from the candidates with equal probabilities, (count, number)."""
-    random = np.random.default_rng([seed, number])
-    return np.asarray(np.argsort(random.random((count, len(candidates.plan))), axis=1)[:, :number])
-
-
-def largest_of_sets(candidates: CandidateTouches, sets: Indices) -> Floats:
-    """Largest standard deviation of the tip for sets of touches (b, m), (b,), m; by singular values."""
-    k = candidates.derivative.shape[2]
-    prior = np.concatenate([np.eye(len(PRIOR), k), candidates.declared])
-    rows = candidates.derivative[sets].reshape(len(sets), -1, k)
-    rows = np.concatenate([rows, np.broadcast_to(prior, (len(sets), *prior.shape))], axis=1)
-    _, values, right = np.linalg.svd(rows, full_matrices=False)
-    root = np.swapaxes(right, 1, 2) / values[:, None, :]
-    return np.asarray(np.sqrt(candidates.variance(root @ np.swapaxes(root, 1, 2)).max(axis=1)))
+    of_plan = prepare_candidates(robot, plan, tip)
+    return np.asarray(np.sqrt(of_plan.variance(_covariances(of_plan, list(range(len(plan))), True)).max(axis=1)))

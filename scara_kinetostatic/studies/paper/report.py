@@ -357,13 +357,12 @@ def _scatter_section(r: Reproduction) -> Section:
 
 def _design(design: Design) -> Section:
     """Headline, sentences and figures of the optimal design; the rest is in `design.html`."""
-    sentences = [*design_text.set_sentences(design), *design_text.disc_sentences(design)]
     return Section(
         'The touches for an accuracy',
         (
             f'Required: {design_text.requirement(design)}, in the cell of figure 3 with the nominal robot. design.html '
-            'beside this page has the tables, the sets as plan files and the best places for discs.',
-            ' '.join([f'{design_text.headline(design)}.', *sentences]),
+            'beside this page has the tables and the best place for one more disc.',
+            ' '.join([f'{design_text.headline(design)}.', *design_text.set_sentences(design)]),
             Figure(
                 partial(design_figures.number_picture, design),
                 'Largest standard deviation of the tip over the workspace. Dotted: lower bound for every set of that '

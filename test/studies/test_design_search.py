@@ -1,0 +1,192 @@
+"""The smallest set that checks itself: its bound, its checks, its agreement with calibrations; what limits it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.studies.design.candidates import (
+    MOST_LEVERAGE,
+    TOUCHES_PER_DISC,
+    candidate_plan,
+    least_on_discs,
+    leverage_with_each,
+    leverages,
+    pack,
+    prepare_candidates,
+)
+from scara_kinetostatic.studies.design.optimal_design import Requirements, contributions, optimal_design
+from scara_kinetostatic.studies.design.prediction import (
+    Region,
+    Robot,
+    exact_plan,
+    free_tip,
+    make_workspace,
+    predict,
+    tip_std,
+)
+from scara_kinetostatic.studies.design.search import (
+    best_set,
+    find_lower_bound,
+    improve,
+    largest_variance,
+    variance_with_each,
+    without_each,
+)
+
+NOISE = Noise(joint=1e-5, force=0.3)
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
+ROBOT = Robot.of(CELL, PAPER_ACTUAL)
+DECLARED = replace(CELL, discs=tuple(disc._replace(center_std=1.5e-5, radius_std=5e-6) for disc in PAPER_DISCS))
+EASY = Requirements(accuracy=1.05e-5, levels=(10.0, 40.0), per_disc=9)
+
+
+def tip_of(robot):
+    return free_tip(robot, make_workspace(robot, radii=3, angles=18))
+
+
+def prepared(robot):
+    return prepare_candidates(robot, candidate_plan(robot, (10.0, 40.0), per_disc=12), tip_of(robot))
+
+
+@pytest.fixture(scope='module')
+def candidates():
+    return prepared(ROBOT)
+
+
+@pytest.fixture(scope='module')
+def design():
+    return optimal_design(ROBOT, EASY)
+
+
+@pytest.fixture(scope='module')
+def some(candidates):
+    return np.random.default_rng(1).permutation(len(candidates.plan))[:18].tolist()
+
+
+@pytest.mark.parametrize('cell', [CELL, DECLARED], ids=['exact', 'declared'])
+def test_candidates_judge_as_the_prediction_does(cell):
+    robot = Robot.of(cell, PAPER_ACTUAL)
+    candidates, tip = prepared(robot), tip_of(robot)
+    assert exact_plan(robot, candidates.plan).arms.min() >= 0.02
+    chosen = np.arange(0, len(candidates.plan), 5)
+    expected = tip_std(tip, predict(robot, candidates.plan.select(chosen))).largest
+    assert np.sqrt(largest_variance(candidates, chosen.tolist())) == pytest.approx(expected, rel=1e-3)
+    even = tip_std(tip, predict(robot, candidates.plan, 30)).largest
+    assert candidates.evenly_distributed(30) == pytest.approx(even, rel=1e-3)
+
+
+@pytest.mark.parametrize('smooth', [False, True])
+def test_an_added_touch_is_judged_as_if_it_were_in_the_set(candidates, some, smooth):
+    values, largest = variance_with_each(candidates, some, smooth=smooth), leverage_with_each(candidates, some)
+    for other in sorted(set(range(5)) - set(some))[:3]:
+        assert values[other] == pytest.approx(largest_variance(candidates, [*some, other], smooth=smooth), rel=1e-9)
+        assert largest[other] == pytest.approx(leverages(candidates, [*some, other]).max(), rel=1e-9)
+
+
+def test_exchange_improves_a_set_and_keeps_its_size(candidates, some):
+    better = improve(candidates, some)
+    assert len(set(better)) == len(some)
+    assert largest_variance(candidates, better) < 0.8 * largest_variance(candidates, some)
+
+
+def test_leverage_bounds_what_a_loss_does(candidates, some):
+    """√(1 / (1 - λ)) bounds the growth of every standard deviation, with and without a touch that matters."""
+    own, c = leverages(candidates, some), candidates.information_of(some)
+    for k, touch in enumerate(some):
+        before, after = (np.diag(np.linalg.inv(part)) for part in (c, c - candidates.information[touch]))
+        assert np.sqrt((after / before).max()) <= 1 / np.sqrt(1 - own[k]) + 1e-9
+
+
+@pytest.mark.parametrize('cell', [CELL, DECLARED], ids=['exact', 'declared'])
+def test_bound_holds_and_is_tight(cell):
+    robot = Robot.of(cell, PAPER_ACTUAL)
+    candidates, tip = prepared(robot), tip_of(robot)
+    target = candidates.evenly_distributed(30)
+    bound = find_lower_bound(candidates, target)
+    for number in (14, 30):
+        assert best_set(candidates, bound, number, starts=1)[1] ** 2 >= bound.variance(number)
+    assert best_set(candidates, bound, 60, starts=1)[1] ** 2 < 1.25 * bound.variance(60)
+    assert tip_std(tip, predict(robot, candidates.plan, 10**4)).largest ** 2 >= bound.variance(10**4)
+    assert bound.variance(bound.number(target)) <= target**2 < bound.variance(bound.number(target) - 1)
+
+
+def test_the_set_reaches_the_accuracy_after_every_loss_and_checks_itself(design):
+    number = len(design.plan)
+    assert design.least <= number <= 22
+    assert list(design.tried) == list(range(design.least, number))
+    assert min(design.tried.values(), default=np.inf) > design.accuracy >= design.without_each.max()
+    for k, expected in enumerate(design.without_each[:4]):
+        rest = predict(ROBOT, design.plan.select(np.delete(np.arange(number), k)))
+        assert tip_std(design.tip, rest).largest == pytest.approx(expected, rel=1e-3)
+    assert design.row.prediction.leverage.max() <= MOST_LEVERAGE
+    assert np.bincount(design.plan.disc, minlength=3).min() >= TOUCHES_PER_DISC
+    np.testing.assert_allclose(without_each(ROBOT, design.plan, design.tip), design.without_each)
+    assert (np.diff(design.curve.chosen) < 0).all() and (design.curve.bound <= design.curve.chosen).all()
+    assert (design.curve.chosen < design.curve.even).all()
+
+
+def test_what_the_accuracy_depends_on(design):
+    rows = {row.label: row for name in design.tables for row in design.tables[name]}
+    assert rows['40 N'].prediction.confounded == (('p_ee', 'g_ee'),)
+    assert rows['both'].free.largest < min(rows['left'].free.largest, rows['right'].free.largest)
+    assert {'disc_1, disc_2', 'disc_1, disc_2, disc_3'} < set(rows)
+    assert {row.prediction.touches for row in rows.values()} == {36}
+    found = design.additional_disc
+    x, y, largest = found.best
+    assert largest == np.nanmin(found.largest) < 0.7 * found.without
+    assert y < 0  # across the base from the others
+    taken = np.hypot(found.x[None] + 0.25, found.y[:, None] - 0.30) < 0.15
+    assert np.isnan(found.largest[taken]).all()
+    outside = ~Region(*EASY.region).holds(np.stack(np.meshgrid(found.x, found.y), axis=-1))
+    assert np.isnan(found.largest[outside]).all()
+    other = replace(
+        ROBOT,
+        cell=replace(CELL, discs=(*PAPER_DISCS, PAPER_DISCS[0]._replace(name='new', x=x, y=y, radius=found.radius))),
+    )
+    even = tip_std(design.tip, predict(other, candidate_plan(other, EASY.levels, per_disc=12), found.touches)).largest
+    assert even == pytest.approx(largest, rel=0.02)
+
+
+def test_more_discs_than_touches_suffice_for(candidates):
+    weights = np.bincount(np.flatnonzero(candidates.plan.disc == 1), minlength=len(candidates.plan)).astype(float)
+    assert least_on_discs(candidates, weights, 20).tolist() == [3, 3, 3]
+    assert least_on_discs(candidates, weights, 5).tolist() == [0, 3, 0]
+
+
+def test_declared_uncertainties_limit_the_accuracy_and_are_named():
+    robot = Robot.of(DECLARED)
+    found = optimal_design(robot, replace(EASY, accuracy=None, per_disc=6))
+    assert found.accuracy == pytest.approx(1.1 * found.least_possible)
+    parts = contributions(found.row.prediction, found.tip)
+    assert sum(value**2 for value in parts.values()) == pytest.approx(found.tip_std.largest**2)
+    assert max(parts, key=parts.get) == 'the places of the discs'
+    with pytest.raises(UnsupportedDataError, match='the places of the discs alone') as caught:
+        optimal_design(Robot.of(replace(DECLARED, tolerance=2e-6)), replace(EASY, accuracy=None))
+    assert str(caught.value).startswith('an accuracy of 1 µm (half of tolerance.tip: k = 2) is out of reach')
+
+
+def test_scatter_of_calibrations_with_the_recommended_set(design):
+    """Balanced noise: the sample covariance is exactly the stated one, so that no sampling error is left."""
+    plan, runs = design.plan, 4 * len(design.plan) + 8
+    exact = simulate_touches(CELL, PAPER_ACTUAL, plan, Noise(0.0, 0.0))
+    drawn = np.random.default_rng(1).standard_normal((runs, 4 * len(plan)))
+    left, _, right = np.linalg.svd(drawn - drawn.mean(axis=0), full_matrices=False)
+    noise = (np.sqrt(runs - 1) * left @ right).reshape(runs, len(plan), 2, 2)
+    errors = []
+    for joint, force in zip(noise[:, :, 0], noise[:, :, 1], strict=True):
+        touches = exact.replace(joints=exact.joints + NOISE.joint * joint, force=exact.force + NOISE.force * force)
+        errors.append(calibrate(touches, CELL).parameters.as_array() - PAPER_ACTUAL.as_array())
+    np.testing.assert_allclose(np.std(errors, axis=0, ddof=1) / design.row.prediction.std, 1.0, atol=0.05)
+
+
+def test_packed_matrices_give_traces():
+    a, b = (m @ m.T for m in np.random.default_rng(0).standard_normal((2, 5, 5)))
+    assert pack(a) @ pack(b, twice=True) == pytest.approx(np.trace(a @ b))
