@@ -22,7 +22,7 @@ from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import trace_contour as contour_of
-from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
+from scara_kinetostatic.errors import InputError, ParameterError, did_you_mean, expect
 from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.arm import CalibratedArm, JointAngles, Predictor, TipPosition
 from scara_kinetostatic.model.arrays import Floats, Indices
@@ -32,7 +32,14 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
-from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches, left_out
+from scara_kinetostatic.pipeline import (
+    calibrate_recordings,
+    calibrate_touches,
+    gather_touches,
+    gross_mistake,
+    left_out,
+    no_touches,
+)
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import World, parse_effect, with_effects
@@ -115,6 +122,7 @@ def read_touches(paths: Paths, cell: Cell) -> TouchSet:
 
     Raises:
         InputError: a file cannot be read; a table where the cell's sensor reports in the tool frame.
+        CellError: a mistake in the cell description, such as another frame or sign of the sensor.
         UnsupportedDataError: there is no usable touch.
 
     Example:
@@ -130,9 +138,11 @@ def read_touches(paths: Paths, cell: Cell) -> TouchSet:
         problem = "a table has its forces in the base frame, the cell's sensor in the tool frame"
         raise InputError(tables[0], problem, 'give a cell with sensor.frame base')
     detection = gather_touches(listed, cell)
+    mistake = gross_mistake(detection, cell, listed)
+    if mistake is not None:
+        raise mistake.error(', '.join(map(str, listed)))
     if not len(detection.touches):
-        reason = detection.rejected[0].reason if detection.rejected else 'no contact found'
-        raise UnsupportedDataError(f'{", ".join(map(str, listed))}: no usable touch: {reason}')
+        raise no_touches(detection, ', '.join(map(str, listed)))
     return detection.touches
 
 

@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Origin, check_touches
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Mistake, Origin, check_touches, wrong_unit
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import other_descriptions, read_streams, recorded_cell
@@ -19,25 +18,16 @@ from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration, held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.errors import CellError, InputError, ParameterError, RecordingError, UnsupportedDataError
+from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.checksum import check_different, recording_checksum
 from scara_kinetostatic.files.tables import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
+from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.touches.detection import UNKNOWN_SEQUENCE, Detection, find_touches, first_places, sequence_of
-from scara_kinetostatic.touches.left_out import LeftOut, check_named, kept_recordings, leave_out, parse_left_out
-from scara_kinetostatic.touches.streams import Streams
+from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out, parse_left_out
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
-_OTHER_UNITS = (
-    (1e3, 1.0, 'the forces are in kN, not in N'),
-    (1.0, float(np.deg2rad(1.0)), 'the joint angles are in degrees, not in rad'),
-    (1e3, float(np.deg2rad(1.0)), 'the forces are in kN, not in N, and the joint angles in degrees, not in rad'),
-)
-"""Factors of forces and joint angles, with words for each."""
-_MOSTLY = 0.5
-"""Such a unit is right if with it at least this part of the contacts are touches of known objects."""
 Progress = Callable[[str, float], None]
 """Called with the step that begins and the part of the work that is done, 0 to 1."""
 
@@ -60,8 +50,8 @@ def calibrate_files(
         fixed: parameters to hold, such as ``l1=0.33``.
         left_out: touches and recordings to leave out, such as ``10-14``.
         options: how the user names cell, fixed parameters and what is left out; messages say it.
-        joined: whether the recordings were not chosen by the user: one that cannot be used is then left out with a
-            warning, and the cell description of the last one counts, the one written last.
+        joined: whether the recordings were not chosen by the user: then the cell description of the last one counts,
+            the one written last, else that of the first.
         progress: called at each step.
 
     Raises:
@@ -74,33 +64,15 @@ def calibrate_files(
     entries = parse_left_out(left_out, left_out_option)
     paths = list(map(Path, kept_recordings(recordings, entries)))
     entries = tuple(entry for entry in entries if entry.numbers is not None)
-    unused: list[str] = []
-    while True:
-        try:
-            cell = load_cell(cell_file) if cell_file else recorded_cell(paths[::-1] if joined else paths, cell_option)
-            values = fixed_values(fixed, cell.nominal, fixed_option)
-            outcome = _calibrate_in_cell(paths, cell, cell_file, fixed=values, left_out=entries, progress=progress)
-            break
-        except RecordingError as error:
-            useless = [path for path in paths if Path(error.where).is_relative_to(path)]  # or one of its files
-            if not joined or not useless or len(paths) == 1:
-                raise
-            if useless[0] != paths[-1]:
-                check_named(entries)
-            entries = tuple(entry for entry in entries if not entry.recording or not entry.names(useless[0]))
-            paths = [path for path in paths if path not in useless]
-            unused.append(f'{error}: left out')
-    others = other_descriptions(cell, paths, cell_option) if cell_file else []
-    return replace(outcome, warnings=(*outcome.warnings, *unused, *others))
-
-
-def _calibrate_in_cell(paths: Sequence[Path], cell: Cell, cell_file: Path | None, **given: Any) -> Outcome:
-    """`calibrate_recordings`; what contradicts the cell description names its file."""
+    cell = load_cell(cell_file) if cell_file else recorded_cell(paths[::-1] if joined else paths, cell_option)
+    values = fixed_values(fixed, cell.nominal, fixed_option)
     try:
-        return calibrate_recordings(paths, cell, **given)
+        outcome = calibrate_recordings(paths, cell, fixed=values, left_out=entries, progress=progress)
     except CellError as error:
         where = cell_file or f'the cell description in {paths[0]}'
         raise CellError(f'{where}: {error.where}', error.problem, error.remedy) from error
+    others = other_descriptions(cell, paths, cell_option) if cell_file else []
+    return replace(outcome, warnings=(*outcome.warnings, *others))
 
 
 def calibrate_recordings(
@@ -122,9 +94,8 @@ def calibrate_recordings(
 
     Raises:
         RecordingError: a recording or table cannot be read.
-        InputError: tables together with recordings of a sensor in the tool frame; joint states and wrenches stamped by
-            clocks that differ, or in other units.
-        CellError: the forces contradict the cell's sensor sign or frame.
+        InputError: tables together with recordings of a sensor in the tool frame; a mistake in the touches.
+        CellError: a mistake in the cell description.
         UnsupportedDataError: no touches, too few, or a fit that does not converge.
         ParameterError: `fixed` names no parameter, or `left_out` no touch or recording.
     """
@@ -133,8 +104,7 @@ def calibrate_recordings(
     cell = cell_of_files(cell, tables, [path for path in paths if path not in tables])
     detection = leave_out(gather_touches(paths, cell, progress), paths, left_out)
     if len(detection.held) < FEWEST_TOUCHES:
-        for path in (path for path in paths if not is_touch_table(path)):
-            _check_units(read_streams(path, cell), cell)
+        _check_units([path for path in paths if path not in tables], cell)
     sources = zip(paths, detection.starts, detection.turned, strict=True)
     recordings = tuple(recording_of(*source) for source in sources)
     outcome = calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
@@ -232,7 +202,8 @@ def calibrate_touches(
         progress: called at each step.
 
     Raises:
-        CellError: the forces contradict the cell's sensor sign or frame.
+        InputError: a mistake in the touches.
+        CellError: a mistake in the cell description.
         UnsupportedDataError: no touches, too few, or a fit that does not converge.
         ParameterError: `fixed` names no parameter.
     """
@@ -246,14 +217,20 @@ def calibrate_touches(
     if mistake is not None and mistake.is_gross and calibration is None:
         raise mistake.error(names)
     try:
-        outcome = _calibrate_touches(detection, cell, calibration, fixed, sources, names, progress)
-        return replace(outcome, check=check)
+        outcome = _calibrate_touches(detection, cell, calibration, fixed, names, progress)
     except ParameterError:
         raise
     except (UnsupportedDataError, InputError) as error:
         if mistake is None:
             raise
         raise mistake.error(names) from error
+    return replace(outcome, check=check, sources=tuple(map(str, sources)))
+
+
+def gross_mistake(detection: Detection, cell: Cell, sources: Sequence[str | Path]) -> Mistake | None:
+    """The mistake with which the touches have hardly anything to do with the cell; None if there is none."""
+    found = check_touches(detection.held, cell, origin=_origin(sources)).found
+    return found if found is not None and found.is_gross else None
 
 
 def _origin(sources: Sequence[str | Path]) -> Origin:
@@ -267,13 +244,12 @@ def _calibrate_touches(
     cell: Cell,
     calibration: Calibration | None,
     fixed: Mapping[str, float] | None,
-    sources: Sequence[str | Path],
     names: str,
     progress: Progress | None,
 ) -> Outcome:
     """`calibrate_touches` without a name for the mistake behind a failure."""
     if not len(detection.touches):
-        raise UnsupportedDataError(f'{names}: {_no_touches(detection)}', 'see what `inspect` says about the recording')
+        raise no_touches(detection, names)
     if calibration is None:
         calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
     else:
@@ -294,7 +270,6 @@ def _calibrate_touches(
         extended_held_out=extended_held_out,
         found=detection.found,
         rejected=tuple(rejected[index] for index in sorted(rejected)),
-        sources=tuple(map(str, sources)),
         warnings=(*detection.warnings, *_unknown_sequence(detection, diagnosis)),
         first_touches=detection.first_touches,
         sequence_known=detection.sequence_known,
@@ -313,20 +288,18 @@ def left_out(calibration: Calibration) -> tuple[Rejection, ...]:
     return tuple(item for item in calibration.rejected if item.index not in calibration.touches.index)
 
 
-def _check_units(streams: Streams, cell: Cell) -> None:
-    """Check that a recording without touches would not have them with forces in kN, or joint angles in degrees.
+def _check_units(recordings: Sequence[str | Path], cell: Cell) -> None:
+    """Check that recordings in which hardly a touch is found are in rad and N.
 
     Raises:
-        InputError: it would, and these touches agree with the cell.
+        InputError: one is not.
     """
-    for force, angle, what in _OTHER_UNITS:
-        joints = replace(streams.joints, position=angle * streams.joints.position)
-        wrench = replace(streams.wrench, force=force * streams.wrench.force)
-        found = find_touches(replace(streams, joints=joints, wrench=wrench), cell)
-        if len(found.touches) >= _MOSTLY * found.found and check_touches(found.touches, cell).agrees:
-            size = float(np.median(np.hypot(*found.touches.force.T)))
-            problem = f'{what}: then {len(found.touches)} touches are found, of {size:.2g} N (median), else none'
-            raise InputError(streams.source, problem, 'let the drivers publish rad and N')
+    for path in recordings:
+        streams = read_streams(path, cell)
+        force = np.linalg.norm(streams.wrench.force - np.median(streams.wrench.force, axis=0), axis=1)
+        mistake = wrong_unit(streams.joints.position, float(force.max(initial=0.0)))
+        if mistake is not None:
+            raise mistake.error(str(path))
 
 
 def _fit_and_diagnose(
@@ -361,15 +334,12 @@ def _fit_and_diagnose(
 
 
 def _with_rejections(error: UnsupportedDataError, detection: Detection, names: str) -> UnsupportedDataError:
-    """The error with the touches that were rejected before, first of all where most of them were."""
-    rejected = f'{len(detection.rejected)} of {detection.found} found were rejected, the first'
-    if common := common_reason([item.reason for item in detection.rejected], detection.found):
-        units = 'check the units and the order of joint angles and forces, and the places of the discs'
-        remedy = units if common.startswith('no object there') else error.remedy
-        return UnsupportedDataError(f'{names}: {rejected}: {common}; {error.problem}', remedy)
+    """The error with the touches that were rejected before, where they are more than the others."""
     problem = f'{names}: {error.problem}'
     if len(detection.rejected) > len(detection.touches):
-        problem += f'; {rejected}, touch {detection.rejected[0].index}: {detection.rejected[0].reason}'
+        first = detection.rejected[0]
+        problem += f'; {len(detection.rejected)} of {detection.found} touches found were rejected, the first, '
+        problem += f'touch {first.index}: {first.reason}'
     return UnsupportedDataError(problem, error.remedy)
 
 
@@ -387,10 +357,13 @@ def _check_converged(final: Calibration, detection: Detection, names: str) -> No
         raise _with_rejections(error, detection, names)
 
 
-def _no_touches(detection: Detection) -> str:
-    if not detection.found:
-        return 'no contact found'
-    return f'none of {detection.found} touches can be used: {detection.rejected[0].reason}'
+def no_touches(detection: Detection, names: str) -> UnsupportedDataError:
+    """The error of a detection without a touch that can be used; `names` of its files."""
+    problem = 'no contact found'
+    if detection.found:
+        problem = f'none of {detection.found} touches can be used: {detection.rejected[0].reason}'
+    remedy = 'see what `inspect` says about the recording, and whether the topics have one clock (`sensor.time_offset`)'
+    return UnsupportedDataError(f'{names}: {problem}', remedy)
 
 
 def _report(progress: Progress | None, step: str, part: float) -> None:

@@ -6,7 +6,7 @@ have; where the result is an extrapolation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from scipy import special
@@ -14,16 +14,14 @@ from scipy import special
 from scara_kinetostatic.assessment import rejections, tolerance
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import LIMITS, Assessment, Grade, Remark, quantity
-from scara_kinetostatic.assessment.rejections import between
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import tip_covariance
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
-from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
-from scara_kinetostatic.diagnosis.result import Diagnosis, Found
+from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.quantity import displacement
@@ -34,7 +32,7 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     d = evidence.diagnosis
     if d.verdict != 'ambiguous':
         return
-    groups = '; '.join(_one_of(d, group) for group in d.rivals)
+    groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
     yield Remark(
         Grade.CAUTION,
         f'a model error was corrected, but its cause is open: {groups}; the twelve parameters and their uncertainties '
@@ -43,10 +41,11 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     )
 
 
-def _one_of(d: Diagnosis, group: Sequence[str]) -> str:
-    titles = [d.effects_by_label()[label].title if label in d.effects_by_label() else label for label in group]
-    left = len(titles) - 4
-    return ' or '.join([*titles[:4], *([f'one of {left} more'] if left > 0 else [])])
+def rivals_in_words(d: Diagnosis, group: Sequence[str], most: int = 4) -> str:
+    """Rivals in one phrase, the first ones by name."""
+    effects = d.effects_by_label()
+    names = [effects[label].title if label in effects else label for label in group[:most]]
+    return ' or '.join([*names, *([f'one of {len(group) - most} more'] if len(group) > most else [])])
 
 
 def shifted(evidence: Evidence) -> Iterator[Remark]:
@@ -75,7 +74,10 @@ def _moment(c: Calibration, moment: float, effect: Effect) -> str:
         return 'at a moment'
     last = int(np.flatnonzero(before)[np.argmax(touches.order[before])])
     first = int(np.flatnonzero(after)[np.argmin(touches.order[after])])
-    return between(touches, last, first)
+    one, other = (int(touches.recording[k]) + 1 for k in (last, first))
+    if one != other:
+        return f'between recording {one} and {other}'
+    return f'between touch {touches.index[last]} and {touches.index[first]}'
 
 
 def unexplained(evidence: Evidence) -> Iterator[Remark]:
@@ -91,55 +93,42 @@ def unexplained(evidence: Evidence) -> Iterator[Remark]:
         yield Remark(Grade.UNFIT, *implausible)
         return
     curves = [item.effect for item in d.found if not item.effect.is_physical]
-    if curves and not d.remaining:
-        yield _about_curve(curves[0], evidence.base.fixed)
-    elif d.remaining:
-        yield _about_dependence(d.remaining[0], evidence)
+    factor, stated = c.reduced_chi_square**0.5, c.noise_source == 'given'
+    if d.remaining:
+        tip, largest = evidence.comparison.extended.tip, d.remaining[0]
+        small = (
+            c.reduced_chi_square <= LIMITS.model_error_unfit if stated else largest.share <= LIMITS.model_error_share
+        )
+        yield Remark(
+            Grade.CAUTION if small else Grade.UNFIT,
+            f'a model error is not explained; the residual is correlated with: {largest.name}; the touches are '
+            f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties do '
+            'not cover its bias',
+            'look in the report at what the residuals depend on, mend it, and record again',
+        )
+    elif curves:
+        held = ', '.join(evidence.calibration.fixed)
+        yield Remark(
+            Grade.CAUTION,
+            f'a model error of unknown cause is corrected by a fitted curve ({curves[0].description}): it holds where '
+            'the touches are, and may not elsewhere',
+            f'estimate {held} as well: a wrong value looks like this'
+            if held
+            else f'to identify the cause, record {curves[0].identified_by}',
+        )
+    elif stated:
+        yield Remark(
+            Grade.CAUTION if factor <= LIMITS.noise_factor else Grade.UNFIT,
+            f'the residuals are {factor:.2g} times the stated noise, without a pattern; the uncertainties are enlarged '
+            'by that',
+            _ESTIMATE_NOISE,
+        )
     else:
-        yield _about_noise(c)
-
-
-def _about_curve(curve: Effect, fixed: Iterable[str]) -> Remark:
-    """A fitted curve; a wrong value of a fixed parameter needs one."""
-    held = ', '.join(fixed)
-    return Remark(
-        Grade.CAUTION,
-        f'a model error of unknown cause is corrected by a fitted curve ({curve.description}): it holds where the '
-        'touches are, and may not elsewhere',
-        f'estimate {held} as well: a wrong value looks like this'
-        if held
-        else f'to identify the cause, record {curve.identified_by}',
-    )
-
-
-def _about_dependence(dependence: Dependence, evidence: Evidence) -> Remark:
-    """Unfit where the error is larger than the noise."""
-    c, tip = evidence.final, evidence.comparison.extended.tip
-    if c.noise_source == 'given':
-        small = c.reduced_chi_square <= LIMITS.model_error_unfit
-    else:
-        small = dependence.share <= LIMITS.model_error_share
-    return Remark(
-        Grade.CAUTION if small else Grade.UNFIT,
-        f'a model error is not explained; the residual is correlated with: {dependence.name}; the touches are '
-        f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties do not '
-        'cover its bias',
-        'look in the report at what the residuals depend on, mend it, and record again',
-    )
-
-
-def _about_noise(c: Calibration) -> Remark:
-    """Residuals that are larger than the noise, or distributed otherwise, without a pattern."""
-    factor = c.reduced_chi_square**0.5
-    if c.noise_source == 'estimated':
         reason = 'the residuals are not distributed like noise, without a pattern: some touches are bad'
-        return Remark(Grade.CAUTION, reason, 'record more touches')
-    return Remark(
-        Grade.CAUTION if factor <= LIMITS.noise_factor else Grade.UNFIT,
-        f'the residuals are {factor:.2g} times the stated noise, without a pattern; the uncertainties are enlarged by '
-        'that',
-        'leave the noise out of the cell description to have it estimated',
-    )
+        yield Remark(Grade.CAUTION, reason, 'record more touches')
+
+
+_ESTIMATE_NOISE = 'leave the noise out of the cell description to have it estimated'
 
 
 def noise(evidence: Evidence) -> Iterator[Remark]:
@@ -157,7 +146,7 @@ def noise(evidence: Evidence) -> Iterator[Remark]:
         yield Remark(
             Grade.CAUTION,
             f'the residuals are {factor:.2g} times the stated noise: the uncertainties are stated too large by that',
-            'leave the noise out of the cell description to have it estimated',
+            _ESTIMATE_NOISE,
         )
 
 
@@ -191,42 +180,24 @@ def leverage(evidence: Evidence) -> Iterator[Remark]:
     high = np.flatnonzero(found > LIMITS.leverage_caution)
     if not len(high):
         return
-    high = high[np.argsort(-found[high], kind='stable')]
-    used = np.flatnonzero(evidence.final.used)[high]
-    worst = float(found[high[0]])
+    worst = int(np.argmax(found))
+    number = evidence.final.touches.index[np.flatnonzero(evidence.final.used)[worst]]
     yield Remark(
-        Grade.CAUTION if worst <= LIMITS.leverage_unfit else Grade.UNFIT,
-        f'{len(high)} of {len(found)} touches are not checked by the others: of an error of touch '
-        f'{evidence.final.touches.index[used[0]]} the parameters absorb {_percent(worst)} (leverage {worst:.2f})',
-        MORE_TOUCHES if len(high) > 4 else f'touch again beside {_places(evidence.final, used)}',
+        Grade.CAUTION if found[worst] <= LIMITS.leverage_unfit else Grade.UNFIT,
+        f'{len(high)} of {len(found)} touches are not checked by the others: of an error of touch {number} the '
+        f'parameters absorb {100 * found[worst]:.0f} % (leverage {found[worst]:.2f})',
+        MORE_TOUCHES if len(high) > 4 else f'touch again beside touch {number}, and beside others with a high leverage',
     )
-
-
-def _percent(part: float) -> str:
-    return 'everything' if part > 0.995 else f'{100 * part:.0f} %'
-
-
-def _places(c: Calibration, which: Indices) -> str:
-    """Where these touches are."""
-    t = c.touches
-    places = dict.fromkeys(
-        f'{c.cell.discs[t.disc[k]].name}, elbow {"left" if t.posture[k] > 0 else "right"}, touch {t.index[k]}'
-        for k in which.tolist()
-    )
-    return '; '.join(places)
 
 
 def freedoms(evidence: Evidence) -> Iterator[Remark]:
     """Few degrees of freedom: the noise is not checked."""
     number = evidence.final.degrees_of_freedom
-    if number >= LIMITS.least_freedoms:
-        return
-    estimated = evidence.final.noise_source == 'estimated'
-    consequence = 'the estimated noise is a guess' if estimated else 'they do not check the stated noise'
-    left = f'{number} degree{"" if number == 1 else "s"} of freedom {"is" if number == 1 else "are"} left'
-    yield Remark(
-        Grade.CAUTION, f'{int(evidence.final.used.sum())} touches are few: {left}, {consequence}', MORE_TOUCHES
-    )
+    if number < LIMITS.least_freedoms:
+        estimated = evidence.final.noise_source == 'estimated'
+        consequence = 'the estimated noise is a guess' if estimated else 'they do not check the stated noise'
+        few = f'{int(evidence.final.used.sum())} touches are few, with {number} degrees of freedom'
+        yield Remark(Grade.CAUTION, f'{few}: {consequence}', MORE_TOUCHES)
 
 
 def mistake(evidence: Evidence) -> Iterator[Remark]:
@@ -259,31 +230,24 @@ def undetermined(evidence: Evidence) -> Iterator[Remark]:
 
 def negative(evidence: Evidence) -> Iterator[Remark]:
     """Compliances and backlashes below zero beyond their uncertainty."""
-    c = evidence.final
-    bound = negative_bound(c)
-    for name in ('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'):
+    c, bound = evidence.final, LIMITS.negative
+    if c.noise_source == 'estimated':
+        bound = -float(special.stdtrit(c.degrees_of_freedom, special.ndtr(-bound)))
+    for name, check in _CHECKS.items():
         value, std = getattr(c.parameters, name), c.std_of(name)
         if std > 0 and value < -bound * std and not (name == 'g_ee' and evidence.mistake):
             yield Remark(
                 Grade.UNFIT,
                 f'{name} is negative, {quantity(value, UNITS[name])} ± {quantity(std, UNITS[name])}: no robot is like '
                 'that; something else is wrong that has the same effect',
-                _CHECKS[name],
+                check,
             )
-
-
-def negative_bound(c: Calibration) -> float:
-    """Standard uncertainties below zero from which on a value is negative."""
-    if c.noise_source == 'given':
-        return LIMITS.negative
-    probability = float(special.ndtr(-LIMITS.negative))
-    return -float(special.stdtrit(c.degrees_of_freedom, probability))
 
 
 _RADII = 'check the radii in the cell description: they reach to the centre of the tip'
 _SLIP = 'preload every other touch: a joint that slips under load looks like a negative backlash'
 _FORCE = 'check the gain, the frame and the sign of the force sensor'
-_CHECKS = {'g_ee': _RADII, 'g1': _SLIP, 'g2': _SLIP, 'p_ee': _FORCE, 'p1': _FORCE, 'p2': _FORCE}
+_CHECKS = {'p_ee': _FORCE, 'p1': _FORCE, 'p2': _FORCE, 'g_ee': _RADII, 'g1': _SLIP, 'g2': _SLIP}
 """What to check where a value is negative."""
 
 
@@ -302,22 +266,18 @@ def large_backlash(evidence: Evidence) -> Iterator[Remark]:
 
 GEOMETRY = 6
 """The first parameters are those of the unloaded arm."""
-_ELBOWS = {1: 'left', -1: 'right'}
-_FIRST_ANGLES = np.linspace(-np.pi, np.pi, 12, endpoint=False)
-_ELBOW_ANGLES = np.deg2rad(np.linspace(20.0, 160.0, 8))
-"""The workspace: all round the base, the elbow neither nearly stretched nor nearly folded."""
 
 
 def postures(evidence: Evidence) -> Iterator[Remark]:
     """An elbow posture that was not touched."""
-    c = evidence.final
-    touched = set(c.touches.posture[c.used].tolist())
-    for posture in {1, -1} - touched:
+    touched = np.unique(evidence.final.touches.posture[evidence.final.used])
+    if len(touched) == 1:
+        own, other = ('left', 'right') if touched[0] > 0 else ('right', 'left')
         yield Remark(
             Grade.CAUTION,
-            f'all touches are with the elbow {_ELBOWS[-posture]}: with the elbow {_ELBOWS[posture]} the result is an '
-            'extrapolation that nothing has checked',
-            f'use it with the elbow {_ELBOWS[-posture]} only, or touch with the elbow {_ELBOWS[posture]}, too',
+            f'all touches are with the elbow {own}: with the elbow {other} the result is an extrapolation that nothing '
+            'has checked',
+            f'use it with the elbow {own} only, or touch with the elbow {other}, too',
         )
 
 
@@ -341,12 +301,15 @@ def places(evidence: Evidence) -> Iterator[Remark]:
     c = evidence.final
     if any(set(group) & set(NAMES[:GEOMETRY]) for group in c.identifiability.confounded):
         return
-    touched = float(np.median(tip_std(c, c.touches.joints[c.used])))
-    joints = workspace(c)
-    std = tip_std(c, joints)
+    # all round the base, the elbow neither nearly stretched nor nearly folded
+    angles = np.linspace(-np.pi, np.pi, 12, endpoint=False), np.deg2rad(np.linspace(20.0, 160.0, 8))
+    first, second = (axis.ravel() for axis in np.meshgrid(*angles, indexing='ij'))
+    postures = np.unique(c.touches.posture[c.used])
+    joints = np.concatenate([np.stack([first, posture * second], axis=-1) for posture in postures])
+    touched, std = float(np.median(_tip_std(c, c.touches.joints[c.used]))), _tip_std(c, joints)
     worst = int(np.argmax(std))
     if touched > 0 and std[worst] > LIMITS.extrapolation * touched:
-        x, y = forward(c.parameters, joints[worst : worst + 1])[0]
+        x, y = forward(c.parameters, joints[worst])
         yield Remark(
             Grade.CAUTION,
             f'the touches cover a small part of the workspace: at x {x:.2f} m, y {y:.2f} m the tip is uncertain by '
@@ -355,14 +318,7 @@ def places(evidence: Evidence) -> Iterator[Remark]:
         )
 
 
-def workspace(c: Calibration) -> Floats:
-    """Joint angles all over the workspace, in the elbow postures that were touched, (n, 2), rad."""
-    first, second = (axis.ravel() for axis in np.meshgrid(_FIRST_ANGLES, _ELBOW_ANGLES, indexing='ij'))
-    touched = np.unique(c.touches.posture[c.used])
-    return np.concatenate([np.stack([first, posture * second], axis=-1) for posture in touched])
-
-
-def tip_std(c: Calibration, joints: Floats) -> Floats:
+def _tip_std(c: Calibration, joints: Floats) -> Floats:
     """Standard uncertainty of the unloaded tip H(L̄, Q) in the direction where it is largest, (n,), m."""
     derivative = forward_by_parameters(c.parameters, joints)[..., :GEOMETRY]
     covariance = tip_covariance(derivative, c.covariance[:GEOMETRY, :GEOMETRY])
@@ -399,33 +355,19 @@ def assess(evidence: Evidence) -> Assessment:
         evidence: the calibration with all that speaks for or against its use.
     """
     remarks = [remark for criterion in CRITERIA for remark in criterion(evidence)]
-    remarks = remarks or [Remark(Grade.FIT, _nothing_against(evidence))]
-    corrections = [Remark(Grade.FIT, reason, action) for reason, action in _corrections(evidence)]
-    return Assessment.of([*remarks, *corrections], _notes(evidence))
-
-
-def _nothing_against(evidence: Evidence) -> str:
-    """The reason of a result that is fit."""
-    errors = evidence.comparison.extended
-    return (
-        f'{int(evidence.final.used.sum())} touches determine all parameters and check them, by a force error of '
-        f'{errors.held_out:.2g} N on touches that the fit has not seen'
-    )
-
-
-def _corrections(evidence: Evidence) -> Iterator[tuple[str, str]]:
-    """Model errors that the result corrects; those of the cell description are to be corrected there as well."""
-    for item in evidence.diagnosis.found:
+    if not remarks:
+        reason = (
+            f'{int(evidence.final.used.sum())} touches determine all parameters and check them, by a force error of '
+            f'{evidence.comparison.extended.held_out:.2g} N on touches that the fit has not seen'
+        )
+        remarks = [Remark(Grade.FIT, reason)]
+    for item in evidence.diagnosis.found:  # what stands in the cell description is to be corrected there as well
         if item.in_every_model and item.effect.is_physical and not item.effect.is_stepwise:
-            yield f'{item.effect.finding}: corrected in this result', _correction(item)
-
-
-def _correction(item: Found) -> str:
-    """What to measure again; empty where the cell description says nothing of it."""
-    found = {value.name: value.value for value in item.values}
-    if not found or not np.isfinite(list(found.values())).all():
-        return ''
-    return item.effect.correction(found)
+            values = {value.name: value.value for value in item.values}
+            known = bool(values) and bool(np.isfinite(list(values.values())).all())
+            action = item.effect.correction(values) if known else ''
+            remarks.append(Remark(Grade.FIT, f'{item.effect.finding}: corrected in this result', action))
+    return Assessment.of(remarks, _notes(evidence))
 
 
 def _notes(evidence: Evidence) -> Iterator[str]:

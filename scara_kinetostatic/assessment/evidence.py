@@ -9,8 +9,6 @@ and U - U-, U+ - U the guard bands. As ISO 14253-1 has it, conformity is shown w
 contrary where U- is beyond it; between, neither is shown. Where the noise is stated, and covers the residuals, both
 guard bands are zero.
 
-The effective degrees of freedom are those of Welch and Satterthwaite (GUM, JCGM 100, G.4.1): ν_eff = ν (u / u_A)⁴.
-
 The block of a used touch on the diagonal of the hat matrix is H_k = J_k Σ J_kᵀ, (2, 2), with J_k its whitened Jacobian
 and Σ the covariance of the fit, everything estimated along with the parameters included. Of an error of the touch in
 the direction of an eigenvector with eigenvalue λ, the residual shows the part 1 - λ, the parameters absorb the rest.
@@ -30,7 +28,7 @@ from scipy.special import chdtri
 from scara_kinetostatic.assessment.mistakes import Check, Mistake
 from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.result import Calibration, HeldOut
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
@@ -39,8 +37,8 @@ from scara_kinetostatic.calibration.tip_uncertainty import (
     tip_uncertainty,
     workspace,
 )
-from scara_kinetostatic.calibration.uncertainty_budget import Improvement, improvements
-from scara_kinetostatic.diagnosis.comparison import Comparison
+from scara_kinetostatic.calibration.uncertainty_budget import Improvement, Item, improvements, uncertainty_budget
+from scara_kinetostatic.diagnosis.comparison import Comparison, compare
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.arrays import Floats, read_only
@@ -63,21 +61,15 @@ class Conformity(NamedTuple):
 
     Attributes:
         decision: about the whole workspace.
-        tolerance: m.
-        worst: U where it is largest, m.
-        low: its lower limit, m.
+        low: the lower limit of U where it is largest, m.
         high: its upper limit, m.
-        effective_freedoms: ν_eff; infinite where the noise is stated.
         share: part of the workspace where U is at most the tolerance, 0 to 1.
         touched: the decision where the joint angles are between those of the touches; None where no place is.
     """
 
     decision: Decision
-    tolerance: float
-    worst: float
     low: float
     high: float
-    effective_freedoms: float
     share: float
     touched: Decision | None
 
@@ -107,11 +99,8 @@ def conformity(c: Calibration, tip: TipUncertainty) -> Conformity | None:
         decision = Decision.UNDECIDED
     return Conformity(
         decision=decision,
-        tolerance=tolerance,
-        worst=tip.worst,
         low=low,
         high=high,
-        effective_freedoms=freedoms * (u**2 / noise) ** 2 if noise > 0 else np.inf,
         share=float(np.mean(values <= tolerance)) * (1 - tip.undetermined),
         touched=_decide(parts[0] * between, parts[1] * between, tolerance) if np.isfinite(between) else None,
     )
@@ -146,31 +135,42 @@ def leverages(calibration: Calibration) -> Floats:
     return read_only(np.clip(np.linalg.eigvalsh(np.einsum('nik,njk->nij', blocks, blocks))[:, -1], 0.0, 1.0))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evidence:
-    """A calibration with all that speaks for or against its use.
+    """A calibration with all that speaks for or against its use; what follows is worked out once, when first read.
 
     Attributes:
-        base: the base model.
-        final: the calibration to use.
-        diagnosis: whether the model is complete.
-        comparison: errors, fitted and held out.
+        calibration: the base model with its uncertainty.
+        held_out: force error of that model on touches not used in the fit.
+        diagnosis: whether the model is complete, and what is missing.
+        extended_held_out: as `held_out`, of the model extended by what was found; the same where nothing was.
         found: touches in the recordings, rejected ones included.
-        rejected: all that were not used.
+        rejected: all that were not used, by index: by the detection and by the fit.
         first_touches: number of the first touch of each recording.
         sequence_known: whether the order in time of the recordings is known.
         check: what the touches said of the cell before the fit; None where they were not asked.
     """
 
-    base: Calibration
-    final: Calibration
+    calibration: Calibration
+    held_out: HeldOut
     diagnosis: Diagnosis
-    comparison: Comparison
+    extended_held_out: HeldOut
     found: int
     rejected: tuple[Rejection, ...]
     first_touches: tuple[int, ...] = (0,)
     sequence_known: bool = True
     check: Check | None = None
+
+    @property
+    def final(self) -> Calibration:
+        """The calibration to use: extended by what was found, where something was."""
+        return self.diagnosis.extended or self.calibration
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The base model and the final one on the same touches: force error, error of the tip, bias of parameters."""
+        held_out = self.held_out.force_error, self.extended_held_out.force_error
+        return compare(self.calibration, self.final, *held_out)
 
     @cached_property
     def leverages(self) -> Floats:
@@ -188,8 +188,13 @@ class Evidence:
         return tip_uncertainty(self.final, self.workspace)
 
     @cached_property
+    def budget(self) -> tuple[Item, ...]:
+        """What each source of uncertainty contributes to the final model's parameters and to the tip."""
+        return uncertainty_budget(self.final, self.tip_uncertainty)
+
+    @cached_property
     def conformity(self) -> Conformity | None:
-        """The same against the tolerance; None where there is none, or it is not determined."""
+        """The tip's uncertainty against the tolerance; None where there is none, or it is not determined."""
         return conformity(self.final, self.tip_uncertainty)
 
     @cached_property
@@ -201,10 +206,3 @@ class Evidence:
     def mistake(self) -> Mistake | None:
         """A mistake in the cell description or in the touches that explains what is odd."""
         return None if self.check is None else self.check.mistake(self.final)
-
-    @cached_property
-    def unusable(self) -> list[tuple[int, int]]:
-        """How many touches of each recording are not used, and how many were found in it."""
-        edges = [*self.first_touches, max(self.found, self.first_touches[-1])]
-        numbers = np.array([item.index for item in self.rejected], dtype=np.intp)
-        return list(zip(np.histogram(numbers, edges)[0].tolist(), np.diff(edges).tolist(), strict=True))

@@ -111,19 +111,6 @@ class Limits:
     """Probability by chance below which rejected touches are concentrated in one object, recording or span of time; of
     all such groups together (Bonferroni). Source: the accepted rate of false alarms of the diagnosis.
     """
-    consistent_concentration: float = 0.1
-    """The same for the touches of one object that also agree with each other once that object is displaced. Source:
-    three such touches of 24, which agree by chance in about one case of twenty, then make the same rate of false
-    alarms.
-    """
-    consistent: float = 1e-3
-    """P-value above which rejected touches agree with a displaced object. Source: one of a thousand true ones is
-    missed.
-    """
-    fewest_moved: int = 3
-    """So many rejected touches show that an object was displaced: each gives one precise equation, along its normal,
-    and the displacement has two unknowns.
-    """
     most_rejected: float = 0.1
     """Part of the touches rejected by the fit above which: caution. Source: up to it the standard uncertainties hold
     (`benchmark/statistics`, section outliers).

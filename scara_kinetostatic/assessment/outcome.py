@@ -10,14 +10,9 @@ from typing import NamedTuple
 from scara_kinetostatic.assessment.criteria import assess
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Assessment
-from scara_kinetostatic.assessment.mistakes import Check
-from scara_kinetostatic.calibration.result import Calibration, Estimate, HeldOut
-from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty
-from scara_kinetostatic.calibration.uncertainty_budget import Item, uncertainty_budget
-from scara_kinetostatic.diagnosis.comparison import Comparison, EffectResidual, compare, effect_residuals
-from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.calibration.result import Estimate
+from scara_kinetostatic.diagnosis.comparison import EffectResidual, effect_residuals
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.touch import Rejection
 
 
 class Recording(NamedTuple):
@@ -36,31 +31,15 @@ class Recording(NamedTuple):
     turned: str = ''
 
 
-def _now() -> datetime:
-    return datetime.now(timezone.utc).replace(microsecond=0)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Outcome:
-    """All that a calibration of recordings gives.
-
-    `comparison`, `effect_residuals` and `assessment` follow from the fits. Each is worked out once, when it is first
-    read: a user of the parameters alone needs none, and a copy with another diagnosis gets its own.
+class Outcome(Evidence):
+    """All that a calibration of recordings gives: the evidence, where it comes from, and what is made of it.
 
     Attributes:
-        calibration: the base model with its uncertainty.
-        held_out: force error of that model on touches not used in the fit.
-        diagnosis: whether the model is complete, and what is missing.
-        extended_held_out: as `held_out`, of the model extended by what was found; the same where nothing was.
-        found: touches in the recordings, rejected ones included.
-        rejected: all that were not used, by index: by the detection and by the fit.
         sources: the recordings.
         warnings: irregularities of the recordings, one sentence each.
         recordings: the files that the touches come from; empty where they come from elsewhere.
         created: when the calibration was calculated, UTC, whole seconds.
-        first_touches: number of the first touch of each recording.
-        sequence_known: whether the order in time of the recordings is known.
-        check: what the touches said of the cell before the fit.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -74,19 +53,10 @@ class Outcome:
         'fit'
     """
 
-    calibration: Calibration
-    held_out: HeldOut
-    diagnosis: Diagnosis
-    extended_held_out: HeldOut
-    found: int
-    rejected: tuple[Rejection, ...]
-    sources: tuple[str, ...]
-    warnings: tuple[str, ...]
+    sources: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     recordings: tuple[Recording, ...] = ()
-    created: datetime = field(default_factory=_now)
-    first_touches: tuple[int, ...] = (0,)
-    sequence_known: bool = True
-    check: Check | None = None
+    created: datetime = field(default_factory=lambda: datetime.now(timezone.utc).replace(microsecond=0))
 
     def __repr__(self) -> str:
         found = ' '.join(item.effect.label for item in self.diagnosis.found) or 'none'
@@ -125,21 +95,10 @@ class Outcome:
         return self.diagnosis.verdict
 
     @property
-    def final(self) -> Calibration:
-        """The calibration to use: extended by what was found, where something was."""
-        return self.diagnosis.extended or self.calibration
-
-    @property
     def arm(self) -> CalibratedArm:
         """What is needed of the final calibration to use it, with its assessment."""
         created = self.created.astimezone(timezone.utc).strftime('%Y-%m-%dT%H:%M:%SZ')
         return replace(self.final.arm, grade=self.assessment.grade.value, verdict=self.verdict, created=created)
-
-    @cached_property
-    def comparison(self) -> Comparison:
-        """The base model and the final one on the same touches: force error, error of the tip, bias of parameters."""
-        held_out = self.held_out.force_error, self.extended_held_out.force_error
-        return compare(self.calibration, self.final, *held_out)
 
     @cached_property
     def effect_residuals(self) -> tuple[EffectResidual, ...]:
@@ -147,31 +106,6 @@ class Outcome:
         return effect_residuals(self.calibration, self.final, self.diagnosis.found)
 
     @cached_property
-    def tip_uncertainty(self) -> TipUncertainty:
-        """Expanded uncertainty of the tip over the workspace."""
-        return self.evidence.tip_uncertainty
-
-    @cached_property
-    def budget(self) -> tuple[Item, ...]:
-        """What each source of uncertainty contributes to the final model's parameters and to the tip."""
-        return uncertainty_budget(self.final, self.tip_uncertainty)
-
-    @cached_property
     def assessment(self) -> Assessment:
         """Whether the result may be used, why, and what to do."""
-        return assess(self.evidence)
-
-    @cached_property
-    def evidence(self) -> Evidence:
-        """What the assessment is made from."""
-        return Evidence(
-            base=self.calibration,
-            final=self.final,
-            diagnosis=self.diagnosis,
-            comparison=self.comparison,
-            found=self.found,
-            rejected=self.rejected,
-            first_touches=self.first_touches,
-            sequence_known=self.sequence_known,
-            check=self.check,
-        )
+        return assess(self)

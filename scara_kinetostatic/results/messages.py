@@ -267,7 +267,7 @@ def tip_sentences(outcome: Outcome) -> list[str]:
     share = largest.tip**2 / sum(item.tip**2 for item in outcome.budget)
     at = f'x {tip.at.tip[0]:.2f} m, y {tip.at.tip[1]:.2f} m'
     sizes = f'at most {quantity(tip.worst, "m")}, at {at}, median {quantity(tip.median, "m")}.'
-    help_most = advice(outcome.evidence)
+    help_most = advice(outcome)
     part = f'{100 * share:.0f} %' if share >= 0.005 else 'below 1 %'
     found = [
         f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the workspace: {sizes}',

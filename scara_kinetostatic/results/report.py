@@ -8,10 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from scara_kinetostatic.assessment.evidence import Decision
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.assessment.tolerance import NOT_STATED
+from scara_kinetostatic.assessment.tolerance import stated_conformity
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
@@ -155,7 +154,7 @@ def numbers(outcome: Outcome) -> tuple[Fact, Fact, Fact]:
 
 def _uncertainty(outcome: Outcome) -> Fact:
     """The largest expanded uncertainty of the tip against the tolerance, and whether it conforms."""
-    tip, found, tolerance = outcome.tip_uncertainty, outcome.evidence.conformity, outcome.final.cell.tolerance
+    tip, found, tolerance = outcome.tip_uncertainty, outcome.conformity, outcome.final.cell.tolerance
     title = 'Tip uncertainty' if tolerance is None else 'Tip uncertainty against tolerance'
     allowed = 'no tolerance is stated' if tolerance is None else f'tolerance {_mm(tolerance)} mm'
     if not np.isfinite(tip.worst):
@@ -165,23 +164,10 @@ def _uncertainty(outcome: Outcome) -> Fact:
         parts[0] += f', {_mm(tip.worst_touched)} mm between the touches'
     if tip.undetermined > 0:
         parts.append(f'not determined in {100 * tip.undetermined:.0f} % of it')
-    if found is None:
+    if found is None or tolerance is None:
         return Fact(title, _mm(tip.worst), 'mm', '; '.join([*parts, allowed]))
-    parts.append(f'conformity {_decision(outcome, found.decision)}')
-    return Fact(title, f'{_mm(tip.worst)} of {_mm(found.tolerance)}', 'mm', '; '.join(parts))
-
-
-def _decision(outcome: Outcome, decision: Decision) -> str:
-    """What is said of conformity (ISO 14253-1): as much as the uncertainties contain."""
-    if decision is Decision.DOES_NOT_CONFORM:
-        return 'excluded'
-    if decision is Decision.UNDECIDED:
-        return 'neither shown nor excluded'
-    if outcome.diagnosis.verdict == 'unexplained':
-        return NOT_STATED
-    if DeclaredErrors.of(outcome.final.cell) is None:
-        return 'shown as far as noise goes: no uncertainties of discs and sensor are declared'
-    return 'shown'
+    parts.append(f'conformity {stated_conformity(outcome)}')
+    return Fact(title, f'{_mm(tip.worst)} of {_mm(tolerance)}', 'mm', '; '.join(parts))
 
 
 def _mm(metres: float) -> str:
