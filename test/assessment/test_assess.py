@@ -11,11 +11,10 @@ import pytest
 from scara_kinetostatic.assessment.evidence import leverages
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark, quantity
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.assessment.rejections import find_moved_object
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.objects import ObjectPosition, ObjectRadius
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
@@ -110,42 +109,6 @@ def test_an_uncertainty_beyond_the_tolerance() -> None:
     assert 'the tolerance 4 µm; it conforms in 0 % of the workspace' in found.reasons[0]
     wide = replace(good().final.cell, tolerance=1e-3)
     assert replace(good(), calibration=replace(good().calibration, cell=wide)).assessment.grade is Grade.FIT
-
-
-def test_the_touches_of_a_displaced_disc_agree_with_each_other() -> None:
-    before, after = touch(), touch(cell=restated(1, x=3e-4, y=-2e-4))
-    late = (before.disc == 1) & (before.index >= 30)
-    assert 3 <= late.sum() <= 0.2 * len(before)
-    both = TouchSet.concatenate([before.select(~late), after.select(late)])
-    c = calibrate(both, PAPER_CELL)
-    c = replace(
-        c, used=c.used & ~np.concatenate([np.zeros((~late).sum(), dtype=bool), np.ones(late.sum(), dtype=bool)])
-    )
-    moved = find_moved_object(c, 1)
-    assert moved is not None
-    assert np.hypot(moved.x - 3e-4, moved.y + 2e-4) < 6 * moved.std
-    assert both.index[moved.there].min() > both.index[moved.stated].max()
-    assert find_moved_object(good().final, 1) is None
-
-
-def test_a_declared_error_of_the_place_is_common_to_all_touches_of_the_displaced_disc() -> None:
-    plate = replace(
-        PAPER_CELL,
-        discs=tuple(d._replace(center_std=3e-6, radius_std=3e-6, plate='a') for d in PAPER_CELL.discs),
-        plates=(Plate('a', 0.0, 0.3, 1e-3, 2e-3),),
-    )
-    moved_plate = replace(PAPER_CELL, discs=tuple(d._replace(x=d.x + 9e-4, y=d.y - 6e-4) for d in PAPER_CELL.discs))
-    discs = list(moved_plate.discs)
-    discs[1] = discs[1]._replace(x=discs[1].x + 6e-4)
-    before, after = touch(cell=moved_plate), touch(cell=replace(moved_plate, discs=tuple(discs)))
-    some = np.isin(before.index, np.flatnonzero(before.disc == 1)[[2, 5, 8, 11, 14]])
-    both = TouchSet.concatenate([before.select(~some), after.select(some)])
-    c = calibrate(both, plate)
-    c = replace(c, used=np.arange(len(both)) < (~some).sum())
-    moved = find_moved_object(c, 1)
-    assert moved is not None
-    assert moved.std < 1e-5
-    assert np.hypot(moved.x - 6e-4, moved.y) < 6 * moved.std
 
 
 def test_touches_rejected_in_a_row_are_beyond_chance() -> None:
