@@ -209,7 +209,6 @@ def test_few_touches_and_touches_of_something_else_have_no_name(touches):
     rng = np.random.default_rng(0)
     nonsense = given.replace(joints=rng.uniform(-2, 2, given.joints.shape), force=rng.normal(0, 20, given.force.shape))
     assert find_mistake(nonsense, PAPER_CELL) is None
-    assert find_mistake(given.replace(force=1e200 * given.force, joints=1e200 * given.joints), PAPER_CELL) is None
 
 
 def test_units_are_told_by_sizes():
