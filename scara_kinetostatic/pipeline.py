@@ -39,7 +39,6 @@ def calibrate_files(
     left_out: Sequence[str] = (),
     *,
     options: tuple[str, str, str] = ('--cell', '--fix', '--leave-out'),
-    joined: bool = False,
     progress: Progress | None = None,
 ) -> Outcome:
     """Calibrate as a user states it, in texts.
@@ -50,8 +49,6 @@ def calibrate_files(
         fixed: parameters to hold, such as ``l1=0.33``.
         left_out: touches and recordings to leave out, such as ``10-14``.
         options: how the user names cell, fixed parameters and what is left out; messages say it.
-        joined: whether the recordings were not chosen by the user: then the cell description of the last one counts,
-            the one written last, else that of the first.
         progress: called at each step.
 
     Raises:
@@ -64,7 +61,7 @@ def calibrate_files(
     entries = parse_left_out(left_out, left_out_option)
     paths = list(map(Path, kept_recordings(recordings, entries)))
     entries = tuple(entry for entry in entries if entry.numbers is not None)
-    cell = load_cell(cell_file) if cell_file else recorded_cell(paths[::-1] if joined else paths, cell_option)
+    cell = load_cell(cell_file) if cell_file else recorded_cell(paths, cell_option)
     values = fixed_values(fixed, cell.nominal, fixed_option)
     try:
         outcome = calibrate_recordings(paths, cell, fixed=values, left_out=entries, progress=progress)

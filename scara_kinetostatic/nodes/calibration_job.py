@@ -43,7 +43,6 @@ class Job(NamedTuple):
 
     Attributes:
         recordings: paths of recordings and touch tables.
-        joined: whether the node put them together by itself; then one that cannot be used is left out with a warning.
         cell: path of the cell description; empty for the one in the recordings.
         fixed: parameters to hold, as the parameter `fixed` has them.
         left_out: touches and recordings to leave out, as the parameter `leave_out` has them.
@@ -53,7 +52,6 @@ class Job(NamedTuple):
     """
 
     recordings: list[str]
-    joined: bool
     cell: str
     fixed: list[str]
     left_out: list[str]
@@ -91,7 +89,6 @@ def do(job: Job, progress: Callable[[str, float], None]) -> dict[str, str]:
         job.fixed,
         job.left_out,
         options=('the parameter cell', 'parameter fixed:', 'parameter leave_out'),
-        joined=job.joined,
         progress=over_all_steps,
     )
     progress('writing the results', 0.8)

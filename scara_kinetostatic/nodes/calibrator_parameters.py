@@ -167,7 +167,7 @@ class CalibratorSettings:
         """
         if named := self._text('output'):
             return declare.place('output', named) / self.name
-        last = declare.place('recording', self._recordings()[0][-1]).absolute()
+        last = declare.place('recording', self._recordings()[-1]).absolute()
         return last.with_name(f'{last.name}_calibration') / self.name
 
     @property
@@ -191,15 +191,13 @@ class CalibratorSettings:
         Raises:
             InputError: no recording is named, or one is not there.
         """
-        recordings, joined = self._recordings()
-        paths = [declare.place('recording', recording) for recording in recordings]
+        paths = [declare.place('recording', recording) for recording in self._recordings()]
         for path in paths:
             if not path.exists():
                 raise RecordingError(path, 'there is no such recording', 'check the path')
         cell = self._text('cell')
         return Job(
             recordings=list(map(str, paths)),
-            joined=joined,
             cell=str(declare.place('cell', cell)) if cell else '',
             fixed=self._texts('fixed'),
             left_out=self._texts('leave_out'),
@@ -208,15 +206,15 @@ class CalibratorSettings:
             name=self.name,
         )
 
-    def _recordings(self) -> tuple[list[str], bool]:
-        """The recordings, and whether they were put together without being named."""
+    def _recordings(self) -> list[str]:
+        """Those named, else those that a collector has announced."""
         named = [*filter(None, [self._text('recording')]), *self._texts('recordings')]
         chosen = named or self._announced.chosen(self._text('announced'))
         if not chosen:
             raise ParameterError(
                 'parameter recording', 'no recording is named, and no collector has announced one', 'set it'
             )
-        return chosen, not named and len(chosen) > 1
+        return chosen
 
     def _text(self, name: str) -> str:
         return str(self._node.get_parameter(name).value)

@@ -168,7 +168,7 @@ def _touches(outcome: Outcome) -> Document:
     return {
         'found': outcome.found,
         'used': int(c.used.sum()),
-        'rejected': outcome.rejected,
+        'rejected': [{'index': item.index, 'reason': item.reason} for item in outcome.rejected],
         'fitted': [
             {
                 'index': int(t.index[k]),

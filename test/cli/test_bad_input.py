@@ -157,8 +157,7 @@ def test_wrong_sensor(run: Run, recordings: Path, tmp_path: Path, key: str, righ
     (tmp_path / 'cell.yaml').write_text(text.replace(f'{key}: {right}', f'{key}: {wrong}'))
     other = {'sign': 'frame', 'frame': 'sign'}[key]
     result = run('calibrate', recordings / 'good', '--cell', 'cell.yaml')
-    check(result, 2, f"cell.yaml: sensor.{key}: the {key} of the sensor is '{right}', not '{wrong}'")
-    check(result, 2, f'set sensor.{key} to {right}')
+    check(result, 2, f'cell.yaml: sensor.{key}: the', f'set sensor.{key} to {right}')
     assert f'sensor.{other}' not in result.err
 
 

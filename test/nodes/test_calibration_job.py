@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -48,7 +47,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 def job(bags: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     """Makes a job; the page, which takes most of the time, is left out."""
     monkeypatch.setattr(page, 'html_text', lambda _: 'page')
-    usual = Job([str(bags[0])], False, '', [], [], str(tmp_path / 'out'), False)
+    usual = Job([str(bags[0])], '', [], [], str(tmp_path / 'out'), False)
     return lambda **changes: usual._replace(**changes)
 
 
@@ -86,47 +85,19 @@ def test_two_recordings_are_calibrated_together(job: Make, bags: list[Path]) -> 
     assert result.heard[-1] == ('writing the results', 0.8)
 
 
-def test_a_recording_that_cannot_be_read_is_left_out_only_where_the_node_joined_it(
-    job: Make, bags: list[Path], tmp_path: Path
-) -> None:
-    cell = cell_file(tmp_path, PAPER_CELL)
-    several = job(recordings=[str(bags[2]), str(bags[0])], cell=cell)
+def test_a_recording_that_cannot_be_read_is_named_and_may_be_left_out(job: Make, bags: list[Path]) -> None:
+    several = job(recordings=[str(bags[2]), str(bags[0])])
     with pytest.raises(RecordingError, match='broken'):
         calibrated(several)
-    for named in ('', cell):
-        result = calibrated(several._replace(joined=True, cell=named))
-        assert result.facts['recordings'] == [str(bags[0])]
-        (warning,) = result.facts['warnings']
-        assert warning.startswith(f'{bags[2]}: ')
-        assert warning.endswith(': left out')
-    with pytest.raises(RecordingError, match='broken'):
-        calibrated(job(recordings=[str(bags[2])], joined=True))
+    kept = calibrated(several._replace(left_out=['broken', 'first:3']))
+    assert kept.facts['recordings'] == [str(bags[0])]
+    assert kept.document['touches']['rejected'] == [{'index': 3, 'reason': REASON}]
 
 
-def test_of_joined_recordings_the_last_cell_description_counts(job: Make, bags: list[Path], tmp_path: Path) -> None:
+def test_recordings_of_other_cell_descriptions_are_refused(job: Make, bags: list[Path], tmp_path: Path) -> None:
     write_streams(tmp_path / 'third', read_streams(bags[1], PAPER_CELL), replace(PAPER_CELL, noise=None))
-    result = calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'third')], joined=True))
-    assert result.facts['recordings'] == [str(tmp_path / 'third')]
-    (warning,) = result.facts['warnings']
-    assert warning.startswith(f'{bags[0]}: contains another cell description than {tmp_path / "third"}')
-
-
-def test_a_joined_recording_with_a_file_that_cannot_be_read_is_left_out(
-    job: Make, bags: list[Path], tmp_path: Path
-) -> None:
-    shutil.copytree(bags[1], tmp_path / 'cut')
-    next((tmp_path / 'cut').glob('*.mcap')).write_bytes(b'')
-    result = calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'cut')], joined=True))
-    assert result.facts['recordings'] == [str(bags[0])]
-    assert 'the file is empty' in result.facts['warnings'][0]
-
-
-def test_numbers_of_touches_do_not_shift_where_a_recording_is_left_out(job: Make, bags: list[Path]) -> None:
-    joined = job(recordings=[str(bags[2]), str(bags[0])], joined=True)
-    with pytest.raises(InputError, match='3 counts the touches of a recording that is left out'):
-        calibrated(joined._replace(left_out=['3']))
-    result = calibrated(joined._replace(left_out=['first:3', 'broken:0']))
-    assert result.document['touches']['rejected'] == [{'index': 3, 'reason': REASON}]
+    with pytest.raises(RecordingError, match='third: contains another cell description than'):
+        calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'third')]))
 
 
 def test_another_cell_description_than_the_recorded_one_is_a_warning(
@@ -173,7 +144,7 @@ def test_what_contradicts_the_cell_names_its_file(job: Make, bags: list[Path], t
 
 
 def test_the_process_speaks_json_only(bags: list[Path], tmp_path: Path) -> None:
-    order = Job([str(bags[2])], False, '', [], [], str(tmp_path), False)
+    order = Job([str(bags[2])], '', [], [], str(tmp_path), False)
     code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
     ended = subprocess.run(
         [sys.executable, '-c', code], input=json.dumps(order._asdict()), capture_output=True, text=True, timeout=WAIT
@@ -185,7 +156,7 @@ def test_the_process_speaks_json_only(bags: list[Path], tmp_path: Path) -> None:
 
 
 def test_the_process_ends_with_the_node(bags: list[Path], tmp_path: Path) -> None:
-    order = Job([str(bags[0])], False, '', [], [], str(tmp_path / 'out'), False)
+    order = Job([str(bags[0])], '', [], [], str(tmp_path / 'out'), False)
     code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
     pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
     process = subprocess.Popen([sys.executable, '-c', code], text=True, **pipes)  # type: ignore[call-overload]

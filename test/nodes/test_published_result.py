@@ -232,14 +232,12 @@ def test_recordings_of_a_collector_that_was_started_anew_go_together(
     announce(bags[2])
     job = node._settings.job()
     assert job.recordings == [str(bags[1]), str(bags[2])]
-    assert job.joined
     assert job.output == f'{bags[2]}_calibration'
     node.set_parameters([Parameter('announced', value='all'), Parameter('name', value='all_of_them')])
     assert node._settings.job().recordings == [str(bag) for bag in bags[:3]]
     assert node._settings.job().output == f'{bags[2]}_calibration/all_of_them'
     node.set_parameters([Parameter('recordings', value=[str(bags[3]), '']), Parameter('recording', value=str(bags[0]))])
     assert node._settings.job().recordings == [str(bags[0]), str(bags[3])]
-    assert not node._settings.job().joined
 
 
 def test_after_stop_another_session_begins(spin: Callable[..., Node], client: DemoClient, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from scara_kinetostatic import pipeline
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.registry import find
-from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
+from scara_kinetostatic.errors import InputError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
@@ -26,7 +26,7 @@ def test_a_mirrored_sensor_gives_no_result(tmp_path):
     streams = simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL), seed=3)
     mirrored = replace(streams.wrench, force=streams.wrench.force * [1, -1])
     write_streams(tmp_path / 'mirror.mcap', replace(streams, wrench=mirrored), CELL)
-    with pytest.raises(CellError, match=r'^sensor: y of the force has the wrong sign .*; let the driver of the sensor'):
+    with pytest.raises(InputError, match=r'mirror.mcap: y of the force has the wrong sign .*; change the sign of fy'):
         calibrate_recordings([tmp_path / 'mirror.mcap'], CELL)
 
 
@@ -40,8 +40,8 @@ def test_too_few_touches_name_the_recording(tmp_path):
 @pytest.mark.parametrize(
     ('force', 'angle', 'message'),
     [
-        (1e-3, 1.0, 'the forces are in kN, not in N: then 24 touches are found'),
-        (1.0, 180 / np.pi, 'the joint angles are in degrees, not in rad'),
+        (1e-3, 1.0, 'one: the forces are in kN, not in N: a touch would have'),
+        (1.0, 180 / np.pi, 'one: the angles of joint 1 and joint 2 are in degrees, not in rad'),
     ],
 )
 def test_streams_of_other_units_are_named(tmp_path, force, angle, message):
