@@ -7,6 +7,6 @@
 | `diagnosis`, `mujoco` | effects found and named, false alarms: in our own simulator, in MuJoCo |
 | `peers`, `reading`, `command` | processor time beside other libraries; the command as a whole process |
 | `live`, `faults` | the collector at 1 kHz; damaged files, killed nodes, full disks |
-| `design`, `dial_gauge`, `hysteresis`, `measured_loops` | the studies |
+| `design`, `dial_gauge`, `hysteresis` | the studies |
 | `pictures` | the pictures of the documentation |
 """

@@ -13,7 +13,7 @@ import sys
 import numpy as np
 
 from benchmark.common import parser, print_and_save
-from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse_points
+from scara_kinetostatic.studies.dial_gauge.analysis import analyse_points
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2
 from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeTruth, simulate_experiments
 
@@ -24,9 +24,9 @@ def evaluate(number: int) -> dict[str, object]:
     z, warned, isotropy, ellipse = [], 0, [], []
     for seed in range(number):
         found = analyse_points(simulate_experiments(truth, seed=seed))
-        gripper = found.part(GRIPPER)
+        gripper = found.parts[GRIPPER]
         wanted = [(run, truth.p_ee, float(truth.gripper_gap(run.direction))) for run in gripper.runs]
-        wanted += [(found.part(JOINT1), truth.p1, truth.gap1), (found.part(JOINT2), truth.p2, truth.gap2)]
+        wanted += [(found.parts[JOINT1], truth.p1, truth.gap1), (found.parts[JOINT2], truth.p2, truth.gap2)]
         z.append(
             [
                 ((each.compliance.value - p) / each.compliance.std, (each.gap.value - gap) / each.gap.std)
@@ -34,9 +34,9 @@ def evaluate(number: int) -> dict[str, object]:
             ]
         )
         warned += bool(found.warnings)
-        maps = gripper.compliance_map, gripper.gap_map
-        isotropy.append([each.isotropy.p_value for each in maps if each is not None])
-        ellipse.append(maps[1].ellipse.p_value if maps[1] is not None and maps[1].ellipse is not None else np.nan)
+        isotropy.append([each.isotropy.p_value for each in gripper.maps.values()])
+        found_ellipse = gripper.maps['gap'].ellipse
+        ellipse.append(np.nan if found_ellipse is None else found_ellipse.p_value)
     errors, p = np.array(z), np.array(isotropy)
     rms = np.sqrt((errors**2).mean(axis=0))
     return {

@@ -43,8 +43,8 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.studies.design import figures as design_pictures
-from scara_kinetostatic.studies.dial_gauge import page as gauge_pictures
-from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
+from scara_kinetostatic.studies.dial_gauge.analysis import analyse_points
+from scara_kinetostatic.studies.dial_gauge.report import force_picture, map_picture
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
 from scara_kinetostatic.studies.paper import report as paper_pictures
 from scara_kinetostatic.studies.paper.study import reproduce
@@ -80,12 +80,9 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'number_of_touches', design_pictures.number_picture(paper.design)
     yield 'tip', design_pictures.tip_picture(paper.design)
     yield 'scatter', paper_pictures.scatter_picture(paper)
-    gauge = analyse_tables([simulate_experiments()]).points
-    assert gauge is not None
-    gripper = gauge.part('gripper')
-    assert gripper.gap_map is not None
-    yield 'gripper_backlash', gauge_pictures.map_picture(gripper.gap_map, 'µm', 'backlash (gap)', 'gap')
-    yield 'gripper_force', gauge_pictures.force_picture(gripper.runs[0], 'force')
+    gripper = analyse_points(simulate_experiments()).parts['gripper']
+    yield 'gripper_backlash', map_picture(gripper.maps['gap'], 'µm', 'backlash (gap)', 'gap')
+    yield 'gripper_force', force_picture(gripper.runs[0], 'force')
 
 
 def markers() -> Markup:

@@ -38,11 +38,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('tables', type=Path, nargs='+', metavar='FILE.csv', help='tables of readings')
     add_results(parser, files='dial_gauge.json and dial_gauge.html')
     group = parser.add_argument_group('for tables without these columns')
-    group.add_argument('--part', choices=('gripper', 'joint1', 'joint2'), help='the elastic part (default: gripper)')
-    group.add_argument('--lever', type=real(0, above=True), metavar='M', help='lever arm of the force, m')
-    group.add_argument('--direction', type=real(), metavar='DEG', help='direction of the positive force')
     group.add_argument(
-        '--gauge-at', choices=('tip', 'link'), help='place of the dial gauge (default: link for a joint)'
+        '--part', choices=('gripper', 'joint1', 'joint2'), default='gripper', help='the elastic part (default: gripper)'
+    )
+    group.add_argument(
+        '--lever', type=real(0, above=True), default=math.nan, metavar='M', help='lever arm of the force, m'
+    )
+    group.add_argument(
+        '--direction', type=real(), default=math.nan, metavar='DEG', help='direction of the positive force'
+    )
+    group.add_argument(
+        '--gauge-at', choices=('tip', 'link'), default='', help='place of the dial gauge (default: link for a joint)'
     )
     group.add_argument(
         '--kind', choices=('auto', 'points', 'loops'), default='auto', help='of the tables (default: by their columns)'
@@ -50,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--zero-band',
         type=real(0),
+        default=0.02,
         metavar='SHARE',
         help='loads up to this share of the largest are taken for zero (default: 0.02)',
     )
@@ -64,33 +71,30 @@ def run(args: argparse.Namespace) -> int:
     """
     from scara_kinetostatic.report import as_page, as_text, json_text
     from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
-    from scara_kinetostatic.studies.dial_gauge.document import NAME, dial_gauge_document
-    from scara_kinetostatic.studies.dial_gauge.page import dial_gauge_report
-    from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND
+    from scara_kinetostatic.studies.dial_gauge.report import dial_gauge_document, dial_gauge_report
 
-    band = ZERO_BAND if args.zero_band is None else args.zero_band
-    if band >= 1:
-        raise InputError('--zero-band', f'expected a share below 1, got {band:g}')
-    analysis = analyse_tables(_tables(args), args.kind, band)
+    if args.zero_band >= 1:
+        raise InputError('--zero-band', f'expected a share below 1, got {args.zero_band:g}')
+    analysis = analyse_tables(_tables(args), args.kind, args.zero_band)
     document = dial_gauge_document(analysis)
     report = dial_gauge_report(analysis)
-    files = {NAME: json_text(document), 'dial_gauge.html': as_page(report)} if args.out else {}
+    files = {'dial_gauge.json': json_text(document), 'dial_gauge.html': as_page(report)} if args.out else {}
     print_result(as_text(report), document, args.json, args.out, files)
     return 0
 
 
 def _tables(args: argparse.Namespace) -> list[DialGaugeReadings]:
     from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.studies.dial_gauge.readings import TableDefaults, load_readings
+    from scara_kinetostatic.studies.dial_gauge.readings import load_readings
 
-    if args.lever is not None and args.lever > 5.0:  # no arm is longer
+    if args.lever > 5.0:  # no arm is longer
         remedy = f'it is in m, not mm: give {1e-3 * args.lever:g}'
         raise InputError('--lever', f'expected at most 5 m, got {args.lever:g}', remedy)
-    defaults = TableDefaults(
-        part=args.part or 'gripper',
-        lever=math.nan if args.lever is None else args.lever,
-        direction=math.nan if args.direction is None else math.radians(args.direction),
-        gauge_at=args.gauge_at,
-    )
+    defaults = {
+        'part': args.part,
+        'lever': args.lever,
+        'direction': math.radians(args.direction),
+        'gauge_at': args.gauge_at,
+    }
     check_different(args.tables)
-    return [load_readings(path, defaults) for path in args.tables]
+    return [load_readings(path, **defaults) for path in args.tables]

@@ -39,7 +39,6 @@ ANGLE = {
 FORCE = {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}
 TORQUE = {'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3}
 TIME = {'s': 1.0, 'ms': 1e-3}
-_UNITS = LENGTH | ANGLE | FORCE | TORQUE | TIME
 _NUMBER = re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z')
 _HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
 
@@ -128,16 +127,18 @@ class Table:
         wrong: dict[str, str] = {}
         for index, heading in enumerate(self.heading):
             word, unit = split_heading(heading)
-            for column in columns:
-                factor = 1.0 if not column.units and _key(heading) in column.words else _factor(column, word, unit)
-                if factor is None:
-                    if word.lower() in column.words and (column.required or unit in {'', *_UNITS}):
-                        wrong.setdefault(column.name, heading)
-                    continue
-                if column.name in places:
-                    both = f'{self.heading[places[column.name].number]!r} and {heading!r}'
-                    raise RecordingError(self.source, f'two columns of {column.name}, {both}', 'leave one out')
-                places[column.name] = Place(column, index, factor)
+            column = next((each for each in columns if not each.units and _key(heading) in each.words), None)
+            column = column or next((each for each in columns if each.units and word.lower() in each.words), None)
+            if column is None:
+                continue
+            factor = _factor(column, unit) if column.units else 1.0
+            if factor is None:
+                wrong.setdefault(column.name, heading)
+                continue
+            if column.name in places:
+                both = f'{self.heading[places[column.name].number]!r} and {heading!r}'
+                raise RecordingError(self.source, f'two columns of {column.name}, {both}', 'leave one out')
+            places[column.name] = Place(column, index, factor)
         for column in columns:
             if column.name not in places and (column.required or column.name in wrong):
                 raise self._missing(column, wrong.get(column.name), columns)
@@ -174,24 +175,22 @@ class Table:
         wrong: list[tuple[int, str]] = []
         for line, cells in self.rows:
             try:
-                self.check_width(cells)
+                if any(cell.strip() for cell in cells[len(self.heading) :]):
+                    hint = '' if self.decimal_comma else ' (a decimal comma needs semicolons between the columns)'
+                    raise ValueError(f'expected {len(self.heading)} columns, got {len(cells)}{hint}')
                 for name, place in places.items():
                     values[name].append(self._value(cells, place))
             except ValueError as error:
                 wrong.append((line, str(error)))
-        raise_wrong_rows(self.source, wrong)
+        if wrong:
+            (line, problem), *others = wrong
+            also = f'; also wrong: line{"s" * (len(others) > 1)} ' if others else ''
+            also += ', '.join(str(number) for number, _ in others[:5])
+            also += f' and {len(others) - 5} more' if len(others) > 5 else ''
+            remedy = 'correct the table, or begin the line with # to leave it out'
+            raise RecordingError(self.source, f'line {line}: {problem}{also}', remedy)
         numbers = {name: np.array(column) for name, column in values.items() if places[name].column.parse is None}
         return Values(numbers, {name: column for name, column in values.items() if name not in numbers})
-
-    def check_width(self, cells: Sequence[str]) -> None:
-        """Refuse a row that is longer than the heading.
-
-        Raises:
-            ValueError: it is.
-        """
-        if any(cell.strip() for cell in cells[len(self.heading) :]):
-            hint = '' if self.decimal_comma else ' (a decimal comma needs semicolons between the columns)'
-            raise ValueError(f'expected {len(self.heading)} columns, got {len(cells)}{hint}')
 
     def _value(self, cells: Sequence[str], place: Place) -> Any:
         cell = cells[place.number] if place.number < len(cells) else ''
@@ -201,7 +200,7 @@ class Table:
                 return math.nan if column.parse is None else None
             if column.parse is not None:
                 return column.parse(cell)
-            value = read_number(cell, self.decimal_comma) * place.factor
+            value = _number(cell, self.decimal_comma) * place.factor
             if not abs(value) <= column.largest:
                 raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; {column.hint}')
             if column.positive and value <= 0:
@@ -211,7 +210,7 @@ class Table:
         return value
 
 
-def read_number(cell: str, decimal_comma: bool) -> float:
+def _number(cell: str, decimal_comma: bool) -> float:
     """The number in a cell; infinite where it is too large for a float.
 
     Raises:
@@ -223,22 +222,6 @@ def read_number(cell: str, decimal_comma: bool) -> float:
     if not _NUMBER.match(text):
         raise ValueError(f'expected a number, got {repr(cell.strip()[:40]) if text else "nothing"}')
     return float(text)
-
-
-def raise_wrong_rows(source: str, wrong: Sequence[tuple[int, str]]) -> None:
-    """Refuse a table with wrong rows, given by line and problem; nothing happens without any.
-
-    Raises:
-        RecordingError: names the first line and its problem, and further lines.
-    """
-    if not wrong:
-        return
-    (line, problem), *others = wrong
-    also = f'; also wrong: line{"s" * (len(others) > 1)} ' if others else ''
-    also += ', '.join(str(number) for number, _ in others[:5])
-    also += f' and {len(others) - 5} more' if len(others) > 5 else ''
-    remedy = 'correct the table, or begin the line with # to leave it out'
-    raise RecordingError(source, f'line {line}: {problem}{also}', remedy)
 
 
 def one_of(choices: Mapping[str, str]) -> Callable[[str], str]:
@@ -266,11 +249,9 @@ def _key(heading: str) -> str:
     return re.sub(r'\s+', '_', heading.lower())
 
 
-def _factor(column: Column, word: str, unit: str) -> float | None:
+def _factor(column: Column, unit: str) -> float | None:
     """Of a heading's unit, if it is one of that column; in any case, where only one is known."""
-    if word.lower() not in column.words:
-        return None
-    only = next(iter(column.units), '') if len(column.units) == 1 else ''
+    only = next(iter(column.units)) if len(column.units) == 1 else ''
     return column.units.get(only if unit.lower() == only.lower() else unit)
 
 

@@ -46,10 +46,12 @@ def test_all_columns_in_any_order_with_comments_empty_lines_and_empty_cells():
     assert table.notes == ("the column 'operator' is unknown and not used",)
 
 
-def test_a_word_that_is_no_unit_makes_another_column():
-    table = parse(HEADING + ',fx_calibrated_N,time_stamp', ROW + ',1,2')
+def test_a_word_more_makes_another_column_and_another_unit_is_refused():
+    table = parse(HEADING + ',fx_calibrated_N', ROW + ',1')
     np.testing.assert_array_equal(table.force, [[-10, 0.25]])
-    assert table.notes == ("the columns 'fx_calibrated_N', 'time_stamp' are unknown and not used",)
+    assert table.notes == ("the column 'fx_calibrated_N' is unknown and not used",)
+    with pytest.raises(RecordingError, match="the column 'time_ns' has the unit 'ns'; convert it to time_s"):
+        parse(HEADING + ',time_ns', ROW + ',1')
 
 
 def test_rows_without_angles_and_force_are_noted_and_not_used():

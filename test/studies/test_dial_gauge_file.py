@@ -6,39 +6,46 @@ import math
 
 import numpy as np
 import pytest
+from studies.gauge_table import dump_readings
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.studies.dial_gauge.readings import TableDefaults, dump_readings, load_readings, parse_readings
-from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
+from scara_kinetostatic.files.columns import parse_table
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings, load_readings, table_readings
+from scara_kinetostatic.studies.dial_gauge.simulation import LoadPlan, simulate_experiments
+
+
+def parse(text: str, **defaults: str | float) -> DialGaugeReadings:
+    return table_readings(parse_table(text, 'table.csv', 'force_N,displacement_mm'), **defaults)
 
 
 def test_what_is_written_is_read_back():
-    readings = simulate_experiments(seed=1)
-    back = parse_readings(dump_readings(readings), 'table.csv')
+    readings = simulate_experiments(plan=LoadPlan(directions=(0.0, 0.5)), seed=1)
+    back = parse(dump_readings(readings))
     np.testing.assert_allclose(back.displacement, readings.displacement, rtol=0, atol=1e-11)
-    for name in ('force', 'direction', 'lever'):
+    for name in ('force', 'direction', 'lever', 'cycle'):
         np.testing.assert_allclose(getattr(back, name), getattr(readings, name), rtol=1e-8, atol=1e-12)
-    for name in ('cycle', 'part', 'gauge_at'):
+    for name in ('part', 'gauge_at'):
         assert np.array_equal(getattr(back, name), getattr(readings, name))
     assert back.line.tolist() == list(range(2, len(readings) + 2))
-    assert back.sources == ('table.csv',)
-    assert back.notes == ()
+    assert (back.sources, back.notes) == (('table.csv',), ())
+    with pytest.raises(ValueError, match='read-only'):
+        back.force[0] = 1.0
 
 
 @pytest.mark.parametrize(
     'text',
     [
         'force_N,displacement_mm\n1.5,-0.2\n',
-        'force_N;displacement_mm\n1,5;-0,2\n',
-        'force_N;displacement_mm\r\n1.5;-0.2\r\n',
+        'force_N;displacement_mm\r\n1,5;-0,2\r\n',
         'Force [N]\tDisplacement [um]\n1,5\t-200\n',
         'Load (kN), deflection (m)\n0.0015, -2e-4\n',
         '# my gauge\n\n;;\nF_N;ΔS µm\n\n;\n1,5;\N{MINUS SIGN}200\n;;\n',
         '"force_N","displacement_µm"\n"1.5","-200"\n',
+        'gauge_at,force_N,gauge_mm\ntip,1.5,-0.2\n',
     ],
 )
 def test_forms_of_a_table(text):
-    readings = parse_readings(text, 'table.csv')
+    readings = parse(text)
     assert readings.force.tolist() == [1.5]
     assert readings.displacement == pytest.approx([-2e-4])
 
@@ -52,70 +59,57 @@ def test_encodings_of_spreadsheets(encoding, tmp_path):
 
 def test_optional_columns_and_what_holds_without_them():
     heading = 'force_N,displacement_m,direction_deg,cycle,Joint,lever_mm,seat,time_s'
-    text = f'{heading}\n1,2e-6,90,3,Joint 2,330,TIP,0.5\n1,2e-6\n'
-    defaults = TableDefaults(part='joint1', lever=0.66, direction=math.pi, gauge_at='link')
-    readings = parse_readings(text, 'table.csv', defaults)
+    text = f'{heading}\n1,2e-6,90,3.0,Joint 2,330,TIP,0.5\n1,2e-6\n'
+    readings = parse(text, part='joint1', lever=0.66, direction=math.pi, gauge_at='link')
     assert readings.part.tolist() == ['joint2', 'joint1']
     assert readings.lever.tolist() == pytest.approx([0.33, 0.66])
     assert readings.direction.tolist() == pytest.approx([math.pi / 2, math.pi])
-    assert readings.cycle.tolist() == [3, -1]
     assert readings.gauge_at.tolist() == ['tip', 'link']
-    assert readings.time[0] == 0.5
-    assert math.isnan(readings.time[1])
-
-
-def test_a_gauge_is_at_the_tip_of_a_gripper_and_at_the_link_of_a_joint():
+    np.testing.assert_array_equal(readings.cycle, [3, np.nan])
+    np.testing.assert_array_equal(readings.time, [0.5, np.nan])
     text = 'force_N,displacement_m,part,lever_m\n1,0,gripper,\n1,0,joint1,0.66\n'
-    assert parse_readings(text, 'table.csv').gauge_at.tolist() == ['tip', 'link']
+    assert parse(text).gauge_at.tolist() == ['tip', 'link']
 
 
 def test_an_unknown_column_is_mentioned():
-    assert parse_readings('force_N,displacement_m,levr_m\n1,0,2\n', 't.csv').notes == (
-        "t.csv: the column 'levr_m' is unknown and not used",
-    )
+    text = 'force_N,displacement_m,levr_m\n1,0,2\n'
+    assert parse(text).notes == ("table.csv: the column 'levr_m' is unknown and not used",)
 
 
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('', 'the file is empty'),
         ('\n;;\n# only this\n', 'the file is empty'),
         ('force_N,displacement_mm\n', 'no rows below the heading'),
         ('1,2\n3,4\n', 'expected a heading in the first line, got numbers'),
         ('force_N\n1\n', "no column 'displacement_m', got force_N; name them force_N,displacement_m"),
-        ('a,b\n1,2\n', "no column 'force_N', got a, b"),
+        ('force_N,gauge_at\n1,tip\n', "no column 'displacement_m', got force_N, gauge_at"),
         ('force,displacement_m\n1,2\n', "the column 'force' has no unit; call it one of force_N"),
         ('force_N,displacement_inch\n1,2\n', "'displacement_inch' has the unit 'inch'; convert it to one of"),
+        (
+            'force_N,displacement_m,lever_inch\n1,2,3\n',
+            "'lever_inch' has the unit 'inch'; convert it to one of lever_m, lever_mm, lever_um",
+        ),
         ('force_N,load_kN,displacement_m\n1,2,3\n', "two columns of force, 'force_N' and 'load_kN'"),
         ('force_N,displacement_mm\n1,0\n2,x\n3,0\n,0\n', r"line 3: displacement_mm: .* got 'x'; also wrong: line 5;"),
-        ('force_N,displacement_mm\n1,\n', 'line 2: displacement_mm: expected a number, got nothing'),
         ('force_N,displacement_mm\n1\n', 'line 2: displacement_mm: expected a number, got nothing'),
         ('force_N,displacement_mm\nnan,1\n', "line 2: force_N: expected a number, got 'nan'"),
-        ('force_N,displacement_mm\ninf,1\n', "line 2: force_N: expected a number, got 'inf'"),
-        ('force_N,displacement_mm\n1,#DIV/0!\n', "got '#DIV/0!'"),
         ('force_N,displacement_mm\n1_0,1\n', "got '1_0'"),
         ('force_N;displacement_mm\n1.234,5;1\n', "got '1.234,5'"),
-        (
-            'force_N,displacement_m\n1,25.1\n',
-            'line 2: displacement_m: 25.1 is too large to be plausible; check the unit',
-        ),
-        ('force_N,displacement_m\n1e9,0\n', 'line 2: force_N: 1e9 is too large to be plausible'),
+        ('force_N,displacement_m\n1,25.1\n', 'displacement_m: 25.1 is too large to be plausible; check the unit'),
         ('force_N,displacement_m\n1e999,0\n', 'too large to be plausible'),
         ('force_N,displacement_mm\n1,5,0,2\n', 'line 2: expected 2 columns, got 4 .a decimal comma needs semicolons'),
-        ('force_N,displacement_m,cycle\n1,0,first\n', "line 2: cycle: expected the number of a cycle, got 'first'"),
+        ('force_N,displacement_m,cycle\n1,0,first\n', "line 2: cycle: expected a number, got 'first'"),
         ('force_N,displacement_m,part\n1,0,elbow\n', "line 2: part: expected gripper or joint1 or joint2, got 'elbow'"),
         ('force_N,displacement_m,lever_m\n1,0,0\n', 'line 2: lever_m: expected a number above 0'),
-        (
-            'force_N,displacement_m,direction_deg\n1,0,9000\n',
-            'line 2: direction_deg: 9000 is too large to be plausible',
-        ),
+        ('force_N,displacement_m,direction_deg\n1,0,9000\n', 'line 2: direction_deg: 9000 is too large'),
         ('force_N,displacement_m\n1,"2\n', 'not CSV'),
         ('force_N,displacement_m\n' + 'x,0\n' * 9, 'also wrong: lines 3, 4, 5, 6, 7 and 3 more'),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(text, message):
     with pytest.raises(RecordingError, match=message) as caught:
-        parse_readings(text, 'table.csv')
+        parse(text)
     assert str(caught.value).startswith('table.csv: ')
     assert '\n' not in str(caught.value)
 
@@ -124,13 +118,9 @@ def test_what_is_wrong_is_said_in_one_line(text, message):
     ('data', 'message'), [(b'PK\x03\x04', 'got a spreadsheet'), (b'\x00\x01', 'binary'), (b'\xff\xfe1', 'UTF-16')]
 )
 def test_files_that_are_no_tables(data, message, tmp_path):
-    path = tmp_path / 'table.csv'
-    path.write_bytes(data)
+    (tmp_path / 'table.csv').write_bytes(data)
     with pytest.raises(RecordingError, match=message):
-        load_readings(path)
-
-
-def test_places_that_are_no_files(tmp_path):
+        load_readings(tmp_path / 'table.csv')
     with pytest.raises(RecordingError, match='no such file'):
         load_readings(tmp_path / 'missing.csv')
     with pytest.raises(RecordingError, match='got a folder'):

@@ -1,4 +1,4 @@
-"""Slopes, gaps, their standard deviations, and the checks of one run."""
+"""Slopes, gaps, their standard deviations, and the checks of one run; combination of several estimates."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.run_fit import RunFit, find_passes, fit_run
 from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeSensors, LoadPlan
-from scara_kinetostatic.studies.dial_gauge.statistics import find_resolution
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, combine_estimates, find_resolution
 
 P, GAP = 3.76e-5, 1.3e-4
 PLAN = LoadPlan()
@@ -43,16 +43,16 @@ def test_exact_readings_give_back_slope_and_gap():
 
 @pytest.fixture(scope='module')
 def fits() -> list[RunFit]:
-    return many(700)
+    return many(350)
 
 
 def test_errors_agree_with_the_stated_standard_deviations(fits):
     z = np.array([((f.compliance.value - P) / f.compliance.std, (f.gap.value - GAP) / f.gap.std) for f in fits])
-    assert np.sqrt((z**2).mean(axis=0)) == pytest.approx([1, 1], abs=0.1)
+    assert np.sqrt((z**2).mean(axis=0)) == pytest.approx([1, 1], abs=0.12)
     assert np.abs(z.mean(axis=0)).max() < 0.15
     slopes = np.array([[(s.value - P) / s.std for s in f.slopes] for f in fits])
-    assert np.sqrt((slopes**2).mean(axis=0)) == pytest.approx([1, 1], abs=0.1)
-    assert np.mean([f.sigma**2 for f in fits]) == pytest.approx(4e-12, rel=0.03)
+    assert np.sqrt((slopes**2).mean(axis=0)) == pytest.approx([1, 1], abs=0.12)
+    assert np.mean([f.sigma**2 for f in fits]) == pytest.approx(4e-12, rel=0.04)
 
 
 def test_p_values_of_all_checks_are_uniform(fits):
@@ -66,8 +66,8 @@ def test_p_values_of_all_checks_are_uniform(fits):
         'slope_repeatability',
     ]
     p = np.array([[check.p_value for check in fit.checks] for fit in fits])
-    assert np.all((p < 0.01).mean(axis=0) <= 0.0215)  # 1 % and three standard deviations
-    assert (p < 0.1).mean(axis=0) == pytest.approx(0.1, abs=0.035)
+    assert np.all((p < 0.01).mean(axis=0) <= 0.026)  # 1 % and three standard deviations
+    assert (p < 0.1).mean(axis=0) == pytest.approx(0.1, abs=0.048)
     z = np.array([[check.value / check.std for check in fit.checks[:4]] for fit in fits])
     assert np.sqrt((z**2).mean(axis=0)) == pytest.approx(1, abs=0.1)
 
@@ -87,7 +87,7 @@ UNLOADING = np.concatenate([[0], np.tile(np.repeat([0.0, 1.0], 8), 6)])
 )
 def test_each_effect_is_found_by_its_check_and_measured(name, extra, size):
     values, found = [], []
-    for fit in many(20, extra=extra):
+    for fit in many(8, extra=extra):
         check = next(check for check in fit.checks if check.name == name)
         values.append(check.value)
         found.append(name in alarmed(fit))
@@ -98,11 +98,11 @@ def test_each_effect_is_found_by_its_check_and_measured(name, extra, size):
 def test_scatter_between_cycles_is_found_and_widens_the_standard_deviation():
     z = []
     rng = np.random.default_rng(5)
-    for _ in range(200):
+    for _ in range(100):
         jitter = 1.5e-5 * rng.standard_normal(3)
         fit = fit_run(readings(rng, extra=jitter[CYCLE - 1] / 2 * SENSE))
         z.append((fit.gap.value - GAP) / fit.gap.std)
-    assert np.median(np.abs(z)) == pytest.approx(0.78, abs=0.15)  # Student's t of two degrees of freedom: 0.816
+    assert np.median(np.abs(z)) == pytest.approx(0.78, abs=0.2)  # Student's t of two degrees of freedom: 0.816
 
 
 def test_a_gauge_set_anew_in_each_cycle_does_not_touch_slope_or_gap():
@@ -137,13 +137,13 @@ def test_one_slip_of_the_pen_is_named():
 @pytest.mark.parametrize(('noise', 'resolution'), [(0.0, 1e-5), (5e-6, 1e-5), (2e-6, 1e-6)])
 def test_a_gauge_with_steps_is_not_trusted_beyond_them(noise, resolution):
     rng, z = np.random.default_rng(0), []
-    for _ in range(100):
+    for _ in range(50):
         p, gap = P * rng.uniform(0.8, 1.2), GAP * rng.uniform(0.8, 1.2)
         read = DialGaugeSensors(noise, resolution).read(FORCE, p * FORCE + gap / 2 * SENSE, rng)
         fit = fit_run(DialGaugeReadings.of(*read, cycle=CYCLE))
         assert fit.resolution > 0.99 * resolution  # by chance all readings may be even
         z.append(((fit.compliance.value - p) / fit.compliance.std, (fit.gap.value - gap) / fit.gap.std))
-    assert np.sqrt((np.array(z) ** 2).mean(axis=0)) == pytest.approx([1, 1], abs=0.17)
+    assert np.sqrt((np.array(z) ** 2).mean(axis=0)) == pytest.approx([1, 1], abs=0.22)
 
 
 def test_steps():
@@ -164,3 +164,33 @@ def test_steps():
 def test_readings_that_cannot_tell_are_refused(force, problem):
     with pytest.raises(UnsupportedDataError, match=problem):
         fit_run(DialGaugeReadings.of(force, np.asarray(force) * P))
+
+
+@pytest.mark.parametrize('shared', [True, False])
+def test_agreement_with_few_degrees_of_freedom_raises_no_false_alarm(shared):
+    rng, p = np.random.default_rng(3), []
+    for _ in range(600):
+        scale = np.full(6, np.sqrt(rng.chisquare(8) / 8)) if shared else np.sqrt(rng.chisquare(8, 6) / 8)
+        estimates = [Estimate(*each) for each in np.stack([rng.standard_normal(6), scale], axis=1)]
+        p.append(combine_estimates(estimates, 8.0 if shared else np.full(6, 8.0)).p_value)
+    assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=0.027)
+
+
+def test_disagreement_is_measured_and_widens_the_mean():
+    rng = np.random.default_rng(4)
+    between, inside = [], []
+    for _ in range(150):
+        values = 3 * rng.standard_normal(10) + rng.standard_normal(10)
+        test = combine_estimates([Estimate(value, 1.0) for value in values], 1e6)
+        between.append(test.between_std**2)
+        inside.append(abs(test.value) < 1.96 * test.std)
+    assert np.mean(between) == pytest.approx(9, rel=0.13)
+    assert np.mean(inside) > 0.87
+
+
+def test_estimates_that_agree_are_weighted_by_their_variances():
+    test = combine_estimates([Estimate(1.0, 0.1), Estimate(1.3, 0.2)], 1e6)
+    assert (test.value, test.std) == pytest.approx((1.06, 0.2 / 5**0.5))
+    assert (test.chi_square, test.degrees_of_freedom) == (pytest.approx(1.8), 1)
+    assert test.p_value == pytest.approx(0.1797, abs=1e-4)
+    assert test.between_std == pytest.approx(np.sqrt((0.09 - 0.05) / 2))  # (0.3² - 0.1² - 0.2²) / 2

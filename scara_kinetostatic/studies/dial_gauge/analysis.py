@@ -1,4 +1,26 @@
-"""Analysis of tables of gauge readings, loads point by point or continuous loops."""
+"""Compliance and backlash from tables of gauge readings, loads point by point or continuous loops.
+
+Rows of loads applied point by point, the experiments of section 5.2, are sorted into runs (one part, one place of the
+gauge, one direction, one file); each run gives a compliance and a gap (`run_fit`). For a joint with lever l, torque F l
+and Δq = ΔS / l:
+
+    p = slope / l²  [rad/Nm],      gap = jump / l  [rad].
+
+A gauge at the end-effector measures joint and gripper in series; both dead zones add. Where the gripper was measured
+along the same direction in the same experiment, its displacement is subtracted, and its variance added.
+
+**Gap and half gap.** Section 5.2 calls the jump of ΔS at F = 0 the backlash, "whose value is the ΔS gap itself"; g in
+(6) and (7) is half of it, since q - q* jumps from +g to -g. By its wording, figure 4(d) lists gaps. (Table 2 has 2.9e-4
+rad for g1 and g2, near the gaps 2.64e-4 and 2.68e-4; the paper calls its values "reasonable but arbitrary".) Both are
+reported.
+
+**Over the direction.** The compliance along u of the general gripper (7) is uᵀPu; the gap of an elliptical dead zone is
+√(uᵀWu). Both are even functions of the direction with two orthogonal principal axes,
+
+    q(φ) = major cos²(φ - axis) + minor sin²(φ - axis),     q the compliance, or the square of the gap.
+
+A gauge along u measures the symmetric part of P only; displacements across u (p12 - p21) are not measured.
+"""
 
 from __future__ import annotations
 
@@ -6,42 +28,144 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
-from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, Sense, analyse_loops
-from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse_points
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings, join
-from scara_kinetostatic.studies.dial_gauge.result import PointAnalysis
-from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND
-from scara_kinetostatic.studies.dial_gauge.statistics import FALSE_ALARM_LEVEL
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, analyse_loops
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, PARTS, TIP, DialGaugeReadings, join
+from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND, Check, RunFit, fit_run
+from scara_kinetostatic.studies.dial_gauge.statistics import (
+    FALSE_ALARM_LEVEL,
+    CombinedEstimate,
+    Estimate,
+    combine_estimates,
+    mean,
+)
 
-AUTO, POINTS, LOOPS = 'auto', 'points', 'loops'
 
+class Run(NamedTuple):
+    """Result of one run.
 
-class LoopRecord(NamedTuple):
-    """One continuous record: its file, its readings and their analysis."""
+    Attributes:
+        part: one of `PARTS`.
+        gauge_at: where the gauge was.
+        source: name of its file.
+        direction: rad, NaN if none is given.
+        lever: m, NaN for the gripper.
+        readings: its rows.
+        fit: slope and gap at the gauge, m/N and m.
+        compliance: of the part, m/N or rad/Nm.
+        gap: of the part, m or rad.
+        failed_checks: tests that fail.
+        outliers: rows far from their line.
+        note: remark on the gripper's contribution.
+    """
 
+    part: str
+    gauge_at: str
     source: str
+    direction: float
+    lever: float
     readings: DialGaugeReadings
-    analysis: LoopAnalysis
+    fit: RunFit
+    compliance: Estimate
+    gap: Estimate
+    failed_checks: tuple[Check, ...] = ()
+    outliers: tuple[int, ...] = ()
+    note: str = ''
+
+    @property
+    def name(self) -> str:
+        """Its name in messages."""
+        return _label(self.part, self.direction)
+
+
+class Ellipse(NamedTuple):
+    """Principal values over the direction.
+
+    Attributes:
+        major: the largest.
+        minor: the smallest.
+        axis: direction of the largest, rad, in [0, π); its std is infinite where both are equal.
+        chi_square: of the values about the ellipse.
+        degrees_of_freedom: number of values less three.
+        p_value: of the ellipse as a sufficient description; NaN without degrees of freedom.
+    """
+
+    major: Estimate
+    minor: Estimate
+    axis: Estimate
+    chi_square: float
+    degrees_of_freedom: int
+    p_value: float
+
+
+class DirectionMap(NamedTuple):
+    """One quantity over the direction.
+
+    Attributes:
+        direction: rad, (n,).
+        value: (n,).
+        std: (n,).
+        power: 1 for a compliance, 2 for a gap: that of the value which has an ellipse.
+        mean: unweighted mean over the directions, as in the paper.
+        isotropy: test of equal values in all directions.
+        ellipse: None for fewer than three axes, or where a gap is not significantly above 0.
+    """
+
+    direction: Floats
+    value: Floats
+    std: Floats
+    power: int
+    mean: Estimate
+    isotropy: CombinedEstimate
+    ellipse: Ellipse | None
+
+
+class Part(NamedTuple):
+    """Result of one part, from all its runs.
+
+    Attributes:
+        name: one of `PARTS`.
+        runs: in the order of the readings.
+        compliance: m/N or rad/Nm; over the directions their mean.
+        gap: m or rad; over the directions their mean.
+        maps: compliance and gap over the direction, for a gripper with two directions or more; else empty.
+        combined: compliance and gap of two runs or more without maps, by name; else empty.
+    """
+
+    name: str
+    runs: tuple[Run, ...]
+    compliance: Estimate
+    gap: Estimate
+    maps: dict[str, DirectionMap]
+    combined: dict[str, CombinedEstimate]
+
+    @property
+    def units(self) -> tuple[str, str]:
+        """Units of compliance and gap."""
+        return ('m/N', 'm') if self.name == GRIPPER else ('rad/Nm', 'rad')
 
 
 class DialGaugeAnalysis(NamedTuple):
     """Result of all tables.
 
     Attributes:
-        points: the experiments with loads point by point; None without any.
+        parts: with loads point by point, by name, in the order of `PARTS`.
         loops: the continuous records.
         warnings: one sentence each.
+        sources: names of the files, those of `parts` first.
     """
 
-    points: PointAnalysis | None
-    loops: tuple[LoopRecord, ...]
+    parts: dict[str, Part]
+    loops: tuple[LoopAnalysis, ...]
     warnings: tuple[str, ...]
+    sources: tuple[str, ...]
 
 
 def analyse_tables(
-    tables: Sequence[DialGaugeReadings], kind: str = AUTO, zero_band: float = ZERO_BAND
+    tables: Sequence[DialGaugeReadings], kind: str = 'auto', zero_band: float = ZERO_BAND
 ) -> DialGaugeAnalysis:
     """Analyses tables.
 
@@ -54,56 +178,215 @@ def analyse_tables(
         ParameterError: the rows of a joint have no lever.
         UnsupportedDataError: a table cannot be analysed; it is named.
     """
-    loops = [table for table in tables if kind == LOOPS or (kind == AUTO and _continuous(table))]
+    loops = [table for table in tables if kind == 'loops' or (kind == 'auto' and _is_continuous(table))]
     points = [table for table in tables if not any(table is loop for loop in loops)]
-    analysis = analyse_points(join(points), zero_band) if points else None
-    records = tuple(_record(table) for table in loops)
-    warnings = [*(analysis.warnings if analysis else ())]
+    found = analyse_points(join(points), zero_band) if points else DialGaugeAnalysis({}, (), (), ())
+    records = tuple(analyse_loops(table) for table in loops)
+    warnings = [*found.warnings, *(note for table in loops for note in table.notes)]
+    level = FALSE_ALARM_LEVEL / 2 / max(1, sum(len(record.senses) for record in records))
     for record in records:
-        warnings += [*record.readings.notes, *_loop_warnings(record)]
-    return DialGaugeAnalysis(analysis, records, tuple(warnings))
+        for sense in record.senses:
+            where = f'{record.source}: {sense.name}: the reversals'
+            warnings += _inconsistencies(where, {'compliance': sense.compliance, 'gap': sense.gap}, level)
+    sources = (*found.sources, *(record.source for record in records))
+    return DialGaugeAnalysis(found.parts, records, tuple(warnings), sources)
 
 
-def _continuous(table: DialGaugeReadings) -> bool:
-    return bool(np.all(np.isfinite(table.time)) and np.all(table.cycle < 0) and np.all(np.isnan(table.direction)))
+def _is_continuous(table: DialGaugeReadings) -> bool:
+    return bool(np.all(np.isfinite(table.time) & np.isnan(table.cycle) & np.isnan(table.direction)))
 
 
-def _record(table: DialGaugeReadings) -> LoopRecord:
-    source = table.sources[0]
-    if not np.all(np.isfinite(table.time)):
-        raise UnsupportedDataError(f'{source}: loops need the time of every row', 'add a column time_s')
+def analyse_points(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
+    """Compliance and backlash of every part in the readings.
+
+    Args:
+        readings: of one or more experiments.
+        zero_band: share of the largest load of a run up to which a load counts as none.
+
+    Raises:
+        ParameterError: the rows of a joint have no lever.
+        UnsupportedDataError: a run has no reversal, or too few rows.
+    """
+    runs = [_fit(rows, zero_band) for rows in _split_runs(readings)]
+    level = FALSE_ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
+    grippers = [run for run in runs if run.part == GRIPPER]
+    for k, run in enumerate(runs):
+        runs[k] = _without_gripper(run, grippers)._replace(
+            failed_checks=tuple(check for check in run.fit.checks if check.p_value < level),
+            outliers=tuple(np.flatnonzero(run.fit.row_p < level / run.fit.used.sum()).tolist()),
+        )
+    by_part = {name: tuple(run for run in runs if run.part == name) for name in PARTS}
+    parts = {name: _combine(name, own) for name, own in by_part.items() if own}
+    warnings = [*readings.notes, *(text for run in runs for text in _run_warnings(run))]
+    for part in parts.values():
+        warnings += _inconsistencies(f'{part.name}: the runs', part.combined, level)
+    return DialGaugeAnalysis(parts, (), tuple(warnings), readings.sources)
+
+
+def _inconsistencies(where: str, combined: dict[str, CombinedEstimate], level: float) -> list[str]:
+    return [
+        f'{where} are inconsistent in {what} (p = {each.p_value:.2g})'
+        for what, each in combined.items()
+        if each.p_value < level
+    ]
+
+
+def _split_runs(readings: DialGaugeReadings) -> list[DialGaugeReadings]:
+    """The rows of each run, in the order in which the runs begin.
+
+    Raises:
+        ParameterError: a row of a joint has no lever.
+    """
+    joint = readings.part != GRIPPER
+    missing = np.flatnonzero(joint & np.isnan(readings.lever))
+    if len(missing):
+        where = readings.sources[readings.source[missing[0]]]
+        line = f': line {readings.line[missing[0]]}' if readings.line[missing[0]] else ''
+        raise ParameterError(f'{where}{line}', 'a joint needs its lever', 'add a column lever_m, or give --lever')
+    direction = np.round(np.nan_to_num(readings.direction, nan=-1e3), 6).tolist()
+    lever = np.where(joint, np.round(readings.lever, 9), 0.0).tolist()
+    runs: dict[tuple[object, ...], list[int]] = {}
+    keys = zip(readings.source.tolist(), readings.part, readings.gauge_at, direction, lever, strict=True)
+    for row, key in enumerate(keys):
+        runs.setdefault(key, []).append(row)
+    return [readings.select(rows) for rows in runs.values()]
+
+
+def _label(part: str, direction: float) -> str:
+    """Name of a part in messages, with the direction (rad, NaN for none) in which it was loaded."""
+    return part if np.isnan(direction) else f'{part} at {np.degrees(direction):g} deg'
+
+
+def _fit(rows: DialGaugeReadings, zero_band: float) -> Run:
+    part, source = str(rows.part[0]), rows.sources[int(rows.source[0])]
+    lever = float(rows.lever[0]) if part != GRIPPER else np.nan
+    direction = float(rows.direction[0])
     try:
-        return LoopRecord(source, table, analyse_loops(table.time, table.displacement, table.force))
+        fit = fit_run(rows, zero_band)
     except UnsupportedDataError as error:
-        raise UnsupportedDataError(f'{source}: {error.problem}', error.remedy) from error
+        raise UnsupportedDataError(f'{source}: {_label(part, direction)}: {error.problem}', error.remedy) from error
+    run = Run(part, str(rows.gauge_at[0]), source, direction, lever, rows, fit, fit.compliance, fit.gap)
+    return _scaled(run, fit.compliance, fit.gap)
 
 
-def _loop_warnings(record: LoopRecord) -> list[str]:
-    """Warnings about inconsistent reversals and trends."""
-    found = []
-    level = FALSE_ALARM_LEVEL / sum(2 + len(sense.trends) for sense in record.analysis.senses)
-    for sense in record.analysis.senses:
-        where = f'{record.source}: {sense_name(sense)}'
-        for name, test, factor, unit in (('gap', sense.gap, 1e6, 'µm'), ('compliance', sense.compliance, 1e6, 'µm/N')):
-            if test is not None and test.p_value < level:
-                between = f'{factor * test.between:.3g} {unit}'
-                found.append(f'{where}: the reversals are inconsistent in {name}; standard deviation between {between}')
-        for trend in sense.trends:
-            if trend.p_value < level:
-                found.append(
-                    f'{where}: {_trend_text(trend.quantity, trend.variable, trend.slope.value, trend.slope.std)}'
-                )
-    return found
+def _scaled(run: Run, compliance: Estimate, gap: Estimate) -> Run:
+    """The run with compliance and gap of the part, from those at the gauge."""
+    arm = 1.0 if run.part == GRIPPER else run.lever
+    return run._replace(
+        compliance=Estimate(compliance.value / arm**2, compliance.std / arm**2),
+        gap=Estimate(gap.value / arm, gap.std / arm),
+    )
 
 
-def _trend_text(quantity: str, variable: str, slope: float, std: float) -> str:
-    unit = 'µm' if quantity == 'gap' else 'µm/N'
-    if variable == 'speed':
-        amount = f'{1e3 * slope:.3g} ± {1e3 * std:.2g} {unit} per mm/s'
-        return f'the {quantity} changes with the speed (or the amplitude) by {amount}'
-    return f'the {quantity} drifts by {1e6 * slope:.3g} ± {1e6 * std:.2g} {unit} per s'
+def _without_gripper(run: Run, grippers: Sequence[Run]) -> Run:
+    """A joint's run less the gripper's contribution, if the gauge was at the tip; directions within 0.5° are equal."""
+    if run.part == GRIPPER or run.gauge_at != TIP:
+        return run
+    turns = [abs((each.direction - run.direction + np.pi / 2) % np.pi - np.pi / 2) for each in grippers]
+    there = [each for each, turn in zip(grippers, turns, strict=True) if turn < np.radians(0.5)]
+    if not there:
+        return run._replace(note='the gauge was at the tip: compliance and gap include those of the gripper')
+    compliance, gap = (
+        Estimate(series.value - own.value, float(np.hypot(series.std, own.std)))
+        for series, own in (
+            (run.fit.compliance, mean([each.compliance for each in there])),
+            (run.fit.gap, mean([each.gap for each in there])),
+        )
+    )
+    return _scaled(run, compliance, gap)._replace(note='the gripper along this direction was subtracted')
 
 
-def sense_name(sense: Sense) -> str:
-    """Name of the reversals of one sense."""
-    return 'rising' if sense.sense > 0 else 'falling'
+def _combine(name: str, runs: tuple[Run, ...]) -> Part:
+    """A part from its runs: over the directions the mean, otherwise the weighted mean."""
+    compliance, gap = [run.compliance for run in runs], [run.gap for run in runs]
+    dof = np.array([run.fit.degrees_of_freedom for run in runs], dtype=float)
+    if len(runs) == 1:
+        return Part(name, runs, compliance[0], gap[0], {}, {})
+    direction = np.array([run.direction for run in runs])
+    if name == GRIPPER and np.all(np.isfinite(direction)) and len(np.unique(direction)) > 1:
+        maps = {
+            'compliance': direction_map(direction, compliance, dof, power=1),
+            'gap': direction_map(direction, gap, dof, power=2),
+        }
+        return Part(name, runs, maps['compliance'].mean, maps['gap'].mean, maps, {})
+    combined = {'compliance': combine_estimates(compliance, dof), 'gap': combine_estimates(gap, dof)}
+    return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, {}, combined)
+
+
+def direction_map(direction: Floats, estimates: Sequence[Estimate], dof: Floats, power: int) -> DirectionMap:
+    """One quantity over the direction.
+
+    Args:
+        direction: rad, (n,), n of 2 or more.
+        estimates: n.
+        dof: degrees of freedom of each std, (n,).
+        power: 1 for a compliance, 2 for a gap.
+    """
+    value, std = np.array(estimates).T
+    ellipse = _fit_ellipse(direction, value, std, dof, power)
+    return DirectionMap(direction, value, std, power, mean(estimates), combine_estimates(estimates, dof), ellipse)
+
+
+def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, power: int) -> Ellipse | None:
+    """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ."""
+    axes = len(np.unique(np.round(np.mod(direction, np.pi), 3) % np.round(np.pi, 3)))
+    if axes < 3 or (power == 2 and np.any(value < 4 * std)):
+        return None
+    q, q_std = value, std
+    if power == 2:  # the square of a noisy value is too large by its variance
+        q, q_std = value**2 - std**2, 2 * value * std
+    design = np.stack([np.ones_like(direction), np.cos(2 * direction), np.sin(2 * direction)], axis=1)
+    for _ in range(3):  # weights from the fitted values, which are less noisy than the measured ones
+        basis, triangle = np.linalg.qr(design / q_std[:, None])
+        inverse = np.linalg.inv(triangle)
+        coefficients, covariance = inverse @ (basis.T @ (q / q_std)), inverse @ inverse.T
+        fitted = design @ coefficients
+        if power == 2:
+            q_std = 2 * np.sqrt(np.maximum(fitted, (0.1 * value) ** 2)) * std
+    chi_square = float((((q - fitted) / q_std) ** 2).sum())
+    left = len(value) - 3
+    p_value = float(stats.f.sf(chi_square / left, left, float(np.sum(dof)))) if left > 0 else np.nan
+    centre, a, b = coefficients
+    radius = float(np.hypot(a, b))
+    unit = np.array([a, b]) / radius if radius > 0 else np.array([1.0, 0.0])
+    ends = []
+    for sign in (1.0, -1.0):
+        row = np.array([1.0, *(sign * unit)])
+        end, end_std = float(centre + sign * radius), float(np.sqrt(row @ covariance @ row))
+        if power == 2:
+            root = float(np.sqrt(max(end, 0.0)))
+            end, end_std = root, end_std / (2 * root) if end > end_std else float(np.sqrt(end_std))
+        ends.append(Estimate(end, end_std))
+    across = np.array([0.0, -unit[1], unit[0]])
+    turn = float(np.sqrt(across @ covariance @ across)) / (2 * radius) if radius > 0 else np.inf
+    axis = Estimate(float(np.mod(np.arctan2(b, a) / 2, np.pi)), turn)
+    return Ellipse(ends[0], ends[1], axis, chi_square, left, p_value)
+
+
+_MEANING = {
+    'slope_difference': 'the slopes of the two senses differ by {value:.3g} ± {std:.2g} µm/N',
+    'hysteresis': 'the displacement is {value:.3g} ± {std:.2g} µm larger while the load is removed: friction or creep',
+    'curvature': 'the lines deviate from straight by {value:.3g} ± {std:.2g} µm: the compliance depends on the load',
+    'zero_drift': "the gauge's zero drifts by {value:.3g} ± {std:.2g} µm per cycle; "
+    'half of a steady drift is contained in the gap',
+    'gap_repeatability': 'the gap varies by {value:.3g} µm (one standard deviation) between cycles; '
+    'its uncertainty includes this',
+    'slope_repeatability': 'the slope varies by {value:.3g} µm/N (one standard deviation) between cycles; '
+    'its uncertainty includes this',
+}
+
+
+def _run_warnings(run: Run) -> list[str]:
+    """Warnings about one run, one sentence each."""
+    found = [
+        f'{run.name}: {_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std)}'
+        for check in run.failed_checks
+    ]
+    if run.outliers:
+        lines = ', '.join(str(line) for line in run.readings.line[list(run.outliers)])
+        found.append(f'{run.source}: line {lines}: far from the straight line of {run.name}; check for a typing error')
+    if not 1e-8 < run.fit.compliance.value < 1e-2:  # m/N, of robots; outside it a unit is probably wrong
+        found.append(f'{run.name}: a compliance of {run.fit.compliance.value:.2g} m/N; are the units and signs right?')
+    if run.gap.value < -4 * run.gap.std:
+        found.append(f'{run.name}: the gap is negative; is the displacement positive along the positive force?')
+    return found + [f'{run.name}: {run.note}'] * bool(run.note)

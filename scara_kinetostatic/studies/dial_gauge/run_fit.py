@@ -1,4 +1,4 @@
-"""Fit of one run: straight lines, their slopes and the gap between them, with uncertainties.
+"""Fit of one run: straight lines, their slopes and the gap between them, with uncertainties and checks.
 
 A pass is one sense of load in one cycle: loads applied, then removed. The model of a run is
 
@@ -12,14 +12,10 @@ Rows without load contain no information about the gap: inside the backlash the 
 but not used.
 
 The resolution of the gauge limits the uncertainty where the part repeats better: σ is at least resolution / √12, and
-where it is below `_COARSE` times the resolution, the same load gives the same rounding error, so that only rows with
+where it is below 0.38 times the resolution, the same load gives the same rounding error, so that only rows with
 different loads count as independent. The resolution is estimated from the readings.
 
-Tests of a run are in `run_checks`.
-
-Tests of one run against its model: straight lines with one gap.
-
-Each test has its own p-value. Where the cycles scatter more than the readings within them (p < `_SCATTER_LEVEL`), the
+Each check of the model has its own p-value. Where the cycles scatter more than the readings within them (p < 1 %), the
 variance between the cycles is added to that of the result.
 
 - slope_difference: slope of the positive less that of the negative sense;
@@ -31,14 +27,14 @@ variance between the cycles is added to that of the result.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.statistics import (
     Estimate,
@@ -48,9 +44,8 @@ from scara_kinetostatic.studies.dial_gauge.statistics import (
     least_squares,
 )
 
-Ints = NDArray[np.int64]
-
-_SCATTER_LEVEL = 0.01
+ZERO_BAND = 0.02
+"""Share of the largest load of a run up to which a load counts as none."""
 
 
 class Check(NamedTuple):
@@ -71,130 +66,6 @@ class Check(NamedTuple):
     p_value: float
 
 
-def slope_difference(solution: LeastSquares, count: int) -> Check:
-    """Whether both senses have the same slope; `count` is the number of passes."""
-    row = np.zeros(count + 2)
-    row[count:] = (-1.0, 1.0)
-    return _student('slope_difference', solution.of(row), 'm/N', solution.dof)
-
-
-def _student(name: str, estimate: Estimate, unit: str, dof: int) -> Check:
-    p_value = 2 * float(stats.t.sf(abs(estimate.value) / estimate.std, dof))
-    return Check(name, estimate.value, estimate.std, unit, p_value)
-
-
-def shapes(
-    solution: LeastSquares, readings: DialGaugeReadings, used: NDArray[np.bool_], passes: Ints
-) -> list[Check | None]:
-    """Hysteresis and curvature, each tested by one additional column; None where the run does not determine it."""
-    force = readings.force[used]
-    sense = np.sign(force)
-    branch = np.zeros(len(force))
-    for number in np.unique(passes[used]):
-        rows = np.flatnonzero(passes[used] == number)
-        size = np.abs(force[rows])
-        top = np.flatnonzero(size >= size.max() * (1 - 1e-6))
-        branch[rows[: top[0]]], branch[rows[top[-1] + 1 :]] = -0.5, 0.5
-    span = float(np.ptp(np.abs(force)))
-    both = np.any(branch < 0) and np.any(branch > 0)
-    return [
-        _added(solution, 'hysteresis', sense * branch, 1.0) if both else None,
-        _added(solution, 'curvature', sense * force**2, span**2 / 4),
-    ]
-
-
-def _added(solution: LeastSquares, name: str, column: Floats, factor: float) -> Check | None:
-    """Coefficient of one additional column, times a factor; None where the run does not determine it."""
-    dof = solution.dof - 1
-    new = column - solution.basis @ (solution.basis.T @ column)
-    square = float(new @ new)
-    if dof < 1 or square < 1e-8 * float(column @ column):
-        return None
-    value = float(new @ solution.residual) / square
-    rest = solution.residual - value * new
-    sigma = max(float(np.sqrt(rest @ rest / dof)), solution.floor)
-    return _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square))), 'm', dof)
-
-
-def zero_drift(solution: LeastSquares, cycle: Ints, complete: Ints, count: int) -> list[Check]:
-    """Drift of the mean of both lines with the number of the cycle."""
-    if len(complete) < 2:
-        return []
-    order = np.arange(len(complete)) - (len(complete) - 1) / 2
-    row = np.zeros(count + 2)
-    for place, number in zip(order, complete, strict=True):
-        row[:count] += np.where(cycle == number, place / 2, 0.0) / float(order @ order)
-    return [_student('zero_drift', solution.of(row), 'm', solution.dof)]
-
-
-def gap_repeatability(solution: LeastSquares, contrasts: Floats, rows: Ints) -> tuple[list[Check], float]:
-    """Whether the gap is the same in every cycle, and the variance between cycles if it is not.
-
-    Args:
-        solution: of the run.
-        contrasts: the gap of each cycle as a linear function of the coefficients, (c, k).
-        rows: number of rows of each pass, (k,).
-    """
-    dof = len(contrasts) - 1
-    if dof < 1:
-        return [], 0.0
-    steps = np.diff(contrasts, axis=0)
-    change = steps @ solution.beta
-    square = float(change @ np.linalg.solve(steps @ solution.unscaled @ steps.T, change))
-    p_value = float(stats.f.sf(square / dof / solution.sigma**2, dof, solution.dof))
-    gaps = contrasts @ solution.beta
-    own = solution.sigma * np.sqrt((contrasts[:, : len(rows)] ** 2) @ (1 / rows))  # the slopes' part is common to all
-    variance = between_variance(gaps - gaps.mean(), own, dof)
-    check = Check('gap_repeatability', float(np.sqrt(variance)), np.nan, 'm', p_value)
-    return [check], variance if p_value < _SCATTER_LEVEL else 0.0
-
-
-def slope_repeatability(
-    solution: LeastSquares, force: Floats, displacement: Floats, passes: Ints, sense: Ints
-) -> tuple[list[Check], float]:
-    """Whether the slope is the same in every pass of a sense, and the variance between passes if it is not."""
-    slopes, factors = _pass_slopes(force, displacement, passes, len(sense))
-    known = np.isfinite(factors)
-    dof = int(known.sum()) - 2
-    if dof < 1:
-        return [], 0.0
-    excess = (slopes - np.where(sense > 0, solution.beta[-1], solution.beta[-2]))[known]
-    own = solution.sigma * factors[known]
-    p_value = float(stats.f.sf(float(((excess / own) ** 2).sum()) / dof, dof, solution.dof))
-    variance = between_variance(excess, own, dof)
-    check = Check('slope_repeatability', float(np.sqrt(variance)), np.nan, 'm/N', p_value)
-    return [check], variance if p_value < _SCATTER_LEVEL else 0.0
-
-
-def _pass_slopes(force: Floats, displacement: Floats, passes: Ints, count: int) -> tuple[Floats, Floats]:
-    """Slope of each pass alone, and its standard deviation for σ = 1; NaN for a pass with a single load."""
-    slopes, factors = np.full(count, np.nan), np.full(count, np.nan)
-    for number in range(count):
-        x, y = force[passes == number], displacement[passes == number]
-        squares = float(((x - x.mean()) ** 2).sum())
-        if squares > 1e-12 * float(x @ x):
-            slopes[number] = float((x - x.mean()) @ y) / squares
-            factors[number] = 1 / np.sqrt(squares)
-    return slopes, factors
-
-
-def row_p_values(solution: LeastSquares) -> Floats:
-    """p-value of each row from its externally studentised residual, (n,); 1 with too few degrees of freedom."""
-    if solution.dof < 3:
-        return np.ones(len(solution.residual))
-    free = np.maximum(1 - (solution.basis**2).sum(axis=1), 1e-12)
-    standard = solution.residual / solution.sigma / np.sqrt(free)
-    left = np.maximum(solution.dof - standard**2, 1e-12)
-    student = standard * np.sqrt((solution.dof - 1) / left)
-    return 2 * stats.t.sf(np.abs(student), solution.dof - 1)
-
-
-ZERO_BAND = 0.02
-"""Share of the largest load of a run up to which a load counts as none."""
-_COARSE = 0.38
-"""Standard deviation of the readings, in resolutions, below which equal loads have equal rounding errors."""
-
-
 class RunFit(NamedTuple):
     """Result of one run.
 
@@ -206,7 +77,6 @@ class RunFit(NamedTuple):
         resolution: of the gauge as estimated from the readings, m; 0 where they show none.
         degrees_of_freedom: of sigma.
         used: rows used, (n,).
-        passes: number of the pass of each row, (n,), -1 where not used.
         lines: sense, intercept (m), slope (m/N) of each pass, (k, 3).
         cycle_gaps: gap of each cycle, (c,), m.
         residual: (n,), m, NaN where not used.
@@ -220,8 +90,7 @@ class RunFit(NamedTuple):
     sigma: float
     resolution: float
     degrees_of_freedom: int
-    used: NDArray[np.bool_]
-    passes: Ints
+    used: Mask
     lines: Floats
     cycle_gaps: Floats
     residual: Floats
@@ -229,7 +98,7 @@ class RunFit(NamedTuple):
     row_p: Floats
 
 
-def find_passes(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> tuple[Ints, Ints, Ints]:
+def find_passes(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> tuple[Indices, Floats, Floats]:
     """The pass to which each row belongs.
 
     Args:
@@ -242,12 +111,11 @@ def find_passes(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> tu
     """
     force = readings.force
     loaded = np.flatnonzero(np.abs(force) > zero_band * np.abs(force).max(initial=0.0))
-    sense = np.sign(force[loaded]).astype(np.int64)
-    cycle = readings.cycle[loaded]
-    if np.any(cycle < 0):
+    sense, cycle = np.sign(force[loaded]), readings.cycle[loaded]
+    if np.any(np.isnan(cycle)):
         cycle = np.cumsum(np.diff(sense, prepend=sense[:1]) != 0) // 2
     keys, number = np.unique(np.stack([cycle, -sense], axis=1), axis=0, return_inverse=True)
-    passes = np.full(len(force), -1, dtype=np.int64)
+    passes = np.full(len(force), -1, dtype=np.intp)
     passes[loaded] = number.reshape(-1)
     return passes, keys[:, 0], -keys[:, 1]
 
@@ -263,65 +131,135 @@ def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit
         UnsupportedDataError: loads in one sense only, too few rows, or one load only.
     """
     passes, cycle, sense = find_passes(readings, zero_band)
-    used = passes >= 0
-    complete = np.array([number for number in np.unique(cycle) if np.count_nonzero(cycle == number) == 2])
-    if not len(complete):
-        lacking = 'there is no reversal of the load' if len(cycle) else 'there is no load'
+    used, count = passes >= 0, len(sense)
+    complete = [number for number in np.unique(cycle) if np.count_nonzero(cycle == number) == 2]
+    if not complete:
+        lacking = 'there is no reversal of the load' if count else 'there is no load'
         raise UnsupportedDataError(lacking, 'load and unload in both senses, in the same cycle')
-    force, displacement = readings.force[used], readings.displacement[used]
-    design = _design(force, passes[used], sense)
+    force, displacement, passes = readings.force[used], readings.displacement[used], passes[used]
+    positive = sense[passes] > 0
+    indicators = (passes[:, None] == np.arange(count)).astype(float)
+    design = np.column_stack([indicators, np.where(positive, 0.0, force), np.where(positive, force, 0.0)])
     solution, resolution = least_squares(design, displacement), find_resolution(readings.displacement)
     sigma = max(solution.sigma, resolution / np.sqrt(12))
-    if solution.sigma < _COARSE * resolution:
+    if solution.sigma < 0.38 * resolution:
         least = sigma * float(np.sqrt(len(force) / len(np.unique(np.abs(force)))))
         solution = solution._replace(sigma=least, floor=least)
-    count = len(sense)
-    slopes = tuple(solution.of(np.eye(count + 2)[count + k]) for k in (0, 1))
-    contrasts = np.zeros((len(complete), count + 2))
-    for row, number in zip(contrasts, complete, strict=True):
-        row[:count] = np.where(cycle == number, sense, 0)
-    checks = [
-        slope_difference(solution, count),
-        *shapes(solution, readings, used, passes),
-        *zero_drift(solution, cycle, complete, count),
-    ]
-    repeats, gap_between = gap_repeatability(solution, contrasts, np.bincount(passes[used]))
-    more, slope_between = slope_repeatability(solution, force, displacement, passes[used], sense)
-    residual = np.full(len(used), np.nan)
-    residual[used] = solution.residual
-    row_p = np.ones(len(used))
-    row_p[used] = row_p_values(solution)
+    # linear functions of the coefficients, which are the intercepts, the negative and the positive slope
+    gaps = np.array([[*np.where(cycle == number, sense, 0), 0, 0] for number in complete], dtype=float)
+    weight = 1 / np.diag(solution.unscaled)[count:]  # the two slopes are independent
+    compliance = solution.of(np.array([*np.zeros(count), *weight / weight.sum()]))
+    slopes = solution.of(np.eye(count + 2)[count]), solution.of(np.eye(count + 2)[count + 1])
+    repeatability = (
+        _gap_repeatability(solution, gaps, np.bincount(passes)),
+        _slope_repeatability(solution, force, displacement, passes, sense),
+    )
+    variances = [check.value**2 if check and check.p_value < 0.01 else 0.0 for check in repeatability]
+    checks = (
+        _student('slope_difference', solution.of(np.array([*np.zeros(count), -1.0, 1.0])), 'm/N', solution.dof),
+        *_shape_checks(solution, force, passes),
+        _zero_drift(solution, gaps),
+        *repeatability,
+    )
+    residual, row_p = np.full(len(used), np.nan), np.ones(len(used))
+    residual[used], row_p[used] = solution.residual, _row_p_values(solution)
     return RunFit(
-        compliance=_widened(_compliance(solution, count), slope_between / count),
-        gap=_widened(solution.of(contrasts.mean(axis=0)), gap_between / len(complete)),
-        slopes=(slopes[0], slopes[1]),
+        compliance=_widened(compliance, variances[1] / count),
+        gap=_widened(solution.of(gaps.mean(axis=0)), variances[0] / len(gaps)),
+        slopes=slopes,
         sigma=sigma,
         resolution=resolution,
         degrees_of_freedom=solution.dof,
         used=used,
-        passes=passes,
         lines=np.stack([sense, solution.beta[:count], np.where(sense > 0, slopes[1].value, slopes[0].value)], axis=1),
-        cycle_gaps=contrasts @ solution.beta,
+        cycle_gaps=gaps @ solution.beta,
         residual=residual,
-        checks=(*(check for check in checks if check is not None), *repeats, *more),
+        checks=tuple(check for check in checks if check is not None),
         row_p=row_p,
     )
 
 
-def _design(force: Floats, passes: Ints, sense: Ints) -> Floats:
-    """Columns: an indicator of each pass, then the force where it is negative, then where it is positive."""
-    indicators = (passes[:, None] == np.arange(len(sense))).astype(float)
-    positive = sense[passes] > 0
-    return np.column_stack([indicators, np.where(positive, 0.0, force), np.where(positive, force, 0.0)])
-
-
-def _compliance(solution: LeastSquares, count: int) -> Estimate:
-    """Mean of both slopes, weighted by the inverses of their variances; the two are independent."""
-    variance = np.diag(solution.unscaled)[count:]
-    row = np.zeros(count + 2)
-    row[count:] = (1 / variance) / (1 / variance).sum()
-    return solution.of(row)
-
-
 def _widened(estimate: Estimate, variance: float) -> Estimate:
     return Estimate(estimate.value, float(np.hypot(estimate.std, np.sqrt(variance))))
+
+
+def _student(name: str, estimate: Estimate, unit: str, dof: int) -> Check:
+    p_value = 2 * float(stats.t.sf(abs(estimate.value) / estimate.std, dof))
+    return Check(name, estimate.value, estimate.std, unit, p_value)
+
+
+def _zero_drift(solution: LeastSquares, gaps: Floats) -> Check | None:
+    """Drift of the mean of both lines with the number of the cycle."""
+    if len(gaps) < 2:
+        return None
+    order = np.arange(len(gaps)) - (len(gaps) - 1) / 2
+    return _student('zero_drift', solution.of(order @ np.abs(gaps) / 2 / (order @ order)), 'm', solution.dof)
+
+
+def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Iterator[Check]:
+    """Hysteresis and curvature, each the coefficient of one additional column; not where the run lacks it."""
+    branch, size, dof = np.zeros(len(force)), np.abs(force), solution.dof - 1
+    for number in np.unique(passes):
+        rows = np.flatnonzero(passes == number)
+        top = np.flatnonzero(size[rows] >= size[rows].max() * (1 - 1e-6))
+        branch[rows[: top[0]]], branch[rows[top[-1] + 1 :]] = -0.5, 0.5
+    both = np.any(branch < 0) and np.any(branch > 0)
+    columns = {
+        'hysteresis': (np.sign(force) * branch * both, 1.0),
+        'curvature': (np.sign(force) * force**2, float(np.ptp(size)) ** 2 / 4),
+    }
+    for name, (column, factor) in columns.items():
+        new = column - solution.basis @ (solution.basis.T @ column)
+        square = float(new @ new)
+        if dof >= 1 and square > 1e-8 * float(column @ column):
+            value = float(new @ solution.residual) / square
+            rest = solution.residual - value * new
+            sigma = max(float(np.sqrt(rest @ rest / dof)), solution.floor)
+            yield _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square))), 'm', dof)
+
+
+def _gap_repeatability(solution: LeastSquares, gaps: Floats, rows: Indices) -> Check | None:
+    """Whether the gap is the same in every cycle; `rows`: number of rows of each pass, (k,)."""
+    dof = len(gaps) - 1
+    if dof < 1:
+        return None
+    steps = np.diff(gaps, axis=0)
+    change = steps @ solution.beta
+    square = float(change @ np.linalg.solve(steps @ solution.unscaled @ steps.T, change))
+    p_value = float(stats.f.sf(square / dof / solution.sigma**2, dof, solution.dof))
+    values = gaps @ solution.beta
+    own = solution.sigma * np.sqrt((gaps[:, : len(rows)] ** 2) @ (1 / rows))  # the slopes' part is common to all
+    variance = between_variance(values, own, dof, np.full(len(values), values.mean()))
+    return Check('gap_repeatability', float(np.sqrt(variance)), np.nan, 'm', p_value)
+
+
+def _slope_repeatability(
+    solution: LeastSquares, force: Floats, displacement: Floats, passes: Indices, sense: Floats
+) -> Check | None:
+    """Whether the slope is the same in every pass of a sense; a pass with a single load has none."""
+    slopes, own, common = [], [], []
+    for number, sign in enumerate(sense):
+        x, y = force[passes == number], displacement[passes == number]
+        squares = float(((x - x.mean()) ** 2).sum())
+        if squares > 1e-12 * float(x @ x):
+            slopes.append(float((x - x.mean()) @ y) / squares)
+            own.append(solution.sigma / np.sqrt(squares))
+            common.append(solution.beta[-1 if sign > 0 else -2])
+    values, std, centre = np.array(slopes), np.array(own), np.array(common)
+    dof = len(values) - 2
+    if dof < 1:
+        return None
+    p_value = float(stats.f.sf(float((((values - centre) / std) ** 2).sum()) / dof, dof, solution.dof))
+    variance = between_variance(values, std, dof, centre)
+    return Check('slope_repeatability', float(np.sqrt(variance)), np.nan, 'm/N', p_value)
+
+
+def _row_p_values(solution: LeastSquares) -> Floats:
+    """p-value of each row from its externally studentised residual, (n,); 1 with too few degrees of freedom."""
+    if solution.dof < 3:
+        return np.ones(len(solution.residual))
+    free = np.maximum(1 - (solution.basis**2).sum(axis=1), 1e-12)
+    standard = solution.residual / solution.sigma / np.sqrt(free)
+    left = np.maximum(solution.dof - standard**2, 1e-12)
+    student = standard * np.sqrt((solution.dof - 1) / left)
+    return 2 * stats.t.sf(np.abs(student), solution.dof - 1)

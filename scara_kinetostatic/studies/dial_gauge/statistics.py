@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +11,6 @@ from scipy import optimize, stats
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 
-_ROUNDING = 1e-9
-"""Share of the largest displacement below which residuals are rounding errors of the arithmetic."""
 FALSE_ALARM_LEVEL = 0.01
 """p-value below which a difference is significant. Several tests of the same data share it (Bonferroni)."""
 
@@ -21,6 +20,17 @@ class Estimate(NamedTuple):
 
     value: float
     std: float
+
+    @property
+    def half(self) -> Estimate:
+        """Half of it; of a gap the g of (6) and (7)."""
+        return Estimate(self.value / 2, self.std / 2)
+
+
+def mean(estimates: Sequence[Estimate]) -> Estimate:
+    """The unweighted mean of independent estimates."""
+    values, std = np.array(estimates).T
+    return Estimate(float(values.mean()), float(np.sqrt((std**2).sum())) / len(values))
 
 
 class LeastSquares(NamedTuple):
@@ -74,7 +84,7 @@ def least_squares(design: Floats, displacement: Floats) -> LeastSquares:
     beta = inverse @ (basis.T @ displacement)
     residual = displacement - basis @ (basis.T @ displacement)
     sigma = float(np.sqrt(residual @ residual / dof))
-    floor = _ROUNDING * float(np.abs(displacement).max())
+    floor = 1e-9 * float(np.abs(displacement).max())  # below it residuals are rounding errors of the arithmetic
     return LeastSquares(beta, inverse @ inverse.T, basis, residual, max(sigma, floor), floor, dof)
 
 
@@ -92,85 +102,73 @@ class CombinedEstimate(NamedTuple):
     """Weighted mean of several estimates of one quantity, and a test of their consistency.
 
     Attributes:
-        mean: weighted mean.
+        value: weighted mean.
         std: of the mean; where the estimates are inconsistent the variance between them is included.
         chi_square: of the estimates about their mean.
         degrees_of_freedom: number of estimates less one.
         p_value: of consistency; takes into account that the standard deviations are estimates themselves.
-        between: standard deviation between the estimates beyond their own (Paule and Mandel), m or m/N.
+        between_std: standard deviation between the estimates beyond their own (Paule and Mandel), m or m/N.
     """
 
-    mean: float
+    value: float
     std: float
     chi_square: float
     degrees_of_freedom: int
     p_value: float
-    between: float
+    between_std: float
+
+    @property
+    def estimate(self) -> Estimate:
+        """The mean with its standard deviation."""
+        return Estimate(self.value, self.std)
 
 
-def between_variance(excess: Floats, std: Floats, dof: int) -> float:
+def between_variance(values: Floats, std: Floats, dof: int, centre: Floats | None = None) -> float:
     """The variance to be added for χ² of the deviations to equal its expectation (Paule and Mandel).
 
     Args:
-        excess: deviations from the mean, (n,).
+        values: (n,).
         std: standard deviation of each, (n,).
         dof: expected χ².
+        centre: what the values deviate from, (n,); their weighted mean if not given.
 
     Source: Paule and Mandel, J. Res. Nat. Bur. Standards 87 (1982) 377.
     """
 
     def surplus(variance: float) -> float:
-        return float((excess**2 / (std**2 + variance)).sum()) - dof
+        weight = 1 / (std**2 + variance)
+        return float(weight @ (values - (np.average(values, weights=weight) if centre is None else centre)) ** 2) - dof
 
     if surplus(0.0) <= 0:
         return 0.0
-    return float(optimize.brentq(surplus, 0.0, float(excess @ excess) / dof, xtol=1e-40, rtol=1e-10))
+    most = float(((values - (values.mean() if centre is None else centre)) ** 2).sum()) / dof
+    return float(optimize.brentq(surplus, 0.0, most, xtol=1e-40, rtol=1e-12))
 
 
-def combine_estimates(values: Floats, std: Floats, dof: Floats | float, level: float = 0.01) -> CombinedEstimate:
+def combine_estimates(estimates: Sequence[Estimate], dof: Floats | float) -> CombinedEstimate:
     """Weighted mean and test of consistency of several estimates.
 
+    The test is an F-test where the standard deviations have a common scale, else that of Welch (1951). Estimates are
+    inconsistent below a p-value of 1 %; then the variance between them is added to their own.
+
     Args:
-        values: (n,), n of 2 or more.
-        std: standard deviation of each, (n,).
+        estimates: n of 2 or more.
         dof: degrees of freedom of each standard deviation, (n,), if each was estimated separately; a single number
-            if all come from one common estimate; infinite if they are known.
-        level: below this p-value the estimates are inconsistent, and the variance between them is added to their own.
+            if all come from one common estimate.
     """
-    count = len(values)
-    weight = 1 / std**2
-    mean = float(np.average(values, weights=weight))
-    chi_square = float(weight @ (values - mean) ** 2)
-    p_value = _p_value(chi_square, weight, dof)
-    between = _between(values, std)
-    if p_value < level:
+    values, std = np.array(estimates).T
+    count, weight = len(values), 1 / std**2
+    mean_value = float(np.average(values, weights=weight))
+    chi_square = float(weight @ (values - mean_value) ** 2)
+    ratio, denominator = chi_square / (count - 1), dof
+    if np.ndim(dof):
+        unevenness = float((((1 - weight / weight.sum()) ** 2) / dof).sum())
+        ratio /= 1 + 2 * (count - 2) / (count**2 - 1) * unevenness
+        denominator = (count**2 - 1) / (3 * unevenness)
+    p_value = float(stats.f.sf(ratio, count - 1, denominator))
+    between = between_variance(values, std, count - 1)
+    if p_value < FALSE_ALARM_LEVEL:
         weight = 1 / (std**2 + between)
-        mean = float(np.average(values, weights=weight))
-    return CombinedEstimate(
-        mean, float(1 / np.sqrt(weight.sum())), chi_square, count - 1, p_value, float(np.sqrt(between))
-    )
-
-
-def _p_value(chi_square: float, weight: Floats, dof: Floats | float) -> float:
-    """p-value of consistency: F-test where the standard deviations have a common scale, else Welch's (1951) test."""
-    count = len(weight)
-    ratio = chi_square / (count - 1)
-    if np.ndim(dof) == 0:
-        return float(stats.f.sf(ratio, count - 1, dof) if np.isfinite(dof) else stats.chi2.sf(chi_square, count - 1))
-    unevenness = float((((1 - weight / weight.sum()) ** 2) / dof).sum())
-    ratio /= 1 + 2 * (count - 2) / (count**2 - 1) * unevenness
-    return float(stats.f.sf(ratio, count - 1, (count**2 - 1) / (3 * unevenness)))
-
-
-def _between(values: Floats, std: Floats) -> float:
-    """Paule and Mandel's variance between, the mean weighted with it."""
-
-    def surplus(variance: float) -> float:
-        weight = 1 / (std**2 + variance)
-        mean = np.average(values, weights=weight)
-        return float(weight @ (values - mean) ** 2) - (len(values) - 1)
-
-    if surplus(0.0) <= 0:
-        return 0.0
-    top = float(np.var(values, ddof=1)) * 4 + float(std.max()) ** 2
-    return float(optimize.brentq(surplus, 0.0, top, xtol=1e-40, rtol=1e-10))
+        mean_value = float(np.average(values, weights=weight))
+    mean_std = float(1 / np.sqrt(weight.sum()))
+    return CombinedEstimate(mean_value, mean_std, chi_square, count - 1, p_value, float(np.sqrt(between)))

@@ -6,8 +6,8 @@ import math
 
 from scara_kinetostatic.report.quantities import chance, count, p_equals
 from scara_kinetostatic.report.table import Table
+from scara_kinetostatic.studies.dial_gauge.report import with_std
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
-from scara_kinetostatic.studies.dial_gauge.text import with_std
 from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record, Units
 from scara_kinetostatic.studies.hysteresis.model_selection import (
     AMBIGUOUS,

@@ -17,9 +17,7 @@ from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, as
 from scara_kinetostatic.studies.design import figures as design_figures
 from scara_kinetostatic.studies.design import report as design_text
 from scara_kinetostatic.studies.design.optimal_design import Design
-from scara_kinetostatic.studies.dial_gauge.document import dial_gauge_document
-from scara_kinetostatic.studies.dial_gauge.page import part_figures
-from scara_kinetostatic.studies.dial_gauge.text import TITLES, summary_table
+from scara_kinetostatic.studies.dial_gauge.report import TITLES, dial_gauge_document, part_figures, summary_table
 from scara_kinetostatic.studies.paper.study import Reproduction
 from scara_kinetostatic.studies.paper.table_2 import (
     ESTIMATED,
@@ -377,20 +375,18 @@ def _design(design: Design) -> Section:
 
 
 def _dial_gauge(r: Reproduction) -> Section:
-    points = r.dial_gauge.points
-    assert points is not None
     return Section(
         'Section 5.2, figure 4: the dial gauge experiments',
         (
             'Simulated with the values of figure 4(d) and the anisotropic backlash of figure 4(c), 2 µm gauge noise, '
             'loads up to 40 N in both senses, three cycles; analysed as the verb dial-gauge analyses measured '
             'readings.',
-            summary_table(points),
+            summary_table(r.dial_gauge),
             Note(
                 'Figure 4(d), measured by the authors: gripper 3.76e-5 m/N and 5.49e-5 to 2.05e-4 m over the '
                 'directions; joint 1 3.23e-5 rad/Nm and 2.64e-4 rad; joint 2 1.08e-4 rad/Nm and 2.68e-4 rad.'
             ),
-            *(Section(TITLES[part.name], part_figures(part)) for part in points.parts),
+            *(Section(TITLES[part.name], part_figures(part)) for part in r.dial_gauge.parts.values()),
         ),
     )
 

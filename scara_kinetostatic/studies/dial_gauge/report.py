@@ -1,0 +1,345 @@
+"""The result of dial gauge experiments: sentences, tables and figures, and `dial_gauge.json`."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import cast
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.projections.polar import PolarAxes
+from matplotlib.ticker import MaxNLocator
+
+from scara_kinetostatic import __version__
+from scara_kinetostatic.report import (
+    NOT_DETERMINED,
+    Block,
+    Document,
+    Figure,
+    Figures,
+    Items,
+    Report,
+    Section,
+    Table,
+    Verdict,
+)
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, new_figure
+from scara_kinetostatic.report.quantities import count, decimals, p_equals
+from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, DirectionMap, Ellipse, Part, Run
+from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, Reversal, Sense
+from scara_kinetostatic.studies.dial_gauge.statistics import FALSE_ALARM_LEVEL, CombinedEstimate, Estimate
+
+TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}
+HALF = 450.0
+"""Width of a figure beside another, pixels."""
+
+
+def dial_gauge_document(analysis: DialGaugeAnalysis) -> Document:
+    """`dial_gauge.json`: SI units; null where a quantity does not exist.
+
+    `gap` is the jump of the displacement at zero force, `half_gap` the g of equations (6) and (7).
+    """
+    return {
+        'schema': 'scara_kinetostatic/dial_gauge/1',
+        'version': __version__,
+        'parts': {part.name: _part(part) for part in analysis.parts.values()},
+        'loops': [
+            {
+                'source': record.source,
+                'senses': {sense.name: _sense(sense) for sense in record.senses},
+                'rejected': record.rejected,
+            }
+            for record in analysis.loops
+        ],
+        'warnings': analysis.warnings,
+    }
+
+
+def _part(part: Part) -> Document:
+    found = {**_quantities(part, part.units), 'runs': [_run(run, part.units) for run in part.runs]}
+    if part.maps:
+        found['over_direction'] = {
+            what: _map(part.maps[what], unit) for what, unit in zip(('compliance', 'gap'), part.units, strict=True)
+        }
+    return found
+
+
+def _quantities(each: Part | Run, units: tuple[str, str]) -> Document:
+    return {
+        'compliance': _estimate(each.compliance, units[0]),
+        'gap': _estimate(each.gap, units[1]),
+        'half_gap': _estimate(each.gap.half, units[1]),
+    }
+
+
+def _estimate(estimate: Estimate | CombinedEstimate, unit: str) -> Document:
+    return {**estimate._asdict(), 'unit': unit}
+
+
+def _fields(record: Ellipse | Reversal, units: dict[str, str]) -> Document:
+    """The fields of a record, those that are estimates with their units."""
+    fields = record._asdict()
+    return fields | {name: _estimate(fields[name], unit) for name, unit in units.items()}
+
+
+def _run(run: Run, units: tuple[str, str]) -> Document:
+    fit = run.fit
+    return {
+        'source': run.source,
+        'gauge_at': run.gauge_at,
+        'direction': run.direction,
+        'lever': run.lever,
+        **_quantities(run, units),
+        'at_gauge': {'slope': _estimate(fit.compliance, 'm/N'), 'gap': _estimate(fit.gap, 'm')},
+        'slope_negative': _estimate(fit.slopes[0], 'm/N'),
+        'slope_positive': _estimate(fit.slopes[1], 'm/N'),
+        'cycle_gaps': fit.cycle_gaps,
+        'reading_std': fit.sigma,
+        'resolution': fit.resolution,
+        'degrees_of_freedom': fit.degrees_of_freedom,
+        'rows': {'found': len(fit.used), 'used': int(fit.used.sum())},
+        'checks': [{**check._asdict(), 'failed': check in run.failed_checks} for check in fit.checks],
+        'outlier_lines': [int(run.readings.line[row]) for row in run.outliers],
+        'note': run.note,
+    }
+
+
+def _map(each: DirectionMap, unit: str) -> Document:
+    isotropy, ellipse = each.isotropy._asdict(), each.ellipse
+    del isotropy['value'], isotropy['std']
+    return {
+        'mean': _estimate(each.mean, unit),
+        'smallest': each.value.min(),
+        'largest': each.value.max(),
+        'isotropy': isotropy,
+        'ellipse': ellipse and _fields(ellipse, {'major': unit, 'minor': unit, 'axis': 'rad'}),
+    }
+
+
+def _sense(sense: Sense) -> Document:
+    gap, compliance = ({'definitional_uncertainty': half} for half in sense.definitional_uncertainty)
+    units = {'gap': 'm', 'compliance': 'm/N', 'unloading_compliance': 'm/N'}
+    return {
+        'gap_force': sense.gap_force,
+        'slip_force': sense.slip_force,
+        'residual_std': sense.residual_std,
+        'gap': _estimate(sense.gap, 'm') | gap,
+        'compliance': _estimate(sense.compliance, 'm/N') | compliance,
+        'reversals': [_fields(each, units) for each in sense.reversals],
+    }
+
+
+def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
+    """The result of dial gauge experiments for the terminal and as a page."""
+    blocks: list[Block] = [
+        Section(TITLES[part.name], (_run_table(part), *_map_sentences(part), *part_figures(part)))
+        for part in analysis.parts.values()
+    ]
+    if analysis.parts:
+        note = 'gap: displacement jump at zero force; half gap: g of equations (6) and (7); ±: one standard deviation'
+        blocks.append(Section('Summary', (summary_table(analysis), note)))
+    blocks += [_loop_section(record, f'loop{k}') for k, record in enumerate(analysis.loops)]
+    what = [*(TITLES[name] for name in analysis.parts), *(f'loops of {record.source}' for record in analysis.loops)]
+    return Report(
+        title='Compliance and backlash by dial gauge',
+        answer=Verdict(f'Compliance and backlash: {", ".join(what)}'),
+        blocks=tuple(blocks),
+        source=', '.join(analysis.sources),
+        remarks=analysis.warnings,
+        footer='all numbers in full in dial_gauge.json',
+    )
+
+
+def with_std(estimate: Estimate, factor: float = 1e6) -> str:
+    """Value ± one standard deviation, with the digits that the latter allows; `factor`: displayed units per SI unit."""
+    digits = decimals(estimate.std * factor)
+    if digits is None:
+        return f'{estimate.value * factor:.6g}'
+    return f'{estimate.value * factor:.{digits}f} ± {estimate.std * factor:.{digits}f}'
+
+
+def _cells(each: Part | Run) -> tuple[str, str, str]:
+    return with_std(each.compliance), with_std(each.gap), with_std(each.gap.half)
+
+
+def summary_table(analysis: DialGaugeAnalysis) -> Table:
+    """One row per part: compliance, gap, half gap."""
+    rows = []
+    for part in analysis.parts.values():
+        compliance, *gaps = _cells(part)
+        slope_unit, gap_unit = (f'µ{unit}' for unit in part.units)
+        rows.append((TITLES[part.name], str(len(part.runs)), compliance, slope_unit, *gaps, gap_unit))
+    return Table(('part', 'runs', 'compliance', '', 'gap', 'half gap g', ''), ('',) * 7, tuple(rows))
+
+
+def _run_table(part: Part) -> Table:
+    slope_unit, gap_unit = (f'µ{unit}' for unit in part.units)
+    rows = tuple(
+        (
+            NOT_DETERMINED if np.isnan(run.direction) else f'{np.degrees(run.direction):.5g}',
+            *_cells(run),
+            f'{1e6 * run.fit.sigma:.2f}',
+            f'{int(run.fit.used.sum())}',
+            ', '.join(check.name.replace('_', ' ') for check in run.failed_checks) or 'ok',
+        )
+        for run in part.runs
+    )
+    heading = ('direction', 'compliance', 'gap', 'half gap g', 'reading σ', 'rows', 'checks')
+    return Table(heading, ('deg', slope_unit, gap_unit, gap_unit, 'µm', '', ''), rows)
+
+
+def _test(test: CombinedEstimate) -> str:
+    degrees = f'{test.degrees_of_freedom} degrees of freedom'
+    return f'χ² = {test.chi_square:.1f} with {degrees}, {p_equals(test.p_value)}'
+
+
+def _map_sentences(part: Part) -> list[str]:
+    """Whether compliance and gap are isotropic."""
+    found = []
+    for (what, each), unit in zip(part.maps.items(), part.units, strict=False):
+        if each.isotropy.p_value >= FALSE_ALARM_LEVEL:
+            found.append(f'The {what} is equal in all directions within its uncertainty ({_test(each.isotropy)}).')
+            continue
+        text = f'The {what} depends on the direction ({_test(each.isotropy)}): '
+        text += f'{1e6 * each.value.min():.4g} … {1e6 * each.value.max():.4g} µ{unit}'
+        if each.ellipse is not None:
+            ellipse = each.ellipse
+            fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
+            limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} µ{unit}'
+            text += f'; ellipse from {limits}, largest at {with_std(ellipse.axis, 180 / np.pi)} deg{fits}'
+        found.append(f'{text}.')
+    return found
+
+
+def part_figures(part: Part) -> tuple[Figures, ...]:
+    """Maps over the direction, and the runs with the largest and the smallest gap."""
+    maps = [
+        Figure(partial(map_picture, each, f'µ{unit}', what, f'{part.name}_{what}'))
+        for (what, each), unit in zip(part.maps.items(), part.units, strict=False)
+    ]
+    order = sorted(range(len(part.runs)), key=lambda k: -part.runs[k].gap.value)
+    forces = [
+        Figure(partial(force_picture, part.runs[k], f'{part.name}_force{k}'), title=part.runs[k].name)
+        for k in dict.fromkeys((order[0], order[-1]))
+    ]
+    captions = (
+        'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.',
+        'Readings, straight lines, residuals; hollow: no load, not used.',
+    )
+    return tuple(Figures(tuple(each), caption) for each, caption in zip((maps, forces), captions, strict=True) if each)
+
+
+def map_picture(each: DirectionMap, unit: str, what: str, name: str) -> Markup:
+    """A quantity over the direction, with two standard deviations and its ellipse (figures 4(b) and 4(c))."""
+    figure, found = new_figure(HALF, 400, subplot_kw={'projection': 'polar'})
+    axes = cast(PolarAxes, found[0])
+    turn = np.linspace(0, 2 * np.pi, 361)
+    if each.ellipse is not None:
+        major, minor, axis = (estimate.value for estimate in each.ellipse[:3])
+        turned = turn - axis
+        q = major**each.power * np.cos(turned) ** 2 + minor**each.power * np.sin(turned) ** 2
+        axes.plot(turn, MICRO * q ** (1 / each.power), color=SERIES[0], lw=1.2)
+    axes.plot(turn, np.full_like(turn, MICRO * each.mean.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
+    bars = 2 * MICRO * each.std
+    axes.errorbar(each.direction, MICRO * each.value, bars, fmt='o', ms=5, color=INK, mfc=PAPER, mec=INK)
+    axes.set_ylim(0, 1.15 * MICRO * float(np.max(each.value + 2 * each.std)))
+    axes.set_thetagrids(range(0, 360, 30))
+    axes.set_rlabel_position(75)
+    axes.yaxis.set_major_locator(MaxNLocator(4, prune='lower'))
+    axes.spines['polar'].set_color(LINE)
+    axes.set_title(f'{what}  [{unit}]', pad=14)
+    return as_svg(figure, name, f'{what} over the direction')
+
+
+def force_picture(run: Run, name: str) -> Markup:
+    """Displacement over force of one run, with its lines drawn to zero force; the residuals below (figure 4(a)).
+
+    Args:
+        run: what to show.
+        name: identifier of the picture on the page.
+    """
+    figure, (above, below) = new_figure(HALF, 400, rows=2, sharex=True, height_ratios=(3.2, 1))
+    force, displacement, fit = run.readings.force, MICRO * run.readings.displacement, run.fit
+    above.plot(force[~fit.used], displacement[~fit.used], 'o', ms=4, mfc=PAPER, mec=FAINT)
+    offsets = []
+    for sign, colour in ((1, SERIES[0]), (-1, SERIES[1])):
+        rows = fit.used & (np.sign(force) == sign)
+        above.plot(force[rows], displacement[rows], 'o', ms=3, color=colour, mew=0)
+        below.plot(force[rows], MICRO * fit.residual[rows], 'o', ms=2.5, color=colour, mew=0)
+        lines = fit.lines[fit.lines[:, 0] == sign]  # their mean, dashed where it is extrapolated
+        offset, slope = MICRO * lines[:, 1].mean(), MICRO * lines[0, 2]
+        near, far = sign * np.abs(force[rows]).min(), sign * np.abs(force[rows]).max()
+        above.plot([near, far], [offset + slope * near, offset + slope * far], color=colour, lw=1.2)
+        above.plot([0, near], [offset, offset + slope * near], color=colour, lw=1.2, ls=(0, (2, 2)))
+        offsets.append(offset)
+    above.plot([0, 0], offsets, color=INK, lw=2.2, solid_capstyle='butt')
+    text = f'gap {MICRO * fit.gap.value:.4g} µm'
+    above.annotate(text, (0, np.mean(offsets)), (10, 0), textcoords='offset points', va='center', color=INK)
+    for axes, values in ((above, displacement), (below, MICRO * fit.residual)):
+        axes.plot(force[list(run.outliers)], values[list(run.outliers)], 'X', ms=8, mfc=WARN, mec=PAPER)
+    above.set(ylabel='displacement  [µm]')
+    below.axhline(0, color=FAINT, lw=0.9)
+    below.set(xlabel='force  [N]', ylabel='residual  [µm]')
+    figure.align_ylabels()
+    return as_svg(figure, name, 'displacement over force, with straight lines and their residuals')
+
+
+def _loop_section(record: LoopAnalysis, name: str) -> Section:
+    picture = Figure(
+        partial(loop_picture, record, f'{name}_record'),
+        'The record; bars: the gap of each reversal, at the force inside the backlash. Blue: displacement rising after '
+        'the reversal, orange: falling.',
+    )
+    senses = []
+    for sense in record.senses:
+        forces = f'force inside the gap {sense.gap_force:.0f} N, at the plateau {sense.slip_force:.0f} N'
+        senses.append(Section(f'Displacement {sense.name}: {forces}', (_reversal_table(sense),)))
+    note = 'definitional: by the choice of the straight part of the branches, common to all reversals'
+    rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in record.rejected)
+    unused = [Items(rejected, f'{count(len(rejected), "reversal")} not used:')] if rejected else []
+    return Section(f'Loops: {record.source}', (picture, _loop_table(record), note, *senses, *unused))
+
+
+def _reversal_table(sense: Sense) -> Table:
+    rows = tuple(
+        (
+            f'{each.time:.2f}',
+            f'{1e3 * each.displacement:.2f}',
+            with_std(each.gap),
+            with_std(each.compliance, 1e9),
+            with_std(each.unloading_compliance, 1e9),
+            f'{each.samples[0]} + {each.samples[1]}',
+        )
+        for each in sense.reversals
+    )
+    heading = ('time', 'at', 'gap', 'compliance', 'before the gap', 'samples')
+    return Table(heading, ('s', 'mm', 'µm', 'nm/N', 'nm/N', ''), rows)
+
+
+def _loop_table(record: LoopAnalysis) -> Table:
+    """Mean, definitional uncertainty and consistency of gap and compliance after the reversals of each sense."""
+    rows = []
+    for sense in record.senses:
+        gap, compliance = sense.definitional_uncertainty
+        for what, unit, factor, test, half in (
+            ('gap', 'µm', 1e6, sense.gap, gap),
+            ('compliance', 'nm/N', 1e9, sense.compliance, compliance),
+        ):
+            values = (with_std(test.estimate, factor), f'{float(f"{factor * half:.2g}"):g}', unit)
+            rows.append((sense.name, what, *values, _test(test)))
+    heading = ('displacement', '', 'mean', 'definitional ±', '', 'consistency of the reversals')
+    return Table(heading, ('',) * len(heading), tuple(rows))
+
+
+def loop_picture(record: LoopAnalysis, name: str) -> Markup:
+    """The loops, and on each reversal that is used the two crossings of the level."""
+    figure, (axes,) = new_figure(HALF, 400)
+    readings = record.readings
+    axes.plot(1e3 * readings.displacement, 1e-3 * readings.force, color=FAINT, lw=0.7)
+    for sense in record.senses:
+        colour = SERIES[0] if sense.sense > 0 else SERIES[1]
+        for each in sense.reversals:
+            start, end = (1e3 * (each.displacement + sense.sense * at) for at in each.crossings)
+            axes.plot([start, end], [1e-3 * sense.gap_force] * 2, color=colour, lw=2.0, alpha=0.7)
+    axes.set(xlabel='displacement  [mm]', ylabel='force  [kN]')
+    return as_svg(figure, name, 'force over displacement, with the gap of each reversal')
