@@ -89,7 +89,10 @@ class SimulatedEffects(NamedTuple):
     def implausible(self) -> bool:
         """Whether an effect is implausibly large."""
         pairs = zip(self.effects, self.values, strict=True)
-        return any(bool(np.max(np.abs(e.amplitudes(v)) / np.array(e.scales)) > LARGEST_PLAUSIBLE) for e, v in pairs)
+        return any(
+            bool(np.max(np.abs(e.amplitudes(v)) / np.array([p.scale for p in e.parameters])) > LARGEST_PLAUSIBLE)
+            for e, v in pairs
+        )
 
 
 def seed_of(*named_text: object) -> int:
@@ -100,7 +103,25 @@ def seed_of(*named_text: object) -> int:
 def random_effect(effect: Effect, seed: int) -> SimulatedEffects:
     """An effect in a random way that a robot may have, of plausible size."""
     random = np.random.default_rng([seed, seed_of(effect.label)])
-    return SimulatedEffects((effect,), (effect.random_values(random),))
+    return SimulatedEffects((effect,), (random_values(effect, random),))
+
+
+def random_values(effect: Effect, random: np.random.Generator) -> Floats:
+    """Values (k,) of plausible size in a random direction: a wave of any phase and frequency, gravity downhill."""
+    scales, signs = (np.array([getattr(p, name) for p in effect.parameters]) for name in ('scale', 'sign'))
+    if effect.name == 'transmission_error':
+        return np.array([scales[0], random.uniform(0, 2 * np.pi), random.uniform(1.0, 110.0)])
+    if effect.name == 'joint_slip':  # with a slip torque as measured on a real arm or up to twice as large
+        return np.array([scales[0], random.uniform(0.5, 4.0)])
+    if effect.name == 'base_tilt':
+        angle, (first, second) = random.uniform(0, 2 * np.pi), random.uniform(0.3, 1.0, 2)
+        downhill = np.array([np.cos(angle), np.sin(angle)])
+        return scales * np.concatenate([first * downhill, second * downhill])
+    unit = random.standard_normal(len(scales) - effect.is_stepwise)
+    values = scales[: len(unit)] * unit / np.linalg.norm(unit)
+    if effect.is_stepwise:
+        return np.array([*values, random.integers(10, 60) + 0.5])
+    return np.where(signs == 0, values, signs * np.abs(values))
 
 
 def simulate(setup: Setup, simulated: SimulatedEffects, noise: Noise = NOISE, seed: int = 0) -> TouchSet:

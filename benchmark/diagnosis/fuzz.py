@@ -21,7 +21,7 @@ from time import process_time
 import numpy as np
 
 from benchmark.common import parser, save
-from benchmark.diagnosis.cells import NOISE, PRELOAD, SETUPS, SimulatedEffects
+from benchmark.diagnosis.cells import NOISE, PRELOAD, SETUPS, SimulatedEffects, random_values
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
@@ -109,7 +109,7 @@ def _random_set(known: tuple[Effect, ...], touches: int, random: np.random.Gener
     for k in chosen:
         effect = known[k]
         size = float(np.exp(random.uniform(np.log(SMALLEST), np.log(LARGEST))))
-        value = effect.random_values(random)
+        value = random_values(effect, random)
         if effect.is_stepwise:
             value[effect.grid_parameter_index] = random.integers(0, touches) + 0.5
         value = value + (size - 1) * effect.amplitudes(value)

@@ -29,8 +29,10 @@ from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration, held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
@@ -182,6 +184,14 @@ def _largest_z(fit: Calibration, truth: Parameters) -> float:
     return float(np.nanmax(np.abs(fit.parameters.as_array() - truth.as_array()) / fit.std))
 
 
+def _difference(effect: Effect, values: Floats, others: Floats) -> Floats:
+    """`values` less `others`, (k,); of a wave a negative amplitude is half a turn of the phase."""
+    if effect.name != 'transmission_error':
+        return values - others
+    turn = values[1] + (np.pi if values[0] < 0 else 0.0) - others[1]
+    return np.array([abs(values[0]) - others[0], (turn + np.pi) % (2 * np.pi) - np.pi, values[2] - others[2]])
+
+
 def _value_z(found: Diagnosis, simulated: SimulatedEffects) -> float:
     """Largest error of the values of effects that were found, in standard deviations; NaN if there is none."""
     largest = [np.nan]
@@ -190,7 +200,7 @@ def _value_z(found: Diagnosis, simulated: SimulatedEffects) -> float:
             if item.effect.label != effect.label or len(item.values) != len(values):
                 continue
             estimate, std = (np.array([getattr(row, name) for row in item.values]) for name in ('value', 'std'))
-            largest += (np.abs(effect.difference(estimate, values)) / np.where(std > 0, std, np.nan)).tolist()
+            largest += (np.abs(_difference(effect, estimate, values)) / np.where(std > 0, std, np.nan)).tolist()
     return float(np.nanmax(largest)) if np.isfinite(largest).any() else np.nan
 
 

@@ -13,9 +13,9 @@ from typing import ClassVar
 import numpy as np
 
 from benchmark.diagnosis.cells import Setup, SimulatedEffects, seed_of
-from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, Parameter
+from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.effect_law import Parameter, TouchState
 
 LARGEST_REST = 0.5
 """Of the angle at which a cable is slack, rad."""
@@ -105,4 +105,4 @@ def unlisted(kind: str, setup: Setup, seed: int) -> SimulatedEffects:
         effect = Cable(target='joint2', joint=1, rest=random.uniform(-LARGEST_REST, LARGEST_REST))
     else:
         effect = Cable(target='joint2', joint=1, power=1)
-    return SimulatedEffects((effect,), (sign * np.array(effect.scales),))
+    return SimulatedEffects((effect,), (sign * np.array([p.scale for p in effect.parameters]),))

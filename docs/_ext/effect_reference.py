@@ -12,12 +12,13 @@ from common import MarkdownDirective, code, table
 from docutils import nodes
 from sphinx.application import Sphinx
 
-from scara_kinetostatic.effects.base import Effect, Parameter
+from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.effects.objects import PlatePosition
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate
+from scara_kinetostatic.model.effect_law import Parameter
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.figure import style
@@ -174,9 +175,8 @@ def at_typical_size(effect: Effect) -> str:
 
 
 def summary(effect: Effect) -> str:
-    """The first line of the module that defines the effect, without the full stop."""
-    module = inspect.getmodule(type(effect))
-    return (module.__doc__ or '').strip().splitlines()[0].rstrip('.')
+    """What the effect says of the cell."""
+    return effect.title
 
 
 def description(kind: type[Effect]) -> str:

@@ -60,8 +60,8 @@ def shifted(evidence: Evidence) -> Iterator[Remark]:
             what = f'{effect.target} has moved {moment}, {displacement(values["x"], values["y"])}: corrected'
             yield Remark(Grade.CAUTION, what, f'fasten {effect.target}, measure its place again, and record again')
         else:
-            what = f'{effect.finding} {moment}: corrected; the result is that of after it'
-            yield Remark(Grade.CAUTION, what, f'find out why {effect.finding}, and record again without that')
+            what = f'{effect.title} {moment}: corrected; the result is that of after it'
+            yield Remark(Grade.CAUTION, what, f'find out why {effect.title}, and record again without that')
 
 
 def _moment(c: Calibration, moment: float, effect: Effect) -> str:
@@ -366,7 +366,7 @@ def assess(evidence: Evidence) -> Assessment:
             values = {value.name: value.value for value in item.values}
             known = bool(values) and bool(np.isfinite(list(values.values())).all())
             action = item.effect.correction(values) if known else ''
-            remarks.append(Remark(Grade.FIT, f'{item.effect.finding}: corrected in this result', action))
+            remarks.append(Remark(Grade.FIT, f'{item.effect.title}: corrected in this result', action))
     return Assessment.of(remarks, _notes(evidence))
 
 

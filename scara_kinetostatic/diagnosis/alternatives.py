@@ -296,7 +296,9 @@ class Moment(NamedTuple):
         where = 'numbered in the order of time' if self.is_renumbered else ''
         if first != second:
             where += (', ' if where else '') + f'that is between the recordings {first} and {second}'
-        return self.effect.place_text(self.low, self.high, where)
+        if not self.effect.is_stepwise:
+            return ''
+        return f'{self.effect.title} between the touches {self.low:.0f} and {self.high:.0f}{where and ", "}{where}'
 
 
 class _Scanned(NamedTuple):

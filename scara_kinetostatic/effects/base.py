@@ -4,20 +4,16 @@ An effect says what it does to a touch (`model.effect_law`): δ, an angle betwee
 law of the joint (6); d, a displacement of tip or object beside (7) and (11); e, an error of the force sensor. Most
 effects are linear in their parameters: such a one defines only its `basis`, the shift per unit of each parameter.
 
-All that is known of an effect stands in its class: nothing elsewhere asks which effect it is. A class that names itself
-and forgets something is refused when it is defined.
-
-To add an effect to this package, put its file beside this one: the registry finds it. To add one from a package of
-your own, see `registry`.
+All that is known of an effect stands in its class: nothing elsewhere asks which effect it is. A class that forgets
+something is refused when it is defined. `registry` lists them, and says how a package of your own adds one.
 """
 
 from __future__ import annotations
 
 import re
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -26,34 +22,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
-
-LAST = 1000
-"""`Effect.order` of a class that does not say."""
-WORDS = ('name', 'statement', 'confounded_with', 'identified_by', 'plot_variable')
-"""Texts that every effect must have."""
-
-
-class Parameter(NamedTuple):
-    """A parameter of an effect.
-
-    Attributes:
-        name: as in the results.
-        unit: SI; ``1`` for a pure number.
-        scale: largest plausible size; the fit is scaled by it.
-        meaning: in a few words.
-        start: where the estimation begins.
-        typical: a value that matters, for examples and tests; None for a tenth of the scale.
-        sign: +1 or -1 where only one sign is physical or can be simulated, else 0.
-    """
-
-    name: str
-    unit: str
-    scale: float
-    meaning: str
-    start: float = 0.0
-    typical: float | None = None
-    sign: int = 0
+from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
 
 
 class Trial(NamedTuple):
@@ -73,7 +42,7 @@ class Trial(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Effect(ABC):
+class Effect(EffectLaw):
     """A physical effect that the base model lacks.
 
     Required of a class:
@@ -86,30 +55,18 @@ class Effect(ABC):
         identified_by: the touches that determine it.
         plot_variable: the variable over which its residual is plotted, a key of `variables.VARIABLES`.
 
-    Optional:
+    Optional, beside those of `EffectLaw`:
 
     Attributes:
         target: the joint (``joint1``), link or disc it is about; None if it is about the whole cell.
-        short_statement: the statement in a few words, as a report names the effect; ``{target}`` as above. Empty: the
-            whole statement.
-        on_object: whether `Shift.place` belongs to the object rather than to the robot.
-        grid_parameter: the parameter over which `trials` is a grid, such as a frequency; empty if there is none.
-        is_stepwise: whether it changes in steps along `grid_parameter`: a fit holds it at the best trial, and its
-            uncertainty is that of the choice among the trials.
-        not_stored: fields that the target determines: a stored calibration does not repeat them.
         special_cases: labels of effects that it contains: one of these is named in its place unless it explains the
             touches significantly better.
         diverges_with_alias: whether it runs to large values beside a rival that is nearly the same, instead of
             sharing with it.
-        scaled_by: names of those base parameters that the shift is proportional to.
-        force_dependence: what of the force of a touch the shift depends on; unless stated, on all of it. Where it is
-            less, fits are faster.
         is_physical: whether it has a physical meaning; else it is a fitted curve.
         is_linear: whether the shift is linear in the parameters.
-        is_smooth: whether the shift has a derivative everywhere, over the state of a touch and over the parameters.
         premise: what its values suppose that the touches do not show, a clause; empty if nothing.
         declared_as: label of the source of uncertainty that the effect exceeds, where it is not the effect's own.
-        order: place in the catalogue, the smallest first; equal ones by module and class name.
 
     Raises:
         TypeError: when a class is defined that lacks one of these; names the class and the attribute.
@@ -135,45 +92,37 @@ class Effect(ABC):
     target: str | None = None
 
     name: ClassVar[str]
-    parameters: ClassVar[tuple[Parameter, ...]]
     statement: ClassVar[str]
     confounded_with: ClassVar[str]
     identified_by: ClassVar[str]
     plot_variable: ClassVar[str]
-    short_statement: ClassVar[str] = ''
-    on_object: ClassVar[bool] = False
-    grid_parameter: ClassVar[str] = ''
-    is_stepwise: ClassVar[bool] = False
-    not_stored: ClassVar[tuple[str, ...]] = ()
     special_cases: ClassVar[tuple[str, ...]] = ()
     diverges_with_alias: ClassVar[bool] = False
-    scaled_by: ClassVar[tuple[str, ...]] = ()
-    force_dependence: ClassVar[ForceDependence] = ForceDependence.ALL
     is_physical: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
-    is_smooth: ClassVar[bool] = True
     premise: ClassVar[str] = ''
     declared_as: ClassVar[str] = ''
-    order: ClassVar[int] = LAST
 
-    def __init_subclass__(cls, part_of_another: bool = False, **options: Any) -> None:
-        """Check the class; one that is only `part_of_another` effect needs no name and no texts."""
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Refuse a kind of effect of which something is missing; a class with abstract methods may have no texts."""
         super().__init_subclass__(**options)
         missing = [name for name in dir(cls) if getattr(getattr(cls, name, None), '__isabstractmethod__', False)]
-        if 'name' in vars(cls) or not (missing or part_of_another):
-            _check_class(cls, missing)
+        if missing and 'name' not in vars(cls):
+            return
+        where = f'effect {cls.__module__}.{cls.__qualname__}'
+        if missing:
+            raise TypeError(f'{where}: the method {missing[0]!r} is missing')
+        for word in ('name', 'statement', 'confounded_with', 'identified_by', 'plot_variable', 'parameters'):
+            if not hasattr(cls, word):
+                raise TypeError(f'{where}: {word!r} is missing')
+        if cls.plot_variable not in VARIABLES:
+            known = ', '.join(VARIABLES)
+            raise TypeError(f"{where}: 'plot_variable': expected one of {known}, got {cls.plot_variable!r}")
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
         """The effects of this kind that a cell may have: one for the whole cell, each joint or each disc."""
         return [cls()]
-
-    @property
-    def off_normal_std(self) -> float:
-        """Standard deviation of the off-normal angle of the force, if the effect lets it differ from touch to touch,
-        rad.
-        """
-        return 0.0
 
     def with_off_normal_std(self, std: float) -> Effect:
         """The same effect with another `off_normal_std`; itself where it has none."""
@@ -196,17 +145,8 @@ class Effect(ABC):
 
     @property
     def title(self) -> str:
-        """How a report names it: in a few words, ``disc_2 displaced``, or what a curve describes."""
-        return f'a fitted curve ({self.description})' if self.description else self._about(self.short_statement)
-
-    @property
-    def finding(self) -> str:
-        """What is said where it is found, a clause: ``disc_2 is not where the cell description says``."""
-        return self._about(self.statement)
-
-    def _about(self, text: str) -> str:
-        target = re.sub(r'^(joint|link)(?=[12]$)', r'\1 ', self.target or '')
-        return (text or self.statement).format(target=target)
+        """What it says of the cell, a clause: ``disc_2 is not where the cell description says``."""
+        return self.statement.format(target=re.sub(r'^(joint|link)(?=[12]$)', r'\1 ', self.target or ''))
 
     @property
     def subject(self) -> str:
@@ -219,11 +159,6 @@ class Effect(ABC):
         return [parameter.name for parameter in self.parameters].index(self.grid_parameter)
 
     @property
-    def scales(self) -> tuple[float, ...]:
-        """Plausible size of each parameter."""
-        return tuple(parameter.scale for parameter in self.parameters)
-
-    @property
     def start(self) -> tuple[float, ...]:
         """Where the estimation begins."""
         return tuple(parameter.start for parameter in self.parameters)
@@ -232,33 +167,6 @@ class Effect(ABC):
     def typical(self) -> tuple[float, ...]:
         """Values that matter, for examples and tests."""
         return tuple(p.scale / 10 if p.typical is None else p.typical for p in self.parameters)
-
-    @abstractmethod
-    def shift(self, at: TouchState, values: Floats) -> Shift:
-        """δ and d at n touches for values (k,) of the parameters."""
-
-    @abstractmethod
-    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
-        """The derivatives of `shift`, one per parameter."""
-
-    def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats | None:
-        """The error e for true forces (n, 2) in the sensor's frame, N; None unless the effect is one of the sensor.
-
-        `metadata` is that of the touches; None where nothing is known of them.
-        """
-        return None
-
-    def sensor_error_derivative(
-        self, force: Floats, values: Floats, metadata: TouchMetadata | None = None
-    ) -> tuple[Floats, ...]:
-        """The derivatives of `sensor_error`, one per parameter; empty for effects that do not change it."""
-        return ()
-
-    def amplitudes(self, values: Floats) -> Floats:
-        """The values (k,), zero where they are the form of the effect, such as a phase, rather than its size: what its
-        derivatives, times these, add up to is the effect to first order.
-        """
-        return values
 
     def is_plausible(self, values: Floats) -> bool:
         """Whether fitted values (k,) still describe this effect."""
@@ -286,13 +194,6 @@ class Effect(ABC):
         """Further trials, up to `width` steps on both sides of one of `trials`, where these are a grid."""
         return ()
 
-    def place_text(self, low: float, high: float, where: str = '') -> str:
-        """What is said of a found effect whose grid parameter lies between two values, a clause; empty for nothing.
-
-        `where` says more of that place.
-        """
-        return ''
-
     def correction(self, values: Mapping[str, float]) -> str:
         """What is to be corrected in the cell description where it is found with values by name, in the imperative;
         empty if that says nothing of it.
@@ -306,59 +207,6 @@ class Effect(ABC):
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         """What its residual is plotted over, at n touches, for values (k,) of the parameters."""
         return VARIABLES[self.plot_variable].axis(at)
-
-    def random_values(self, random: np.random.Generator) -> Floats:
-        """Values (k,) of plausible size in a random direction, for simulations."""
-        scales, signs = np.array(self.scales), np.array([parameter.sign for parameter in self.parameters])
-        unit = random.standard_normal(len(scales))
-        values = scales * unit / np.linalg.norm(unit)
-        return np.where(signs == 0, values, signs * np.abs(values))
-
-    def difference(self, values: Floats, others: Floats) -> Floats:
-        """`values` less `others`, (k,), where several values may mean the same, such as phases."""
-        return values - others
-
-
-def _check_class(cls: type[Effect], abstract: Sequence[str]) -> None:
-    """Refuse a kind of effect of which something is missing.
-
-    Raises:
-        TypeError: names the class and the attribute.
-    """
-    where = f'{cls.__module__}.{cls.__qualname__}'
-    if abstract:
-        raise TypeError(f'effect {where}: the method {abstract[0]!r} is missing')
-    for word in WORDS:
-        text = getattr(cls, word, None)
-        if not isinstance(text, str) or not text.strip():
-            raise TypeError(f'effect {where}: {word!r} is missing, expected a text, got {text!r}')
-    if not cls.name.isidentifier():
-        raise TypeError(f"effect {where}: 'name': expected letters, digits and _, got {cls.name!r}")
-    if cls.plot_variable not in VARIABLES:
-        known = ', '.join(VARIABLES)
-        raise TypeError(f"effect {where}: 'plot_variable': expected one of {known}, got {cls.plot_variable!r}")
-    for word in ('statement', 'short_statement'):
-        text = getattr(cls, word)
-        if '{' in text.replace('{target}', ''):
-            raise TypeError(f'effect {where}: {word!r}: only {{target}} may stand in braces, got {text!r}')
-    parameters = getattr(cls, 'parameters', None)
-    if isinstance(parameters, property):
-        return
-    if not isinstance(parameters, tuple) or not all(isinstance(item, Parameter) for item in parameters):
-        raise TypeError(f"effect {where}: 'parameters' is missing, expected a tuple of Parameter, got {parameters!r}")
-    for parameter in parameters:
-        _check_parameter(parameter, f"effect {where}: 'parameters': {parameter.name!r}")
-    if cls.grid_parameter and cls.grid_parameter not in [parameter.name for parameter in parameters]:
-        raise TypeError(f"effect {where}: 'grid_parameter': no parameter is called {cls.grid_parameter!r}")
-
-
-def _check_parameter(parameter: Parameter, where: str) -> None:
-    for word in ('name', 'unit', 'meaning'):
-        text = getattr(parameter, word)
-        if not isinstance(text, str) or not text.strip():
-            raise TypeError(f'{where}: {word!r} is missing, got {text!r}')
-    if not (isfinite(parameter.scale) and parameter.scale > 0):
-        raise TypeError(f"{where}: 'scale': expected a plausible size above 0, got {parameter.scale!r}")
 
 
 @dataclass(frozen=True)
@@ -405,8 +253,8 @@ class SensorEffect(Effect):
 
 
 @dataclass(frozen=True)
-class JointEffect(LinearEffect):
-    """A linear effect of one joint: δ of that joint alone. The catalogue has one for each joint.
+class EffectOfJoint(Effect):
+    """An effect of one joint. The catalogue has one for each joint.
 
     Attributes:
         joint: 0 or 1.
@@ -415,7 +263,7 @@ class JointEffect(LinearEffect):
     joint: int = 0
 
     @classmethod
-    def of(cls, joint: int) -> JointEffect:
+    def of(cls, joint: int) -> EffectOfJoint:
         """The effect of joint 0 or 1."""
         return cls(target=f'joint{joint + 1}', joint=joint)
 
@@ -423,15 +271,24 @@ class JointEffect(LinearEffect):
     def instances(cls, cell: Cell) -> Iterable[Effect]:
         return [cls.of(joint) for joint in (0, 1)]
 
+    def turned(self, *angles: Floats) -> tuple[Shift, ...]:
+        """Shifts by angles of the joint, (n,) each, rad."""
+        return tuple(Shift(joints=at_joint(angle, self.joint)) for angle in angles)
+
+    def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
+        return VARIABLES[self.plot_variable].axis(at, self.joint)
+
+
+@dataclass(frozen=True)
+class JointEffect(EffectOfJoint, LinearEffect):
+    """A linear effect of one joint: δ of that joint alone."""
+
     @abstractmethod
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         """δ of the joint per unit of each parameter, (n,) each, rad."""
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        return tuple(Shift(joints=at_joint(angle, self.joint)) for angle in self.angles(at))
-
-    def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
-        return VARIABLES[self.plot_variable].axis(at, self.joint)
+        return self.turned(*self.angles(at))
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, Parameter
+from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, slide
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.parameters import Parameters
 
 
@@ -35,11 +35,9 @@ class ContactFriction(Effect):
         Parameter('coefficient', '1', 0.1, 'angle of friction: that of the force from the normal', typical=0.1, sign=1),
     )
     statement = 'friction between tip and disc turns the contact force, in the direction of the slide'
-    short_statement = 'friction at the contact'
     confounded_with = 'a turned force sensor, if the tip slides the same way in all touches'
     identified_by = 'touches that slide in both directions: preload every other touch'
     plot_variable = 'slide'
-    order = 1
     force_dependence = ForceDependence.DIRECTION
     on_object = True
 
@@ -53,14 +51,12 @@ class ContactFriction(Effect):
         return VARIABLES[self.plot_variable].axis(at)._replace(values=slide(at, self.reference))
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        off_normal = values[0] * slide(at, self.reference)
-        along, across = at.radii * (np.cos(off_normal) - 1), -at.radii * np.sin(off_normal)
-        return Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent)
+        return _off_normal(at, values[0] * slide(at, self.reference))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         direction = slide(at, self.reference)
-        off_normal = values[0] * direction
-        along, across = -at.radii * np.sin(off_normal) * direction, -at.radii * np.cos(off_normal) * direction
+        angle = values[0] * direction
+        along, across = -at.radii * np.sin(angle) * direction, -at.radii * np.cos(angle) * direction
         return (Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent),)
 
 
@@ -85,7 +81,6 @@ class OffNormalForce(Effect):
     name = 'contact_friction'
     parameters = ()
     statement = 'friction between tip and disc turns the contact force, by a different angle in each touch'
-    short_statement = 'friction at the contact, of either sense'
     confounded_with = 'noise of the force sensor, if all forces are alike'
     identified_by = 'touches at several force levels: friction grows with the force, noise does not'
     plot_variable = 'magnitude'
@@ -105,8 +100,13 @@ class OffNormalForce(Effect):
         return []
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        along, across = at.radii * (np.cos(at.off_normal) - 1), -at.radii * np.sin(at.off_normal)
-        return Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent)
+        return _off_normal(at, at.off_normal)
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return ()
+
+
+def _off_normal(at: TouchState, angle: Floats) -> Shift:
+    """D = r (R(-α) - I) n of forces off the normal by angles α, (n,), rad."""
+    along, across = at.radii * (np.cos(angle) - 1), -at.radii * np.sin(angle)
+    return Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent)

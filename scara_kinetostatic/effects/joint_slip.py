@@ -1,41 +1,33 @@
-"""Slip with memory in a joint."""
+"""Slip with memory in a joint: a play operator over the torque.
+
+A play of half width r follows a torque C only where C drives it: p ← min(max(p, C - r), C + r). Its state depends on
+the turning points of C alone, `TouchSet.history`.
+
+Source: Brokate and Sprekels, Hysteresis and Phase Transitions (1996), section 2.2.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, Parameter, Trial, at_joint
-from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
+from scara_kinetostatic.effects.base import EffectOfJoint, Trial
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import Shift, TouchState
-from scara_kinetostatic.model.load_history import play_operator, play_value
-
-GRID = 12
-"""Slip torques that are tried. Neighbours resemble each other: the play of one explains most of that of the next."""
-_SMALLEST, _LARGEST = 0.01, 0.9
-"""The slip torques tried, over the torque that nine touches of ten do not exceed in load or preload. With a smaller one
-the play is a spring with friction, with a larger one few touches would move it."""
+from scara_kinetostatic.model.effect_law import Parameter, Shift, TouchState
 
 
 @dataclass(frozen=True)
-class JointSlip(Effect):
+class JointSlip(EffectOfJoint):
     """A second spring behind friction: δ = compliance · P_r(C), P_r the play of half width r = `slip_torque`.
 
     A spring and a Coulomb slider side by side, in series with the spring of the joint: up to the slip torque the slider
     holds, beyond it the spring gives way by C - r. When the load goes off, the slider holds until the torque has come
     down by 2 r, so that a deflection of up to compliance · r stays for the next touch. The state follows from the
     torques of the whole recording up to the hold (`TouchSet.history`), from the relaxed state.
-
-    Attributes:
-        joint: 0 or 1.
     """
-
-    joint: int = 0
 
     name = 'joint_slip'
     parameters = (
@@ -43,7 +35,6 @@ class JointSlip(Effect):
         Parameter('slip_torque', 'Nm', 3.0, 'up to which friction holds it', 1.0, typical=2.0, sign=1),
     )
     statement = '{target} slips under load and keeps a part of its deflection'
-    short_statement = 'slip in {target}'
     confounded_with = (
         'compliance and backlash of the joint, if every touch is loaded from zero beyond twice the slip torque; '
         'joint_hysteresis, if every torque that turns round changes by more than that'
@@ -53,7 +44,6 @@ class JointSlip(Effect):
         'to far above it'
     )
     plot_variable = 'torque'
-    order = 9
     grid_parameter = 'slip_torque'
     diverges_with_alias = True
     is_smooth = False
@@ -62,25 +52,15 @@ class JointSlip(Effect):
         'move the friction, too, and no force sensor shows them'
     )
 
-    @classmethod
-    def of(cls, joint: int) -> JointSlip:
-        """That of joint 0 or 1."""
-        return cls(target=f'joint{joint + 1}', joint=joint)
-
-    @classmethod
-    def instances(cls, cell: Cell) -> Iterable[Effect]:
-        return [cls.of(joint) for joint in (0, 1)]
-
     def shift(self, at: TouchState, values: Floats) -> Shift:
         compliance, slip_torque = values
-        lag = play_value(*self._loads(at), abs(slip_torque))
-        return Shift(joints=at_joint(compliance * lag, self.joint))
+        return self.turned(compliance * play_operator(*self._loads(at), abs(slip_torque))[0])[0]
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         compliance, slip_torque = values
         value, by_slip_torque = play_operator(*self._loads(at), abs(slip_torque))
         by_slip_torque = by_slip_torque * np.sign(slip_torque)  # a step of a fit beyond 0 is sent back
-        return tuple(Shift(joints=at_joint(column, self.joint)) for column in (value, compliance * by_slip_torque))
+        return self.turned(value, compliance * by_slip_torque)
 
     def amplitudes(self, values: Floats) -> Floats:
         """Its compliance alone."""
@@ -94,29 +74,38 @@ class JointSlip(Effect):
         """One per slip torque of a grid; without a history it cannot be told from the base model."""
         history, load = self._loads(at)
         if not history.shape[1]:
-            return (Trial((Shift(joints=np.zeros_like(at.joints)),), values=partial(_as_slip, slip_torque=1.0)),)
-        # part of the touches for whose largest torque a slip torque is looked for
-        common = float(np.quantile(np.abs(load), 0.9))
-        torques = common * np.geomspace(_SMALLEST, _LARGEST, GRID)
-        values = play_value(history, load, torques[:, None])
-        return [self._trial(value, float(torque)) for value, torque in zip(values, torques, strict=True)]
-
-    def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
-        return VARIABLES[self.plot_variable].axis(at, self.joint)
-
-    def random_values(self, random: np.random.Generator) -> Floats:
-        """The plausible compliance, with a slip torque as measured on a real arm or up to twice as large."""
-        return np.array([self.scales[0], random.uniform(0.5, 4.0)])
+            return (Trial(self.turned(np.zeros(len(load))), values=partial(np.append, values=1.0)),)
+        # neighbours on the grid resemble each other: the play of one explains most of that of the next. It reaches up
+        # to the torque that nine touches of ten do not exceed: with a larger one few touches would move the play, with
+        # a very small one it is a spring with friction
+        torques = np.quantile(np.abs(load), 0.9) * np.geomspace(0.01, 0.9, 12)
+        lags, _ = play_operator(history, load, torques[:, None])
+        return [
+            Trial(self.turned(lag), values=partial(np.append, values=torque), place=torque)
+            for lag, torque in zip(lags, torques.tolist(), strict=True)
+        ]
 
     def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
         """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""
         return at.history_torques(self.joint), at.torques[:, self.joint]
 
-    def _trial(self, value: Floats, slip_torque: float) -> Trial:
-        columns = (Shift(joints=at_joint(value, self.joint)),)
-        return Trial(columns, values=partial(_as_slip, slip_torque=slip_torque), place=slip_torque)
 
+def play_operator(history: Floats, load: Floats, half_width: Floats | float) -> tuple[Floats, Floats]:
+    """The play of half width r that rested at 0, driven through a history to a load.
 
-def _as_slip(coefficients: Floats, slip_torque: float) -> Floats:
-    """Compliance and slip torque."""
-    return np.array([coefficients[0], slip_torque])
+    Args:
+        history: turning points of the load, the oldest first, (n, K).
+        load: the load at last, (n,).
+        half_width: r > 0, one, or (t, 1) for t plays at once.
+
+    Returns:
+        P_r, of the unit of the load, and ∂P_r/∂r: -1 where it follows a rising load, +1 a falling one, 0 where it has
+        never moved. Of every load, (n,); of t plays, (t, n).
+    """
+    width = np.maximum(half_width, 0.0)
+    value = by_half_width = np.zeros(np.broadcast_shapes(np.shape(width), load.shape))
+    for turn in (*history.T, load):
+        low, high = turn - width, turn + width
+        by_half_width = np.where(value < low, -1.0, np.where(value > high, 1.0, by_half_width))
+        value = np.minimum(np.maximum(value, low), high)
+    return value, by_half_width

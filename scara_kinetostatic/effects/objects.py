@@ -1,17 +1,17 @@
-"""Objects that are not as the cell description says: a disc displaced or of another radius, a plate displaced."""
+"""Objects that are not as the cell description says: displaced, of another radius, soft; a plate displaced."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.effects.base import DiscEffect, Effect, LinearEffect, Parameter, unit_vectors
+from scara_kinetostatic.effects.base import DiscEffect, Effect, LinearEffect, unit_vectors
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.quantity import displacement, quantity
 
 
@@ -34,13 +34,11 @@ class ObjectPosition(DiscEffect):
         Parameter('y', 'm', 1e-3, 'true place of the centre less the stated one, y', typical=-2e-4),
     )
     statement = '{target} is not where the cell description says'
-    short_statement = '{target} displaced'
     confounded_with = (
         'x0, y0 and theta1, if there is one disc; another disc, if the move changes the distance to that one only'
     )
     identified_by = 'touches all round three or more discs, in both elbow postures'
     plot_variable = 'place'
-    order = 16
     force_dependence = ForceDependence.NONE
 
     @classmethod
@@ -51,8 +49,9 @@ class ObjectPosition(DiscEffect):
             for number, disc in enumerate(cell.discs)
         ]
 
-    def _about(self, text: str) -> str:
-        return super()._about(text.replace('{target}', f'{{target}} or its plate {self.plate}') if self.plate else text)
+    @property
+    def title(self) -> str:
+        return super().title.replace(' is not', f' or its plate {self.plate} is not' if self.plate else ' is not')
 
     def correction(self, values: Mapping[str, float]) -> str:
         return f'measure {self.target} again: it stands {displacement(values["x"], values["y"])}'
@@ -68,11 +67,9 @@ class ObjectRadius(DiscEffect):
     name = 'object_radius'
     parameters = (Parameter('radius', 'm', 1e-3, 'true radius less the stated one', typical=1e-4),)
     statement = '{target} has another radius than the cell description says'
-    short_statement = '{target} of another radius'
     confounded_with = 'g_ee, if there is one disc: all radii larger is a smaller backlash of the gripper'
     identified_by = 'touches of two or more discs, all round each'
     plot_variable = 'disc'
-    order = 17
     force_dependence = ForceDependence.DIRECTION
 
     def correction(self, values: Mapping[str, float]) -> str:
@@ -103,12 +100,10 @@ class PlatePosition(LinearEffect):
         Parameter('y', 'm', 1e-3, 'true place of the plate less the stated one, y', typical=-2e-4),
     )
     statement = 'the plate {target} is not where the cell description says'
-    short_statement = 'plate {target} displaced'
     confounded_with = 'the only disc, or the only plate, that is not on it, displaced the other way'
     identified_by = 'touches all round its discs and two or more others that are not mounted together'
     plot_variable = 'place'
     on_object = True
-    order = 26
     force_dependence = ForceDependence.NONE
 
     @classmethod
@@ -127,3 +122,59 @@ class PlatePosition(LinearEffect):
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         return np.asarray(np.isin(at.metadata.disc, self.discs))
+
+
+@dataclass(frozen=True)
+class ContactCompliance(LinearEffect):
+    """Hertz's contact: the tip sinks into the disc by yield · f^(2/3), so d = -yield f^(2/3) n.
+
+    Where the tip would have to pull, f < 0, the law continues as an odd function.
+
+    Attributes:
+        disc: number in the cell of the one disc that is soft; None for all.
+        exponent: of the force; 2/3 is Hertz's.
+    """
+
+    disc: int | None = None
+    exponent: float = 2 / 3
+
+    name = 'contact_compliance'
+    parameters = (
+        Parameter('yield', 'm/N^(2/3)', 1e-3, 'depth of the tip in the disc under 1 N', typical=1e-5, sign=1),
+    )
+    statement = '{target} yields under the force'
+    confounded_with = (
+        'p_ee and g_ee together, if all discs are soft and the force levels few: f^(2/3) is nearly a straight line; '
+        'the radius of a soft disc, if it is touched with one force only'
+    )
+    identified_by = 'touches of every disc at many force levels, very small ones above all'
+    plot_variable = 'magnitude'
+    on_object = True
+
+    @classmethod
+    def of(cls, disc: int, name: str) -> ContactCompliance:
+        """That of one disc, by number and name."""
+        return cls(target=name, disc=disc)
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        """One of all discs, and one of each where there are two or more."""
+        discs = enumerate(cell.discs) if len(cell.discs) > 1 else ()
+        return [cls(), *(cls.of(number, disc.name) for number, disc in discs)]
+
+    @property
+    def title(self) -> str:
+        return super().title if self.target else 'the surface of the discs yields under the force'
+
+    def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
+        return super().acts_on(at) if self.disc is None else np.asarray(at.metadata.disc == self.disc)
+
+    def alternative_laws(self) -> tuple[ContactCompliance, ...]:
+        # a soft skin on a hard core sinks in early, a cone by f^(1/2); rough surfaces come near a straight line
+        return tuple(replace(self, exponent=exponent) for exponent in (1 / 3, 0.5, 0.85))
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        depth = np.sign(at.magnitude) * np.abs(at.magnitude) ** self.exponent
+        if self.disc is not None:
+            depth = depth * (at.metadata.disc == self.disc)
+        return (Shift(place=-depth[:, None] * at.normal),)

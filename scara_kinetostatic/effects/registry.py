@@ -2,8 +2,7 @@
 
 Three sources, in this order:
 
-- **Built in**: every class in a module beside this one that names itself, in the order of `Effect.order`. A file more
-  is an effect more.
+- **Built in**: those of `BUILT_IN`, in that order.
 - **Entry points** of the group ``scara_kinetostatic.effects``: an installed package offers effects to the command, the
   nodes and every program, without a change here. In its ``pyproject.toml``::
 
@@ -20,43 +19,60 @@ from __future__ import annotations
 
 import difflib
 import logging
-import pkgutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
-from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from inspect import isclass
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from scara_kinetostatic.effects import contact_friction, joints, objects, robot, sensor
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.effects.shift import Stepped
+from scara_kinetostatic.effects.transmission_error import TransmissionError
 from scara_kinetostatic.errors import ParameterError, expect
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.touch_equations import State
+from scara_kinetostatic.model.kinematics import forward, link_vectors
+from scara_kinetostatic.model.kinetostatics import joint_torques
 
 Factory = Callable[[Cell], Iterable[Effect]]
 """From a cell to the effects of a kind that it may have."""
 Offer = TypeVar('Offer', bound=Factory | type[Effect])
-Result = TypeVar('Result')
 
 GROUP = 'scara_kinetostatic.effects'
 """Entry points of this group offer effects."""
+BUILT_IN: tuple[type[Effect], ...] = (
+    contact_friction.ContactFriction,
+    sensor.SensorRotation,
+    sensor.SensorBias,
+    sensor.SensorNonlinearity,
+    joints.EncoderGain,
+    TransmissionError,
+    joints.JointHardening,
+    joints.JointHysteresis,
+    JointSlip,
+    robot.AnisotropicGripper,
+    robot.AnisotropicBacklash,
+    robot.LinkBending,
+    robot.BaseCompliance,
+    robot.BaseTilt,
+    objects.ContactCompliance,
+    objects.ObjectPosition,
+    objects.ObjectRadius,
+    robot.LinkGrowth,
+    joints.ZeroDrift,
+    sensor.SensorCrossTalk,
+    Stepped,
+    objects.PlatePosition,
+)
+"""The catalogue of this package."""
 _EXPECTED = 'expected a class derived from Effect or a function from a cell to effects'
 _LOG = logging.getLogger('scara_kinetostatic')
 _registered: list[Factory | type[Effect]] = []
-
-
-class _Plugin(NamedTuple):
-    """What an entry point offers, and how messages name it."""
-
-    where: str
-    factory: Factory
 
 
 def register(offered: Offer) -> Offer:
@@ -73,7 +89,7 @@ def register(offered: Offer) -> Offer:
 
     Example:
         >>> import scara_kinetostatic as sk
-        >>> from scara_kinetostatic.effects.encoder_gain import EncoderGain
+        >>> from scara_kinetostatic.effects.joints import EncoderGain
         >>> offered = sk.register(lambda cell: [EncoderGain(target='belt', joint=1)])
         >>> sk.catalogue(sk.load_cell('cell.yaml'))[-1].label
         'encoder_gain[belt]'
@@ -106,9 +122,9 @@ def catalogue(cell: Cell) -> tuple[Effect, ...]:
         ['contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
     """
     expect(cell, Cell, 'cell', "read it by load_cell('cell.yaml')")
-    effects = {effect.label: effect for kind in built_in() for effect in kind.instances(cell)}
-    for plugin in _plugins():
-        effects |= _offered(plugin, cell, effects)
+    effects = {effect.label: effect for kind in BUILT_IN for effect in kind.instances(cell)}
+    for point in _entry_points():
+        effects |= _of_entry_point(point, cell, effects)
     factories = (_as_factory(offered) for offered in _registered)
     for effect in (effect for factory in factories if factory for effect in factory(cell)):
         if effect.label in effects:
@@ -128,57 +144,43 @@ def find(cell: Cell, label: str) -> Effect:
     effects = {effect.label: effect for effect in catalogue(cell)}
     if label in effects:
         return effects[label]
-    name, bracket, target = label.partition('[')
+    name = label.partition('[')[0]
     same = [effect.label for effect in effects.values() if effect.name == name]
-    if same and not bracket:
-        raise ParameterError(f'effect {label!r}', f'{name} needs a target', f'give {" or ".join(same)}')
-    if same == [name]:
-        raise ParameterError(f'effect {label!r}', f'{name} has no target', f'give {name}')
     if same:
-        problem = f'{name} has no target {target.removesuffix("]")!r} in this cell'
-        # where there are few targets all are named
-        close = difflib.get_close_matches(label, same, 1, cutoff=0.8) if len(same) > 3 else []
-        if close:
-            raise ParameterError(f'effect {label!r}', problem, f'did you mean {close[0]}?')
-        raise ParameterError(f'effect {label!r}', problem, f'give {" or ".join(same)}')
-    close = difflib.get_close_matches(name, dict.fromkeys(effect.name for effect in effects.values()), 1)
-    known = [effect.label for effect in effects.values() if effect.name in close]
-    remedy = f'did you mean {" or ".join(known)}? ' if known else ''
+        remedy = f'give {" or ".join(difflib.get_close_matches(label, same, 3, cutoff=0.0))}'
+        raise ParameterError(f'effect {label!r}', f'{name} has no such target in this cell', remedy)
+    close = difflib.get_close_matches(label, effects, 3)
+    remedy = f'did you mean {" or ".join(close)}? ' if close else ''
     raise ParameterError(f'effect {label!r}', 'no such effect', f'{remedy}simulate --list-effects lists all')
 
 
 @cache
-def built_in() -> tuple[type[Effect], ...]:
-    """The classes of this package that name themselves, in the order of the catalogue."""
-    package = __name__.rpartition('.')[0]
-    places = import_module(package).__path__
-    modules = [import_module(f'{package}.{module.name}') for module in pkgutil.iter_modules(places)]
-    kinds = [
-        kind
-        for module in modules
-        for kind in vars(module).values()
-        if isclass(kind) and issubclass(kind, Effect) and 'name' in vars(kind) and kind.__module__ == module.__name__
-    ]
-    return tuple(sorted(kinds, key=lambda kind: (kind.order, kind.__module__, kind.__name__)))
+def _entry_points() -> tuple[EntryPoint, ...]:
+    """Those of installed packages that offer effects, by package and name."""
+    return tuple(sorted(entry_points(group=GROUP), key=lambda point: (_package(point), point.name)))
 
 
-@cache
-def _plugins() -> tuple[_Plugin, ...]:
-    """What the entry points offer, by package and name; those that cannot be loaded are left out with a warning."""
-    points = sorted(entry_points(group=GROUP), key=lambda point: (_package(point), point.name))
-    return tuple(plugin for point in points for plugin in _loaded(point))
-
-
-def _loaded(point: EntryPoint) -> Iterator[_Plugin]:
-    where = f'{_package(point)}: the effect {point.name!r} ({point.value})'
-    offered, failure = _guarded(point.load)
-    factory = _as_factory(offered)
-    if failure:
-        _warn(where, f'cannot be loaded: {failure}')
-    elif factory is None:
-        _warn(where, f'{_EXPECTED}, got {offered!r:.80}')
-    else:
-        yield _Plugin(where, factory)
+def _of_entry_point(point: EntryPoint, cell: Cell, taken: dict[str, Effect]) -> dict[str, Effect]:
+    """The effects of an entry point by label; none, with a warning, where something is wrong with them."""
+    try:
+        offered = point.load()
+        factory = _as_factory(offered)
+        if factory is None:
+            raise TypeError(f'{_EXPECTED}, got {offered!r:.80}')
+        found: dict[str, Effect] = {}
+        for effect in factory(cell):
+            if not isinstance(effect, Effect):
+                raise TypeError(f'expected effects, got {effect!r:.80}')
+            if effect.label in taken or effect.label in found:
+                raise ValueError(f'the label {effect.label!r} is taken')
+            evaluate_once(effect, cell)
+            found[effect.label] = effect
+    except (KeyboardInterrupt, MemoryError):
+        raise
+    except BaseException as error:  # of the code of others, SystemExit included
+        _warn(f'{_package(point)}: the effect {point.name!r} ({point.value})', f'{type(error).__name__}: {error}')
+        return {}
+    return found
 
 
 def _as_factory(offered: object) -> Factory | None:
@@ -188,58 +190,15 @@ def _as_factory(offered: object) -> Factory | None:
     return offered if callable(offered) else None
 
 
-def _offered(plugin: _Plugin, cell: Cell, taken: dict[str, Effect]) -> dict[str, Effect]:
-    """The effects of an entry point by label; none, with a warning, where something is wrong with them."""
-    effects, failure = _guarded(lambda: _evaluated(plugin.factory, cell))
-    if effects is None:
-        _warn(plugin.where, f'cannot be used: {failure}')
-        return {}
-    found = {effect.label: effect for effect in effects}
-    twice = [label for label in found if label in taken]
-    if twice or len(found) < len(effects):
-        _warn(plugin.where, f'uses the label {(twice or list(found))[0]!r}, which is taken')
-        return {}
-    return found
-
-
-def _evaluated(factory: Factory, cell: Cell) -> list[Effect]:
-    """The effects of a factory, each of which can be evaluated.
-
-    Raises:
-        TypeError: something else is among them.
-        Exception: whatever evaluating them raises.
-    """
-    effects = list(factory(cell))
-    for effect in effects:
-        if not isinstance(effect, Effect):
-            raise TypeError(f'expected effects, got {effect!r:.80}')
-        evaluate_once(effect, cell)
-    return effects
-
-
-def _guarded(call: Callable[[], Result]) -> tuple[Result | None, str]:
-    """What the code of others returns, or None and what it raised, SystemExit included."""
-    try:
-        return call(), ''
-    except (KeyboardInterrupt, MemoryError):
-        raise
-    except BaseException as error:
-        return None, f'{type(error).__name__}: {error}'
-
-
 @cache
 def _warn(where: str, problem: str) -> None:
     """One line, once per process."""
-    _LOG.warning('%s', ' '.join(f'{where} {problem}; it is left out'.split()))
+    _LOG.warning('%s', ' '.join(f'{where} cannot be used: {problem}; it is left out'.split()))
 
 
 def _package(point: EntryPoint) -> str:
     """The distribution of an entry point, such as ``stiffness-ripple 1.0``."""
     return f'{point.dist.name} {point.dist.version}' if point.dist is not None else 'an unknown package'
-
-
-_TOUCHES = 7
-"""Of the evaluation: a number that no shape of an effect is by chance."""
 
 
 def evaluate_once(effect: Effect, cell: Cell) -> None:
@@ -253,87 +212,58 @@ def evaluate_once(effect: Effect, cell: Cell) -> None:
         ValueError: an array has the wrong shape or a value that is not finite; names it.
         Exception: whatever the effect raises.
     """
-    contact_problem, state = _some_touches(cell)
-    at = contact_problem.touch_state(cell.nominal, state)
-    values, force = np.array(effect.typical), at.force
+    at, values = _some_touches(cell), np.array(effect.typical)
+    n, k = len(at.joints), len(values)
     with np.errstate(all='ignore'):
-        _check_shift('shift', effect.shift(at, values), at)
-        _check_shifts('derivative', effect.derivative(at, values), len(values), at)
-        stronger, turned = (
-            contact_problem.touch_state(cell.nominal, other)
-            for other in (
-                state._replace(magnitude=state.magnitude + 1.0),
-                state._replace(direction=state.direction + 0.1),
-            )
-        )
-        _check_independence(effect, values, at, stronger, ForceDependence.ALL, 'magnitude')
-        _check_independence(effect, values, at, turned, ForceDependence.DIRECTION, 'direction')
-        error = effect.sensor_error(force, values)
+        shift = effect.shift(at, values)
+        _check_shifts('shift', [shift], 1, n)
+        _check_shifts('derivative', effect.derivative(at, values), k, n)
+        states = _some_touches(cell, factor=2.0), _some_touches(cell, turn=0.1)
+        needs = (ForceDependence.ALL, 'magnitude'), (ForceDependence.DIRECTION, 'direction')
+        for state, (needed, what) in zip(states, needs, strict=True):
+            other = effect.shift(state, values)
+            changed = any(a is not None and (b is None or (a != b).any()) for a, b in zip(shift, other, strict=True))
+            if effect.force_dependence < needed and changed:
+                stated = effect.force_dependence.name
+                raise ValueError(f'force_dependence: {stated} is stated, but the shift depends on the {what}')
+        error = effect.sensor_error(at.force, values)
         if error is not None:
-            _check_array('sensor_error', error, force.shape)
-            _check_errors('sensor_error_derivative', effect.sensor_error_derivative(force, values), len(values), at)
+            _check_array('sensor_error', error, (n, 2))
+            errors = effect.sensor_error_derivative(at.force, values)
+            _check_array('sensor_error_derivative', errors, (k, n, 2))
         _check_array('amplitudes', effect.amplitudes(values), values.shape)
-        for trial in effect.trials(at, force):
-            _check_shifts('trials', trial.columns, len(trial.columns), at)
-            if trial.sensor_errors:
-                _check_errors('trials', trial.sensor_errors, len(trial.columns), at)
-        _check_array('acts_on', effect.acts_on(at), at.magnitude.shape)
-        _check_array('plot_axis', effect.plot_axis(at, values).values, at.magnitude.shape)
+        for trial in effect.trials(at, at.force):
+            _check_shifts('trials', trial.columns, len(trial.columns), n)
+        _check_array('acts_on', effect.acts_on(at), (n,))
+        _check_array('plot_axis', effect.plot_axis(at, values).values, (n,))
 
 
-def _check_independence(
-    effect: Effect, values: Floats, at: TouchState, other: TouchState, needed: ForceDependence, what: str
-) -> None:
-    """That touches with another force have the same shift where the effect says so."""
-    if effect.force_dependence >= needed:
-        return
-    for before, after in zip(effect.shift(at, values), effect.shift(other, values), strict=True):
-        if before is not None and (after is None or not np.array_equal(before, after)):
-            stated = effect.force_dependence.name
-            raise ValueError(f'force_dependence: {stated} is stated, but the shift depends on the {what} of the force')
+def _some_touches(cell: Cell, factor: float = 1.0, turn: float = 0.0) -> TouchState:
+    """Seven touches of all discs in both postures, at different angles, forces and times.
 
-
-def _some_touches(cell: Cell) -> tuple[ContactProblem, State]:
-    """Touches of all discs in both postures, at different angles, forces and times."""
-    number = np.arange(_TOUCHES)
-    disc, posture, k = number % len(cell.discs), 1 - 2 * (number % 2), number.astype(float)
+    The forces are `factor` times as large and turned by `turn`, rad.
+    """
+    number = np.arange(7)  # that no shape of an effect is by chance
+    disc, posture, k, p = number % len(cell.discs), 1 - 2 * (number % 2), number.astype(float), cell.nominal
     sense = posture.astype(float)
     joints = np.stack([0.3 + 0.2 * k, sense * (1.0 + 0.15 * k)], axis=-1)
-    direction = np.asarray(0.5 + 0.8 * k)
-    normal = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
-    radii = cell.radii[disc]
-    centers = forward(cell.nominal, joints) + radii[:, None] * normal
+    normal = np.stack([np.cos(0.5 + 0.8 * k + turn), np.sin(0.5 + 0.8 * k + turn)], axis=-1)
+    force = factor * (10.0 + 5.0 * k)[:, None] * normal
     approach = np.asarray(1e-4 * np.stack([sense, -sense], axis=-1))
     metadata = TouchMetadata(disc, np.asarray(60.0 * k), approach, posture, approach, order=number)
-    state = State(joints[:, 0], joints[:, 1], np.asarray(10.0 + 5.0 * k), direction, *np.ones((2, _TOUCHES)))
-    return ContactProblem(joints, centers, radii, cell.gripper, metadata), state
+    links, torques = link_vectors(p, joints), joint_torques(p, joints, force)
+    return TouchState.of_poses(p, joints, force, torques, links, forward(p, joints), metadata)
 
 
-def _check_shifts(method: str, shifts: tuple[Shift, ...], count: int, at: TouchState) -> None:
-    _check_count(method, len(shifts), count)
-    for shift in shifts:
-        _check_shift(method, shift, at)
-
-
-def _check_shift(method: str, shift: Shift, at: TouchState) -> None:
-    for part in (shift.joints, shift.place):
-        if part is not None:
-            _check_array(method, part, at.joints.shape)
-
-
-def _check_errors(method: str, errors: tuple[Floats, ...], count: int, at: TouchState) -> None:
-    _check_count(method, len(errors), count)
-    for error in errors:
-        _check_array(method, error, at.joints.shape)
-
-
-def _check_count(method: str, got: int, count: int) -> None:
-    if got != count:
-        raise ValueError(f'{method}: expected {count}, one per parameter, got {got}')
+def _check_shifts(method: str, shifts: Sequence[Shift], count: int, n: int) -> None:
+    if len(shifts) != count:
+        raise ValueError(f'{method}: expected {count}, one per parameter, got {len(shifts)}')
+    for part in (part for shift in shifts for part in shift if part is not None):
+        _check_array(method, part, (n, 2))
 
 
 def _check_array(method: str, values: ArrayLike, shape: tuple[int, ...]) -> None:
     if np.shape(values) != shape:
-        raise ValueError(f'{method}: at {_TOUCHES} touches expected the shape {shape}, got {np.shape(values)}')
+        raise ValueError(f'{method}: expected the shape {shape}, got {np.shape(values)}')
     if not np.isfinite(values).all():
         raise ValueError(f'{method}: expected finite values')

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Parameter, SensorEffect
+from scara_kinetostatic.effects.base import SensorEffect
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.effect_law import Parameter, TouchMetadata
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,9 @@ class SensorBias(SensorEffect):
         Parameter('y', 'N', 3.0, 'reported too much along y of the sensor', typical=-0.7),
     )
     statement = 'the force sensor has a zero offset'
-    short_statement = 'zero offset of the force sensor'
     confounded_with = 'the places of the discs, if each is touched from one side or with one force only'
     identified_by = 'touches from all sides of the discs, some of them with little force'
     plot_variable = 'direction'
-    order = 3
 
     def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
         return np.full(force.shape, values)
@@ -38,12 +36,10 @@ class SensorRotation(SensorEffect):
     name = 'sensor_rotation'
     parameters = (Parameter('angle', 'rad', 0.05, 'by which reported forces are turned', typical=0.05),)
     statement = 'the force sensor is rotated about its axis'
-    short_statement = 'force sensor turned'
     confounded_with = 'contact friction, if the tip slides the same way in all touches'
     identified_by = 'touches that slide in both directions: preload every other touch'
     plot_variable = 'direction'
     declared_as = 'force_rotation'
-    order = 2
 
     def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
         c, s = np.cos(values[0]) - 1, np.sin(values[0])
@@ -68,14 +64,12 @@ class SensorNonlinearity(SensorEffect):
         Parameter('rate', '1/N', 3e-2, 'part of the force reported too much, per newton of it', typical=1e-3),
     )
     statement = 'the gain of the force sensor depends on the force'
-    short_statement = 'gain of the force sensor depends on the force'
     confounded_with = (
         'the compliances, if all forces are alike; the law of the contact and the hardening of joints, if the force '
         'levels are few'
     )
     identified_by = 'touches at many force levels, from very small to large, at many places'
     plot_variable = 'magnitude'
-    order = 4
     diverges_with_alias = True
 
     def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
@@ -97,7 +91,6 @@ class SensorCrossTalk(SensorEffect):
         Parameter('yx', '1', 0.05, 'part of the force along x that is added to y', typical=-0.01),
     )
     statement = 'the force sensor has cross-talk or unequal gains'
-    short_statement = 'cross-talk of the force sensor'
     confounded_with = (
         'all compliances, by a gain common to both axes, **always**; sensor_rotation, if the forces have few '
         'directions in the frame of the sensor'
@@ -106,7 +99,6 @@ class SensorCrossTalk(SensorEffect):
     plot_variable = 'direction'
     is_linear = True
     special_cases = ('sensor_rotation',)
-    order = 20
 
     def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
         gain, xy, yx = values

@@ -16,38 +16,77 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.effects.base import Effect, JointEffect, LinearEffect, Parameter, Trial, unit_vectors
+from scara_kinetostatic.effects.base import Effect, JointEffect, LinearEffect, Trial, unit_vectors
 from scara_kinetostatic.effects.objects import ObjectPosition
 from scara_kinetostatic.effects.sensor import SensorBias
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.kinematics import quarter_turn
 
 
-class BaseMove(LinearEffect, part_of_another=True):
+class _Texts:
+    """What all shifts have in common."""
+
+    name = 'shift'
+    confounded_with = (
+        'a drift, if the touches before and after the moment are few; another shift, if only one disc is touched or '
+        'the touches go from disc to disc'
+    )
+    identified_by = 'the same touches again, on all discs, before and after the moment'
+    plot_variable = 'touch'
+
+
+class BaseMove(_Texts, LinearEffect):
     """The base moves by (x, y): d = (x, y)."""
+
+    statement = 'the base shifted'
+    parameters = (
+        Parameter('x', 'm', 1e-3, 'movement along x', typical=1e-4),
+        Parameter('y', 'm', 1e-3, 'movement along y', typical=-5e-5),
+    )
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         return tuple(Shift(place=unit) for unit in unit_vectors(len(at.normal)))
 
 
-class ToolMove(LinearEffect, part_of_another=True):
+class ToolMove(_Texts, LinearEffect):
     """The tip moves at the end of link 2 by (x, y): d = x v + y R90 v, v the direction of link 2."""
 
+    statement = 'the tool shifted'
+    parameters = (
+        Parameter('x', 'm', 1e-3, 'movement along link 2', typical=8e-5),
+        Parameter('y', 'm', 1e-3, 'movement across link 2', typical=5e-5),
+    )
+
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        x, y = at.link2.T
-        return Shift(place=at.link2), Shift(place=np.array([-y, x]).T)
+        return Shift(place=at.link2), Shift(place=quarter_turn(at.link2))
 
 
-class ZeroMove(JointEffect, part_of_another=True):
+class ZeroMove(_Texts, JointEffect):
     """The true angle of a joint grows against the reported one: δ = -angle."""
+
+    statement = 'the zero of {target} shifted'
+    parameters = (Parameter('angle', 'rad', 1e-3, 'growth of the true angle', typical=1e-4),)
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (np.full(len(at.joints), -1.0),)
 
 
+class DiscMove(ObjectPosition):
+    """A disc moves by (x, y)."""
+
+    statement = '{target} shifted'
+
+
+class SensorMove(SensorBias):
+    """The zero of the force sensor changes by (x, y)."""
+
+    statement = 'the zero of the force sensor shifted'
+
+
 @dataclass(frozen=True)
-class Stepped(Effect):
+class Stepped(_Texts, Effect):
     """Another effect, linear in its parameters, that begins or ends at a moment, in steps from touch to touch.
 
     - The **base** moves by (x, y): d = -(x, y) before the moment; x0 and y0 are the place after it. A base that turns
@@ -60,68 +99,51 @@ class Stepped(Effect):
     - The **zero of the force sensor**: e = (x, y) after the moment. A tare before each touch takes it away.
 
     Attributes:
-        statement: what its presence says, a clause.
-        effect: what begins or ends.
-        moved: its parameters.
-        remains: what holds after the moment, a clause; empty for nothing.
-        acts_before: whether it acts on the touches before the moment, with the opposite sign, instead of those after.
+        effect: what begins or ends; its parameters are these, before the moment.
     """
 
-    statement: str = '{target} shifted'  # type: ignore[misc]
     effect: Effect = field(default_factory=BaseMove)
-    moved: tuple[Parameter, ...] = ()
-    remains: str = ''
-    acts_before: bool = True
 
-    name = 'shift'
-    confounded_with = (
-        'a drift, if the touches before and after the moment are few; another shift, if only one disc is touched or '
-        'the touches go from disc to disc'
-    )
-    identified_by = 'the same touches again, on all discs, before and after the moment'
-    plot_variable = 'touch'
     grid_parameter = 'moment'
     is_stepwise = True
-    not_stored = ('statement', 'effect', 'moved', 'remains', 'acts_before')
     force_dependence = ForceDependence.NONE
     diverges_with_alias = True
-    order = 21
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
-        base = _plane('m', 1e-3, ('movement along x', 1e-4), ('movement along y', -5e-5))
-        tool = _plane('m', 1e-3, ('movement along link 2', 8e-5), ('movement across link 2', 5e-5))
-        disc_moved = _plane('m', 1e-3, ('movement along x', 1e-4), ('movement along y', -2e-4))
-        too_much = 'reported too much along {} of the sensor'.format
-        force = _plane('N', 3.0, (too_much('x'), 1.0), (too_much('y'), -0.7))
-        angle = (Parameter('angle', 'rad', 1e-3, 'growth of the true angle', typical=1e-4),)
-        yield cls('base', 'the base shifted', BaseMove(), base, 'x0 and y0 are those after it')
-        yield cls('tool', 'the tool shifted', ToolMove(), tool, 'l2 and theta2 are those after it')
-        for number, disc in enumerate(cell.discs):
-            yield cls(disc.name, effect=ObjectPosition(disc.name, number), moved=disc_moved, acts_before=False)
-        for joint in (0, 1):
-            zero, after = ZeroMove(joint=joint), f'theta{joint + 1} is that after it'
-            yield cls(f'joint{joint + 1}', 'the zero of {target} shifted', zero, angle, after)
-        sensor = 'the zero of the force sensor shifted'
-        yield cls('sensor', sensor, SensorBias(), force, acts_before=False)
+        yield cls('base', BaseMove())
+        yield cls('tool', ToolMove())
+        yield from (cls(disc.name, DiscMove(disc.name, number)) for number, disc in enumerate(cell.discs))
+        yield from (cls(f'joint{joint + 1}', ZeroMove(joint=joint)) for joint in (0, 1))
+        yield cls('sensor', SensorMove())
+
+    @property
+    def statement(self) -> str:  # type: ignore[override]
+        """What has shifted."""
+        return self.effect.statement
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """Those of the effect, and the moment."""
         between = 'between the touches of these numbers, in the order of time'
-        return (*self.moved, Parameter('moment', '1', 1.0, between, typical=23.5))
+        return (*self.effect.parameters, Parameter('moment', '1', 1.0, between, typical=23.5))
 
     @property
     def on_object(self) -> bool:  # type: ignore[override]
         """As of the effect."""
         return self.effect.on_object
 
+    @property
+    def acts_before(self) -> bool:
+        """Whether it acts before the moment, with the opposite sign: then what is estimated holds after it."""
+        return isinstance(self.effect, (BaseMove, ToolMove, ZeroMove))
+
     def shift(self, at: TouchState, values: Floats) -> Shift:
         return self._weighted(self.effect.shift(at, values[:-1]), at, values[-1])
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         parts = [self._weighted(part, at, values[-1]) for part in self.effect.derivative(at, values[:-1])]
-        return (*parts, Shift(*(None if one is None else np.zeros(at.joints.shape) for one in parts[0])))
+        return (*parts, Shift(*(None if one is None else 0.0 * one for one in parts[0])))
 
     def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats | None:
         error = self.effect.sensor_error(force, values[:-1], metadata)
@@ -154,16 +176,6 @@ class Stepped(Effect):
         near = moments[max(k - reach, 0) : k + reach + 1]
         return self._at(at, at.force, near[:: 1 + (len(near) - 1) // 13])
 
-    def place_text(self, low: float, high: float, where: str = '') -> str:
-        between = f'between the touches {low:.0f} and {high:.0f}' + (f', {where}' if where else '')
-        return f'{self.finding} {between}' + (f'; {self.remains}' if self.remains else '')
-
-    def random_values(self, random: np.random.Generator) -> Floats:
-        """The plausible size in a random direction, at a moment between the touches 10 and 60."""
-        unit = random.standard_normal(len(self.moved))
-        size = np.array(self.scales[:-1]) * unit / np.linalg.norm(unit)
-        return np.array([*size, random.integers(10, 60) + 0.5])
-
     def _weight(self, metadata: TouchMetadata | None, n: int, moment: float) -> Floats:
         """-1 before the moment and 0 after it, or 0 and 1, (n, 1); touches of unknown order are after it."""
         order = None if metadata is None else metadata.order
@@ -190,7 +202,7 @@ class Stepped(Effect):
     def _at(self, at: TouchState, force: Floats, moments: Floats) -> Sequence[Trial]:
         """A trial for each moment; where there is none, one that cannot be told from the base model."""
         moments = moments if len(moments) else np.array([0.0 if self.acts_before else np.inf])
-        still = np.zeros(len(self.moved))
+        still = np.zeros(len(self.effect.parameters))
         units = self.effect.derivative(at, still)
         errors = self.effect.sensor_error_derivative(force, still, at.metadata)
         return [
@@ -202,11 +214,3 @@ class Stepped(Effect):
             )
             for moment in moments.tolist()
         ]
-
-
-def _plane(unit: str, scale: float, x: tuple[str, float], y: tuple[str, float]) -> tuple[Parameter, ...]:
-    """Parameters x and y, each by its meaning and its typical value."""
-    return tuple(
-        Parameter(name, unit, scale, meaning, typical=typical)
-        for name, (meaning, typical) in zip('xy', (x, y), strict=True)
-    )

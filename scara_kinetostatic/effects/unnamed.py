@@ -6,60 +6,33 @@ function fitted to it. Such a term says where the model deviates and by how much
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, repeat
-from typing import NamedTuple
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter, at_joint
-from scara_kinetostatic.effects.variables import PlotAxis
+from scara_kinetostatic.effects.base import Effect, LinearEffect, at_joint
+from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, Variable
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 
-
-class CurveVariable(NamedTuple):
-    """What a curve may depend on.
-
-    Attributes:
-        words: what it is.
-        unit: SI.
-        values: at n touches, (n,).
-        force_dependence: what of the force it depends on.
-    """
-
-    words: str
-    unit: str
-    values: Callable[[TouchState], Floats]
-    force_dependence: ForceDependence = ForceDependence.ALL
-
-
-def _direction(vectors: Floats) -> Floats:
-    """Of vectors (n, 2), (n,), rad."""
-    return np.asarray(np.arctan2(vectors[:, 1], vectors[:, 0]))
-
-
-CURVE_VARIABLES = {
-    'q1': CurveVariable('the angle of joint 1', 'rad', lambda at: at.joints[:, 0], ForceDependence.NONE),
-    'q2': CurveVariable('the angle of joint 2', 'rad', lambda at: at.joints[:, 1], ForceDependence.NONE),
-    'torque1': CurveVariable('the torque of joint 1', 'Nm', lambda at: at.torques[:, 0]),
-    'torque2': CurveVariable('the torque of joint 2', 'Nm', lambda at: at.torques[:, 1]),
-    'force': CurveVariable('the size of the force', 'N', lambda at: at.magnitude),
-    'direction': CurveVariable(
-        'the direction of the force', 'rad', lambda at: _direction(at.normal), ForceDependence.DIRECTION
-    ),
-    'direction_from_link2': CurveVariable(
-        'the direction of the force relative to link 2',
-        'rad',
-        lambda at: _direction(at.normal) - _direction(at.link2),
-        ForceDependence.DIRECTION,
-    ),
-    'time': CurveVariable('time', 's', lambda at: at.metadata.time, ForceDependence.NONE),
-}
-"""By name."""
+CURVE_VARIABLES = MappingProxyType(
+    {
+        'q1': ('angle', 0),
+        'q2': ('angle', 1),
+        'torque1': ('torque', 0),
+        'torque2': ('torque', 1),
+        'force': ('magnitude', None),
+        'direction': ('direction', None),
+        'direction_from_link2': ('direction_from_link2', None),
+        'time': ('time', None),
+    }
+)
+"""What a curve may depend on, by name: the key of `VARIABLES`, and the joint."""
 JOINTS = ('q1', 'q2')
 """Angles that are not periodic: a curve over them may have a slope."""
 CHANNELS = {
@@ -105,6 +78,17 @@ class Unnamed(LinearEffect):
         return []
 
     @property
+    def _variable(self) -> tuple[Variable, int | None]:
+        """What it depends on, and of which joint."""
+        name, joint = CURVE_VARIABLES[self.variable]
+        return VARIABLES[name], joint
+
+    def axis(self, at: TouchState) -> PlotAxis:
+        """The variable that it depends on, at n touches."""
+        variable, joint = self._variable
+        return variable.axis(at, joint)
+
+    @property
     def label(self) -> str:
         """Channel and variable; the target too."""
         return f'unnamed[{self.channel} over {self.variable}{f" of {self.target}" if self.disc >= 0 else ""}]'
@@ -113,12 +97,12 @@ class Unnamed(LinearEffect):
     def description(self) -> str:
         """What deviates depending on what."""
         where = f' on {self.target}' if self.disc >= 0 else ''
-        return f'{CHANNELS[self.channel]}{where}, depending on {CURVE_VARIABLES[self.variable].words}'
+        variable, joint = self._variable
+        return f'{CHANNELS[self.channel]}{where}, depending on the {variable.title(joint)}'
 
     @property
-    def finding(self) -> str:
-        """What is described, without a cause."""
-        return f'{self.description}, cause unknown'
+    def title(self) -> str:
+        return f'a fitted curve ({self.description})'
 
     @property
     def subject(self) -> str:
@@ -133,25 +117,24 @@ class Unnamed(LinearEffect):
     @property
     def force_dependence(self) -> ForceDependence:  # type: ignore[override]
         """That of its variable; along and across the force it turns with it at least."""
-        of_variable = CURVE_VARIABLES[self.variable].force_dependence
+        of_variable = self._variable[0].force_dependence
         return of_variable if self.channel in ('joint1', 'joint2') else max(of_variable, ForceDependence.DIRECTION)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """One coefficient per function."""
         unit = 'rad' if self.channel in ('joint1', 'joint2') else 'm'
-        return tuple(Parameter(name, unit, 1e-3, 'coefficient') for name in self._function_names())
-
-    def _function_names(self) -> list[str]:
         if self.waves:
-            slope = ['slope'] if self.variable in JOINTS else []
-            return slope + [f'{wave}{k}' for k in self._orders() for wave in ('cos', 'sin')]
-        return [f'power{k}' for k in range(1, (self.powers or 4) + 1)]
+            names = [f'{wave}{k}' for k in self._orders() for wave in ('cos', 'sin')]
+            names = ['slope', *names] if self.variable in JOINTS else names
+        else:
+            names = [f'power{k}' for k in range(1, (self.powers or 4) + 1)]
+        return tuple(Parameter(name, unit, 1e-3, 'coefficient') for name in names)
 
     @property
     def waves(self) -> bool:
         """Whether it is a sum of waves; else it is one of powers."""
-        return CURVE_VARIABLES[self.variable].unit == 'rad' and not self.powers
+        return self._variable[0].unit == 'rad' and not self.powers
 
     def _orders(self) -> Sequence[int]:
         # around a disc, the first would be a displaced centre
@@ -159,7 +142,7 @@ class Unnamed(LinearEffect):
 
     def functions(self, at: TouchState) -> list[Floats]:
         """The functions of the variable, (n,) each."""
-        value = CURVE_VARIABLES[self.variable].values(at)
+        value = self.axis(at).values
         # constant beyond the touches, in half ranges from the middle
         z = np.clip((value - self.middle) / self.half, -1.05, 1.05)
         if self.waves:
@@ -181,12 +164,7 @@ class Unnamed(LinearEffect):
         return np.asarray((at.metadata.disc == self.disc) | (self.disc < 0))
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
-        """The variable that it depends on; angles in degrees."""
-        title, unit, of_touches, _ = CURVE_VARIABLES[self.variable]
-        value = of_touches(at)
-        if CURVE_VARIABLES[self.variable].unit == 'rad':
-            return PlotAxis(title, '°', np.degrees((value + np.pi) % (2 * np.pi) - np.pi))
-        return PlotAxis(title, unit, value)
+        return self.axis(at)
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         return tuple(self._of(at, part) for part in self.functions(at))
@@ -214,10 +192,10 @@ def empirical_effects(at: TouchState, discs: Sequence[str], one_level: bool = Fa
     names = [name for name in CURVE_VARIABLES if not (one_level and name == 'force')]
     for channel in ('joint1', 'joint2', 'along', 'across'):
         for name in names:
-            value = CURVE_VARIABLES[name].values(at)
-            middle, half = float(value.max() + value.min()) / 2, float(np.ptp(value)) / 2 or 1.0
-            if name in ('direction', 'direction_from_link2'):
-                middle, half = 0.0, 1.0
+            middle, half = 0.0, 1.0
+            if not name.startswith('direction'):
+                value = Unnamed(variable=name).axis(at).values
+                middle, half = float(value.max() + value.min()) / 2, float(np.ptp(value)) / 2 or 1.0
             yield Unnamed(None, channel, name, middle, half)
             if name in JOINTS and channel in ('joint1', 'joint2'):
                 # few parameters, such as for what a cable does

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, TouchState
 from scara_kinetostatic.model.parameters import Parameters
 
 STICKING = 0.1
@@ -38,16 +38,21 @@ class Variable(NamedTuple):
         unit: of the values; empty where they have none.
         values: from touches and a joint, 0 or 1 or None, to values (n,). A variable of a joint takes joint 1 for
             None; the others do not depend on it.
+        force_dependence: what of the force it depends on, as far as a fitted curve needs it.
     """
 
     label: str
     unit: str
     values: Callable[[TouchState, int | None], Floats]
+    force_dependence: ForceDependence = ForceDependence.ALL
+
+    def title(self, joint: int | None = None) -> str:
+        """In words, of a joint where it is one of a joint."""
+        return self.label.format(joint=(joint or 0) + 1)
 
     def axis(self, at: TouchState, joint: int | None = None) -> PlotAxis:
         """The variable at n touches, of a joint where it is one of a joint."""
-        title = self.label.format(joint=(joint or 0) + 1)
-        return PlotAxis(title, self.unit, np.asarray(self.values(at, joint), dtype=float))
+        return PlotAxis(self.title(joint), self.unit, np.asarray(self.values(at, joint), dtype=float))
 
 
 def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
@@ -82,14 +87,9 @@ def _angle(vectors: Floats) -> Floats:
     return np.asarray(np.arctan2(vectors[:, 1], vectors[:, 0]))
 
 
-def _middle(at: TouchState, _: int | None) -> Floats:
-    return 0.5 * (at.torques[:, 0] + at.torques[:, 1])
-
-
 def _from_link2(at: TouchState) -> Floats:
-    along = (at.normal * at.link2).sum(axis=1)
     across = at.normal[:, 1] * at.link2[:, 0] - at.normal[:, 0] * at.link2[:, 1]
-    return np.asarray(np.arctan2(across, along))
+    return np.asarray(np.arctan2(across, (at.normal * at.link2).sum(axis=1)))
 
 
 def _numbers(at: TouchState) -> Floats:
@@ -98,17 +98,22 @@ def _numbers(at: TouchState) -> Floats:
     return np.zeros_like(at.magnitude) if order is None else order.astype(float)
 
 
+_NONE, _DIRECTION = ForceDependence.NONE, ForceDependence.DIRECTION
 VARIABLES = MappingProxyType(
     {
-        'angle': Variable('angle of joint {joint}', 'rad', _of_joint(lambda at: at.joints)),
+        'angle': Variable('angle of joint {joint}', 'rad', _of_joint(lambda at: at.joints), _NONE),
         'torque': Variable('torque of joint {joint}', 'Nm', _of_joint(lambda at: at.torques)),
-        'link1_torque': Variable('bending moment in the middle of link 1', 'Nm', _middle),
+        'link1_torque': Variable(
+            'bending moment in the middle of link 1', 'Nm', lambda at, _: 0.5 * at.torques.sum(axis=1)
+        ),
         'magnitude': Variable('force', 'N', lambda at, _: at.magnitude),
-        'direction': Variable('direction of the force', 'rad', lambda at, _: _angle(at.normal)),
-        'direction_from_link2': Variable('direction of the force from link 2', 'rad', lambda at, _: _from_link2(at)),
+        'direction': Variable('direction of the force', 'rad', lambda at, _: _angle(at.normal), _DIRECTION),
+        'direction_from_link2': Variable(
+            'direction of the force from link 2', 'rad', lambda at, _: _from_link2(at), _DIRECTION
+        ),
         'place': Variable('place on the disc', 'rad', lambda at, _: _angle(-at.normal)),
         'disc': Variable('number of the disc', '', lambda at, _: at.metadata.disc.astype(float) + 1),
-        'time': Variable('time', 's', lambda at, _: at.metadata.time),
+        'time': Variable('time', 's', lambda at, _: at.metadata.time, _NONE),
         'touch': Variable('number of the touch', '', lambda at, _: _numbers(at)),
         'approach': Variable(
             'direction of approach of joint {joint}', '', _of_joint(lambda at: np.sign(at.metadata.approach))

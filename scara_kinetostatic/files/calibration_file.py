@@ -372,8 +372,8 @@ def read_effect(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> Effe
 
 
 def _plain_fields(effect: Effect) -> dict[str, Any]:
-    """The fields that JSON can hold, by name, less those that the target determines."""
-    values = {item.name: getattr(effect, item.name) for item in fields(effect) if item.name not in effect.not_stored}
+    """The fields that JSON can hold, by name."""
+    values = {item.name: getattr(effect, item.name) for item in fields(effect)}
     return {name: v for name, v in values.items() if v is None or isinstance(v, (str, int, float, tuple))}
 
 

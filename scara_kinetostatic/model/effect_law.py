@@ -7,41 +7,44 @@ An effect enters the equations of a touch (`touch_equations`) in one of three pl
   tip, or one of the disc, of its radius or of the point of contact;
 - **sensor error** e: the sensor reports F + e.
 
-An `EffectLaw` gives these three as functions of the state of a touch and of the parameters of the effect.
+An `EffectLaw`, the base of all effects, gives these three as functions of the state of a touch and of the parameters of
+the effect.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import SensorFrame
-from scara_kinetostatic.model.load_history import ById, Phasors, torque_phasors_again
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch import TouchSet, torque_phasors
 
 
-class EffectParameter(Protocol):
-    """What the model needs of a parameter of an effect."""
+class Parameter(NamedTuple):
+    """A parameter of an effect.
 
-    @property
-    def name(self) -> str:
-        """As in the results."""
+    Attributes:
+        name: as in the results.
+        unit: SI; ``1`` for a pure number.
+        scale: largest plausible size; the fit is scaled by it.
+        meaning: in a few words.
+        start: where the estimation begins.
+        typical: a value that matters, for examples and tests; None for a tenth of the scale.
+        sign: +1 or -1 where only one sign is physical or can be simulated, else 0.
+    """
 
-    @property
-    def unit(self) -> str:
-        """SI."""
-
-    @property
-    def scale(self) -> float:
-        """Largest plausible size; the fit is scaled by it."""
-
-    @property
-    def start(self) -> float:
-        """Where the estimation begins."""
+    name: str
+    unit: str
+    scale: float
+    meaning: str
+    start: float = 0.0
+    typical: float | None = None
+    sign: int = 0
 
 
 class TouchMetadata(NamedTuple):
@@ -84,18 +87,8 @@ class TouchMetadata(NamedTuple):
 
     def select(self, which: Mask | Indices | slice) -> TouchMetadata:
         """The touches that a mask, a slice or an array of positions picks."""
-        history = None if self.history is None else self.history[which]
-        return TouchMetadata(
-            self.disc[which],
-            self.time[which],
-            self.approach[which],
-            self.posture[which],
-            self.press[which],
-            history,
-            self.frame,
-            None if self.force is None else self.force[which],
-            None if self.order is None else self.order[which],
-        )
+        parts = {name: part[which] for name, part in self._asdict().items() if name != 'frame' and part is not None}
+        return self._replace(**parts)
 
 
 class TouchState(NamedTuple):
@@ -171,19 +164,17 @@ class TouchState(NamedTuple):
         m = self.metadata
         if m.history is None:
             return np.empty((len(self.joints), 0))
-        torques = torque_phasors_again(self.parameters, ById(m.history), m.frame)[joint]
-        return torques.imag if m.force is None else (torques * self._change_of_force(m.history, m.force)).imag
-
-    def _change_of_force(self, history: Floats, measured: Floats) -> Phasors:
-        """The force here over that measured in the hold, for points of the same touch, 1 for earlier ones, (n, K)."""
+        torques = torque_phasors(self.parameters, m.history, m.frame)[joint]
+        if m.force is None:
+            return torques.imag
         force = self.force[:, 0] + 1j * self.force[:, 1]
-        if self.metadata.frame is SensorFrame.TOOL:
+        if m.frame is SensorFrame.TOOL:
             force = force * (self.link2[:, 0] - 1j * self.link2[:, 1])
-        known = measured.any(axis=1)
-        ratio = np.where(known, force, 1.0) / np.where(known, measured[:, 0] + 1j * measured[:, 1], 1.0)
+        known = m.force.any(axis=1)
+        ratio = np.where(known, force, 1.0) / np.where(known, m.force[:, 0] + 1j * m.force[:, 1], 1.0)
         # distance from the joint angles of the hold within which a point of the history is of the same touch, rad
-        near1, near2 = (np.abs(history[:, :, k] - self.joints[:, k, None]) < 0.02 for k in (0, 1))
-        return np.where(near1 & near2, ratio[:, None], 1.0)
+        near1, near2 = (np.abs(m.history[:, :, k] - self.joints[:, k, None]) < 0.02 for k in (0, 1))
+        return (torques * np.where(near1 & near2, ratio[:, None], 1.0)).imag
 
 
 class Shift(NamedTuple):
@@ -212,61 +203,64 @@ class ForceDependence(IntEnum):
     """On its magnitude as well."""
 
 
-class EffectLaw(Protocol):
-    """What the model needs of an effect."""
+class EffectLaw(ABC):
+    """What the model needs of an effect.
+
+    Attributes:
+        parameters: what is to be estimated.
+        on_object: whether `Shift.place` belongs to the object rather than to the robot: then it is no part of H̄ and Ḡ.
+        force_dependence: what of the force of a touch the shift depends on; unless stated, on all of it. Where it is
+            less, fits are faster.
+        is_smooth: whether the shift has a derivative everywhere, over the state of a touch and over the parameters.
+        grid_parameter: the parameter that is searched on a grid, such as a frequency; empty if there is none.
+        is_stepwise: whether it changes in steps along `grid_parameter`: a fit holds it at the best trial, and its
+            uncertainty is that of the choice among the trials.
+        scaled_by: names of those parameters of L̄, such as ``p1``, that the shift is proportional to.
+    """
+
+    parameters: ClassVar[tuple[Parameter, ...]]
+    on_object: ClassVar[bool] = False
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.ALL
+    is_smooth: ClassVar[bool] = True
+    grid_parameter: ClassVar[str] = ''
+    is_stepwise: ClassVar[bool] = False
+    scaled_by: ClassVar[tuple[str, ...]] = ()
 
     @property
+    @abstractmethod
     def label(self) -> str:
         """Name and target, such as ``encoder_gain[joint1]``."""
 
     @property
-    def parameters(self) -> tuple[EffectParameter, ...]:
-        """The parameters that are estimated."""
-
-    @property
     def off_normal_std(self) -> float:
-        """Standard deviation of the off-normal angle of the force, rad; 0 for most effects."""
+        """Standard deviation of the off-normal angle of the force, if the effect lets it differ from touch to touch,
+        rad.
+        """
+        return 0.0
 
-    @property
-    def on_object(self) -> bool:
-        """Whether `place` belongs to the object rather than to the robot: then it is no part of H̄ and Ḡ."""
-
-    @property
-    def force_dependence(self) -> ForceDependence:
-        """What of the force the shift depends on."""
-
-    @property
-    def is_smooth(self) -> bool:
-        """Whether the shift has a derivative everywhere."""
-
-    @property
-    def grid_parameter(self) -> str:
-        """Name of the parameter that is searched on a grid; empty if there is none."""
-
-    @property
-    def is_stepwise(self) -> bool:
-        """Whether the effect changes in steps along `grid_parameter`, which a fit then holds."""
-
-    @property
-    def scaled_by(self) -> tuple[str, ...]:
-        """Names of the parameters of L̄, such as ``p1``, that the shift is proportional to."""
-
+    @abstractmethod
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        """δ and d at n touches for values (k,) of the effect's parameters."""
+        """δ and d at n touches for values (k,) of the parameters."""
 
+    @abstractmethod
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
-        """The derivatives of δ and d, one per parameter."""
+        """The derivatives of `shift`, one per parameter."""
 
     def amplitudes(self, values: Floats) -> Floats:
-        """The values (k,), with zeros for those that describe the form of the effect rather than its size."""
+        """The values (k,), zero where they are the form of the effect, such as a phase, rather than its size: what its
+        derivatives, times these, add up to is the effect to first order.
+        """
+        return values
 
-    def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None) -> Floats | None:
-        """The error e for true forces (n, 2) in the sensor's frame, N; None for effects that do not change it.
+    def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats | None:
+        """The error e for true forces (n, 2) in the sensor's frame, N; None unless the effect is one of the sensor.
 
         `metadata` is that of the touches; None where nothing is known of them.
         """
+        return None
 
     def sensor_error_derivative(
-        self, force: Floats, values: Floats, metadata: TouchMetadata | None
+        self, force: Floats, values: Floats, metadata: TouchMetadata | None = None
     ) -> tuple[Floats, ...]:
-        """The derivatives of e, one per parameter; empty for effects that do not change it."""
+        """The derivatives of `sensor_error`, one per parameter; empty for effects that do not change it."""
+        return ()

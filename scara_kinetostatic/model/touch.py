@@ -1,4 +1,9 @@
-"""Touches: what is measured while the tip is held at an object, many of them as arrays."""
+"""Touches: what is measured while the tip is held at an object, many of them as arrays; and the load before each.
+
+The state that friction leaves depends on the turning points of the torque alone, and on those only that later ones have
+not wiped out (Madelung's rule): the nested extremes, each swing smaller than the one before. So a hold needs its last
+few turning points, not a whole stream.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.parameters import Parameters
 
 LATER = 2**31
 """`TouchSet.order` of a touch that is still to come."""
@@ -141,6 +148,57 @@ def stacked_histories(histories: Sequence[ArrayLike], joints: Floats) -> Floats:
 def _unloaded(joints: Floats, length: int) -> Floats:
     """Histories of joints (n, 2), rad, that were never loaded, (n, length, 4)."""
     return np.repeat(np.concatenate([joints, np.zeros_like(joints)], axis=1)[:, None], length, axis=1)
+
+
+def torque_phasors(
+    parameters: Parameters, points: Floats, frame: SensorFrame = SensorFrame.BASE
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Torques of both joints as imaginary parts of complex numbers, (...,) each, Nm.
+
+    A force turned by an angle and stretched by a factor has the torques of the phasors times that complex number.
+    C = JᵀF with J at the measured angles Q, in place of Q*: an approximation of relative order p C.
+
+    Args:
+        parameters: L̄.
+        points: q1, q2, rad, fx, fy, N, as in `TouchSet.history`, (..., 4).
+        frame: that of the forces.
+    """
+    force: NDArray[np.complex128] = points[..., 2] + 1j * points[..., 3]
+    elbow = points[..., 1] + parameters.theta2
+    if frame is SensorFrame.BASE:  # seen from the frame of link 2
+        force = force * np.exp(-1j * (points[..., 0] + parameters.theta1 + elbow))
+    second = parameters.l2 * force
+    return second + parameters.l1 * force * np.exp(1j * elbow), second
+
+
+def torques_of(parameters: Parameters, points: Floats, frame: SensorFrame = SensorFrame.BASE) -> Floats:
+    """C of points as `torque_phasors` takes them, (..., 2), Nm."""
+    return np.stack(torque_phasors(parameters, points, frame), axis=-1).imag
+
+
+def remembered(torques: Sequence[tuple[float, float]]) -> list[int]:
+    """The points of a load that a memory can still hold after it: nested extremes of either joint, and the last point.
+
+    Args:
+        torques: of the load since its begin in the relaxed state, in the order of time, Nm.
+
+    Returns:
+        Their places, ascending.
+    """
+    return sorted({place for torque in zip(*torques, strict=True) for place in _nested_extremes(torque)})
+
+
+def _nested_extremes(torque: Sequence[float]) -> list[int]:
+    """The largest in size, the opposite extreme after it, and so on to the end; the last of equal ones."""
+    last, back = len(torque) - 1, torque[::-1]
+    high, low = last - back.index(max(torque)), last - back.index(min(torque))
+    found = [max((abs(torque[high]), high), (abs(torque[low]), low))[1]]
+    falling = torque[found[0]] > 0
+    while found[-1] < last:
+        rest = torque[found[-1] + 1 :]
+        found.append(last - back.index(min(rest) if falling else max(rest)))
+        falling = not falling
+    return found
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def _model(d: Diagnosis) -> tuple[Level, str, list[str]]:
     if d.p_value >= SIGNIFICANCE:  # noise that was estimated covers the error
         lack = f'The base model explains the touches with more noise than any robot has (with that noise {p})'
     if d.verdict == 'explained':
-        headline = f'Model error found and corrected: {"; ".join(item.effect.finding for item in d.found)}'
+        headline = f'Model error found and corrected: {"; ".join(item.effect.title for item in d.found)}'
         return 'caution', headline, [f'{lack}; extended by what was found it does: {_names(d.found)}.']
     if d.verdict == 'ambiguous':
         which = '; '.join(group_names(d, group) for group in d.rivals)

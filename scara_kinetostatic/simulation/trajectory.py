@@ -40,9 +40,8 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.model.load_history import remembered, torques_of
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.touch import padded_history, stacked_histories
+from scara_kinetostatic.model.touch import padded_history, remembered, stacked_histories, torques_of
 from scara_kinetostatic.simulation.plan import CLEARANCE, Plan, check_numbers
 from scara_kinetostatic.touches.load_history import last_movement
 

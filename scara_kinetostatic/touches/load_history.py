@@ -1,6 +1,6 @@
 """How a hold was reached: the movement of the joints before it, and the load that joints remember.
 
-What a joint with memory remembers, `model.load_history` says: the nested extremes of its torque. They are few: in a
+What a joint with memory remembers, `model.touch` says: the nested extremes of its torque. They are few: in a
 long recording as many as there are ever smaller loads of alternate sense, counted back from the hold.
 
 The path is that of the whole recording up to the hold: every contact counts, with its preload, partial unloading and
@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.kinematics import jacobian
-from scara_kinetostatic.model.load_history import remembered, torques_of
+from scara_kinetostatic.model.touch import remembered, torques_of
 from scara_kinetostatic.touches.contacts import Tare
 from scara_kinetostatic.touches.holds import Hold, TouchCandidate
 from scara_kinetostatic.touches.signals import SMOOTHING, Signals, Topic, median_of_three, moving_mean

@@ -12,8 +12,9 @@ from diagnosis.simulated import CELL, calibrate, deviations, effect, examined, s
 from scara_kinetostatic.diagnosis.alternatives import fit_alternative_frequencies
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.refit import Effort
-from scara_kinetostatic.effects.base import JointEffect, Parameter
+from scara_kinetostatic.effects.base import JointEffect
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
+from scara_kinetostatic.model.effect_law import Parameter
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
 WAVE = 'transmission_error[joint2]'

@@ -12,9 +12,9 @@ from scara_kinetostatic.diagnosis.alternatives import fit_alternative_laws, wide
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.diagnosis.refit import Effort
-from scara_kinetostatic.effects.contact_compliance import ContactCompliance
-from scara_kinetostatic.effects.joint_hardening import JointHardening
-from scara_kinetostatic.effects.link_bending import LinkBending
+from scara_kinetostatic.effects.joints import JointHardening
+from scara_kinetostatic.effects.objects import ContactCompliance
+from scara_kinetostatic.effects.robot import LinkBending
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G_EE, P1, P_EE, PAPER_ACTUAL, THETA2

@@ -13,9 +13,9 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Found
-from scara_kinetostatic.effects.base import DiscEffect, JointEffect, Parameter
+from scara_kinetostatic.effects.base import DiscEffect, JointEffect
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.effect_law import Parameter, TouchState
 
 SIZES = {
     'contact_friction': (0.04,),

@@ -11,8 +11,8 @@ from calibration.studies import CELL, EXACT
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.effects.joint_hysteresis import JointHysteresis
 from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.effects.joints import JointHysteresis
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL

@@ -7,19 +7,12 @@ import pytest
 from calibration.studies import CELL
 from effects.scenes import Scene, random_scene
 
-from scara_kinetostatic.effects.anisotropic_gripper import AnisotropicGripper
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.base_compliance import BaseCompliance
-from scara_kinetostatic.effects.base_tilt import BaseTilt
-from scara_kinetostatic.effects.contact_compliance import ContactCompliance
 from scara_kinetostatic.effects.contact_friction import ContactFriction
-from scara_kinetostatic.effects.encoder_gain import EncoderGain
-from scara_kinetostatic.effects.joint_hardening import JointHardening
-from scara_kinetostatic.effects.joint_hysteresis import JointHysteresis
-from scara_kinetostatic.effects.link_bending import LinkBending
-from scara_kinetostatic.effects.objects import ObjectPosition, ObjectRadius
+from scara_kinetostatic.effects.joints import EncoderGain, JointHardening, JointHysteresis, ZeroDrift
+from scara_kinetostatic.effects.objects import ContactCompliance, ObjectPosition, ObjectRadius
+from scara_kinetostatic.effects.robot import AnisotropicGripper, BaseCompliance, BaseTilt, LinkBending, LinkGrowth
 from scara_kinetostatic.effects.sensor import SensorBias, SensorRotation
-from scara_kinetostatic.effects.thermal_drift import LinkGrowth, ZeroDrift
 from scara_kinetostatic.effects.variables import STICKING, slide
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata

@@ -63,7 +63,7 @@ def wrong(result: str) -> str:
 @pytest.fixture(autouse=True)
 def _forgets_plugins():
     yield
-    for cached in (registry._plugins, registry._warn):
+    for cached in (registry._entry_points, registry._warn):
         cached.cache_clear()
 
 
@@ -78,7 +78,7 @@ def site(tmp_path, monkeypatch):
         info.mkdir()
         (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n', encoding='utf-8')
         (info / 'entry_points.txt').write_text(f'[{GROUP}]\nripple = {module}:{value}\n', encoding='utf-8')
-        for cached in (registry._plugins, registry._warn):
+        for cached in (registry._entry_points, registry._warn):
             cached.cache_clear()
         monkeypatch.delitem(sys.modules, module, raising=False)
         return tmp_path
@@ -93,7 +93,7 @@ def test_an_installed_package_offers_its_effects(site, caplog):
     site('ripple', 'ripple_one', EFFECT.format(name='stiffness_ripple'), 'StiffnessRipple')
     labels = [effect.label for effect in catalogue(CELL)]
     assert labels[before:] == ['stiffness_ripple[joint1]', 'stiffness_ripple[joint2]']
-    assert find(CELL, 'stiffness_ripple[joint2]').finding == 'the compliance of joint 2 varies with its angle'
+    assert find(CELL, 'stiffness_ripple[joint2]').title == 'the compliance of joint 2 varies with its angle'
     assert not caplog.records
 
 
@@ -120,7 +120,7 @@ def test_a_function_may_offer_them(site):
         (wrong('(np.zeros((len(at.joints), 2)),)'), 'some', 'cannot be used: ValueError: '),
         (wrong('(at.joints[:, 0], at.joints[:, 1])'), 'some', 'cannot be used: ValueError: '),
         (wrong('1 / 0'), 'some', 'ZeroDivisionError'),
-        (EFFECT.format(name='encoder_gain'), 'some', "uses the label 'encoder_gain[joint1]', which is taken"),
+        (EFFECT.format(name='encoder_gain'), 'some', "the label 'encoder_gain[joint1]' is taken"),
     ],
 )
 def test_a_broken_one_is_one_line_that_names_its_package_and_the_rest_works(site, caplog, code, value, problem):

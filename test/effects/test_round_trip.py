@@ -10,7 +10,7 @@ from model.helpers import ROBOTS
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.effects.link_bending import LinkBending
+from scara_kinetostatic.effects.robot import LinkBending
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.sensor_error import true_force

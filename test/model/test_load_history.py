@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from model.helpers import ROBOTS, random_poses
 
+from scara_kinetostatic.effects.joint_slip import play_operator
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.kinetostatics import joint_torques
-from scara_kinetostatic.model.load_history import play_operator, play_value, remembered, torques_of
+from scara_kinetostatic.model.touch import remembered, torques_of
 
 
 def driven(load: np.ndarray, half_width: float) -> float:
@@ -27,28 +28,28 @@ def test_a_play_is_a_block_that_is_pushed_along(half_width):
     for seed in range(5):
         load = np.random.default_rng(seed).normal(0.0, 4.0, 12)
         state = play_operator(load[None, :-1], load[-1:], half_width)
-        assert state.value[0] == pytest.approx(driven(load, half_width), abs=1e-12)
+        assert state[0][0] == pytest.approx(driven(load, half_width), abs=1e-12)
 
 
 def test_loaded_from_zero_it_lags_by_its_half_width_and_keeps_as_much_unloaded():
     loads = np.array([-9.0, -1.0, 0.5, 7.0])
     nothing = np.empty((4, 0))
-    np.testing.assert_allclose(play_operator(nothing, loads, 2.0).value, [-7.0, 0.0, 0.0, 5.0])
-    np.testing.assert_allclose(play_operator(loads[:, None], np.zeros(4), 2.0).value, [-2.0, 0.0, 0.0, 2.0])
+    np.testing.assert_allclose(play_operator(nothing, loads, 2.0)[0], [-7.0, 0.0, 0.0, 5.0])
+    np.testing.assert_allclose(play_operator(loads[:, None], np.zeros(4), 2.0)[0], [-2.0, 0.0, 0.0, 2.0])
     half = play_operator(loads[:, None], loads - np.sign(loads), 2.0)  # unloaded by less than 2 r
-    np.testing.assert_allclose(half.value, [-7.0, 0.0, 0.0, 5.0])
-    np.testing.assert_allclose(half.by_half_width, [1.0, 0.0, 0.0, -1.0])
+    np.testing.assert_allclose(half[0], [-7.0, 0.0, 0.0, 5.0])
+    np.testing.assert_allclose(half[1], [1.0, 0.0, 0.0, -1.0])
 
 
 def test_the_derivative_and_many_widths_at_once():
     random = np.random.default_rng(3)
     history, load, widths = random.normal(0, 5, (50, 6)), random.normal(0, 5, 50), np.array([[0.7], [1.9], [6.1]])
     state = play_operator(history, load, widths)
-    assert state.value.shape == (3, 50)
-    up, down = (play_operator(history, load, widths + sign * 1e-6).value for sign in (1, -1))
-    np.testing.assert_allclose(state.by_half_width, (up - down) / 2e-6, atol=1e-8)
-    for row, width in zip(state.value, widths[:, 0], strict=True):
-        np.testing.assert_array_equal(row, play_value(history, load, float(width)))
+    assert state[0].shape == (3, 50)
+    up, down = (play_operator(history, load, widths + sign * 1e-6)[0] for sign in (1, -1))
+    np.testing.assert_allclose(state[1], (up - down) / 2e-6, atol=1e-8)
+    for row, width in zip(state[0], widths[:, 0], strict=True):
+        np.testing.assert_array_equal(row, play_operator(history, load, float(width))[0])
 
 
 def test_what_is_remembered_is_enough_for_every_play_of_both_joints():
@@ -61,7 +62,7 @@ def test_what_is_remembered_is_enough_for_every_play_of_both_joints():
         for joint in (0, 1):
             for width in (0.05, 0.5, 1.5, 4.0):
                 all_of_it, enough = (
-                    play_operator(part[None, :, joint], last[joint : joint + 1], width).value for part in (load, few)
+                    play_operator(part[None, :, joint], last[joint : joint + 1], width)[0] for part in (load, few)
                 )
                 np.testing.assert_allclose(enough, all_of_it, rtol=0, atol=1e-12)
 

@@ -154,7 +154,7 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
         assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
     assert f'{1e3 * item.values[0].value:.4f} ± {1e3 * item.values[0].std:.4f} mm' in text
     assert page.count('<svg') == 5 + 2 + 4
-    assert re.search(r'<tr class="good"><td>[^<]* of another radius', page)
+    assert re.search(r'<tr class="good"><td>[^<]* has another radius', page)
     assert '>rejected<' in page
     (l2,) = (bias for bias in compared.biases if bias.name == 'l2')
     assert f'{l2.in_std:+.1f}'.replace('-', '−') in text
@@ -166,7 +166,7 @@ def test_rivals_stand_side_by_side(extended_pages: dict[str, str]) -> None:
     assert 'these data cannot distinguish its possible causes' in text
     assert 'the twelve parameters are valid whichever is present' in text
     assert text.count('one of several possible causes') == 2
-    assert 'These touches cannot distinguish: force sensor turned, friction at the contact' in text
+    assert 'These touches cannot distinguish: the force sensor is rotated' in text
     assert page.count('>rival<') == 2
     assert page.count('>found<') == 0
 

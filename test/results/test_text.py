@@ -71,8 +71,8 @@ def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: O
     text = text_report(grown)
     (item,) = grown.diagnosis.found
     compared = grown.comparison
-    assert f'added to the base model\n  {item.effect.title}  {item.effect.label}\n    radius  ' in text
     joined = ' '.join(text.split())
+    assert f'added to the base model {item.effect.title} {item.effect.label} radius ' in joined
     alone, extended = compared.base, compared.extended
     assert f'{alone.force_error:.3g} N with the base model, {extended.force_error:.3g} N with the extended' in joined
     assert f'{alone.held_out:.3g} N and {extended.held_out:.3g} N' in joined
@@ -107,8 +107,12 @@ def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
     [
         (Diagnosis('none', 0.5), 'good', 'No model error detected'),
         (Diagnosis('unexplained', 1e-60, advice='the residual depends on q1'), 'bad', '(p < 1e-12)'),
-        (Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)), 'caution', 'd2 of another'),
-        (Diagnosis('ambiguous', 1e-4, rivals=(('contact_friction', 'sensor_rotation'),)), 'caution', 'or sensor'),
+        (Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)), 'caution', 'd2 has another'),
+        (
+            Diagnosis('ambiguous', 1e-4, rivals=(('contact_friction', 'sensor_rotation'),)),
+            'caution',
+            'or the force sensor',
+        ),
     ],
 )
 def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level: str, expected: str) -> None:

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import DiscEffect, Parameter
+from scara_kinetostatic.effects.base import DiscEffect
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.effect_law import Parameter, TouchState
 
 
 @dataclass(frozen=True)

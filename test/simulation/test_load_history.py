@@ -7,10 +7,10 @@ from calibration.studies import CELL, EXACT
 
 from scara_kinetostatic.calibration.fit_point import force_residual
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.effects.joint_slip import JointSlip, play_operator
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.load_history import play_operator, torques_of
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.touch import torques_of
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.trajectory import Trajectory
@@ -31,8 +31,8 @@ def test_the_memory_goes_from_touch_to_touch():
     for k, (peak, hold, preload) in enumerate(zip(peaks, holds, PLAN.preload > 0, strict=True)):
         path = np.concatenate([path, peak[None]]) if preload else path
         for joint, width in ((0, 1.5), (1, 2.0), (0, 0.3)):
-            expected = play_operator(path[None, :, joint], hold[joint : joint + 1], width).value
-            enough = play_operator(found[k : k + 1, :, joint], hold[joint : joint + 1], width).value
+            expected = play_operator(path[None, :, joint], hold[joint : joint + 1], width)[0]
+            enough = play_operator(found[k : k + 1, :, joint], hold[joint : joint + 1], width)[0]
             np.testing.assert_allclose(enough, expected, rtol=0, atol=0.02)  # another extreme of nearly the same size
         path = np.concatenate([path, hold[None], np.zeros((1, 2))])
 
@@ -76,7 +76,7 @@ def test_whole_streams_have_the_same_holds_and_histories():
     for joint, width in ((0, 1.5), (1, 2.0)):
         loads = torques_of(PAPER_ACTUAL, np.concatenate([exact.joints, exact.force], axis=1))[:, joint]
         states = [
-            play_operator(torques_of(PAPER_ACTUAL, part.history)[:, :, joint], loads, width).value
+            play_operator(torques_of(PAPER_ACTUAL, part.history)[:, :, joint], loads, width)[0]
             for part in (found, exact)
         ]
         np.testing.assert_allclose(states[0], states[1], rtol=0, atol=0.1)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from studies.load_records import RATE, columns, slipping, torque
 
+from scara_kinetostatic.effects.joint_slip import play_operator
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
-from scara_kinetostatic.model.load_history import play_value
 from scara_kinetostatic.studies.hysteresis.load_driven import page, text
 from scara_kinetostatic.studies.hysteresis.load_driven.analysis import (
     LoadAnalysis,
@@ -58,7 +58,7 @@ def test_the_play_operator_is_that_of_the_calibration() -> None:
     """One law in both places: along a record, and over the load before each touch."""
     path = wandering(3)
     for half_width in (0.1, 0.7, 3.0):
-        at_end = play_value(path.smooth[None, :-1], path.smooth[-1:], half_width)
+        at_end, _ = play_operator(path.smooth[None, :-1], path.smooth[-1:], half_width)
         np.testing.assert_allclose(path.play_operator(half_width, 0.0)[-1], at_end, rtol=0, atol=1e-12)
 
 

@@ -12,9 +12,8 @@ from scara_kinetostatic.effects.joint_slip import JointSlip
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import jacobian
-from scara_kinetostatic.model.load_history import torques_of
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch import TouchSet, torques_of
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, in_sensor_frame, simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.trajectory import Trajectory

@@ -1,0 +1,214 @@
+"""Arm, base and gripper: links that bend or grow, a base that yields or is tilted, an anisotropic gripper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scara_kinetostatic.effects.base import Effect, LinearEffect, at_joint
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
+from scara_kinetostatic.model.kinematics import quarter_turn
+
+
+@dataclass(frozen=True)
+class AnisotropicGripper(LinearEffect):
+    """The compliance of the gripper couples along and across link 2: d = -coupling (F·v w + F·w v), w = R90 v.
+
+    v is the direction of link 2, the coupling is p12 = p21 of P in its frame. That P differs along and across,
+    p11 - p22, cannot be identified: it is another p_ee and p2. So is all of P where the arm has
+    one link angle only. The lever arms' change, of second order, is left out.
+    """
+
+    name = 'anisotropic_gripper'
+    parameters = (Parameter('coupling', 'm/N', 1e-5, 'p12: yield across link 2 per force along it', typical=1e-6),)
+    statement = 'the gripper also yields across the force'
+    confounded_with = (
+        'p_ee, p1 and p2, if the forces come from few directions relative to link 2; '
+        'the difference p11 - p22 is always part of p_ee and p2'
+    )
+    identified_by = 'forces from all directions relative to link 2, in both elbow postures'
+    plot_variable = 'direction_from_link2'
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        along = at.link2
+        across = quarter_turn(along)
+        f_along, f_across = ((at.force * axis).sum(axis=1)[:, None] for axis in (along, across))
+        return (Shift(place=-(f_along * across + f_across * along)),)
+
+
+@dataclass(frozen=True)
+class AnisotropicBacklash(LinearEffect):
+    """The gripper has more backlash in one direction than in another: d = -(a cos 2χ + b sin 2χ) n.
+
+    χ is the angle of the force from link 2. That the tip slides aside in a gap that is not round only turns the
+    force by some milliradians; it is left out.
+    """
+
+    name = 'anisotropic_backlash'
+    parameters = (
+        Parameter('a', 'm', 1e-3, 'backlash along link 2 beyond the mean; as much less across it', typical=4e-5),
+        Parameter('b', 'm', 1e-3, 'backlash at 45° to link 2 beyond the mean', typical=-3e-5),
+    )
+    statement = 'the backlash of the gripper depends on the direction of the force'
+    confounded_with = (
+        'an anisotropic compliance of the gripper, and g_ee and g2, if there is one force level or few directions'
+    )
+    identified_by = 'forces from all directions relative to link 2, at several levels, small ones too'
+    plot_variable = 'direction_from_link2'
+    force_dependence = ForceDependence.DIRECTION
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        along = (at.normal * at.link2).sum(axis=1)
+        across = at.normal[:, 1] * at.link2[:, 0] - at.normal[:, 0] * at.link2[:, 1]
+        waves = along**2 - across**2, 2 * along * across
+        return tuple(Shift(place=-wave[:, None] * at.normal) for wave in waves)
+
+
+@dataclass(frozen=True)
+class LinkBending(LinearEffect):
+    """A link is an elastic beam of bending stiffness EI, clamped at its joint; compliance k = l / EI.
+
+    Its end is loaded across by P and by a moment M, which give it the deflection y and the slope φ:
+
+        y / l = k (P l / 3 + M / 2),   φ = k (P l / 2 + M).
+
+    *Link 1* ends in joint 2: M = c2, and P l1 = c1 - c2 since c1 is the moment at joint 1. Its chord turns by y / l1,
+    and link 2 against the chord by φ - y / l1:
+
+        δ1 = k (c1 / 3 + c2 / 6),   δ2 = k (c1 / 6 + c2 / 3).
+
+    The parts c1 / 3 and c2 / 3 are another p1 and p2; only the coupling of the joints, c / 6, is independent of them.
+
+    Where the link is no even beam, only the parts for c1 in δ1 and c2 in δ2 differ. A hinge at the part s of its
+    length, an elastic flange or a soft section, gives
+
+        δ1 = k' ((1 - s)² c1 + s (1 - s) c2),   δ2 = k' (s (1 - s) c1 + s² c2).
+
+    *Link 2* ends in the tip: M = 0, P l2 = c2, and δ2 = k c2 / 3. That is another p2, exactly: it cannot be identified.
+
+    Attributes:
+        link: 0 or 1.
+        hinge: part of the length of link 1 at which it bends; None for an even beam.
+    """
+
+    link: int = 0
+    hinge: float | None = None
+
+    name = 'link_bending'
+    parameters = (Parameter('compliance', 'rad/Nm', 1e-3, 'length over bending stiffness', typical=1e-5, sign=1),)
+    statement = '{target} bends'
+    confounded_with = (
+        'p1 and p2, if the torques of the joints are nearly in proportion; bending of link 2 is always part of p2'
+    )
+    identified_by = 'touches in which the torques of the two joints differ much, also in sign'
+    plot_variable = 'link1_torque'
+
+    @classmethod
+    def of(cls, link: int) -> LinkBending:
+        """That of link 0 or 1."""
+        return cls(target=f'link{link + 1}', link=link)
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        return [cls.of(link) for link in (0, 1)]
+
+    def alternative_laws(self) -> tuple[LinkBending, ...]:
+        hinges = () if self.link else (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8)
+        return tuple(replace(self, hinge=hinge) for hinge in hinges)
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        c1, c2 = at.torques.T
+        if self.link == 1:
+            return (Shift(joints=at_joint(c2 / 3, 1)),)
+        first = second = 1 / 3
+        if self.hinge is not None:  # with the coupling of the even beam, 1/6
+            first, second = (1 - self.hinge) / self.hinge / 6, self.hinge / (1 - self.hinge) / 6
+        return (Shift(joints=np.array([first * c1 + c2 / 6, c1 / 6 + second * c2]).T),)
+
+
+@dataclass(frozen=True)
+class BaseCompliance(LinearEffect):
+    """The robot stands on springs: pushed by -F, its base moves by d = -[[excess, coupling], [coupling, -excess]] F.
+
+    That is the part of a compliance matrix, in the base frame, that the base model lacks: what is the same in
+    all directions is another p_ee, what turns the base about joint 1 another p1.
+    """
+
+    name = 'base_compliance'
+    parameters = (
+        Parameter('excess', 'm/N', 1e-5, 'yield along x beyond the mean; as much less along y', typical=1e-6),
+        Parameter('coupling', 'm/N', 1e-5, 'yield along y per force along x', typical=-2e-6),
+    )
+    statement = 'the base yields under the force'
+    confounded_with = (
+        'the compliances of gripper and joints, if the arm hardly turns; '
+        'its mean over all directions is always part of p_ee'
+    )
+    identified_by = 'forces in all directions of the base frame, with the arm turned many ways'
+    plot_variable = 'direction'
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        x, y = at.force.T
+        return Shift(place=np.array([-x, y]).T), Shift(place=np.array([-y, -x]).T)
+
+
+@dataclass(frozen=True)
+class BaseTilt(LinearEffect):
+    """The part of gravity that lies in the plane of the arm loads the joints.
+
+    With γ the acceleration in the plane (9.81 m/s² times the tilt), s1 the static moment along link 1 of the arm beyond
+    joint 1 and s2 that along link 2 of the arm beyond joint 2 (kg m), M1 = s1 γ and M2 = s2 γ (Nm), u and v the
+    directions of the links and a × b = a_x b_y - a_y b_x, gravity turns the joints by
+
+        t1 = u × M1 + v × M2,   t2 = v × M2.
+
+    The actuators hold only what it leaves, C - t, so q - q* = p (c - t) + …: δ_i = -p_i t_i. That the
+    flank of the backlash might change as well is left out. M1 and M2 are
+    taken as independent of each other, though both point downhill.
+    """
+
+    name = 'base_tilt'
+    parameters = (
+        Parameter('m1_x', 'Nm', 10.0, 'static moment along link 1 times gravity along x', typical=2.0),
+        Parameter('m1_y', 'Nm', 10.0, 'static moment along link 1 times gravity along y', typical=-1.0),
+        Parameter('m2_x', 'Nm', 10.0, 'static moment along link 2 times gravity along x', typical=0.8),
+        Parameter('m2_y', 'Nm', 10.0, 'static moment along link 2 times gravity along y', typical=-0.4),
+    )
+    statement = 'the base is tilted, so that gravity loads the joints'
+    confounded_with = (
+        'a transmission error of joint 1 of one cycle per turn, which m1 alone exactly is; the base position and the '
+        'offsets, if there is one elbow posture'
+    )
+    identified_by = 'touches all over the workspace in both elbow postures; a level shows the tilt itself'
+    plot_variable = 'angle'
+    force_dependence = ForceDependence.NONE
+    scaled_by = ('p1', 'p2')
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        p1, p2 = -at.parameters.p1, -at.parameters.p2
+        torques = [torque for x, y in (at.link1.T, at.link2.T) for torque in (-y, x)]  # link × M per unit of M_x, M_y
+        slopes = np.array([[p1, 0.0], [p1, 0.0], [p1, p2], [p1, p2]])
+        return tuple(Shift(joints=torque[:, None] * slope) for torque, slope in zip(torques, slopes, strict=True))
+
+
+@dataclass(frozen=True)
+class LinkGrowth(LinearEffect):
+    """Both links grow with time t since the start of the recording: d = rate t (l1 u + l2 v).
+
+    u and v are the directions of the links; l1 and l2 are the lengths at the start.
+    """
+
+    name = 'thermal_drift'
+    parameters = (Parameter('rate', '1/s', 1e-5, 'growth of the links, per length', typical=1e-6),)
+    statement = 'the links grow with time'
+    confounded_with = 'places, postures or forces that change in the same order as time goes on'
+    identified_by = 'the same touches again later, after a warm-up and after a rest'
+    plot_variable = 'time'
+    force_dependence = ForceDependence.NONE
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
+        return (Shift(place=at.metadata.time[:, None] * reach),)
