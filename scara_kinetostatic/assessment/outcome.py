@@ -103,7 +103,7 @@ class Outcome(Evidence):
     @cached_property
     def effect_residuals(self) -> tuple[EffectResidual, ...]:
         """The residual of each effect of the extended model, in the order of `diagnosis.found`."""
-        return effect_residuals(self.calibration, self.final, self.diagnosis.found)
+        return effect_residuals(self.final, self.diagnosis.found)
 
     @cached_property
     def assessment(self) -> Assessment:

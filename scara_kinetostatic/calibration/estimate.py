@@ -21,7 +21,7 @@ from scara_kinetostatic.calibration.fit_point import COARSE, FINAL, ROBUST, Poin
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.least_squares import typical_scale
-from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, is_estimated
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, estimated_levels
 from scara_kinetostatic.calibration.observations import Observations, in_blocks, pick
 from scara_kinetostatic.calibration.solver import ActivePrior, Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
@@ -174,9 +174,9 @@ def _next_round(
     number: int,
 ) -> _Round:
     """What the fit of a round says of noise, outliers and directions; the subspace is the same object if it stays."""
-    noise = (
-        _update_noise(observations, fit.point, now, cell.noise) if is_estimated(now.noise, cell.noise) else now.noise
-    )
+    noise = now.noise
+    if estimated_levels(noise, cell.noise):
+        noise = _update_noise(observations, fit.point, now, cell.noise)
     # while the noise converges a direction may be freed, an outlier taken back; later the two could alternate for ever
     good, late = find_good(distance), number >= 4
     if late:

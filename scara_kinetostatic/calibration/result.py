@@ -33,7 +33,7 @@ from scara_kinetostatic.calibration.identifiability import (
     group_names,
     scales_of,
 )
-from scara_kinetostatic.calibration.noise_estimation import is_estimated
+from scara_kinetostatic.calibration.noise_estimation import estimated_levels
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
@@ -335,7 +335,7 @@ def build_result(
         used=used,
         rejected=_rejections(touches, found, observations, left_out),
         noise=found.noise,
-        noise_source='estimated' if is_estimated(found.noise, cell.noise) else 'given',
+        noise_source='estimated' if estimated_levels(found.noise, cell.noise) else 'given',
         force=base_force(observations, model),
         standardized=np.sqrt(found.distance),
         prior_cost=fit.prior_cost,

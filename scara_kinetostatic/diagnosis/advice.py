@@ -13,7 +13,6 @@ from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.linear_problem import DISTINCT, STRICT_SIGNIFICANCE, fitted_effects
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, DiscriminatingTouch, Found, Ranked
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -67,12 +66,11 @@ def unexplained(c: Calibration, dependences: Sequence[Dependence]) -> str:
     )
 
 
-def cut_short() -> str:
-    """Message where fits were left out, as too many were tried in vain."""
-    return (
-        'too many sets of effects were fitted in vain, so the search was ended early: several large effects act at '
-        'once, and the names are suspicions; mend what is known to be wrong (discs, sensor, noise), and record again'
-    )
+CUT_SHORT = (
+    'too many sets of effects were fitted in vain, so the search was ended early: several large effects act at '
+    'once, and the names are suspicions; mend what is known to be wrong (discs, sensor, noise), and record again'
+)
+"""Where fits were left out, as too many were tried in vain."""
 
 
 def weak_evidence(p_value: float, dependences: Sequence[Dependence]) -> str:
@@ -96,19 +94,11 @@ def detection_limit(c: Calibration, ranking: Sequence[Ranked]) -> str:
         return ''
     worst = max(large, key=lambda item: item.undetected_bias)
     name, sigmas = worst.biased_parameter, worst.undetected_bias
-    others = _other_limits(len(large) - 1)
+    others = f'; {len(large) - 1} others could bias one by more than {_LARGE_BIAS:g} σ' if len(large) > 1 else ''
     return (
         f'detection limit: undetected, “{worst.effect.title}” could bias {name} by up to '
         f'{_with_prefix(sigmas * c.std_of(name), UNITS[name])} ({sigmas:.0f} σ){others}'
     )
-
-
-def _other_limits(number: int) -> str:
-    """How many further effects have a large bias at their detection limit."""
-    if not number:
-        return ''
-    who = f'{number} other undetected effects could each' if number > 1 else '1 other undetected effect could'
-    return f'; {who} bias a parameter by more than {_LARGE_BIAS:g} σ'
 
 
 def fixed_parameters(c: Calibration) -> str:
@@ -122,13 +112,8 @@ def fixed_parameters(c: Calibration) -> str:
 def moments(found: Sequence[Found], known: Sequence[Moment]) -> str:
     """Between which touches something shifted; of a rival, where that is if it is the one."""
     certain = {item.effect.label for item in found if item.is_found}
-    return joined(
-        *(
-            moment.text if moment.effect.label in certain else f'if it is {moment.effect.label}, {moment.text}'
-            for moment in known
-            if moment.text
-        )
-    )
+    named = [(moment.effect.label, moment.text) for moment in known]
+    return joined(*(text if label in certain else f'if it is {label}, {text}' for label, text in named))
 
 
 def alternative_frequencies(extended: Calibration, alternatives: Sequence[Calibration]) -> str:
@@ -241,21 +226,6 @@ def _remaining(verdict: str, found: Sequence[Found], remaining: Sequence[Depende
     return f'the model is not complete without a fitted curve{doubt}' if possible else ''
 
 
-def negative_backlash(c: Calibration) -> str:
-    """Message where a backlash of a joint is negative beyond its noise, which no gap can be.
-
-    Args:
-        c: the final fit.
-    """
-    below = [name for name in ('g1', 'g2') if c.parameters.as_dict()[name] < -5.0 * c.std_of(name)]
-    if not below or any(not effect.is_physical for effect, _, _ in fitted_effects(c)):
-        return ''
-    return (
-        f'the backlash {" and ".join(below)} is significantly negative, as in a joint that slips under load and keeps '
-        'a part of its deflection: preload every other touch to identify it'
-    )
-
-
 def unknown_history(touches: TouchSet, found: Diagnosis) -> str:
     """Message where slip with memory may be the cause and cannot be examined, as the load before each touch is unknown.
 
@@ -322,24 +292,14 @@ def large_noise(c: Calibration) -> str:
 
 
 def noise_found(c: Calibration) -> str:
-    """What the touches have shown of the noise that the cell description does not state, and how to state it."""
-    stated = c.cell.noise or Noise(0.0, 0.0)
-    parts = []
-    if stated.force_relative is None and c.noise.growth:
-        parts.append(f'grows with the force, by {100 * c.noise.growth:.2g} % of it')
-    for text, level, given, unit in (
-        ('of the joints differs', c.noise.joint, stated.joint, 'rad'),
-        ('of the force differs between x and y', c.noise.force, stated.force, 'N'),
-    ):
-        if isinstance(level, tuple) and not isinstance(given, tuple):
-            parts.append(f'{text}: {level[0]:.2g} and {level[1]:.2g} {unit}')
-    if not parts:
+    """The noise that the touches have shown to grow with the force, where the cell description does not state it."""
+    if not c.noise.growth or (c.cell.noise is not None and c.cell.noise.force_relative is not None):
         return ''
     entries = {key: _rounded(value) for key, value in c.noise.as_dict().items()}
     line = ', '.join(f'{key}: {value}' for key, value in entries.items())
     return (
-        f'the noise of the touches {"; it ".join(parts)} (estimated, and used for all standard deviations); '
-        f'if that is so, state it in the cell file: noise: {{{line}}}'
+        f'the noise of the touches grows with the force, by {100 * c.noise.growth:.2g} % of it (estimated, and used '
+        f'for all standard deviations); if that is so, state it in the cell file: noise: {{{line}}}'
     )
 
 
@@ -348,20 +308,6 @@ def _rounded(value: float | list[float]) -> str:
     if isinstance(value, list):
         return f'[{", ".join(map(_rounded, value))}]'
     return f'{value:.1e}' if value < 1e-3 else f'{value:.2g}'
-
-
-def growing_noise(p_value: float) -> str:
-    """Message where the scatter of the force depends on the force.
-
-    Args:
-        p_value: of "it does not".
-    """
-    if p_value >= STRICT_SIGNIFICANCE:
-        return ''
-    return (
-        f'the scatter of the force increases with the force (p = {p_value:.1g}), whereas all tests assume it constant: '
-        'a dependence on the size of the force may be due to that alone'
-    )
 
 
 def overstated_noise(c: Calibration) -> str:

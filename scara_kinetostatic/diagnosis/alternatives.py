@@ -44,33 +44,46 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 )
 from scara_kinetostatic.diagnosis.refit import Effort, fit_again, penalised_deviance, start_from, with_rejections_of
 from scara_kinetostatic.effects.base import Effect, Trial
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE
 
 
-def fit_alternative_laws(extended: Calibration, effort: Effort) -> list[Calibration]:
-    """The touches of an extended model fitted with alternative laws of its effects, where these fit equally well."""
+def cover_alternatives(
+    extended: Calibration, rivals: Sequence[Calibration], in_every_model: Container[str], effort: Effort
+) -> tuple[Calibration, list[Calibration]]:
+    """The extended model with standard deviations that cover all that is credible beside it, but for moments.
+
+    Args:
+        extended: the extended model.
+        rivals: the touches fitted with each credible set of effects.
+        in_every_model: labels of effects without rivals; the frequency of a rival, which explains a part, is vague.
+        effort: of the diagnosis.
+
+    Returns:
+        The model, and its alternatives with other frequencies or places on their grids.
+    """
+    frequencies = _fit_variants(extended, _other_frequencies(extended, in_every_model), effort)
+    frequencies += alternative_places(extended)
+    laws = _fit_variants(extended, _other_laws(extended), effort)
+    wide = _widened_to_each(widened_by(extended, rivals), [*laws, *frequencies])
+    return widened_by_constants(wide, [wide, *rivals]), frequencies
+
+
+def _other_laws(extended: Calibration) -> list[ExtendedModel]:
+    """The model with alternative laws of its effects, to start from."""
     model, variants = extended.model, []
     for place, (effect, _, _) in enumerate(fitted_effects(extended)):
         for other in effect.alternative_laws():
             effects, values = list(model.effects), list(model.effect_values)
             effects[place], values[place] = other, other.start
             variants.append(ExtendedModel(model.parameters, tuple(effects), tuple(values)))
-    return _fit_variants(extended, variants, effort)
+    return variants
 
 
-def fit_alternative_frequencies(
-    extended: Calibration, in_every_model: Container[str], effort: Effort
-) -> list[Calibration]:
-    """The touches of an extended model fitted with other frequencies of its effects, where these fit equally well.
-
-    Args:
-        extended: the extended model.
-        in_every_model: labels of effects without rivals; the frequency of a rival, which explains a part, is vague.
-        effort: of the diagnosis.
-    """
-    fitted = fitted_effects(extended)
+def _other_frequencies(extended: Calibration, in_every_model: Container[str]) -> list[ExtendedModel]:
+    """The model with other frequencies of its effects that explain nearly as much, to start from."""
+    fitted, variants = fitted_effects(extended), []
     waves = [
         k
         for k, (effect, _, _) in enumerate(fitted)
@@ -79,14 +92,13 @@ def fit_alternative_frequencies(
     if not waves:
         return []
     problem, found = _linear(extended)
-    variants = []
     for place in waves:
         k = fitted[place].effect.grid_parameter_index
         frequency, std = fitted[place].values[k], fitted[place].std[k]
         for peak in _peaks(problem, found, place, max(1.0, extended.reduced_chi_square)):
             if abs(peak.trial.place - frequency) > DISTINCT * std:
-                variants.append(start_from(problem, [*found[:place], peak, *found[place + 1 :]])[0])
-    return _fit_variants(extended, variants, effort)
+                variants.append(_start_with(problem, found, place, peak))
+    return variants
 
 
 def alternative_places(extended: Calibration) -> list[Calibration]:
@@ -102,7 +114,7 @@ def alternative_places(extended: Calibration) -> list[Calibration]:
         return []
     problem, found = _linear(extended)
     models = [
-        start_from(problem, [*found[:place], other, *found[place + 1 :]])[0]
+        _start_with(problem, found, place, other)
         for place in places
         for other in _credible_trials(problem, found, place, max(1.0, extended.reduced_chi_square))
     ]
@@ -184,7 +196,7 @@ def _has_physical_compliances(fit: Calibration) -> bool:
     return not np.any(values < -3.0 * std)
 
 
-def widened_to_each(extended: Calibration, others: Sequence[Calibration]) -> Calibration:
+def _widened_to_each(extended: Calibration, others: Sequence[Calibration]) -> Calibration:
     """The extended model with standard deviations within one of which every other fit lies.
 
     Args:
@@ -266,113 +278,55 @@ def widened_by_constants(extended: Calibration, fits: Sequence[Calibration]) -> 
     return _widened(extended, more) if largest else extended
 
 
-_COVERAGE = 0.95
-"""Of the interval that is stated."""
-
-
 class Moment(NamedTuple):
-    """The moment of one effect of a fit.
+    """The moment of one stepwise effect of a fit.
 
     Attributes:
         effect: the effect.
-        low: the last touch that is before it with a probability of `_COVERAGE`, place in the order of time.
-        high: the first touch that is after it, likewise.
-        recordings: the numbers of the recordings of these two.
-        is_renumbered: whether the place in time of one of the two is not its number.
+        text: between which touches it is, with a probability of 95 %.
         covariance: what the choice adds to that of all values of the model, (12 + k, 12 + k).
     """
 
     effect: Effect
-    low: float
-    high: float
-    recordings: tuple[int, int]
-    is_renumbered: bool
+    text: str
     covariance: Floats
 
-    @property
-    def text(self) -> str:
-        """What is said of it; empty where the effect says nothing."""
-        first, second = (number + 1 for number in self.recordings)
-        where = 'numbered in the order of time' if self.is_renumbered else ''
-        if first != second:
-            where += (', ' if where else '') + f'that is between the recordings {first} and {second}'
-        if not self.effect.is_stepwise:
-            return ''
-        return f'{self.effect.title} between the touches {self.low:.0f} and {self.high:.0f}{where and ", "}{where}'
+
+_Scanned = tuple[Scan, Floats, float]
+"""All moments of one effect, the decrease of χ² by each in units of s², and that by the moment of the fit."""
 
 
-class _Scanned(NamedTuple):
-    """All moments of one effect of a fit, the others held as they are.
+def find_moments(extended: Calibration, refit: bool = True) -> tuple[Calibration, tuple[Moment, ...]]:
+    """The moments of the stepwise effects of an extended model.
 
-    Attributes:
-        scan: the effect and the moments.
-        gains: decrease of χ² by each, in units of s².
-        fitted: that of the moment of the fit.
+    Args:
+        extended: the extended model.
+        refit: whether it is fitted again, up to three times, where the linear problem at its fit has a better moment.
+
+    Returns:
+        The model at its best moments, and these.
     """
-
-    scan: Scan
-    gains: Floats
-    fitted: float
-
-
-def at_best_moments(extended: Calibration) -> Calibration:
-    """The extended model fitted again at better moments, where the linear problem at its fit has any."""
-    for _ in range(3):
-        better = _at_better_moment(extended)
-        if better is None or penalised_deviance(better, 0.0, 1.0) >= penalised_deviance(extended, 0.0, 1.0):
-            break
-        extended = better
-    return extended
-
-
-def _at_better_moment(extended: Calibration) -> Calibration | None:
-    """The fit with the first moment changed for which another one is better; None if there is none."""
-    fitted = fitted_effects(extended)
-    if not any(effect.is_stepwise for effect, _, _ in fitted):
-        return None
-    problem, found = _linear(extended)
-    for place, (effect, _, _) in enumerate(fitted):
-        scanned = _scan(extended, problem, found, place) if effect.is_stepwise else None
+    left = 3 if refit else 0
+    if not any(effect.is_stepwise for effect, _, _ in fitted_effects(extended)):
+        return extended, ()
+    while True:
+        problem, found = _linear(extended)
+        scans = {
+            place: scanned
+            for place, (effect, _, _) in enumerate(fitted_effects(extended))
+            if effect.is_stepwise and (scanned := _scan_moments(extended, problem, found, place)) is not None
+        }
         # χ² has to decrease for a further fit
-        if scanned is None or scanned.gains.max() < scanned.fitted + 0.2:
-            continue
-        other = ScannedTrial(scanned.scan, int(np.argmax(scanned.gains))).candidate(problem)
-        start = start_from(problem, [*found[:place], other, *found[place + 1 :]])[0]
-        fit = fit_again(extended, calibrate, model=start, errors=None)
-        if fit is None:
-            return None
-        return with_rejections_of(fit, extended) if fit.termination is Termination.CONVERGED else None
-    return None
+        better = [place for place, (_, gained, fitted) in scans.items() if gained.max() >= fitted + 0.2]
+        again = _at_better_moment(extended, problem, found, better[0], scans[better[0]]) if better and left else None
+        if again is None or penalised_deviance(again, 0.0, 1.0) >= penalised_deviance(extended, 0.0, 1.0):
+            break
+        extended, left = again, left - 1
+    return extended, tuple(_moment(extended, problem, found, *item) for item in scans.items())
 
 
-def find_moments(extended: Calibration) -> tuple[Moment, ...]:
-    """The moments of the stepwise effects of an extended model."""
-    fitted = fitted_effects(extended)
-    if not any(effect.is_stepwise for effect, _, _ in fitted):
-        return ()
-    problem, found = _linear(extended)
-    moments = []
-    for place, (effect, _, _) in enumerate(fitted):
-        scanned = _scan(extended, problem, found, place) if effect.is_stepwise else None
-        if scanned is not None:
-            moments.append(_moment(extended, problem, found, place, scanned))
-    return tuple(moments)
-
-
-def widened_by_moments(extended: Calibration, moments: tuple[Moment, ...]) -> Calibration:
-    """An extended model with a covariance that covers the choice of its moments."""
-    if not moments:
-        return extended
-    return _widened(extended, np.sum([moment.covariance for moment in moments], axis=0), with_moments=True)
-
-
-def _linear(extended: Calibration) -> tuple[Problem, list[Candidate]]:
-    """The linear problem at a fit, and its effects as fitted."""
-    problem = pose_problem(extended)
-    return problem, [as_fitted(problem, effect, values, 1) for effect, values, _ in fitted_effects(extended)]
-
-
-def _scan(extended: Calibration, problem: Problem, found: list[Candidate], place: int) -> _Scanned | None:
+def _scan_moments(extended: Calibration, problem: Problem, found: list[Candidate], place: int) -> _Scanned | None:
+    """All moments of one effect of a fit, the others held as they are; None where none is identifiable."""
     effect, values, _ = fitted_effects(extended)[place]
     moment = float(values[effect.grid_parameter_index])
     trials = effect.trials(problem.touch_state, problem.force)
@@ -384,50 +338,76 @@ def _scan(extended: Calibration, problem: Problem, found: list[Candidate], place
         return None
     scale = max(1.0, extended.reduced_chi_square) if problem.noise_given else extended.reduced_chi_square
     scale = max(scale, 1e-300)
-    fitted = _explained_beside(problem, found[place], beside) / scale
-    return _Scanned(scan, gains(problem, scan, beside) / scale, fitted)
+    return scan, gains(problem, scan, beside) / scale, _explained_beside(problem, found[place], beside) / scale
+
+
+def _at_better_moment(
+    extended: Calibration, problem: Problem, found: list[Candidate], place: int, scanned: _Scanned
+) -> Calibration | None:
+    """The fit with the likeliest moment of one effect; None if it does not converge."""
+    scan, gained, _ = scanned
+    other = ScannedTrial(scan, int(np.argmax(gained))).candidate(problem)
+    fit = fit_again(extended, calibrate, model=_start_with(problem, found, place, other), errors=None)
+    if fit is None or fit.termination is not Termination.CONVERGED:
+        return None
+    return with_rejections_of(fit, extended)
 
 
 def _moment(extended: Calibration, problem: Problem, found: list[Candidate], place: int, scanned: _Scanned) -> Moment:
-    weight = np.exp((scanned.gains - scanned.gains.max()) / 2)
-    moments = np.array([trial.place for trial in scanned.scan.trials])
-    effect = scanned.scan.effect
-    order = np.sort(extended.touches.order[extended.used])
+    scan, gained, _ = scanned
+    effect, touches, weight = scan.effect, extended.touches, np.exp((gained - gained.max()) / 2)
+    moments = np.array([trial.place for trial in scan.trials])
+    order = np.sort(touches.order[extended.used])
     known = problem.touch_state.metadata.order
     acts = order if known is None else np.sort(known[effect.acts_on(problem.touch_state)])
     likeliest = np.argsort(-weight)
-    enough = int(np.searchsorted(np.cumsum(weight[likeliest]) / weight.sum(), _COVERAGE)) + 1
-    likely = moments[likeliest[:enough]]
+    likely = moments[likeliest[: int(np.searchsorted(np.cumsum(weight[likeliest]) / weight.sum(), 0.95)) + 1]]
     low = float(acts[acts < likely.min()].max(initial=order[0]))
     high = float(acts[acts > likely.max()].min(initial=order[-1]))
-    two = [int(np.flatnonzero(extended.touches.order == one)[0]) for one in (low, high)]
-    first, second = extended.touches.recording[two].tolist()
-    is_renumbered = bool(np.any(extended.touches.index[two] != extended.touches.order[two]))
-    covariance = _scatter(extended, problem, found, place, scanned, weight)
+    two = [int(np.flatnonzero(touches.order == one)[0]) for one in (low, high)]
+    first, second = touches.recording[two].tolist()
+    renumbered = np.any(touches.index[two] != touches.order[two])
+    where = ['numbered in the order of time'] if renumbered else []
+    where += [f'that is between the recordings {first + 1} and {second + 1}'] if first != second else []
+    covariance = _scatter(extended, problem, found, place, scan, weight)
     row = len(NAMES) + sum(len(values) for values in extended.model.effect_values[:place]) + effect.grid_parameter_index
-    covariance[row, row] += _gap(acts, moments, weight)
-    return Moment(effect, low, high, (first, second), is_renumbered, covariance)
-
-
-def _gap(acts: Floats | Indices, moments: Floats, weight: Floats) -> float:
-    """Mean variance of a moment that may lie anywhere between its two touches."""
+    # a moment may lie anywhere between its two touches
     after = np.clip(np.searchsorted(acts, moments), 1, len(acts) - 1)
-    return float(np.sum(weight * (acts[after] - acts[after - 1]) ** 2 / 12) / weight.sum())
+    covariance[row, row] += float(np.sum(weight * (acts[after] - acts[after - 1]) ** 2 / 12) / weight.sum())
+    text = ', '.join([f'{effect.title} between the touches {low:.0f} and {high:.0f}', *where])
+    return Moment(effect, text, covariance)
+
+
+def _linear(extended: Calibration) -> tuple[Problem, list[Candidate]]:
+    """The linear problem at a fit, and its effects as fitted."""
+    problem = pose_problem(extended)
+    return problem, [as_fitted(problem, effect, values, 1) for effect, values, _ in fitted_effects(extended)]
+
+
+def _start_with(problem: Problem, found: list[Candidate], place: int, other: Candidate) -> ExtendedModel:
+    """The model of the linear problem with another candidate in place of one effect."""
+    return start_from(problem, [*found[:place], other, *found[place + 1 :]])[0]
+
+
+def widened_by_moments(extended: Calibration, moments: tuple[Moment, ...]) -> Calibration:
+    """An extended model with a covariance that covers the choice of its moments."""
+    if not moments:
+        return extended
+    return _widened(extended, np.sum([moment.covariance for moment in moments], axis=0), with_moments=True)
 
 
 def _scatter(
-    extended: Calibration, problem: Problem, found: list[Candidate], place: int, scanned: _Scanned, weight: Floats
+    extended: Calibration, problem: Problem, found: list[Candidate], place: int, scan: Scan, weight: Floats
 ) -> Floats:
     """Weighted mean square of the estimates at other moments less those of the fit, (12 + k, 12 + k)."""
     own = extended.model.as_array()
     here = start_from(problem, found)[0].as_array()
     scatter, total = np.zeros((len(own), len(own))), float(weight.sum())
     for k in np.flatnonzero(weight > 1e-3):
-        candidate = ScannedTrial(scanned.scan, int(k)).candidate(problem)
+        candidate = ScannedTrial(scan, int(k)).candidate(problem)
         if not candidate.unit.shape[1]:
             continue
-        members = [*found[:place], candidate, *found[place + 1 :]]
-        off = start_from(problem, members)[0].as_array() - here
+        off = _start_with(problem, found, place, candidate).as_array() - here
         off[np.isnan(np.concatenate([extended.std, extended.effect_std]))] = 0.0
         scatter += weight[k] / total * np.outer(off, off)
     fixed = np.concatenate([extended.std == 0, np.zeros(len(own) - len(NAMES), dtype=bool)])

@@ -13,10 +13,9 @@ order: (I - H_k)⁻¹ e_k, with H_k its block of the projection on the fit's col
 An effect moves joints, moves the place of the contact, or is an error of the force sensor. With the whitened column u
 of a unit of that deviation (`diagnosis.linear_problem`) and the whitened residual r of a touch, the deviation estimated
 from that touch alone is -u·r / u·u, with standard deviation 1/|u|. A displacement is taken along and across the contact
-normal, which friction turns away from the direction of the force. After: r of the extended model. Before: r of the
-model without the effect and its rivals. Where nothing else was found, that is the base model; else it
-is r - (I - B Bᵀ) X θ, with X the columns of what is taken out and B an orthonormal basis of those that stay. The second
-term is the part of the deviation that is expected before.
+normal, which friction turns away from the direction of the force. After: r of the extended model. Before, without the
+effect and its rivals: r - (I - B Bᵀ) X θ, with X the columns of what is taken out and B an orthonormal basis of those
+that stay. The second term is the part of the deviation that is expected before.
 
 **Discrimination of rivals**: touches at which their predictions of the force, each fitted to the data, differ most.
 From a pool of touches all around the discs, in both elbow postures, at three force levels, pressed to the force or
@@ -28,8 +27,7 @@ Biometrika 62 (1975) 57).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -43,9 +41,9 @@ from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, po
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch, Found
 from scara_kinetostatic.effects.base import at_joint
 from scara_kinetostatic.model.arrays import Floats, rms
-from scara_kinetostatic.model.cell import Noise, SensorFrame
+from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import Shift
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
@@ -210,24 +208,6 @@ def _bias(name: str, base: Calibration, final: Calibration) -> Bias:
     return Bias(name, before, std, after, final_std, before - after, float(in_std))
 
 
-class _Channel(NamedTuple):
-    """One way in which an effect acts on a touch.
-
-    Attributes:
-        label: the deviation, with the unit shown.
-        per_si: that unit.
-        shift: of one SI unit, as the equations take it.
-        sensor_error: the same as an error of the sensor, (n, 2).
-        size: deviation of each touch by the effect to first order, (n,), SI.
-    """
-
-    label: str
-    per_si: float
-    shift: Shift
-    sensor_error: Floats | None
-    size: Floats
-
-
 class EffectResidual(NamedTuple):
     """The deviation by one effect that each of n touches shows, with its standard uncertainty.
 
@@ -256,163 +236,99 @@ class EffectResidual(NamedTuple):
     posture: NDArray[np.intp]
 
 
-def effect_residuals(alone: Calibration, final: Calibration, found: Sequence[Found]) -> tuple[EffectResidual, ...]:
+def effect_residuals(final: Calibration, found: Sequence[Found]) -> tuple[EffectResidual, ...]:
     """The residual of each effect of the extended model, in the order of `found`.
 
     Args:
-        alone: the base model.
         final: the extended model.
         found: its effects.
     """
-    models = _Models(alone, final, tuple(found))
+    problem = pose_problem(final)
     return tuple(
-        _off_normal_residual(models, item) if item.effect.off_normal_std else _residual(models, item) for item in found
+        _off_normal_residual(problem, item) if item.effect.off_normal_std else _residual(problem, final, found, item)
+        for item in found
     )
 
 
-@dataclass(frozen=True)
-class _Models:
-    """The base model and the extended model, each as a linear problem of the same touches and noise."""
-
-    alone: Calibration
-    final: Calibration
-    found: tuple[Found, ...]
-
-    @cached_property
-    def before(self) -> Problem:
-        return pose_problem(replace(self.alone, used=self.final.used, noise=self.final.noise))
-
-    @cached_property
-    def after(self) -> Problem:
-        return pose_problem(self.final)
-
-
-def _residual(models: _Models, item: Found) -> EffectResidual:
-    problem = models.after
-    channels = _channels(problem, item)
-    which = int(np.argmax([float(np.linalg.norm(_moved(problem, each))) for each in channels]))
-    channel = channels[which]
-    unit = problem.change(channel.shift, channel.sensor_error).reshape(-1, 2)
+def _residual(problem: Problem, final: Calibration, found: Sequence[Found], item: Found) -> EffectResidual:
+    label, per_si, unit = _largest_channel(problem, item)
     weight = np.linalg.norm(unit, axis=1)
     acts = item.effect.acts_on(problem.touch_state)
     # touches much less sensitive to the deviation than the median one say nothing of it
     kept = acts & (weight > (np.median(weight[acts]) if acts.any() else 0.0) / 4.0)
+    left, taken_out = problem.point.whitened.residual, _taken_out(problem, final, found, item)
+    scale = np.maximum((unit**2).sum(axis=1), 1e-300)
+    before, after, expected = (
+        (-per_si * (unit * residual).sum(axis=1) / scale)[kept] for residual in (left + taken_out, left, taken_out)
+    )
+    std, metadata = per_si / np.maximum(weight, 1e-300)[kept], problem.touch_state.metadata
     x_label, x = _variable(problem, item)
-    metadata, left = problem.touch_state.metadata, problem.point.whitened.residual
-    taken_out, is_only_effect = _taken_out(models, item)
-    before = left + taken_out
-    old = unit
-    if is_only_effect:
-        there = _channels(models.before, item)[which]
-        alone = models.before
-        before = alone.refitted(alone.point.whitened.residual.ravel(), alone.point.errors)
-        old = alone.change(there.shift, there.sensor_error).reshape(-1, 2)
-
-    def deviation(column: Floats, residual: Floats) -> Floats:
-        scale = np.maximum((column**2).sum(axis=1), 1e-300)
-        return np.asarray(-channel.per_si * (column * residual.reshape(-1, 2)).sum(axis=1) / scale)[kept]
-
     return EffectResidual(
-        x_label=x_label,
-        y_label=channel.label,
-        x=x[kept],
-        before=deviation(old, before),
-        after=deviation(unit, left),
-        expected=deviation(unit, taken_out),
-        std_before=channel.per_si / np.linalg.norm(old, axis=1)[kept],
-        std_after=channel.per_si / weight[kept],
-        disc=metadata.disc[kept],
-        posture=metadata.posture[kept],
+        x_label, label, x[kept], before, after, expected, std, std, metadata.disc[kept], metadata.posture[kept]
     )
 
 
-def _taken_out(models: _Models, item: Found) -> tuple[Floats, bool]:
-    """Change of the residual where an effect and its rivals are left out, (n, 2); whether nothing else was found."""
-    final, problem = models.final, models.after
+def _taken_out(problem: Problem, final: Calibration, found: Sequence[Found], item: Found) -> Floats:
+    """Change of the residual where an effect and its rivals are left out, (n, 2)."""
     columns = problem.point.whitened.derivative[:, :, len(NAMES) :].reshape(len(problem.left), -1)
     parts = final.model.effect_arrays
     amplitudes = [effect.amplitudes(part) for effect, part in zip(final.model.effects, parts, strict=True)]
-    out = [other.effect == item.effect or not (other.in_every_model or item.in_every_model) for other in models.found]
+    out = [other.effect == item.effect or not (other.in_every_model or item.in_every_model) for other in found]
     gone = np.repeat(out, [len(part) for part in parts])
-    lost = columns[:, gone] @ np.concatenate(amplitudes)[gone]
-    left = problem.refitted(lost, beside=None if gone.all() else columns[:, ~gone])
-    return -left.reshape(-1, 2), bool(gone.all())
+    fitted = np.concatenate([problem.jacobian, columns[:, ~gone]], axis=1)
+    basis = orthonormal(augmented(problem.point, fitted))
+    lost = np.zeros(len(basis))
+    lost[: len(columns)] = columns[:, gone] @ np.concatenate(amplitudes)[gone]
+    return (basis @ (basis.T @ lost) - lost)[: len(columns)].reshape(-1, 2)
 
 
-def _off_normal_residual(models: _Models, item: Found) -> EffectResidual:
+def _off_normal_residual(problem: Problem, item: Found) -> EffectResidual:
     """The off-normal angle of each force: its standard deviation is that of noise alone, or of noise and friction."""
-    problem = models.before
     radii, metadata = problem.touch_state.radii, problem.touch_state.metadata
-    angle = -1e3 * problem.point.linear.misclosure[:, 1] / radii
-    _, l21, l22 = problem.point.whitened.root
-    noise = 1e3 * np.hypot(l21, l22) / radii
-    x_label, x = _variable(models.after, item)
+    linear, (_, l21, l22) = problem.point.linear, problem.point.whitened.root
+    assert linear.by_off_normal is not None
+    angle, variance = -1e3 * linear.misclosure[:, 1] / radii, l21**2 + l22**2
+    std = 1e3 * np.sqrt(variance) / radii
+    noise = 1e3 * np.sqrt(variance - linear.by_off_normal[:, 1] ** 2) / radii
+    x_label, x = _variable(problem, item)
+    label = 'off-normal angle of the force  [mrad]'
     return EffectResidual(
-        x_label=x_label,
-        y_label='off-normal angle of the force  [mrad]',
-        x=x,
-        before=angle,
-        after=angle,
-        expected=np.zeros_like(angle),
-        std_before=noise,
-        std_after=np.hypot(noise, 1e3 * item.effect.off_normal_std),
-        disc=metadata.disc,
-        posture=metadata.posture,
+        x_label, label, x, angle, angle, np.zeros_like(angle), noise, std, metadata.disc, metadata.posture
     )
 
 
-def _moved(problem: Problem, channel: _Channel) -> Floats:
-    column = problem.change(channel.shift, channel.sensor_error).reshape(-1, 2)
-    return np.asarray(channel.size[:, None] * column)
-
-
-def _channels(problem: Problem, item: Found) -> list[_Channel]:
+def _largest_channel(problem: Problem, item: Found) -> tuple[str, float, Floats]:
+    """The way in which an effect acts most on the touches: the deviation with the unit shown, that unit per SI unit,
+    and the whitened column of one SI unit, (n, 2).
+    """
     at, values = problem.touch_state, np.array([v.value for v in item.values])
-    joints, place, sensor_error = _first_order(item, at, problem.force, values)
+    amplitudes, shifts = item.effect.amplitudes(values), item.effect.derivative(at, values)
+    errors = item.effect.sensor_error_derivative(problem.force, values, at.metadata)
+    joints, place, error = (
+        sum((a * part for a, part in zip(amplitudes, parts, strict=False) if part is not None), np.zeros((1, 2)))
+        for parts in ([shift.joints for shift in shifts], [shift.place for shift in shifts], errors)
+    )
+    units = [at_joint(np.ones(len(problem.force)), joint) for joint in (0, 1)]
+    normal = problem.point.model.contact_normal(at)
+    along = problem.force / np.hypot(problem.force[:, 0], problem.force[:, 1])[:, None]
+    rows: list[tuple[str, float, Floats, Floats, Shift, Floats | None]] = []
+    for k, unit in enumerate(units):
+        rows.append((f'deviation of joint {k + 1}  [µrad]', 1e6, joints, unit, Shift(unit), None))
+    for side, turn in (('along', np.eye(2)), ('across', np.array([[0.0, 1.0], [-1.0, 0.0]]))):
+        unit, label = normal @ turn, f'displacement {side} the contact normal  [µm]'
+        rows.append((label, 1e6, place, unit, Shift(place=unit), None))
+        rows.append((f'sensor error {side} the force  [N]', 1.0, error, along @ turn, Shift(), along @ turn))
     channels = []
-    if joints is not None:
-        for joint in (0, 1):
-            unit = Shift(joints=at_joint(np.ones(len(joints)), joint))
-            channels.append(_Channel(f'deviation of joint {joint + 1}  [µrad]', 1e6, unit, None, joints[:, joint]))
-    if place is not None:
-        normal = problem.point.model.contact_normal(at)
-        for side, direction in (('along', normal), ('across', np.stack([-normal[:, 1], normal[:, 0]], axis=-1))):
-            size = (place * direction).sum(axis=1)
-            label = f'displacement {side} the contact normal  [µm]'
-            channels.append(_Channel(label, 1e6, Shift(place=direction), None, size))
-    if sensor_error is not None:
-        along = problem.force / np.hypot(problem.force[:, 0], problem.force[:, 1])[:, None]
-        for side, direction in (('along', along), ('across', np.stack([-along[:, 1], along[:, 0]], axis=-1))):
-            size = (sensor_error * direction).sum(axis=1)
-            channels.append(_Channel(f'sensor error {side} the force  [N]', 1.0, Shift(), direction, size))
-    return channels
-
-
-def _first_order(item: Found, at: TouchState, force: Floats, values: Floats) -> list[Floats | None]:
-    """δ, d and e of an effect, (n, 2) each, to first order: amplitudes times derivatives, as `_taken_out` has them."""
-    amplitudes = item.effect.amplitudes(values)
-    shifts = item.effect.derivative(at, values)
-    parts: list[Sequence[Floats | None]] = [
-        [shift.joints for shift in shifts],
-        [shift.place for shift in shifts],
-        item.effect.sensor_error_derivative(force, values, at.metadata),
-    ]
-    return [_sum(amplitudes, part) for part in parts]
-
-
-def _sum(amplitudes: Floats, parts: Sequence[Floats | None]) -> Floats | None:
-    terms = [a * part for a, part in zip(amplitudes, parts, strict=False) if part is not None]
-    return np.asarray(np.sum(terms, axis=0)) if terms else None
+    for label, per_si, size, unit, shift, sensor_error in rows:
+        column = problem.change(shift, sensor_error).reshape(-1, 2)
+        channels.append((float(np.linalg.norm((size * unit).sum(axis=1)[:, None] * column)), label, per_si, column))
+    return max(channels, key=lambda channel: channel[0])[1:]
 
 
 def _variable(problem: Problem, item: Found) -> tuple[str, Floats]:
     """The variable over which an effect is shown: its name with unit, and its values, (n,)."""
     axis = item.effect.plot_axis(problem.touch_state, np.array([v.value for v in item.values]))
     return axis.title + (f'  [{axis.unit}]' if axis.unit else ''), axis.values
-
-
-_DIRECTIONS = 24
-"""Touches of the pool around each disc."""
 
 
 def discriminating_touches(
@@ -427,10 +343,13 @@ def discriminating_touches(
     """
     pool, angle, is_unloaded = _pool(calibration)
     difference, in_std = np.zeros(len(pool)), np.zeros(len(pool))
-    for one, other in combinations([_predict(pool, rival) for rival in rivals], 2):
-        distance, std = _difference(one, other)
-        larger = distance / std > in_std
-        difference, in_std = np.where(larger, distance, difference), np.where(larger, distance / std, in_std)
+    for (one, by_joints, noise), (other, *_) in combinations([(*_predict(pool, fit), fit.noise) for fit in rivals], 2):
+        distance = np.nan_to_num(np.hypot(*(one - other).T))
+        along = np.nan_to_num((one - other) / np.maximum(distance, 1e-12)[:, None])
+        turned = noise.joint_levels * np.einsum('nij,ni->nj', by_joints, along)
+        grown = noise.growth**2 * np.nan_to_num(one**2).sum(axis=1)
+        ratio = distance / np.sqrt(noise.force_rms**2 + grown + (turned**2).sum(axis=1))
+        difference, in_std = np.where(ratio > in_std, distance, difference), np.maximum(ratio, in_std)
     chosen: list[int] = []
     for k in np.argsort(-in_std):
         # of two touches on a disc with less than 60° between them one is enough
@@ -453,42 +372,13 @@ def discriminating_touches(
     )
 
 
-class _Predicted(NamedTuple):
-    """The forces that a fit predicts for touches.
-
-    Attributes:
-        force: F, (n, 2), N; NaN where the model reaches none.
-        by_joints: ∂F/∂Q, (n, 2, 2).
-        noise: σ_q and σ_f of the fit.
-    """
-
-    force: Floats
-    by_joints: Floats
-    noise: Noise
-
-
-def _predict(pool: TouchSet, fit: Calibration) -> _Predicted:
+def _predict(pool: TouchSet, fit: Calibration) -> tuple[Floats, Floats]:
+    """The forces F that a fit predicts for touches, (n, 2), N, NaN where it reaches none; ∂F/∂Q, (n, 2, 2)."""
     o, model = observe(pool, replace(fit.cell, sensor=fit.cell.sensor._replace(frame=SensorFrame.BASE))), fit.model
     found = contact(model, o.joints, o.centers, o.radii, o.gripper, warm_start=pool.force, metadata=o.metadata)
     reached = (found.solved & (found.magnitude > 0))[:, None]
     by_joints = contact_derivatives(model, o.joints, o.centers, o.radii, found, o.gripper, o.metadata).joints
-    return _Predicted(np.where(reached, found.force, np.nan), by_joints, fit.noise)
-
-
-def _difference(one: _Predicted, other: _Predicted) -> tuple[Floats, Floats]:
-    """The distance of two predictions, N, and its standard deviation, (n,) each."""
-    difference = one.force - other.force
-    distance = np.nan_to_num(np.hypot(difference[:, 0], difference[:, 1]))
-    along = np.nan_to_num(difference / np.maximum(distance, 1e-12)[:, None])
-    turned = np.einsum('nij,ni->nj', one.by_joints, along)
-    return distance, np.sqrt(_force_variance(one) + ((one.noise.joint_levels * turned) ** 2).sum(axis=1))
-
-
-def _force_variance(predicted: _Predicted) -> Floats | float:
-    """Variance of a component of each force, rms over the axes, N²."""
-    noise = predicted.noise
-    grown = noise.growth**2 * np.nan_to_num(predicted.force**2).sum(axis=1) if noise.growth else 0.0
-    return noise.force_rms**2 + grown
+    return np.where(reached, found.force, np.nan), by_joints
 
 
 def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]]:
@@ -502,10 +392,10 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
     disc, direction, posture, level, is_unloaded = (
         axis.ravel()
         for axis in np.meshgrid(
-            np.arange(len(cell.discs)), np.arange(_DIRECTIONS), (1, -1), levels, (False, True), indexing='ij'
+            np.arange(len(cell.discs)), np.arange(24), (1, -1), levels, (False, True), indexing='ij'
         )
     )
-    angle = 2 * np.pi * direction / _DIRECTIONS
+    angle = 2 * np.pi * direction / 24
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     tip = cell.centers[disc] + cell.radii[disc, None] * outward
     reach = np.hypot(tip[:, 0] - p.x0, tip[:, 1] - p.y0)

@@ -30,7 +30,7 @@ from scipy import special
 from scara_kinetostatic.calibration.fit_point import Point, augmented, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, outer, whiten_by
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
-from scara_kinetostatic.calibration.noise_estimation import by_axis, growing, whiten_matrix
+from scara_kinetostatic.calibration.noise_estimation import growing, whiten_matrix
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import CandidateSet
@@ -227,22 +227,7 @@ def _test(
 
 
 JOINT, FORCE, GROWING, OFF_NORMAL = 'joint', 'force', 'growing', 'off_normal'
-JOINT_AXES, FORCE_AXES = 'joint_axes', 'force_axes'
-"""Kinds of variance; the last two are differences between the axes, of either sign."""
-
-
-def excess_p_value(calibration: Calibration, kind: str, beside: Sequence[str] = (JOINT, FORCE)) -> float:
-    """P-value of "there is no variance of this kind", with those of other kinds of any size.
-
-    One-sided; two-sided for a difference between axes.
-
-    Args:
-        calibration: with or without effects.
-        kind: the variance tested.
-        beside: the others.
-    """
-    score = _score(calibration, kind, beside)
-    return float(2 * special.ndtr(-abs(score))) if kind in (JOINT_AXES, FORCE_AXES) else float(special.ndtr(-score))
+"""Kinds of variance."""
 
 
 def _score(c: Calibration, kind: str, beside: Sequence[str]) -> float:
@@ -278,12 +263,10 @@ def _variance(name: str, c: Calibration, observations: Observations, point: Poin
     elif name == GROWING:
         square = float((linear.force**2).sum(axis=1).mean())
         entries = noise.force_rms**2 / square * growing(linear)
-    elif name in (JOINT, JOINT_AXES):
-        first, second = by_axis(linear, JOINT)
-        entries = noise.joint_rms**2 * (first + second if name == JOINT else first - second)
+    elif name == JOINT:
+        entries = noise.joint_rms**2 * outer(linear.by_joints)
     else:
-        first, second = by_axis(linear, FORCE)
-        entries = noise.force_rms**2 * (first + second if name == FORCE else first - second)
+        entries = noise.force_rms**2 * outer(linear.by_force)
     return whiten_matrix(entries, point.whitened.root)
 
 
@@ -344,12 +327,17 @@ def off_normal_p_value(calibration: Calibration, beside_growing: bool = False) -
         beside_growing: whether the noise of the force may grow with it, which acts along the force as well as across.
     """
     beside = (JOINT, FORCE, GROWING) if beside_growing else (JOINT, FORCE)
-    return excess_p_value(calibration, OFF_NORMAL, beside)
+    return float(special.ndtr(-_score(calibration, OFF_NORMAL, beside)))
 
 
-def growing_p_value(calibration: Calibration) -> float:
-    """P-value of "the noise of the force is the same at all forces", one-sided against noise that grows with it."""
-    return excess_p_value(calibration, GROWING, (JOINT, FORCE, OFF_NORMAL))
+def growing_p_value(calibration: Calibration, beside: Sequence[str] = (JOINT, FORCE, OFF_NORMAL)) -> float:
+    """P-value of "the noise of the force is the same at all forces", one-sided against noise that grows with it.
+
+    Args:
+        calibration: with or without effects.
+        beside: further kinds of variance, of any size.
+    """
+    return float(special.ndtr(-_score(calibration, GROWING, beside)))
 
 
 def with_free_off_normal_angles(calibration: Calibration) -> Calibration:

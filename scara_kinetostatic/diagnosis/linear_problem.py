@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.declared_errors import Marginal
-from scara_kinetostatic.calibration.fit_point import Point, augmented, select, unfitted
+from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, whiten_by
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.observations import Observations, observe
@@ -163,22 +163,6 @@ class Problem(NamedTuple):
             if acting:
                 changes[:, :, list(acting)] += by_unit @ np.stack(list(acting.values()), axis=-1)
         return changes.reshape(2 * n, len(shifts))
-
-    def refitted(self, change: Floats, errors: Floats | None = None, beside: Floats | None = None) -> Floats:
-        """What is left of changes of the whitened misclosures after another fit.
-
-        Args:
-            change: (2n,).
-            errors: change of the declared errors, (m,); None for none.
-            beside: columns that are fitted as well, (2n, k); None for L̄ and the declared errors alone.
-        """
-        fitted = self.jacobian if beside is None else np.concatenate([self.jacobian, beside], axis=1)
-        basis = orthonormal(augmented(self.point, fitted))
-        rows = np.zeros(len(basis))
-        rows[: len(change)] = change
-        if errors is not None:
-            rows[len(change) :] = errors
-        return np.asarray((rows - basis @ (basis.T @ rows))[: len(change)])
 
 
 def pose_problem(calibration: Calibration) -> Problem:

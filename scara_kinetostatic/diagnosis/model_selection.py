@@ -16,10 +16,7 @@ estimated.
 Sets whose score is within `CREDIBLE` of the best are credible, too. An effect that is in every credible set is found;
 those that replace each other are rivals.
 
-**Ranking.** Each effect by itself has a significance, a predictive gain and a detection limit. The predictive deviance
-leaves out one touch after the other, in closed form: with H the projection on all columns of a model and H_i its 2×2
-block, the residual of a left-out touch is (I - H_i)⁻¹ e_i with covariance s² (I - H_i)⁻¹, so minus twice its
-logarithmic predictive density is e_iᵀ (I - H_i)⁻¹ e_i / s² - ln det(I - H_i) up to a constant.
+**Ranking.** Each effect by itself has a significance, a gain and a detection limit.
 """
 
 from __future__ import annotations
@@ -39,7 +36,6 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     ROUNDING,
     STRICT_SIGNIFICANCE,
     Problem,
-    orthonormal,
 )
 from scara_kinetostatic.model.arrays import Floats, Indices
 
@@ -68,6 +64,10 @@ class Subset(NamedTuple):
     penalty: float
     score: float = 0.0
 
+    def is_part_of(self, other: Subset) -> bool:
+        """Whether it has some of the members of another set, but not all."""
+        return bool(self.members) and set(self.members) < set(other.members)
+
 
 class ScoredSubsets(NamedTuple):
     """The result of a model selection.
@@ -86,13 +86,22 @@ class ScoredSubsets(NamedTuple):
     scale: float
     penalty: Callable[[Sequence[int]], float]
 
+    @property
+    def empty(self) -> Subset:
+        """The set without effects."""
+        return next(subset for subset in self.subsets if not subset.members)
+
+    def members(self, subset: Subset) -> list[Candidate]:
+        """The candidates of a set."""
+        return [self.candidate_set.candidates[k] for k in subset.members]
+
     def labels(self, subset: Subset) -> tuple[str, ...]:
         """Labels of the effects of a set."""
-        return tuple(self.candidate_set.candidates[k].effect.label for k in subset.members)
+        return tuple(candidate.effect.label for candidate in self.members(subset))
 
     def freedoms(self, subset: Subset) -> int:
         """Identifiable parameters of the effects of a set."""
-        return sum(self.candidate_set.candidates[k].freedoms for k in subset.members)
+        return sum(candidate.freedoms for candidate in self.members(subset))
 
 
 def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets:
@@ -108,8 +117,7 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
         layers.append(scorer.score(scorer.allowed(_grown(layers[-1], number))))
     scored_subsets = _ranked(problem, candidate_set, scorer, layers)
     best = scored_subsets.subsets[0]
-    empty = next(subset for subset in scored_subsets.subsets if not subset.members)
-    if best.score > empty.score - CREDIBLE:
+    if best.score > scored_subsets.empty.score - CREDIBLE:
         return scored_subsets
     return scored_subsets._replace(credible=_credible(scored_subsets))
 
@@ -251,25 +259,11 @@ def _needed(scored_subsets: ScoredSubsets, subset: Subset, best: Subset) -> bool
     return more <= 0 or float(special.chdtrc(more, gain)) < STRICT_SIGNIFICANCE
 
 
-def _has_special_case(scored_subsets: ScoredSubsets, subset: Subset) -> bool:
-    """Whether a set is not significantly better than with a special case in place of one of its effects."""
-    candidates = scored_subsets.candidate_set.candidates
-    names = set(scored_subsets.labels(subset))
-    simpler = {
-        frozenset(names - {effect.label} | {case})
-        for effect in (candidates[k].effect for k in subset.members)
-        for case in effect.special_cases
-        if case not in names
-    }
-    if not simpler:
-        return False
-    for other in scored_subsets.subsets:
-        if len(other.members) == len(names) and frozenset(scored_subsets.labels(other)) in simpler:
-            gain = max(other.rest - subset.rest, 0.0) / scored_subsets.scale
-            more = scored_subsets.freedoms(subset) - scored_subsets.freedoms(other)
-            if more <= 0 or float(special.chdtrc(more, gain)) >= STRICT_SIGNIFICANCE:
-                return True
-    return False
+def _special_cases(members: Sequence[Candidate]) -> set[frozenset[str]]:
+    """The sets, by labels, with a special case in place of one of the effects."""
+    names = {candidate.effect.label for candidate in members}
+    cases = [(candidate.effect.label, case) for candidate in members for case in candidate.effect.special_cases]
+    return {frozenset(names - {label} | {case}) for label, case in cases if case not in names}
 
 
 def _grown(layer: _Layer, number: int) -> Indices:
@@ -306,7 +300,8 @@ def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
     found: list[Subset] = []
     some = [subset for subset in scored_subsets.subsets if subset.members]
     near = [e for e in some if e.score <= some[0].score + CREDIBLE and _needed(scored_subsets, e, some[0])]
-    near = [e for e in near if not _has_special_case(scored_subsets, e)]
+    named = {frozenset(scored_subsets.labels(e)) for e in near}
+    near = [e for e in near if not named & _special_cases(scored_subsets.members(e))]
     for subset in sorted(near, key=lambda e: (len(e.members), e.score)):
         names = set(scored_subsets.labels(subset))
         if not any(set(scored_subsets.labels(other)) <= names for other in found):
@@ -316,30 +311,22 @@ def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
 
 def score_singles(
     problem: Problem, scored_subsets: ScoredSubsets
-) -> Iterator[tuple[Candidate, tuple[float, float, float, float, float]]]:
+) -> Iterator[tuple[Candidate, tuple[float, float, float, float]]]:
     """Every effect by itself, by its best trial, the best first.
 
     Yields:
-        The effect, and its scores from `p_value` to `independent_part` as in `result.Ranked`. The predictive gain is
-        less 2 ln t for the search over t trials, which is not repeated.
+        The effect, and its scores from `p_value` to `independent_part` as in `result.Ranked`.
     """
-    nothing = held_out_deviance(problem, None, scored_subsets.scale)
-    empty = next(subset for subset in scored_subsets.subsets if not subset.members)
     found: set[str] = set()
     for subset in scored_subsets.subsets:  # the best first
         if len(subset.members) != 1:
             continue
-        candidate = scored_subsets.candidate_set.candidates[subset.members[0]]
-        if candidate.effect.label in found:
-            continue
-        p_value, share = significance(problem, candidate)
-        part = independent_part(problem, problem.columns(candidate.trial))[1]
-        held_out = (
-            nothing - held_out_deviance(problem, candidate.unit, scored_subsets.scale) - 2 * np.log(candidate.tried)
-        )
-        gain = empty.score - subset.score
-        found.add(candidate.effect.label)
-        yield candidate, (p_value, share, gain, float(held_out), part)
+        (candidate,) = scored_subsets.members(subset)
+        if candidate.effect.label not in found:
+            found.add(candidate.effect.label)
+            part = independent_part(problem, problem.columns(candidate.trial))[1]
+            gain = scored_subsets.empty.score - subset.score
+            yield candidate, (*significance(problem, candidate), gain, part)
 
 
 def undetected_bias(problem: Problem, candidate: Candidate, std: Floats) -> tuple[float, int]:
@@ -379,26 +366,3 @@ def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
     explained = float(np.sum((candidate.unit.T @ problem.left) ** 2))
     ratio = (explained / rank) / (max(total - explained, 1e-300) / freedoms)
     return min(1.0, candidate.tried * float(special.fdtrc(rank, freedoms, ratio))), explained / total
-
-
-def held_out_deviance(problem: Problem, unit: Floats | None, scale: float) -> float:
-    """Minus twice the logarithmic predictive density of all touches, each left out in turn.
-
-    Args:
-        problem: the touches.
-        unit: columns of effects beside the base model, (2n, k); None for none.
-        scale: s².
-    """
-    base, left = problem.base, problem.left
-    if unit is not None:
-        unit = orthonormal(unit, base)
-        left = left - unit @ (unit.T @ left)
-        base = np.concatenate([base, unit], axis=1)
-    rows = base.reshape(-1, 2, base.shape[1])
-    kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
-    e = left.reshape(-1, 2)
-    a, b, d = kept[:, 0, 0], kept[:, 0, 1], kept[:, 1, 1]
-    # less is that of a touch which alone determines a parameter
-    det = np.maximum(a * d - b * b, 1e-6)
-    distance = (d * e[:, 0] ** 2 - 2 * b * e[:, 0] * e[:, 1] + a * e[:, 1] ** 2) / det
-    return float(np.sum(distance / scale - np.log(det)))

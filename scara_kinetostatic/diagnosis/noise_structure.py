@@ -1,10 +1,9 @@
-"""Noise that is not the same for both axes or at all forces: found where the touches ask for it.
+"""Noise that grows with the force: found where the touches ask for it.
 
-The cell description states levels, or nothing. What it leaves open (a part that grows with the force; different levels
-of two axes where it states one, which is then their root mean square) is estimated only where the scatter of the
-touches shows it:
+Where the cell description does not state a part that grows, it is estimated only where the scatter of the touches
+shows it:
 
-- where the diagnosis finds nothing missing, or what is missing, by a score test (`excess_p_value`) at the last
+- where the diagnosis finds nothing missing, or what is missing, by a score test (`growing_p_value`) at the last
   fit, at a false alarm rate well below 1 %, confirmed by the deviance of the fit with it;
 - where the residuals are larger than stated, or unlike noise, by the deviance alone: then noise that grows competes
   with contact friction and with a lack of fit.
@@ -31,16 +30,7 @@ from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.lack_of_fit import (
-    FORCE,
-    FORCE_AXES,
-    GROWING,
-    JOINT,
-    JOINT_AXES,
-    OFF_NORMAL,
-    excess_p_value,
-    find_dependences,
-)
+from scara_kinetostatic.diagnosis.lack_of_fit import FORCE, JOINT, OFF_NORMAL, find_dependences, growing_p_value
 from scara_kinetostatic.diagnosis.linear_problem import CREDIBLE, STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.refit import Effort, fit_again, penalised_deviance, with_rejections_of
 from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -48,45 +38,42 @@ from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.model.cell import Noise
 
 _PENALTY = 6.0
-"""Decrease of the deviance that a component of the noise must bring where the residuals are larger than noise."""
+"""Decrease of the deviance that noise that grows must bring where the residuals are larger than noise."""
 
 
 def noise_candidate(calibration: Calibration, found: Diagnosis, effort: Effort) -> Calibration | None:
-    """The base model refitted with the noise that the touches ask for, at the extended model or else at the base model.
+    """The base model refitted with noise that grows with the force, where the touches ask for it.
 
     Args:
         calibration: the base model.
-        found: its diagnosis; where it leaves nothing to ask for, there is no candidate.
+        found: its diagnosis: the noise is looked for at the extended model, or else at the base model.
         effort: of the diagnosis.
     """
     c, extended = calibration, found.extended
-    # with fewer the scatter does not show what it depends on
-    if not _open_kinds(c) or c.degrees_of_freedom < 30:
+    # with fewer degrees of freedom the scatter does not show what it depends on
+    if c.noise.force_relative is not None or c.degrees_of_freedom < 30:
         return None
     is_friction = extended is not None and bool(extended.model.off_normal_std)
     suspicious = found.verdict == 'unexplained' or is_friction
     fits = [c] if extended is None or is_friction else [extended, c] if suspicious else [extended]
-    for fit in fits:
-        noise = _noise_of(fit, suspicious, effort)
-        if noise is not None:
-            return _refitted(c, noise, effort)
-    return None
+    noises = (_noise_of(fit, suspicious, effort) for fit in fits)
+    noise = next((noise for noise in noises if noise is not None), None)
+    return None if noise is None else _refitted(c, noise, effort)
 
 
 def likelier(one: Diagnosis, before: Calibration, other: Diagnosis, refitted: Calibration) -> Diagnosis:
     """The likelier of two diagnoses of the same touches.
 
     Args:
-        one: with the noise as stated or of two levels.
+        one: with the noise as stated or estimated.
         before: its base model.
-        other: with further components of the noise.
+        other: with noise that grows.
         refitted: its base model.
     """
     if other.verdict == 'unexplained' and one.verdict != 'unexplained':
         return one
-    components = sum(kind not in _open_kinds(refitted) for kind in _open_kinds(before))
-    gain = _deviance(one, before) - _deviance(other, refitted) - _PENALTY * components
-    return replace(other, refitted=refitted) if gain > 0 else one
+    gain = _deviance(one, before) - _deviance(other, refitted)
+    return replace(other, refitted=refitted) if gain > _PENALTY else one
 
 
 def _deviance(found: Diagnosis, base: Calibration) -> float:
@@ -98,58 +85,22 @@ def _deviance(found: Diagnosis, base: Calibration) -> float:
     return penalised_deviance(final, float(penalty), 1.0)
 
 
-def _open_kinds(c: Calibration) -> list[str]:
-    """The components that neither the cell description states nor the fit has."""
-    stated, kinds = c.cell.noise, []
-    if c.noise.force_relative is None:
-        kinds.append(GROWING)
-    for kind, level, given in (
-        (JOINT_AXES, c.noise.joint, stated and stated.joint),
-        (FORCE_AXES, c.noise.force, stated and stated.force),
-    ):
-        if not isinstance(level, tuple) and not isinstance(given, tuple):
-            kinds.append(kind)
-    return kinds
-
-
 def _noise_of(c: Calibration, suspicious: bool, effort: Effort) -> Noise | None:
-    """The noise of a fit with the components that its residuals ask for, one after the other; None where none is."""
-    if not _is_asked_for(c, suspicious):
-        return None
-    needed = _PENALTY if suspicious else CREDIBLE
-    best, least, kinds = c, penalised_deviance(c, 0.0, 1.0), _open_kinds(c)
-    while kinds and effort.allows():
-        tried = {kind: _refitted(best, _with_component(best.noise, kind), effort) for kind in kinds if effort.allows()}
-        fits = {kind: fit for kind, fit in tried.items() if fit is not None}
-        gains = {kind: least - penalised_deviance(fit, 0.0, 1.0) for kind, fit in fits.items()}
-        chosen = max(gains, key=lambda kind: gains[kind], default='')
-        if not chosen or gains[chosen] < needed:
-            break
-        best, least = fits[chosen], least - gains[chosen]
-        kinds = [kind for kind, gain in gains.items() if kind != chosen and gain > needed / 2]
-    # noise that grows by more than 5 % of the force is a model error
-    if best is c or best.noise.growth > 0.05 or _is_understated(c, least, effort):
-        return None
-    if suspicious and _depends_on_something(best):
-        return None
-    return best.noise
-
-
-def _is_asked_for(c: Calibration, suspicious: bool) -> bool:
-    """Whether the scatter asks for a component: by the score test, or since it is larger than stated and depends on
-    nothing; then the levels are as stated, and the score test, which leaves them free, sees little.
-    """
-    if not suspicious:
-        return _is_significant(c, STRICT_SIGNIFICANCE)
-    # where the residuals are larger than noise, a hint is enough
-    return _is_significant(c, 0.1) or (c.cell.noise is not None and not _depends_on_something(c))
-
-
-def _is_significant(c: Calibration, level: float) -> bool:
-    """Whether a score test asks for a component at a level of significance, with the others of any size."""
-    kinds = _open_kinds(c)
+    """The noise of a fit with a part that grows with the force, if its residuals ask for it."""
     beside = (JOINT, FORCE, OFF_NORMAL) if c.model.off_normal_std else (JOINT, FORCE)
-    return any(excess_p_value(c, kind, beside) * len(kinds) < level for kind in kinds)
+    # where the residuals are larger than noise, a hint is enough, or that they depend on nothing: the levels are then
+    # as stated, and the score test, which leaves them free, sees little
+    asked = growing_p_value(c, beside) < (0.03 if suspicious else STRICT_SIGNIFICANCE)
+    asked = asked or (suspicious and c.cell.noise is not None and not _depends_on_something(c))
+    grown = _refitted(c, c.noise._replace(force_relative=0.01), effort) if asked and effort.allows() else None
+    if grown is None:
+        return None
+    least = penalised_deviance(grown, 0.0, 1.0)
+    gain = penalised_deviance(c, 0.0, 1.0) - least
+    # noise that grows by more than 5 % of the force is a model error
+    if gain < (_PENALTY if suspicious else CREDIBLE) or grown.noise.growth > 0.05 or _is_understated(c, least, effort):
+        return None
+    return None if suspicious and _depends_on_something(grown) else grown.noise
 
 
 def _depends_on_something(c: Calibration) -> bool:
@@ -170,15 +121,6 @@ def _refitted(c: Calibration, noise: Noise, effort: Effort) -> Calibration | Non
     """The model of a calibration fitted with the components of a noise; None where it has no fit."""
     found = fit_again(c, effort.fit, noise=noise, start=c.start)
     return None if found is None else with_rejections_of(found, c)
-
-
-def _with_component(noise: Noise, kind: str) -> Noise:
-    """A noise with one component more, to begin with."""
-    if kind == GROWING:
-        return noise._replace(force_relative=0.01)
-    if kind == JOINT_AXES:
-        return noise._replace(joint=noise.joint_levels)
-    return noise._replace(force=noise.force_levels)
 
 
 def fit_with_off_normal(calibration: Calibration, effort: Effort) -> Calibration:

@@ -17,7 +17,7 @@ and the smaller D is the likelier model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,7 +26,6 @@ import numpy as np
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, WarmStart
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import Candidate
 from scara_kinetostatic.diagnosis.linear_problem import INDEPENDENT_PART, Problem
 from scara_kinetostatic.errors import UnsupportedDataError
@@ -36,78 +35,39 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
-MOST_STEPS = 850
-"""Of a fit and its diagnosis, before the alternatives of what it found are left out."""
-WITH_OTHER_NOISE = 130
-"""Of them, for a diagnosis with other noise, at least; a third of them at most."""
-SEARCH = 0.7
-"""Part of them that the search for effects may take; the rest is for rivals and alternatives."""
-_STEP, _STEP_PER_EFFECT = 0.5, 0.25
-"""Counted for a step, and for each effect beside: in proportion to the time that they take."""
-_FEWEST = 60
-"""That a fit may take in any case: most need fewer."""
-
 
 class Effort:
-    """The fits of one diagnosis.
+    """The fits of one diagnosis, as many as a bound on their solver steps allows.
 
     Attributes:
-        most: solver steps before optional fits are left out.
-        steps: solver steps so far, in those of a model with two effects.
+        most: steps before optional fits are left out.
+        steps: steps so far, in those of a model with two effects.
         has_left_out: whether something was left out.
     """
 
-    def __init__(self, most: float = MOST_STEPS) -> None:
+    def __init__(self, most: float = 720.0) -> None:
         self.most = most
         self.steps = 0.0
         self.has_left_out = False
 
-    def allows(self, part: float = 1.0) -> bool:
-        """Whether something more may be fitted; where not, it counts as left out.
+    def allows(self) -> bool:
+        """Whether something more may be fitted; where not, it counts as left out."""
+        self.has_left_out |= self.steps >= self.most
+        return self.steps < self.most
 
-        Args:
-            part: of all steps that may have been taken before.
-        """
-        allowed = self.steps < part * self.most
-        self.has_left_out |= not allowed
-        return allowed
-
-    def fit(
-        self,
-        touches: TouchSet,
-        cell: Cell,
-        effects: Sequence[EffectLaw] = (),
-        *,
-        start: ExtendedModel | None = None,
-        fixed: Mapping[str, float] | None = None,
-        warm_start: WarmStart | None = None,
-    ) -> Calibration:
-        """`calibrate` with its steps counted; a fit with a warm start may take what is left of them, or `_FEWEST`.
+    def fit(self, touches: TouchSet, cell: Cell, effects: Sequence[EffectLaw] = (), **options: Any) -> Calibration:
+        """`calibrate` with its steps counted; one that raises counts as 20.
 
         Raises:
             UnsupportedDataError: as `calibrate`.
         """
-        step = _cost_of_step(len(effects))
-        if warm_start is not None:
-            left = max(int((self.most - self.steps) / step), _FEWEST)
-            warm_start = warm_start._replace(most=min(warm_start.most, left))
+        steps = 20.0
         try:
-            found = calibrate(touches, cell, effects, start=start, fixed=fixed, warm_start=warm_start)
-        except UnsupportedDataError:
-            self.steps += 20
-            raise
-        self.steps += steps_of(found)
-        self.has_left_out |= self.steps > self.most and found.termination is Termination.ITERATION_LIMIT
+            found = calibrate(touches, cell, effects, **options)
+            steps = found.iterations * (0.5 + 0.25 * len(effects))  # in proportion to the time that they take
+        finally:
+            self.steps += steps
         return found
-
-
-def steps_of(fit: Calibration) -> float:
-    """The steps of a fit, in those of a model with two effects."""
-    return fit.iterations * _cost_of_step(len(fit.model.effects))
-
-
-def _cost_of_step(effects: int) -> float:
-    return _STEP + _STEP_PER_EFFECT * effects
 
 
 def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[ExtendedModel, float]:

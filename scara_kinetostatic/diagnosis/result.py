@@ -52,9 +52,8 @@ class Ranked(NamedTuple):
         p_value: of "it is not there", corrected for the search over its frequencies; NaN if it is not identifiable.
         share: part of the residual's sum of squares that it explains.
         gain: decrease of the penalised deviance by it.
-        held_out: decrease of the predictive deviance on touches left out one by one.
         independent_part: largest part of it that is independent of the base model; below
-            `thresholds.INDEPENDENT_PART` it is not identifiable.
+            `linear_problem.INDEPENDENT_PART` it is not identifiable.
         undetected_bias: bias of a base parameter, in standard deviations, by this effect at the detection
             limit; NaN if it is not identifiable.
         biased_parameter: name of that parameter.
@@ -65,7 +64,6 @@ class Ranked(NamedTuple):
     p_value: float
     share: float
     gain: float
-    held_out: float
     independent_part: float
     undetected_bias: float = np.nan
     biased_parameter: str = ''

@@ -1,8 +1,8 @@
 """Search for missing effects: select a set of effects, fit it, select again at that fit, until the set stays the same.
 
 The linear problem in which sets are scored holds near its fit only. So each round poses it at the latest fit, selects
-the credible sets, and fits their union. A round that finds no fit continues from a part of the best set, or without
-the effects whose frequency fits the linear problem alone; `_State` is all that one round hands to the next.
+the credible sets, and fits their union. Where none of them has a fit, the next round begins at that of a part of the
+best set, or the search ends with what the round before found.
 
 **Hypotheses.** Residuals may be too large by effects that act in all touches (`search`), by friction that turns each
 force by a random angle (`fit_with_off_normal`), or by bad touches, some of which an effect may have made look bad.
@@ -11,7 +11,7 @@ Each hypothesis that applies is fitted, and compared by `refit.penalised_devianc
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -31,9 +31,9 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     fitted_effects,
     pose_problem,
 )
-from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, Subset, score_subsets
+from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets
 from scara_kinetostatic.diagnosis.noise_structure import fit_with_off_normal
-from scara_kinetostatic.diagnosis.refit import SEARCH, Effort, fit_with, penalised_deviance
+from scara_kinetostatic.diagnosis.refit import Effort, fit_with, penalised_deviance
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 
@@ -67,19 +67,9 @@ class Search(NamedTuple):
     @property
     def gain(self) -> float:
         """By how much the best set scores better than no effect."""
-        empty = next(subset for subset in self.scored_subsets.subsets if not subset.members)
-        return empty.score - min(subset.score for subset in self.scored_subsets.subsets if subset.members)
-
-    def fit_rivals(self, calibration: Calibration, effort: Effort) -> list[Calibration]:
-        """The touches of a calibration fitted with each credible set of effects by itself.
-
-        Args:
-            calibration: that with which the search began.
-            effort: of the diagnosis; fits beyond it are left out.
-        """
-        selection = _Selection(effort, calibration, self.start or calibration, self.problem, self.scored_subsets)
-        subsets = self.scored_subsets.credible[:8]
-        return [fit for one in subsets if effort.allows() and (fit := selection.fit(selection.members(one)))]
+        return self.scored_subsets.empty.score - min(
+            subset.score for subset in self.scored_subsets.subsets if subset.members
+        )
 
 
 def search(
@@ -94,96 +84,66 @@ def search(
         begin: another fit to the same touches to begin at, with noise or used touches of its own. Each
             fit with effects decides anew which touches are rejected, and estimates the noise anew if it is not given.
     """
-    state = _State(begin or calibration)
+    latest, labels, result = begin or calibration, set[str](), None
+    own = calibration if any(e.label not in calibration.held_effects for e in calibration.model.effects) else None
     # most searches end after two rounds
     for _ in range(6):
-        state = _next_state(calibration, effects, state, effort)
-        if state.is_final or not effort.allows(SEARCH):
+        problem = pose_problem(latest)
+        scored_subsets = score_subsets(problem, all_candidates(latest, problem, effects))
+        found = Search(problem, scored_subsets, own, start=latest)
+        if not scored_subsets.credible:
+            return result or found
+        best, selected = scored_subsets.credible[0], {member.effect.label for member in _union(scored_subsets)}
+        fitted = _fit_first(calibration, latest, found, _attempts(problem, scored_subsets), effort)
+        if fitted is not None:
+            result = Search(problem, scored_subsets, fitted, best.penalty, *_partition(scored_subsets), latest)
+        elif selected != labels:  # the fit of a part of the best set may lead to where all of it has one
+            parts = [scored_subsets.members(part) for part in scored_subsets.subsets if part.is_part_of(best)]
+            fitted = _fit_first(calibration, latest, found, parts[:_ATTEMPTS], effort)
+        if fitted is None:
+            return result or found._replace(penalty=best.penalty)
+        if (result is not None and selected == labels) or not effort.allows():
             break
-    result = state.result or state.fallback
-    assert result is not None
-    return result
+        latest, labels = fitted, selected
+    return result or found
 
 
-class _State(NamedTuple):
-    """A search between two rounds.
+def fit_rivals(found: Search, calibration: Calibration, effort: Effort) -> list[Calibration]:
+    """The touches of a calibration fitted with each credible set of effects by itself.
 
-    Attributes:
-        latest: the fit at which the next linear problem is posed.
-        labels: of the effects that the last round fitted.
-        excluded: labels of effects that are no longer candidates.
-        failed: sets of effects, by labels, whose fit does not converge or is not plausible.
-        failures: number of such fits in all rounds.
-        result: of the last round that fitted all selected effects.
-        fallback: the result if there is no such round, or if this is the last one.
-        is_final: whether the search ends here.
-    """
-
-    latest: Calibration
-    labels: frozenset[str] = frozenset()
-    excluded: frozenset[str] = frozenset()
-    failed: frozenset[frozenset[str]] = frozenset()
-    failures: int = 0
-    result: Search | None = None
-    fallback: Search | None = None
-    is_final: bool = False
-
-
-class _Selection(NamedTuple):
-    """The model selection of one round, from which effects are fitted.
-
-    Attributes:
-        effort: of the diagnosis.
+    Args:
+        found: the model selection.
         calibration: that with which the search began.
-        latest: the fit at which the problem is posed.
-        problem: the linear problem.
-        scored_subsets: the model selection in it.
+        effort: of the diagnosis; fits beyond it are left out.
     """
+    start, sets = found.start or calibration, found.scored_subsets
+    fits = [
+        _fit_set(calibration, start, found, sets.members(subset), effort)
+        for subset in sets.credible[:8]
+        if effort.allows()
+    ]
+    return [fit for fit in fits if fit is not None]
 
-    effort: Effort
-    calibration: Calibration
-    latest: Calibration
-    problem: Problem
-    scored_subsets: ScoredSubsets
 
-    def members(self, subset: Subset) -> list[Candidate]:
-        """The candidates of a set."""
-        return [self.scored_subsets.candidate_set.candidates[k] for k in subset.members]
+def _fit_set(
+    c: Calibration, start: Calibration, found: Search, members: Sequence[Candidate], effort: Effort
+) -> Calibration | None:
+    """The touches of a calibration fitted with effects; None if it is no result or not plausible.
 
-    def union(self, subsets: Sequence[Subset]) -> list[Candidate]:
-        """The effects of the first set, and those of the others up to `_MOST_IN_UNION`, each once."""
-        union: dict[str, Candidate] = {}
-        for subset in subsets:
-            for candidate in self.members(subset):
-                if len(union) < _MOST_IN_UNION or subset is subsets[0]:
-                    union.setdefault(candidate.effect.label, candidate)
-        return list(union.values())
-
-    def fit(self, members: Sequence[Candidate]) -> Calibration | None:
-        """The fit with effects; None if it is no result or not plausible."""
-        try:
-            fitted = fit_with(self.calibration, self.latest, self.problem, members, self.effort)
-        except UnsupportedDataError:
-            return None
-        return fitted if fitted.is_result and self._predicts(fitted) and _is_plausible(fitted) else None
-
-    def _predicts(self, fitted: Calibration) -> bool:
-        """Whether a fit predicts the forces: a curve over the force may follow the deviations of the tip, and yet be so
-        steep that no contact, or another one, belongs to the joint angles.
-        """
-        c = self.calibration
-        return fitted.force_error <= 2.0 * c.force_error + c.noise.force_rms
-
-    def result(self, extended: Calibration, best: Subset) -> Search:
-        """The result with the fit of all selected effects."""
-        in_every_model, rivals = _partition(self.scored_subsets)
-        return Search(self.problem, self.scored_subsets, extended, best.penalty, in_every_model, rivals, self.latest)
-
-    def without_effects(self, penalty: float = 0.0) -> Search:
-        """The result where no effect was fitted: no extended model, unless the search began with one."""
-        c = self.calibration
-        extended = c if any(effect.label not in c.held_effects for effect in c.model.effects) else None
-        return Search(self.problem, self.scored_subsets, extended, penalty)
+    Args:
+        c: the calibration.
+        start: the fit at which the problem of `found` is posed.
+        found: the model selection of a round.
+        members: the effects.
+        effort: of the diagnosis.
+    """
+    try:
+        fitted = fit_with(c, start, found.problem, members, effort)
+    except UnsupportedDataError:
+        return None
+    # a curve over the force may be so steep that no contact, or another one, belongs to the joint angles
+    predicts = fitted.force_error <= 2.0 * c.force_error + c.noise.force_rms
+    return fitted if fitted.is_result and predicts and _is_plausible(fitted) else None
 
 
 def _is_plausible(fitted: Calibration) -> bool:
@@ -200,51 +160,42 @@ def _is_plausible(fitted: Calibration) -> bool:
     return True
 
 
-def _next_state(calibration: Calibration, effects: Sequence[Effect], state: _State, effort: Effort) -> _State:
-    """One round: select effects at the latest fit, and fit them."""
-    problem = pose_problem(state.latest)
-    remaining = [effect for effect in effects if effect.label not in state.excluded]
-    scored_subsets = score_subsets(problem, all_candidates(state.latest, problem, remaining))
-    selection = _Selection(effort, calibration, state.latest, problem, scored_subsets)
-    state = state._replace(fallback=selection.without_effects())
-    if not scored_subsets.credible:
-        return state._replace(is_final=True)
-    fitted, failed = _fit_first(selection, scored_subsets.credible, state.failed)
-    state = state._replace(failed=failed, failures=state.failures + len(failed - state.failed))
-    if fitted is None and state.failures >= 6:
-        return state._replace(fallback=selection.without_effects(scored_subsets.credible[0].penalty), is_final=True)
-    return _after_failure(selection, state) if fitted is None else _after_fit(selection, fitted, state)
+def _union(scored_subsets: ScoredSubsets) -> list[Candidate]:
+    """The effects of the best credible set, and those of the others up to `_MOST_IN_UNION`, each once."""
+    best, *others = scored_subsets.credible
+    union = {candidate.effect.label: candidate for candidate in scored_subsets.members(best)}
+    for candidate in (candidate for subset in others for candidate in scored_subsets.members(subset)):
+        if len(union) < _MOST_IN_UNION:
+            union.setdefault(candidate.effect.label, candidate)
+    return list(union.values())
+
+
+def _attempts(problem: Problem, scored_subsets: ScoredSubsets) -> list[list[Candidate]]:
+    """The union of the credible sets, and the first of them by themselves.
+
+    The union is left out if its effects are nearly the same and would run to large values that cancel.
+    """
+    union = _union(scored_subsets)
+    attempts = [scored_subsets.members(subset) for subset in scored_subsets.credible[:_ATTEMPTS]]
+    return [union, *attempts] if _are_distinguishable(problem, union) else attempts
 
 
 def _fit_first(
-    selection: _Selection, subsets: Sequence[Subset], failed: frozenset[frozenset[str]]
-) -> tuple[Calibration | None, frozenset[frozenset[str]]]:
-    """Fit the union of sets, or else the first of them whose fit converges.
-
-    The union is left out if its effects are nearly the same and would run to large values that cancel.
-
-    Args:
-        selection: of the round.
-        subsets: the best first.
-        failed: sets that are not tried again.
-
-    Returns:
-        The fit, None if none converges; `failed` with those that did not.
-    """
-    union, tried = selection.union(subsets), False
-    attempts = [selection.members(subset) for subset in subsets[:_ATTEMPTS]]
-    for members in [union, *attempts] if _are_distinguishable(selection.problem, union) else attempts:
-        labels = _labels(members)
-        if labels in failed:
+    c: Calibration, start: Calibration, found: Search, attempts: Sequence[Sequence[Candidate]], effort: Effort
+) -> Calibration | None:
+    """The fit of the first set of effects that has one; None if none has."""
+    tried: list[set[str]] = []
+    for members in attempts:
+        labels = {member.effect.label for member in members}
+        if labels in tried:
             continue
-        if tried and not selection.effort.allows(SEARCH):
+        if tried and not effort.allows():
             break
-        tried = True
-        fitted = selection.fit(members)
+        tried.append(labels)
+        fitted = _fit_set(c, start, found, members, effort)
         if fitted is not None:
-            return fitted, failed
-        failed |= {labels}
-    return None, failed
+            return fitted
+    return None
 
 
 def _are_distinguishable(problem: Problem, members: Sequence[Candidate]) -> bool:
@@ -253,66 +204,6 @@ def _are_distinguishable(problem: Problem, members: Sequence[Candidate]) -> bool
     least = float(np.linalg.svd(columns, compute_uv=False)[-1])
     diverges = any(member.effect.diverges_with_alias or problem.is_declared(member.effect) for member in members)
     return least > 0.1 or not diverges
-
-
-def _after_failure(selection: _Selection, state: _State) -> _State:
-    """Where no credible set could be fitted: continue from a part of the best one, or without effects of unknown
-    frequency, which then explain the linear problem alone; or end.
-    """
-    scored_subsets = selection.scored_subsets
-    best = scored_subsets.credible[0]
-    selected = selection.union(scored_subsets.credible)
-    labels = _labels(selected)
-    parts = [subset for subset in scored_subsets.subsets if subset.members and set(best.members) > set(subset.members)]
-    if labels != state.labels and parts and selection.effort.allows(SEARCH):
-        part, failed = _fit_first(selection, parts[:_ATTEMPTS], state.failed)
-        if part is not None:
-            return state._replace(latest=part, labels=labels, failed=frozenset())
-        state = state._replace(failed=failed)
-    scanned = {candidate.effect.label for candidate in selected if candidate.tried > 1}
-    if scanned:
-        return state._replace(excluded=state.excluded | scanned)
-    return state._replace(fallback=selection.without_effects(best.penalty), is_final=True)
-
-
-def _after_fit(selection: _Selection, fitted: Calibration, state: _State) -> _State:
-    """Continue from the fit, or from a smaller one that is likelier; end where the set stays the same."""
-    credible = selection.scored_subsets.credible
-    labels = _labels(selection.union(credible))
-    result = selection.result(fitted, credible[0])
-    if len(credible) == 1 and labels != state.labels:
-        smaller = _fit_smaller(selection, fitted)
-        if smaller is not None:
-            return state._replace(latest=smaller, labels=labels, fallback=result)
-    return state._replace(result=result, latest=fitted, labels=labels, is_final=labels == state.labels)
-
-
-def _fit_smaller(selection: _Selection, fitted: Calibration) -> Calibration | None:
-    """The likeliest fit without one of the effects, if likelier than with all; None if each is needed.
-
-    Where the residuals are large, the linear problem may select an effect only to make up for its second-order error.
-    """
-    penalty = selection.scored_subsets.penalty
-    best = selection.scored_subsets.credible[0]
-    if len(best.members) < 2:
-        return None
-    scale = max(1.0, fitted.reduced_chi_square)
-    least, smaller = penalised_deviance(fitted, penalty(best.members), scale), None
-    for out in best.members:
-        if not selection.effort.allows(SEARCH):
-            break
-        kept = tuple(k for k in best.members if k != out)
-        fit = selection.fit(selection.members(best._replace(members=kept)))
-        if fit is None:
-            continue
-        total = penalised_deviance(fit, penalty(kept), scale)
-        if total < least:
-            least, smaller = total, fit
-    return smaller
-
-
-def _labels(members: Iterable[Candidate]) -> frozenset[str]:
-    return frozenset(member.effect.label for member in members)
 
 
 def _partition(scored_subsets: ScoredSubsets) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
@@ -374,10 +265,10 @@ def _fit_hypotheses(
     if alarm:
         hypotheses.append(search(c, known, effort))
     all_used = any(found.extended and found.extended.used.all() for found in hypotheses)
-    if not c.used.all() and not all_used and effort.allows(SEARCH):
+    if not c.used.all() and not all_used and effort.allows():
         hypotheses.append(search(c, known, effort, replace(c, used=np.ones(len(c.touches), dtype=bool))))
     is_open = alarm and c.cell.noise is None and not any(found.extended for found in hypotheses)
-    if is_open and effort.allows(SEARCH):
+    if is_open and effort.allows():
         hypotheses += _with_usual_noise(c, known, effort)
     fits = [found.extended for found in hypotheses if found.extended]
     # effects may hide them in the base model
@@ -385,7 +276,7 @@ def _fit_hypotheses(
         not fit.model.off_normal_std and off_normal_p_value(fit) < FRICTION_SIGNIFICANCE for fit in fits
     )
     is_open = off_normal and not any(_is_radial(fit) for fit in fits)
-    if is_open and effort.allows(SEARCH):
+    if is_open and effort.allows():
         hypotheses += _with_off_normal_forces(c, known, effort)
     return hypotheses
 

@@ -258,7 +258,6 @@ def _candidate(item: Ranked, role: str) -> Document:
         'p_value': item.p_value,
         'share': item.share,
         'gain': item.gain,
-        'held_out': item.held_out,
         'independent_part': item.independent_part,
         'undetected_bias': item.undetected_bias,
         'biased_parameter': item.biased_parameter or None,

@@ -216,7 +216,6 @@ def candidate_table(d: Diagnosis, items: Iterable[Ranked]) -> Table | None:
         (
             item.effect.title,
             _signed(item.gain),
-            _signed(item.held_out),
             chance(item.p_value) if math.isfinite(item.p_value) else '',
             f'{100 * item.share:.0f} %',
             role,
@@ -224,8 +223,8 @@ def candidate_table(d: Diagnosis, items: Iterable[Ranked]) -> Table | None:
         for item, role in zip(ordered, roles, strict=True)
     )
     levels = {'found': 'good', 'possible': 'good', 'rival': 'caution'}
-    heading = ('effect', 'gain', 'held-out gain', 'p-value', 'share', '')
-    return Table(heading, ('',) * 6, rows, levels=tuple(levels.get(role, '') for role in roles)) if rows else None
+    heading = ('effect', 'gain', 'p-value', 'share', '')
+    return Table(heading, ('',) * 5, rows, levels=tuple(levels.get(role, '') for role in roles)) if rows else None
 
 
 def dependence_table(found: Sequence[Dependence]) -> Table | None:

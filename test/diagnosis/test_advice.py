@@ -33,18 +33,6 @@ def test_rivals_are_counted(found, said):
     assert advice.open_questions('ambiguous', (), (found,), (), (), ()).startswith(said)
 
 
-@pytest.mark.parametrize(
-    ('number', 'said'),
-    [
-        (0, ''),
-        (1, '; 1 other undetected effect could bias a parameter by more than 5 σ'),
-        (12, '; 12 other undetected effects could each bias a parameter by more than 5 σ'),
-    ],
-)
-def test_further_large_detection_limits_are_counted(number, said):
-    assert advice._other_limits(number) == said
-
-
 @pytest.mark.parametrize('cell', [LOUD, replace(CELL, noise=Noise(3 * NOISE.joint, 3 * NOISE.force))])
 def test_noise_stated_too_large_neither_masks_nor_creates_an_effect(cell: Cell):
     clean = diagnose(calibrate(simulate(seed=0), cell))

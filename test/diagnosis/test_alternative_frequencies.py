@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from diagnosis.simulated import CELL, calibrate, deviations, effect, examined, simulate
 
-from scara_kinetostatic.diagnosis.alternatives import fit_alternative_frequencies
+from scara_kinetostatic.diagnosis.alternatives import cover_alternatives
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.refit import Effort
 from scara_kinetostatic.effects.base import JointEffect
@@ -35,7 +35,7 @@ def test_a_slow_wave_that_looks_like_one_of_twice_the_frequency(phase):
 def test_one_frequency_alone_keeps_its_standard_deviation():
     _, found = examined(WAVE, (8e-5, 0.4, 31.0))
     assert found.extended is not None
-    assert fit_alternative_frequencies(found.extended, [item.effect.label for item in found.found], Effort()) == []
+    assert cover_alternatives(found.extended, [], [item.effect.label for item in found.found], Effort())[1] == []
     _, _, cycles = found.found[0].values
     assert abs(cycles.value - 31.0) < 4 * cycles.std
     assert cycles.std < 0.1
@@ -45,7 +45,7 @@ def test_one_frequency_alone_keeps_its_standard_deviation():
 def test_without_a_wave_there_is_nothing_to_fit():
     _, found = examined('encoder_gain[joint2]', (8e-5,))
     assert found.extended is not None
-    assert fit_alternative_frequencies(found.extended, [item.effect.label for item in found.found], Effort()) == []
+    assert cover_alternatives(found.extended, [], [item.effect.label for item in found.found], Effort())[1] == []
 
 
 @dataclass(frozen=True)
@@ -85,5 +85,5 @@ def test_other_frequencies_are_fitted_beside_friction_of_either_sense():
     touches = simulate((wave, (8e-5, 0.4, 31.0)))
     start = ExtendedModel(CELL.nominal, (friction, wave), ((), (8e-5, 0.4, 31.0)))
     extended = calibrate(touches, CELL, start=start)
-    for other in fit_alternative_frequencies(extended, [WAVE], Effort()):
+    for other in cover_alternatives(extended, [], [WAVE], Effort())[1]:
         assert other.model.effects == extended.model.effects

@@ -13,7 +13,7 @@ from scara_kinetostatic.diagnosis import search
 from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
 from scara_kinetostatic.diagnosis.comparison import discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import NONCENTRALITY, pose_problem
-from scara_kinetostatic.diagnosis.model_selection import held_out_deviance, score_subsets, significance, undetected_bias
+from scara_kinetostatic.diagnosis.model_selection import score_subsets, significance, undetected_bias
 from scara_kinetostatic.diagnosis.refit import Effort, fit_with
 from scara_kinetostatic.effects.registry import catalogue
 
@@ -22,22 +22,6 @@ SEVERAL = ('encoder_gain[joint1]', 'base_compliance', 'transmission_error[joint2
 
 def several():
     return [effect(label) for label in SEVERAL]
-
-
-def test_touches_are_left_out_in_closed_form():
-    problem = pose_problem(calibrate(simulate(), CELL))
-    (candidate,) = gather(problem, [effect('base_compliance')]).candidates
-    columns = np.concatenate([problem.base, candidate.unit], axis=1)
-    total = 0.0
-    for k in range(0, len(problem.left), 2):
-        kept = np.delete(np.arange(len(problem.left)), [k, k + 1])
-        fitted, *_ = np.linalg.lstsq(columns[kept], problem.left[kept], rcond=None)
-        miss = problem.left[k : k + 2] - columns[k : k + 2] @ fitted
-        off_normal_std = (
-            np.eye(2) + columns[k : k + 2] @ np.linalg.inv(columns[kept].T @ columns[kept]) @ columns[k : k + 2].T
-        )
-        total += miss @ np.linalg.solve(off_normal_std, miss) + np.log(np.linalg.det(off_normal_std))
-    assert np.isclose(held_out_deviance(problem, candidate.unit, 1.0), total, rtol=1e-9)
 
 
 def test_sums_of_squares_of_sets_are_those_of_least_squares():
@@ -109,7 +93,6 @@ def test_everything_in_the_catalogue_is_ranked_once():
     best = found.ranking[0]
     assert best.effect.label == 'encoder_gain[joint1]'
     assert best.role == 'found'
-    assert best.held_out > 50
     assert all(item.undetected_bias >= 0 for item in found.ranking if item.role != 'unidentifiable')
 
 
