@@ -148,15 +148,14 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
     candidates, weak = find_candidates(signals, contacts)
     candidates = _with_discs(candidates, cell)
     held = _held_touches(signals, candidates, cell)
+    spans = [(c.hold.begin, c.hold.end) if c.hold else c.contact for c in candidates]
     before, memories = load_history(signals, candidates, cell, earlier)
     states = [[] if candidates[k].defect else [turn.state for turn in before.get(k, ())] for k in held.index.tolist()]
     detection = Detection(
         held.replace(history=stacked_histories(states, held.joints)),
         tuple(
-            Episode(
-                number, c.contact, (c.hold.begin, c.hold.end) if c.hold else c.contact, *(c.defect or ('', ''))[::-1]
-            )
-            for number, c in enumerate(candidates)
+            Episode(number, c.contact, span, **(c.defect._asdict() if c.defect else {}))
+            for number, (c, span) in enumerate(zip(candidates, spans, strict=True))
         ),
         warnings=(*signals.warnings, *_warnings(contacts.spikes, weak, candidates)),
         start=signals.start,

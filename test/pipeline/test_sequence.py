@@ -17,7 +17,6 @@ from scara_kinetostatic.touches.detection import Detection, Episode, first_place
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 LATER = replace(PAPER_ACTUAL, x0=PAPER_ACTUAL.x0 + 1.5e-4)
-UNKNOWN = np.full(2, np.nan)
 
 
 def recorded(start: int, last: float, found: int = 10) -> Detection:
