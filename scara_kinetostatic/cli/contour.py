@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
     arm = load_calibration(args.calibration)
     cell = load_cell(args.cell) if args.cell else arm.cell
-    check_same_arm(arm.cell, cell, str(args.calibration), str(args.cell), 'give the cell of the calibrated robot')
+    check_same_arm(arm.cell, cell, str(args.calibration), str(args.cell))
     if args.bag.resolve() == args.out.resolve():
         raise InputError(args.out, 'is the recording', 'choose another folder for --out')
     if args.cell is None:

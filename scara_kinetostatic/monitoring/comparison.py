@@ -52,7 +52,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
+from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of
 from scara_kinetostatic.monitoring.linear import (
     Evidence,
     State,
@@ -62,7 +62,10 @@ from scara_kinetostatic.monitoring.linear import (
     source_of,
     stated_uncertainties,
 )
-from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_robot, of_stored_touches
+from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
+
+LEVEL = 0.01
+"""p-value below which two calibrations differ. Source: the accepted rate of false alarms of the diagnosis."""
 
 
 class Fit(NamedTuple):
@@ -95,11 +98,6 @@ class Fit(NamedTuple):
         knowledge[np.ix_(free, free)] = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
         return cls(state, jacobian, knowledge)
 
-    @property
-    def by_errors(self) -> Floats:
-        """Change of the estimates by true errors of all that is in the state, Ĉ JᵀJ, (p, p)."""
-        return self.knowledge @ (self.jacobian.T @ self.jacobian)
-
     def by_stated(self, record: CalibrationRecord) -> dict[str, Floats]:
         """What an error of one standard uncertainty of each stated value does to the estimates, by name, (p,), SI."""
         found = {}
@@ -120,17 +118,6 @@ def _prior_information(record: CalibrationRecord, state: State) -> Floats:
     return prior
 
 
-_OF_THE_CELL = ('disc', 'discs', 'plate')
-"""Fields of an effect that say where in a cell its object is."""
-
-
-def with_common_effects(
-    before: CalibrationRecord, after: CalibrationRecord
-) -> tuple[CalibrationRecord, CalibrationRecord]:
-    """Two calibrations, each extended by the effects that the other has found and that can be compared."""
-    return _extended(before, after), _extended(after, before)
-
-
 def is_comparable(effect: EffectLaw, one: Cell, other: Cell) -> bool:
     """Whether an effect means the same in the recordings of two cells.
 
@@ -139,14 +126,12 @@ def is_comparable(effect: EffectLaw, one: Cell, other: Cell) -> bool:
     """
     if effect.is_stepwise or effect.off_normal_std:
         return False
-    stated = [_stated(cell).get(getattr(effect, 'target', None)) for cell in (one, other)]
+    stated = []
+    for cell in (one, other):
+        objects = {plate.name: (plate.x, plate.y) for plate in cell.plates}
+        objects |= {disc.name: (disc.x, disc.y, disc.radius) for disc in cell.discs}  # type: ignore[misc]
+        stated.append(objects.get(getattr(effect, 'target', '')))
     return stated[0] == stated[1]
-
-
-def _stated(cell: Cell) -> dict[str | None, tuple[float, ...]]:
-    """Place and, of a disc, radius of each object and plate by name."""
-    stated: dict[str | None, tuple[float, ...]] = {plate.name: (plate.x, plate.y) for plate in cell.plates}
-    return stated | {disc.name: (disc.x, disc.y, disc.radius) for disc in cell.discs}
 
 
 def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw]:
@@ -155,26 +140,17 @@ def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw
     return [e for e in record.arm.model.effects if (e.label, e.off_normal_std > 0) not in theirs]
 
 
-def _extended(record: CalibrationRecord, other: CalibrationRecord) -> CalibrationRecord:
+def _with_effects_of(record: CalibrationRecord, other: CalibrationRecord) -> CalibrationRecord:
+    """A calibration extended by the effects that another one has found and that can be compared."""
     cell, model = record.arm.cell, other.arm.model
     own = {effect.label for effect in record.arm.model.effects}
     values = dict(zip((effect.label for effect in model.effects), model.effect_values, strict=True))
     missing = [e for e in alone(other, record) if e.label not in own and is_comparable(e, cell, other.arm.cell)]
-    if not missing:
-        return record
-    effects = [_in_cell(effect, cell, other.source) for effect in missing]
-    return extended(record, effects, [values[effect.label] for effect in effects])
-
-
-def _in_cell(effect: EffectLaw, cell: Cell, where: str) -> EffectLaw:
-    """The same effect in a cell that may number its objects otherwise.
-
-    Raises:
-        CalibrationFileError: there is none.
-    """
-    entry = effect_entry(effect)
-    own = {name: value for name, value in entry['fields'].items() if name not in _OF_THE_CELL}
-    return read_effect(entry | {'fields': own}, cell, where)
+    effects = []
+    for entry in map(effect_entry, missing):  # the cell may number its objects otherwise
+        fields = {name: value for name, value in entry['fields'].items() if name not in ('disc', 'discs', 'plate')}
+        effects.append(read_effect(entry | {'fields': fields}, cell, other.source))
+    return extended(record, effects, [values[effect.label] for effect in effects]) if effects else record
 
 
 def extended(
@@ -230,7 +206,6 @@ class ParameterChange(NamedTuple):
         after: second value.
         std: standard uncertainty of the difference; NaN where a calibration does not determine it, 0 where both hold
             it fixed.
-        std_independent: the same if nothing were common to both calibrations.
     """
 
     name: str
@@ -238,7 +213,6 @@ class ParameterChange(NamedTuple):
     before: float
     after: float
     std: float
-    std_independent: float
 
     @property
     def change(self) -> float:
@@ -256,63 +230,6 @@ class ParameterChange(NamedTuple):
         return float(erfc(abs(self.z) / np.sqrt(2))) if np.isfinite(self.z) else np.nan
 
 
-class Difference(NamedTuple):
-    """The difference of common values, in units of their plausible ranges.
-
-    Attributes:
-        change: after less before, (p,).
-        covariance: S, (p, p).
-        combinations: of values that both determine, (r, p).
-        parameters: the values one by one.
-    """
-
-    change: Floats
-    covariance: Floats
-    combinations: Floats
-    parameters: tuple[ParameterChange, ...]
-
-    @classmethod
-    def of(cls, before: CalibrationRecord, after: CalibrationRecord, names: Sequence[str]) -> Difference:
-        """Of the values `names` that both have."""
-        places = [[record.place(name) for name in names] for record in (before, after)]
-        values = [record.values[where] for record, where in zip((before, after), places, strict=True)]
-        s, independent = _covariances(before, after, places)
-        state = State.of(after)
-        scale = state.scale[places[1]]
-        undetermined = np.concatenate(
-            [r.arm.undetermined[[r.arm.model.names.index(n) for n in names]] for r in (before, after)], axis=1
-        )
-        rows = (undetermined / scale[:, None]).T
-        combinations = null_space(rows, rcond=1e-9).T if len(rows) else np.eye(len(names))
-        stds = [np.sqrt(np.clip(np.diag(matrix), 0.0, None)) for matrix in (s, independent)]
-        hidden = np.linalg.norm(undetermined, axis=1) > stds[1]
-        stds = [np.where(hidden, np.nan, std) for std in stds]
-        units = [state.units[place] for place in places[1]]
-        columns = zip(names, units, *(part.tolist() for part in (*values, *stds)), strict=True)
-        parameters = tuple(ParameterChange(*row) for row in columns)
-        return cls((values[1] - values[0]) / scale, s / np.outer(scale, scale), combinations, parameters)
-
-
-def _covariances(before: CalibrationRecord, after: CalibrationRecord, places: list[list[int]]) -> tuple[Floats, Floats]:
-    """S of the difference, and what it would be if nothing were common; SI, (p, p) each."""
-    records = before, after
-    covariances = [r.covariance[np.ix_(where, where)] for r, where in zip(records, places, strict=True)]
-    independent = covariances[0] + covariances[1]
-    s = independent.copy()
-    by_stated = [Fit.of(record).by_stated(record) for record in records]
-    a, b = (record.arm.cell for record in records)
-    labels = same_sources(a, b)
-    for name, _ in stated_uncertainties(a).items() & stated_uncertainties(b).items():
-        if source_of(name) in labels:  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
-            one, other = (found[name][where] for found, where in zip(by_stated, places, strict=True))
-            s -= np.outer(one, other) + np.outer(other, one)
-    return s, independent
-
-
-LEVEL = 0.01
-"""p-value below which two calibrations differ. Source: the accepted rate of false alarms of the diagnosis."""
-
-
 class Change(NamedTuple):
     """What changed from one calibration to the next.
 
@@ -323,9 +240,7 @@ class Change(NamedTuple):
         chi_square: of the difference of all determined combinations.
         degrees_of_freedom: their number.
         p_value: of no change at all.
-        ranking: hypotheses of what changed, the best first.
-        rivals: names of those that explain the difference about as well as the first.
-        remaining_p_value: of nothing else having changed than the first hypothesis says.
+        causes: hypotheses of what changed.
         tip: root mean square displacement of the predicted tip at the touches of the second calibration, m.
         largest_tip: the largest there, m.
         only_before: labels of effects that the first has alone.
@@ -340,9 +255,7 @@ class Change(NamedTuple):
     chi_square: float
     degrees_of_freedom: int
     p_value: float
-    ranking: tuple[Explanation, ...]
-    rivals: tuple[str, ...]
-    remaining_p_value: float
+    causes: Causes
     tip: float
     largest_tip: float
     only_before: tuple[str, ...]
@@ -360,112 +273,110 @@ def compare_records(records: Sequence[CalibrationRecord]) -> list[Change]:
     """The changes between consecutive calibrations.
 
     Raises:
-        InputError: fewer than two, or calibrations of different robots or cells.
+        InputError: fewer than two, or calibrations of different robots.
     """
     if len(records) < 2:
         raise InputError('calibrations', f'expected two or more to compare, got {len(records)}')
     for record in records[1:]:
-        check_same_robot(records[0], record)
+        check_same_arm(records[0].arm.cell, record.arm.cell, records[0].source, record.source)
     return [compare(before, after) for before, after in pairwise(records)]
 
 
 def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
-    """What changed from one calibration to the next; `check_same_robot` has found nothing."""
-    one, other = with_common_effects(before, after)
-    names = _common_names(one, other)
-    difference = Difference.of(one, other, names)
-    root, held = _whitening(difference)
-    whitened = root @ difference.change
-    chi_square, freedoms = float(whitened @ whitened), len(whitened)
-    evidence, state = _evidence(root, difference.change, names, other)
-    values = [k for k, name in enumerate(state.names[: state.values]) if name not in names]  # not in both
-    among = [h for h in hypotheses_of(state) if not {*h.places} & {*values}]
-    ranking = explanations(evidence, state, among)
-    estimated = [r.noise_freedoms for r in (before, after) if np.isfinite(r.noise_freedoms)]
-    noise = sum(estimated) if estimated else np.inf
-    left = max(chi_square - ranking[0].statistic, 0.0)
-    remaining = p_values(left, max(freedoms - len(ranking[0].change), 0), noise)
+    """What changed from one calibration of a robot to the next."""
+    both = _with_effects_of(before, after), _with_effects_of(after, before)
+    cells = before.arm.cell, after.arm.cell
+    effects = (*before.arm.model.effects, *after.arm.model.effects)
+    not_compared = tuple(dict.fromkeys(e.label for e in effects if not is_comparable(e, *cells)))
+    names = [name for name in both[0].arm.model.names if name in both[1].arm.model.names]
+    names = [name for name in names if name in NAMES or name.rpartition('.')[0] not in not_compared]
+    fits = [Fit.of(record) for record in both]
+    state = fits[1].state
+    scale = state.scale[[state.place(name) for name in names]]
+    undetermined = [r.arm.undetermined[[r.arm.model.names.index(name) for name in names]] for r in both]
+    hidden = np.concatenate(undetermined, axis=1)
+    parameters, s = _differences(both, fits, names, hidden)
+    kept = null_space((hidden / scale[:, None]).T, rcond=1e-9).T if hidden.size else np.eye(len(names))
+    difference = np.array([p.change for p in parameters]) / scale
+    sizes, vectors = np.linalg.eigh(kept @ (s / np.outer(scale, scale)) @ kept.T)
+    large = sizes > 1e-10 * max(float(sizes.max(initial=0.0)), 1e-30)  # smaller: both hold it fixed
+    is_held = bool(np.abs(vectors[:, ~large].T @ (kept @ difference)).max(initial=0.0) > 1e-9)
+    root = (vectors[:, large] / np.sqrt(sizes[large])).T @ kept
+    chi_square, freedoms = float(((root @ difference) ** 2).sum()), len(root)
+    noise = sum(r.noise_freedoms for r in (before, after) if np.isfinite(r.noise_freedoms)) or np.inf
+    p_value = float(p_values(chi_square, freedoms, noise))
+    causes = Causes()
+    if p_value < LEVEL:
+        evidence = _evidence(root, difference, names, fits[1], len(both[1].arm.model.names))
+        single = {k for k, name in enumerate(state.names[: state.values]) if name not in names}  # not in both
+        among = [h for h in hypotheses_of(state) if not {*h.places} & single]
+        causes = Causes.of(evidence, state, among, chi_square, freedoms, noise)
     tip = after.tip_moved(before.arm, after.arm)
     return Change(
         before=before,
         after=after,
-        parameters=difference.parameters,
+        parameters=parameters,
         chi_square=chi_square,
         degrees_of_freedom=freedoms,
-        p_value=float(p_values(chi_square, freedoms, noise)),
-        ranking=tuple(ranking),
-        rivals=tuple(rivals(ranking, evidence)),
-        remaining_p_value=float(remaining),
+        p_value=p_value,
+        causes=causes,
         tip=rms(tip),
         largest_tip=float(tip.max(initial=0.0)),
         only_before=tuple(effect.label for effect in alone(before, after)),
         only_after=tuple(effect.label for effect in alone(after, before)),
-        not_compared=_not_compared(before, after),
-        notes=tuple(_notes(before, after, held, difference.parameters, freedoms)),
+        not_compared=not_compared,
+        notes=tuple(_notes(before, after, is_held, [p.name for p in parameters if np.isnan(p.std)])),
     )
 
 
-def _whitening(difference: Difference) -> tuple[Floats, bool]:
-    """Rows that whiten the determined combinations, (r, p); whether what both hold fixed differs."""
-    kept = difference.combinations
-    values, vectors = np.linalg.eigh(kept @ difference.covariance @ kept.T)
-    large = values > 1e-10 * max(float(values.max(initial=0.0)), 1e-30)  # smaller: both hold it fixed
-    held = np.abs(vectors[:, ~large].T @ (kept @ difference.change)).max(initial=0.0) > 1e-9
-    return (vectors[:, large] / np.sqrt(values[large])).T @ kept, bool(held)
+def _differences(
+    both: tuple[CalibrationRecord, CalibrationRecord], fits: Sequence[Fit], names: Sequence[str], hidden: Floats
+) -> tuple[tuple[ParameterChange, ...], Floats]:
+    """Of values that both have, one by one, and S of them, SI, (p, p)."""
+    places = [[record.place(name) for name in names] for record in both]
+    covariances = [r.covariance[np.ix_(where, where)] for r, where in zip(both, places, strict=True)]
+    s = covariances[0] + covariances[1]
+    by_stated = [fit.by_stated(record) for fit, record in zip(fits, both, strict=True)]
+    cells = [record.arm.cell for record in both]
+    same = same_sources(*cells)
+    for name, _ in stated_uncertainties(cells[0]).items() & stated_uncertainties(cells[1]).items():
+        if source_of(name) in same:  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
+            one, other = (found[name][where] for found, where in zip(by_stated, places, strict=True))
+            s -= np.outer(one, other) + np.outer(other, one)
+    std = np.sqrt(np.clip(np.diag(s), 0.0, None))
+    independent = np.sqrt(np.clip(np.diag(covariances[0] + covariances[1]), 0.0, None))
+    std[np.linalg.norm(hidden, axis=1) > independent] = np.nan
+    units = [fits[1].state.units[place] for place in places[1]]
+    values = (record.values[where].tolist() for record, where in zip(both, places, strict=True))
+    return tuple(map(ParameterChange, names, units, *values, std.tolist())), s
 
 
-def _common_names(one: CalibrationRecord, other: CalibrationRecord) -> tuple[str, ...]:
-    """Names of the values that two calibrations have, and that mean the same in both."""
-    cells = one.arm.cell, other.arm.cell
-    without = {e.label for e in other.arm.model.effects if not is_comparable(e, *cells)}
-    names = [name for name in one.arm.model.names if name in other.arm.model.names]
-    return tuple(name for name in names if name in NAMES or name.rpartition('.')[0] not in without)
-
-
-def _not_compared(before: CalibrationRecord, after: CalibrationRecord) -> tuple[str, ...]:
-    """Labels of effects that mean nothing in the other's touches."""
-    cells = before.arm.cell, after.arm.cell
-    effects = (*before.arm.model.effects, *after.arm.model.effects)
-    return tuple(dict.fromkeys(effect.label for effect in effects if not is_comparable(effect, *cells)))
-
-
-def _evidence(root: Floats, change: Floats, names: Sequence[str], after: CalibrationRecord) -> tuple[Evidence, State]:
+def _evidence(root: Floats, difference: Floats, names: Sequence[str], fit: Fit, values: int) -> Evidence:
     """Evidence for changes of values and of the cell, in the state of the second calibration."""
-    fit = Fit.of(after)
-    state, values = fit.state, len(after.arm.model.names)
-    where = [state.place(name) for name in names]
-    response = np.zeros((len(names), len(state.names)))
+    where = [fit.state.place(name) for name in names]
+    response = np.zeros((len(names), len(fit.state.names)))
     response[np.arange(len(names)), where] = 1.0
-    response[:, values:] = fit.by_errors[where][:, values:]
+    by_errors = fit.knowledge @ (fit.jacobian.T @ fit.jacobian)  # change of the estimates by true errors, Ĉ JᵀJ
+    response[:, values:] = by_errors[where][:, values:]
     rows = root @ response
-    return Evidence(rows.T @ (root @ change), rows.T @ rows), state
+    return Evidence(rows.T @ (root @ difference), rows.T @ rows)
 
 
-def _notes(
-    before: CalibrationRecord,
-    after: CalibrationRecord,
-    held: bool,
-    parameters: Sequence[ParameterChange],
-    freedoms: int,
-) -> list[str]:
-    notes = []
-    if not freedoms:
-        notes.append('there is nothing that both calibrations determine: nothing is compared')
-    elif single := [p.name for p in parameters if np.isnan(p.std)]:
-        notes.append(f'{", ".join(single)}: not determined each by itself; compared only in combination, if at all')
-    if before.checksums & after.checksums:
-        notes.append(
-            'both calibrations contain the same recording: they are not independent, and the p-value is not valid'
+def _notes(before: CalibrationRecord, after: CalibrationRecord, is_held: bool, single: Sequence[str]) -> list[str]:
+    """What limits a comparison."""
+    return [
+        text
+        for holds, text in (
+            (single, f'{", ".join(single)}: not determined each by itself; compared only in combination, if at all'),
+            (
+                before.checksums & after.checksums,
+                'both calibrations contain the same recording: they are not independent, and the p-value is not valid',
+            ),
+            (
+                before.fixed != after.fixed or is_held,
+                'the calibrations hold other parameters fixed: a wrong fixed value looks like a change',
+            ),
+            *((r.arm.grade == 'unfit', f'{r.source} is unfit for use') for r in (before, after)),
         )
-    if before.fixed != after.fixed or held:
-        notes.append('the calibrations hold other parameters fixed: a wrong fixed value looks like a change')
-    cells = before.arm.cell, after.arm.cell
-    if others := {e.label for e in (*alone(before, after), *alone(after, before)) if is_comparable(e, *cells)}:
-        notes.append(
-            f'{", ".join(sorted(others))}: also fitted to the touches of the one that lacks it, to first order'
-        )
-    if before.measured and after.measured and before.measured > after.measured:
-        notes.append(f'{after.source} is older than {before.source}: they are compared in the order given')
-    assumed = dict.fromkeys(text for record in (before, after) for text in of_stored_touches(record))
-    unfit = [r.source for r in (before, after) if r.arm.grade == 'unfit']
-    return [*notes, *assumed, *(f'{source} is unfit for use' for source in unfit)]
+        if holds
+    ]

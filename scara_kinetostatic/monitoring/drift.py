@@ -22,7 +22,6 @@ Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 7.2.4; Hub
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from pathlib import PurePath
 from typing import NamedTuple
@@ -211,12 +210,17 @@ class DriftMonitor:
         return self._evaluate(named)
 
     def _evaluate(self, named: bool) -> Alarm | None:
-        among, best = self.hypotheses, None
-        self.statistic = 0.0
+        best, self.statistic = None, 0.0
+        single = sorted(
+            {place for h in self.hypotheses for place in h.places}
+        )  # parts add what further values must pay
         for start in (self._from_calibration, *self._starts):
             if self.count - start.touch < FEWEST:
                 continue
-            statistic = _largest(start.evidence(), among)
+            evidence = start.evidence()
+            score, diagonal = evidence.score[single], np.diag(evidence.matrix)[single]
+            known = diagonal > 1e-9 * np.diag(evidence.matrix).max(initial=0.0)
+            statistic = float((score[known] ** 2 / diagonal[known]).max(initial=0.0))
             if statistic > self.statistic:
                 self.statistic, best = statistic, start
         if best is not None and self.statistic > self.threshold:
@@ -241,10 +245,9 @@ class DriftMonitor:
             if not len(bad):
                 break
             weight[bad] = 0.0
-        names = tuple(rivals(ranking, evidence))
         before = float(np.median(latest.chi_squares(start.covariance, start.mean)[weight > 0]))
         explained = usual < max(MOST_REMAINING, LINEAR * before)
-        return Alarm(self._raised, start.touch, self.statistic, ranking[0], names, explained)
+        return Alarm(self._raised, start.touch, self.statistic, ranking[0], rivals(ranking), explained)
 
     def _left(self, start: _Start, change: Explanation, touches: Measured) -> Floats:
         """Chi-square that a change leaves each of some touches."""
@@ -252,16 +255,6 @@ class DriftMonitor:
         mean = start.mean.copy()
         mean[places] += np.array(change.change) / self.state.scale[places]
         return touches.chi_squares(start.covariance, mean)
-
-
-def _largest(evidence: Evidence, among: Sequence[Hypothesis]) -> float:
-    """The largest statistic of single values; parts add to it only what further values must pay."""
-    diagonal = np.diag(evidence.matrix)
-    single = sorted({place for h in among for place in h.places})
-    d = diagonal[single]
-    with np.errstate(divide='ignore', invalid='ignore'):
-        ratios = np.where(d > 1e-9 * diagonal.max(initial=0.0), evidence.score[single] ** 2 / d, 0.0)
-    return float(ratios.max(initial=0.0))
 
 
 class SinceTouch(NamedTuple):
@@ -283,21 +276,35 @@ def alarm_line(alarm: Alarm, since: SinceTouch | None) -> str:
         alarm: the alarm.
         since: its first touch, where it is known.
     """
-    best = alarm.best
-    others = f'; or {"; ".join(change_title(name) for name in alarm.rivals[:3])}' if alarm.rivals else ''
-    when = 'from the first touch on'
+    when = f'after {alarm.since} touches' if alarm.since else 'from the first touch on'
     if since is not None and alarm.since:
         when = f'since touch {since.number} of {PurePath(since.recording).name}'
-    elif alarm.since:
-        when = f'after {alarm.since} touches'
-    what = f'{best.hypothesis.title} ({best.text})'
-    if not alarm.is_explained:
-        return f'the calibration no longer holds, {when}: no single part explains it, the largest is: {what}'
-    return f'the calibration no longer holds, {when}: {what}{others}'
+    what = f'{alarm.best.hypothesis.title} ({alarm.best.text})'
+    if alarm.is_explained:
+        what = '; or '.join((what, '; '.join(map(change_title, alarm.rivals[:3])))) if alarm.rivals else what
+    else:
+        what = f'no single part explains it, the largest is: {what}'
+    return f'the calibration no longer holds, {when}: {what}'
 
 
 def drift_document(monitor: DriftMonitor, assumptions: str, alarm: Alarm | None, since: SinceTouch | None) -> Document:
-    """The state of a monitor; `alarm` is the one that stands, `since` its first touch."""
+    """The state of a monitor; `alarm` is the one that stands, `since` its first touch; SI units."""
+    said = None
+    if alarm is not None:
+        said = {
+            'touch': alarm.touch,
+            'since': alarm.since,
+            'since_touch': since,
+            'statistic': alarm.statistic,
+            'changed': alarm.best.name,
+            'change': alarm.best.change,
+            'std': alarm.best.std,
+            'values': alarm.best.hypothesis.values,
+            'units': alarm.best.hypothesis.units,
+            'rivals': alarm.rivals,
+            'explained': alarm.is_explained,
+            'message': alarm_line(alarm, since),
+        }
     return {
         'schema': 'scara_kinetostatic/drift/1',
         'calibration': monitor.record.source,
@@ -306,24 +313,5 @@ def drift_document(monitor: DriftMonitor, assumptions: str, alarm: Alarm | None,
         'statistic': monitor.statistic,
         'threshold': monitor.threshold,
         'assumptions': assumptions,
-        'alarm': None if alarm is None else _alarm(alarm, since),
-    }
-
-
-def _alarm(alarm: Alarm, since: SinceTouch | None) -> Document:
-    """SI units; None for what is not determined."""
-    best = alarm.best
-    return {
-        'touch': alarm.touch,
-        'since': alarm.since,
-        'since_touch': None if since is None else since._asdict(),
-        'statistic': alarm.statistic,
-        'changed': best.name,
-        'change': list(best.change),
-        'std': [std if np.isfinite(std) else None for std in best.std],
-        'values': list(best.hypothesis.values),
-        'units': list(best.hypothesis.units),
-        'rivals': list(alarm.rivals),
-        'explained': alarm.is_explained,
-        'message': alarm_line(alarm, since),
+        'alarm': said,
     }

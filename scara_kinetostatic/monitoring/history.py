@@ -1,13 +1,12 @@
 """A history of calibrations in one SQLite file.
 
-    calibration(id, robot, measured, created, source, grade, verdict, reasons, covariance, document, checksum)
-    parameter(calibration, name, value, std, std_noise, unit, status)
+    calibration(id, robot, measured, created, source, document, checksum)
 
 `measured` is when the last recording of the calibration began, `created` when it was calculated, both UTC as text that
-sorts by time; a calibration of unknown recordings counts as measured when it was calculated. `covariance` is JSON,
-{names, matrix} of the estimated parameters; `document` is the whole `calibration.json`. A calibration is added once:
-its checksum is that of its document. One that was calculated again from the same recordings replaces the earlier one
-in lists, which stays in the file.
+sorts by time; a calibration of unknown recordings counts as measured when it was calculated. `document` is the whole
+`calibration.json`, of which SQLite reads parts by `json_extract`. A calibration is added once: its checksum is that of
+its document. One that was calculated again from the same recordings replaces the earlier one in lists, which stays in
+the file.
 
 Several processes may use the file at a time; what is written is written whole or not at all.
 """
@@ -17,31 +16,24 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from scara_kinetostatic.errors import CalibrationFileError, InputError
-from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.monitoring.comparison import Change, compare
-from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_robot
+from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.report.json_file import json_text
 
 APPLICATION = 0x5C4A2A01
 """`application_id` of the file."""
-VERSION = 2
-_TABLES = (
-    """CREATE TABLE calibration (
+VERSION = 3
+_TABLE = """CREATE TABLE calibration (
     id INTEGER PRIMARY KEY, robot TEXT NOT NULL, measured TEXT NOT NULL, created TEXT NOT NULL, source TEXT NOT NULL,
-    grade TEXT NOT NULL, verdict TEXT NOT NULL, reasons TEXT NOT NULL, covariance TEXT NOT NULL, document TEXT NOT NULL,
-    checksum TEXT NOT NULL UNIQUE)""",
-    """CREATE TABLE parameter (
-    calibration INTEGER NOT NULL REFERENCES calibration(id) ON DELETE CASCADE, name TEXT NOT NULL, value REAL NOT NULL,
-    std REAL, std_noise REAL, unit TEXT NOT NULL, status TEXT NOT NULL, PRIMARY KEY (calibration, name))""",
-    'CREATE INDEX by_robot ON calibration (robot, measured)',
-)
+    document TEXT NOT NULL, checksum TEXT NOT NULL UNIQUE)"""
+_SELECT = 'SELECT id, robot, source, document FROM calibration'
 
 
 class Entry(NamedTuple):
@@ -51,32 +43,17 @@ class Entry(NamedTuple):
         number: its id.
         robot: name of the robot.
         record: the calibration.
-        grade: ``fit``, ``caution`` or ``unfit``.
-        verdict: of the diagnosis.
     """
 
     number: int
     robot: str
     record: CalibrationRecord
-    grade: str
-    verdict: str
-
-    @property
-    def created(self) -> str:
-        """When it was calculated, UTC."""
-        return self.record.created
-
-    @property
-    def measured(self) -> str:
-        """When its last recording began, UTC."""
-        return self.record.measured
 
     @property
     def worst_tip(self) -> float | None:
         """Largest expanded uncertainty of the tip in the workspace, m."""
-        stated = self.record.document.get('tip_uncertainty')
-        worst = stated.get('worst') if isinstance(stated, Mapping) else None
-        return float(worst) if isinstance(worst, (int, float)) else None
+        worst = (self.record.document.get('tip_uncertainty') or {}).get('worst')
+        return None if worst is None else float(worst)
 
 
 class History:
@@ -96,12 +73,8 @@ class History:
             raise InputError(path, 'there is no such history', '`history add` makes one')
         with self._open(write=create) as connection:
             if create and not connection.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]:
-                for statement in (
-                    *_TABLES,
-                    f'PRAGMA application_id = {APPLICATION}',
-                    f'PRAGMA user_version = {VERSION}',
-                ):
-                    connection.execute(statement)
+                for part in (_TABLE, f'PRAGMA application_id = {APPLICATION}', f'PRAGMA user_version = {VERSION}'):
+                    connection.execute(part)
             application, version = (
                 connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('application_id', 'user_version')
             )
@@ -120,7 +93,6 @@ class History:
         """
         try:
             with closing(sqlite3.connect(self.path, timeout=30.0, isolation_level=None)) as connection:
-                connection.execute('PRAGMA foreign_keys = ON')
                 connection.execute('BEGIN IMMEDIATE' if write else 'BEGIN')
                 with connection:
                     yield connection
@@ -143,22 +115,27 @@ class History:
         """
         added = []
         for record in records:
-            record.check_touches()
+            _ = record.touches
         with self._open(write=True) as connection:
             for record in records:
-                name = robot or record.robot or 'robot'
-                if (last := self._last(connection, name)) is not None:
-                    _check_same(last, record, name)
-                added.append(_insert(connection, record, name))
+                name, text = robot or record.robot or 'robot', json_text(dict(record.document))
+                last = connection.execute(
+                    f'{_SELECT} WHERE robot = ? ORDER BY measured DESC, id DESC LIMIT 1', (name,)
+                ).fetchone()
+                if last is not None:
+                    known = self._entry(*last).record
+                    check_same_arm(known.arm.cell, record.arm.cell, f'{known.source} of {name!r}', record.source)
+                checksum = hashlib.sha256(text.encode()).hexdigest()
+                row = (name, record.measured, record.created, record.source, text, checksum)
+                cursor = connection.execute(
+                    'INSERT OR IGNORE INTO calibration (robot, measured, created, source, document, checksum) '
+                    'VALUES (?, ?, ?, ?, ?, ?)',
+                    row,
+                )
+                added.append(bool(cursor.rowcount))
         return added
 
-    def _last(self, connection: sqlite3.Connection, robot: str) -> CalibrationRecord | None:
-        """The last calibration of a robot."""
-        columns = 'SELECT id, source, document FROM calibration WHERE robot = ?'
-        row = connection.execute(f'{columns} ORDER BY measured DESC, id DESC LIMIT 1', (robot,)).fetchone()
-        return None if row is None else self._record(*row)
-
-    def _record(self, number: int, source: str, document: str) -> CalibrationRecord:
+    def _entry(self, number: int, robot: str, source: str, document: str) -> Entry:
         """A calibration of the file.
 
         Raises:
@@ -166,11 +143,11 @@ class History:
         """
         try:
             record = CalibrationRecord.of_document(json.loads(document), source)
-            record.check_touches()
-            return record
+            _ = record.touches
         except (ValueError, TypeError, RecursionError, InputError) as error:
             remedy = f'`history remove {self.path} {number}` takes it out'
             raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
+        return Entry(number, robot, record)
 
     def entries(self, robot: str = '', *, replaced: bool = False) -> list[Entry]:
         """Calibrations in the order in which they were measured, of one robot or of all.
@@ -180,16 +157,12 @@ class History:
             replaced: whether to give also those that were calculated again from the same recordings.
         """
         with self._open() as connection:
-            rows = connection.execute(
-                "SELECT id, robot, source, grade, verdict, document FROM calibration WHERE ? IN (robot, '') "
-                'ORDER BY robot, measured, created, id',
-                (robot,),
-            ).fetchall()
-        found = [
-            Entry(number, name, self._record(number, source, text), grade, verdict)
-            for number, name, source, grade, verdict, text in rows
-        ]
-        return found if replaced else _latest(found)
+            query = f"{_SELECT} WHERE ? IN (robot, '') ORDER BY robot, measured, created, id"
+            found = [self._entry(*row) for row in connection.execute(query, (robot,)).fetchall()]
+        last = {}
+        for entry in sorted(found, key=lambda entry: (entry.record.created, entry.number)):
+            last[entry.robot, entry.record.checksums or entry.number] = entry.number
+        return [entry for entry in found if replaced or entry.number in last.values()]
 
     def document(self, number: int) -> str:
         """The `calibration.json` of one calibration.
@@ -213,51 +186,6 @@ class History:
             for number in numbers:
                 if not connection.execute('DELETE FROM calibration WHERE id = ?', (number,)).rowcount:
                     raise InputError(self.path, f'holds no calibration {number}', '`history list` shows the numbers')
-
-
-def _check_same(last: CalibrationRecord, record: CalibrationRecord, robot: str) -> None:
-    try:
-        check_same_robot(last, record)
-    except InputError as error:
-        remedy = f'it would be added to the calibrations of {robot!r}: give its own name by --robot'
-        raise InputError(error.where, error.problem, remedy) from error
-
-
-def _latest(entries: Sequence[Entry]) -> list[Entry]:
-    """Of those of a robot that were calculated from the same recordings, only the one that was calculated last."""
-    last: dict[tuple[str, object], int] = {}
-    for entry in sorted(entries, key=lambda entry: (entry.created, entry.number)):
-        last[entry.robot, entry.record.checksums or entry.number] = entry.number
-    kept = set(last.values())
-    return [entry for entry in entries if entry.number in kept]
-
-
-def _insert(connection: sqlite3.Connection, record: CalibrationRecord, robot: str) -> bool:
-    document = dict(record.document)
-    text = json_text(document)
-    row = {
-        'robot': robot,
-        'measured': record.measured,
-        'created': record.created,
-        'source': record.source,
-        'grade': record.arm.grade,
-        'verdict': record.arm.verdict,
-        'reasons': json.dumps(document['assessment'].get('reasons', [])),
-        'covariance': json.dumps(document.get('covariance', {})),
-        'document': text,
-        'checksum': hashlib.sha256(text.encode()).hexdigest(),
-    }
-    columns, marks = ', '.join(row), ', '.join('?' * len(row))
-    cursor = connection.execute(f'INSERT OR IGNORE INTO calibration ({columns}) VALUES ({marks})', tuple(row.values()))
-    if not cursor.rowcount:
-        return False
-    keys = ('value', 'std', 'std_noise', 'unit', 'status')
-    try:
-        rows = [(cursor.lastrowid, name, *(document['parameters'][name][key] for key in keys)) for name in NAMES]
-    except (KeyError, TypeError) as error:
-        raise CalibrationFileError(record.source, f'is damaged: {error!r} among the parameters') from error
-    connection.executemany('INSERT INTO parameter VALUES (?, ?, ?, ?, ?, ?, ?)', rows)
-    return True
 
 
 class Trend(NamedTuple):

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.monitoring.linear import Evidence, State
+from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, State, p_values
 from scara_kinetostatic.report.quantities import shown
 
 PENALTY = 4.0
@@ -159,29 +159,54 @@ def explanations(evidence: Evidence, state: State, among: Sequence[Hypothesis]) 
     for hypothesis in among:
         scale = state.scale[list(hypothesis.places)]
         statistic, change, std = evidence.ratio(hypothesis.places)
-        found.append(
-            Explanation(hypothesis, statistic, tuple((scale * change).tolist()), tuple((scale * std).tolist()))
-        )
+        sizes = (tuple((scale * part).tolist()) for part in (change, std))
+        found.append(Explanation(hypothesis, statistic, *sizes))
     return sorted(found, key=lambda item: -item.score)
 
 
-def rivals(ranking: Sequence[Explanation], evidence: Evidence) -> list[str]:
-    """Names of those that explain the evidence about as well as the first, and of its exact aliases."""
-    if not ranking:
-        return []
-    best = ranking[0]
-    own = set(best.hypothesis.places)
+def rivals(ranking: Sequence[Explanation]) -> tuple[str, ...]:
+    """Names of those that explain the evidence about as well as the first, by odds of 20 to 1."""
+    own = set(ranking[0].hypothesis.places)
     others = [item for item in ranking[1:] if not own < set(item.hypothesis.places)]  # the part of the best is no rival
-    near = [item for item in others if best.score - item.score <= 6.0]  # odds of 20 to 1
-    aliases = [item for item in others if item not in near and _are_aliases(best, item, evidence)]
-    return [item.name for item in (*near, *aliases)]
+    return tuple(item.name for item in others if ranking[0].score - item.score <= 6.0)
 
 
-def _are_aliases(one: Explanation, other: Explanation, evidence: Evidence) -> bool:
-    """Whether the evidence shows two single values alike."""
-    if len(one.change) != 1 or len(other.change) != 1:
-        return False
-    i, j = one.hypothesis.places[0], other.hypothesis.places[0]
-    m = evidence.matrix
-    sizes = m[i, i] * m[j, j]
-    return bool(sizes > 0 and m[i, j] ** 2 > 0.999**2 * sizes)
+class Causes(NamedTuple):
+    """What may have changed where touches or calibrations contradict a calibration; empty where they do not.
+
+    Attributes:
+        ranking: the hypotheses, the best first.
+        rivals: names of those that explain the evidence about as well as the first.
+        remaining_p_value: of nothing else having changed than the first says; 1 where the error of linearisation may be
+            what a large change leaves.
+    """
+
+    ranking: tuple[Explanation, ...] = ()
+    rivals: tuple[str, ...] = ()
+    remaining_p_value: float = 1.0
+
+    @classmethod
+    def of(
+        cls,
+        evidence: Evidence,
+        state: State,
+        among: Sequence[Hypothesis],
+        chi_square: float,
+        freedoms: int,
+        noise_freedoms: float,
+    ) -> Causes:
+        """Of evidence with a chi-square of so many degrees of freedom."""
+        ranking = explanations(evidence, state, among)
+        left = max(chi_square - ranking[0].statistic, 0.0)
+        freedoms = max(freedoms - len(ranking[0].change), 0)
+        remaining = 1.0 if left < LINEAR * chi_square else float(p_values(left, freedoms, noise_freedoms))
+        return cls(tuple(ranking), rivals(ranking), remaining)
+
+    def is_open(self, level: float) -> bool:
+        """Whether what the likeliest change leaves is significant at a level."""
+        return self.remaining_p_value < level
+
+    def title(self, level: float) -> str:
+        """The likeliest change in words."""
+        best = self.ranking[0].hypothesis.title
+        return f'no single part explains it, the largest is: {best}' if self.is_open(level) else f'most likely {best}'

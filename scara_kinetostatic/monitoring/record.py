@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.document import as_document
 
 _REMEDY = 'calibrate again with this version'
+_ONE_ROBOT = 'give files of one robot'
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,6 +82,7 @@ class CalibrationRecord:
         arm = read_arm(document, where)
         try:
             record = cls(str(where), document, arm, *_joint(document['covariance_with_cell'], arm))
+            datetime.strptime(record.measured, '%Y-%m-%dT%H:%M:%SZ')
             if not (1 <= record.enlargement < np.inf and record.noise_freedoms > 0):
                 raise ValueError('fit: expected an enlargement from 1 on and degrees of freedom')
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -136,19 +139,9 @@ class CalibrationRecord:
         entries = self.document.get('parameters', {})
         return frozenset(name for name in NAMES if entries.get(name, {}).get('status') == 'fixed')
 
-    def check_touches(self) -> None:
-        """Check that the touches are there: a comparison needs them.
-
-        Raises:
-            CalibrationFileError: they are damaged, or there is none.
-        """
-        _ = self.touches
-
     @cached_property
     def touches(self) -> TouchSet:
         """The used touches of the calibration as its sensor reported them, but for the declared errors of the sensor.
-
-        Time, approach and load history are those of the file, where it has them.
 
         Raises:
             CalibrationFileError: they are damaged.
@@ -193,23 +186,18 @@ def _joint(entry: Mapping[str, Any], arm: CalibratedArm) -> tuple[tuple[str, ...
     Raises:
         KeyError, TypeError, ValueError: they are damaged, or not those of the model.
     """
-    names, size = tuple(map(str, entry['names'])), len(arm.model.names)
+    names = tuple(map(str, entry['names']))
     declared = DeclaredErrors.of(arm.cell)
     if names != (*arm.model.names, *(declared.names if declared else ())):
         raise ValueError('covariance_with_cell: names differ from those of the model and the cell')
     values = stored_numbers(entry['values'], (len(names),))
-    covariance = stored_covariance(entry['matrix'], len(names))
-    if not np.allclose(values[:size], arm.model.as_array(), rtol=1e-9, atol=0):
+    if not np.allclose(values[: len(arm.model.names)], arm.model.as_array(), rtol=1e-9, atol=0):
         raise ValueError('covariance_with_cell: values differ from those of the model')
-    scale = np.sqrt(np.diag(covariance))
-    scale[scale == 0] = 1.0
-    if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < -1e-6:  # by rounding
-        raise ValueError('covariance_with_cell: is no covariance')
-    return names, values, covariance
+    return names, values, stored_covariance(entry['matrix'], len(names))
 
 
 def stored_touches(rows: Sequence[Mapping[str, Any]], arm: CalibratedArm) -> TouchSet:
-    """The used touches among the rows `touches.fitted` of a calibration; a file may lack what is not measured.
+    """The used touches among the rows `touches.fitted` of a calibration.
 
     Raises:
         KeyError, TypeError, ValueError: they are damaged.
@@ -217,9 +205,8 @@ def stored_touches(rows: Sequence[Mapping[str, Any]], arm: CalibratedArm) -> Tou
     rows = [row for row in rows if row['used']]
     discs = {disc.name: k for k, disc in enumerate(arm.cell.discs)}
 
-    def column(name: str, width: int, missing: Sequence[float] = ()) -> Floats:
-        values = [row.get(name, missing) if missing else row[name] for row in rows]
-        return np.array(values, dtype=float).reshape((len(rows), width) if width > 1 else len(rows))
+    def column(name: str, *shape: int) -> Floats:
+        return np.array([row[name] for row in rows], dtype=float).reshape(len(rows), *shape)
 
     joints = column('joints', 2)
     touches = TouchSet(
@@ -227,11 +214,11 @@ def stored_touches(rows: Sequence[Mapping[str, Any]], arm: CalibratedArm) -> Tou
         force=column('force', 2),
         disc=np.array([discs[row['object']] for row in rows], dtype=np.intp),
         posture=np.array([row['posture'] for row in rows], dtype=np.intp),
-        time=column('time', 1),
+        time=column('time'),
         index=np.array([row['index'] for row in rows], dtype=np.intp),
-        order=np.array([row.get('order', row['index']) for row in rows], dtype=np.intp),
-        approach=column('approach', 2, (0.0, 0.0)),
-        press=column('press', 2, (0.0, 0.0)),
+        order=np.array([row['order'] for row in rows], dtype=np.intp),
+        approach=column('approach', 2),
+        press=column('press', 2),
         history=stacked_histories([row.get('history', ()) for row in rows], joints),
     )
     return touches.replace(force=_as_reported(touches, arm))
@@ -243,21 +230,6 @@ def _as_reported(touches: TouchSet, arm: CalibratedArm) -> Floats:
     if arm.cell.sensor.frame is not SensorFrame.BASE:
         force = rotate(force, -(touches.joints.sum(axis=1) + p.theta1 + p.theta2))
     return reported_force(arm.model, force, TouchMetadata.of(touches, arm.cell.sensor.frame))
-
-
-_ONE_ROBOT = 'give calibrations of one robot and cell'
-
-
-def check_same_robot(one: CalibrationRecord, other: CalibrationRecord) -> None:
-    """Check that two calibrations are of one robot in one cell.
-
-    Raises:
-        InputError: they are not.
-    """
-    a, b = one.arm.cell, other.arm.cell
-    check_same_arm(a, b, one.source, other.source, _ONE_ROBOT)
-    if not {(d.name, d.x, d.y, d.radius) for d in a.discs} & {(d.name, d.x, d.y, d.radius) for d in b.discs}:
-        raise InputError(other.source, f'is of another cell than {one.source}: no object is in both', _ONE_ROBOT)
 
 
 def check_same_recorded(cell: Cell, path: str | Path, source: str) -> None:
@@ -274,10 +246,10 @@ def check_same_recorded(cell: Cell, path: str | Path, source: str) -> None:
     with suppress(CellError):
         recorded = embedded_cell(path)
         if recorded is not None:
-            check_same_arm(cell, recorded, source, str(path), 'give a recording of the calibrated robot')
+            check_same_arm(cell, recorded, source, str(path))
 
 
-def check_same_identification(a: Cell, b: Cell, first: str, second: str, remedy: str) -> None:
+def check_same_identification(a: Cell, b: Cell, first: str, second: str) -> None:
     """Check that two cells, as far as they say it, are of the same robot; `first` and `second` are their files.
 
     Raises:
@@ -286,36 +258,19 @@ def check_same_identification(a: Cell, b: Cell, first: str, second: str, remedy:
     for name in ('robot', 'serial_number', 'cell'):
         one, other = getattr(a.identification, name), getattr(b.identification, name)
         if one and other and one != other:
-            raise InputError(second, f'is of {name.replace("_", " ")} {other!r}, and {first} of {one!r}', remedy)
+            raise InputError(second, f'is of {name.replace("_", " ")} {other!r}, and {first} of {one!r}', _ONE_ROBOT)
 
 
-def check_same_arm(a: Cell, b: Cell, first: str, second: str, remedy: str) -> None:
+def check_same_arm(a: Cell, b: Cell, first: str, second: str) -> None:
     """Check that two cells have the same robot; `first` and `second` are their files.
 
     Raises:
         InputError: they have not.
     """
-    check_same_identification(a, b, first, second, remedy)
-    off = np.abs(a.nominal.as_array() - b.nominal.as_array()) > SCALES
-    if off.any():
-        name = NAMES[int(np.argmax(off))]
-        values = f'{getattr(b.nominal, name):g} and {getattr(a.nominal, name):g} {UNITS[name]}'
-        raise InputError(second, f'is of another robot than {first}: nominal {name} is {values}', remedy)
+    check_same_identification(a, b, first, second)
+    for name, one, other, scale in zip(NAMES, a.nominal.as_array(), b.nominal.as_array(), SCALES, strict=True):
+        if abs(one - other) > scale:
+            values = f'nominal {name} is {other:g} and {one:g} {UNITS[name]}'
+            raise InputError(second, f'is of another robot than {first}: {values}', _ONE_ROBOT)
     if a.gripper != b.gripper:
-        raise InputError(second, f'has another gripper law (model) than {first}', remedy)
-
-
-def of_stored_touches(record: CalibrationRecord) -> tuple[str, ...]:
-    """Of the touches in the file of a calibration."""
-    rows, predictor, found = record.document['touches']['fitted'], Predictor(record.arm), []
-    for key, taken in (('approach', 'no direction of approach'), ('history', 'no load before each touch')):
-        if (effects := predictor.effects_of(key)) and not all(key in row for row in rows):
-            found.append(f'{", ".join(effects)}: {record.source} has no {key} of its touches; {taken} is assumed')
-    return tuple(found)
-
-
-def of_new_recordings(record: CalibrationRecord) -> tuple[str, ...]:
-    """Of touches in recordings that the calibration has not seen."""
-    effects = Predictor(record.arm).effects_of('time')
-    taken = 'time counts from the start of each recording, as in the calibration'
-    return (f'{", ".join(effects)}: {taken}',) if effects else ()
+        raise InputError(second, f'has another gripper law (model) than {first}', _ONE_ROBOT)

@@ -14,7 +14,7 @@ from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.monitoring.comparison import LEVEL, Change
 from scara_kinetostatic.monitoring.history import Trend
-from scara_kinetostatic.monitoring.hypotheses import Explanation, change_title
+from scara_kinetostatic.monitoring.hypotheses import Causes, change_title
 from scara_kinetostatic.monitoring.linear import QUANTILE
 from scara_kinetostatic.monitoring.verification import POWER, Verification
 from scara_kinetostatic.report import (
@@ -22,12 +22,12 @@ from scara_kinetostatic.report import (
     Block,
     Document,
     Figure,
+    Items,
     Note,
     Report,
     Section,
     Table,
     Verdict,
-    utc,
 )
 from scara_kinetostatic.report.content import Level
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure
@@ -36,30 +36,34 @@ from scara_kinetostatic.report.text import sentence
 from scara_kinetostatic.results.messages import ANSWERS
 
 
-def explanation_table(ranking: Sequence[Explanation], rivals: Sequence[str]) -> Table:
-    """The eight likeliest hypotheses of what changed, the best first."""
-    rows = []
-    for number, item in enumerate(ranking[:8]):
-        remark = 'best' if number == 0 else 'rival' if item.name in rivals else ''
-        rows.append((item.hypothesis.title, f'{item.statistic:.1f}', str(len(item.change)), item.text, remark))
-    return Table(('what changed', 'explains', 'values', 'by', ''), ('', 'chi-square', '', '', ''), tuple(rows))
-
-
-def explanation_document(item: Explanation) -> Document:
-    """A hypothesis with its evidence."""
-    h = item.hypothesis
-    rows = zip(h.values, item.change, item.std, h.units, strict=True)
+def causes_document(causes: Causes) -> Document:
+    """What may have changed, with its evidence; nulls where nothing has."""
+    candidates = []
+    for item in causes.ranking:
+        h = item.hypothesis
+        rows = zip(h.values, item.change, item.std, h.units, strict=True)
+        changes = [dict(zip(('name', 'value', 'std', 'unit'), row, strict=True)) for row in rows]
+        known = {'name': item.name, 'title': h.title, 'statistic': item.statistic, 'score': item.score}
+        candidates.append({**known, 'change': changes})
     return {
-        'name': item.name,
-        'title': h.title,
-        'statistic': item.statistic,
-        'score': item.score,
-        'change': [{'name': name, 'value': value, 'std': std, 'unit': unit} for name, value, std, unit in rows],
+        'part': candidates[0] if candidates else None,
+        'rivals': causes.rivals,
+        'remaining_p_value': causes.remaining_p_value if candidates else None,
+        'candidates': candidates,
     }
 
 
-def _rivals(rivals: Sequence[str]) -> tuple[str, ...]:
-    return (f'About as likely: {"; ".join(change_title(name) for name in rivals)}.',) if rivals else ()
+def _causes(causes: Causes) -> list[Block]:
+    """The rivals of the likeliest change, and on the page the eight likeliest."""
+    if not causes.ranking:
+        return []
+    rows = []
+    for number, item in enumerate(causes.ranking[:8]):
+        remark = 'best' if number == 0 else 'rival' if item.name in causes.rivals else ''
+        rows.append((item.hypothesis.title, f'{item.statistic:.1f}', str(len(item.change)), item.text, remark))
+    table = Table(('what changed', 'explains', 'values', 'by', ''), ('', 'chi-square', '', '', ''), tuple(rows))
+    rivals = [f'About as likely: {"; ".join(map(change_title, causes.rivals))}.'] if causes.rivals else []
+    return [*rivals, Section('What may have changed', (table,), shown='page')]
 
 
 def comparison_document(changes: Sequence[Change]) -> Document:
@@ -82,7 +86,6 @@ def _change(c: Change) -> Document:
                 'to': p.after,
                 'change': p.change,
                 'std': p.std,
-                'std_independent': p.std_independent,
                 'z': p.z,
                 'p_value': p.p_value,
                 'unit': p.unit,
@@ -90,10 +93,7 @@ def _change(c: Change) -> Document:
             for p in c.parameters
         },
         'tip_change': {'rms': c.tip, 'largest': c.largest_tip},
-        'part': None if not c.has_changed else explanation_document(c.ranking[0]),
-        'rivals': c.rivals if c.has_changed else (),
-        'remaining_p_value': c.remaining_p_value if c.has_changed else None,
-        'candidates': [explanation_document(item) for item in c.ranking],
+        **causes_document(c.causes),
         'effects': {'only_from': c.only_before, 'only_to': c.only_after, 'not_compared': c.not_compared},
         'notes': c.notes,
     }
@@ -101,35 +101,27 @@ def _change(c: Change) -> Document:
 
 def comparison_report(changes: Sequence[Change]) -> Report:
     """The changes between calibrations for the terminal and for `comparison.html`."""
-    blocks = [_compared(change) for change in changes]
-    if len(changes) == 1:
-        answer, blocks = _answer(changes[0]), [Section('', blocks[0].blocks[1:])]
-    else:
-        changed = [change for change in changes if change.has_changed]
-        level: Level = 'caution' if any(_answer(change).level == 'caution' for change in changes) else 'good'
-        answer = Verdict(f'{len(changed)} of {count(len(changes), "comparison")} beyond the uncertainty', level)
-    names = [changes[0].before.source, *(change.after.source for change in changes)]
-    return Report(
-        'What changed between calibrations',
-        answer,
-        tuple(blocks),
-        source=', '.join(names),
-        footer='all numbers in full in comparison.json',
-    )
-
-
-def _compared(change: Change) -> Section:
-    """The answer for two calibrations, and its tables."""
     common = (
         'σ of the change: errors that both calibrations share, such as those of the discs’ places, are counted only as '
         'far as they do not cancel. z: change in σ; p: of one value alone, two-sided.'
     )
-    blocks: list[Block] = [_answer(change), parameter_table(change), Note(common)]
-    if change.has_changed:
-        note = f'Chi-square that each hypothesis explains, of {change.chi_square:.1f} in all.'
-        table = explanation_table(change.ranking, change.rivals)
-        blocks.append(Section('What changed', (table, Note(note)), shown='page'))
-    return Section(f'{change.before.source} → {change.after.source}', tuple(blocks))
+    sections = []
+    for change in changes:
+        blocks: tuple[Block, ...] = (_answer(change), parameter_table(change), *_causes(change.causes), Note(common))
+        sections.append(Section(f'{change.before.source} → {change.after.source}', blocks))
+    changed = [change for change in changes if change.has_changed]
+    level: Level = 'caution' if any(_answer(change).level == 'caution' for change in changes) else 'good'
+    answer = Verdict(f'{len(changed)} of {count(len(changes), "comparison")} beyond the uncertainty', level)
+    if len(changes) == 1:
+        answer, sections = _answer(changes[0]), [Section('', sections[0].blocks[1:])]
+    names = [changes[0].before.source, *(change.after.source for change in changes)]
+    return Report(
+        'What changed between calibrations',
+        answer,
+        tuple(sections),
+        source=', '.join(names),
+        footer='all numbers in full in comparison.json',
+    )
 
 
 def verdict(change: Change) -> str:
@@ -137,25 +129,17 @@ def verdict(change: Change) -> str:
     if not change.has_changed:
         except_for = f', but {", ".join(change.not_compared)} cannot be compared' if change.not_compared else ''
         return f'No change beyond the uncertainty ({p_equals(change.p_value)}){except_for}'
-    if change.remaining_p_value < LEVEL:
-        return f'Changed ({p_equals(change.p_value)}); no single part explains it'
-    return f'Changed ({p_equals(change.p_value)}): {change.ranking[0].hypothesis.title}'
+    return f'Changed ({p_equals(change.p_value)}): {change.causes.title(LEVEL)}'
 
 
 def _answer(change: Change) -> Verdict:
     tip = f'The predicted tip moved by {quantity(change.tip, "m")} (rms), {quantity(change.largest_tip, "m")} at most'
     found = [f'{tip}, at the touches of the second calibration.']
-    if change.has_changed:
-        if change.remaining_p_value < LEVEL:
-            best = change.ranking[0].hypothesis.title
-            found.append(f'The largest part of it: {best}; what it leaves is significant, too.')
-        found += _rivals(change.rivals)
     for effects, which in ((change.only_before, 'first'), (change.only_after, 'second')):
         if effects:
             found.append(f'Only the {which} calibration has {", ".join(effects)}.')
-    found += [sentence(note) for note in change.notes]
     level: Level = 'caution' if change.has_changed or change.not_compared else 'good'
-    return Verdict(f'{verdict(change)}.', level, tuple(found))
+    return Verdict(f'{verdict(change)}.', level, (*found, *map(sentence, change.notes)))
 
 
 def parameter_table(change: Change) -> Table:
@@ -164,8 +148,7 @@ def parameter_table(change: Change) -> Table:
     for p in change.parameters:
         difference = shown(p.change, p.std, p.unit)
         values = (f'{item.value} {item.unit}' for item in (shown(v, p.std, p.unit) for v in (p.before, p.after)))
-        z = NOT_DETERMINED if np.isnan(p.z) else f'{p.z:+.1f}'
-        p_value = NOT_DETERMINED if np.isnan(p.p_value) else chance(p.p_value) if p.p_value < 1 else '1'
+        z, p_value = (f'{p.z:+.1f}', chance(p.p_value)) if np.isfinite(p.z) else (NOT_DETERMINED,) * 2
         rows.append((p.name, *values, difference.text, z, p_value))
     return Table(('', 'from', 'to', 'change ± 1 σ', 'z', 'p'), ('',) * 6, tuple(rows))
 
@@ -176,15 +159,7 @@ def verification_document(v: Verification) -> Document:
         'schema': 'scara_kinetostatic/verification/1',
         'version': __version__,
         'calibration': {'path': v.record.source, 'created': v.record.created, 'grade': v.record.arm.grade},
-        'recordings': [
-            {
-                'path': item.path,
-                'sha256': item.sha256,
-                'start': None if item.start is None else utc(item.start),
-                'part_of_calibration': item.path in v.seen,
-            }
-            for item in v.recordings
-        ],
+        'recordings': [{**item._asdict(), 'part_of_calibration': item.path in v.seen} for item in v.recordings],
         'grade': v.assessment.grade,
         'reasons': v.assessment.reasons,
         'actions': v.assessment.actions,
@@ -192,7 +167,7 @@ def verification_document(v: Verification) -> Document:
         'expected': v.expected,
         'nominal_tip_error': v.nominal_tip_error,
         'p_value': v.p_value,
-        'without_outlying': {'p_value': v.others_p_value, 'tip_error': v.others_tip_error} if v.few_outlie else None,
+        'without_outlying': {'p_value': v.others.p_value, 'tip_error': v.others_tip_error} if v.few_outlie else None,
         'chi_square': {
             'value': v.test.chi_square,
             'degrees_of_freedom': v.test.freedoms,
@@ -202,21 +177,15 @@ def verification_document(v: Verification) -> Document:
         'touches': {
             'used': v.touches,
             'of_the_calibration': v.repeated,
-            'rejected': [{'index': item.index, 'reason': item.reason} for item in v.rejected],
-            'outlying': [
-                {'index': o.touch, 'object': o.object, 'distance': o.distance, 'tip_error': o.tip_error}
-                for o in v.outlying
-            ],
+            'rejected': v.rejected,
+            'outlying': v.outlying,
             'index': v.numbers,
             'tip_error': v.tip_errors,
             'expected': v.test.expected,
         },
         'detectable': {d.name: {'change': d.change, 'unit': d.unit, 'tip': d.tip} for d in v.detectable},
         'independent': not v.seen and not v.repeated,
-        'part': explanation_document(v.ranking[0]) if v.ranking else None,
-        'rivals': v.rivals,
-        'remaining_p_value': v.remaining_p_value if v.ranking else None,
-        'candidates': [explanation_document(item) for item in v.ranking],
+        **causes_document(v.causes),
         'warnings': v.warnings,
     }
 
@@ -225,62 +194,50 @@ def verification_report(v: Verification) -> Report:
     """A verification for the terminal and for `verification.html`."""
     a = v.assessment
     level: Level = {'fit': 'good', 'caution': 'caution', 'unfit': 'bad'}[a.grade.value]  # type: ignore[assignment]
-    sections: list[Block] = [summary_table(v), *_rivals(v.rivals)]
-    if v.ranking:
-        sections.append(Section('What may have changed', (explanation_table(v.ranking, v.rivals),), shown='page'))
-    caption = (
-        'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
-        'Red: outliers, which may be by the direction of the force.'
-    )
-    sections.append(Figure(partial(_touch_picture, v), caption))
-    if v.outlying:
-        farthest = sorted(sorted(v.outlying, key=lambda o: -o.distance)[:20])
-        rows = tuple((str(o.touch), o.object, f'{o.distance:.1f}', f'{MICRO * o.tip_error:.0f}') for o in farthest)
-        table = Table(('touch', 'object', 'distance', 'tip'), ('', '', 'σ', 'µm'), rows)
-        note = f'The {len(rows)} farthest of {len(v.outlying)}.'
-        sections.append(Section('Outliers', (table, Note(note)), shown='page'))
-    note = (
-        f'The smallest change of each parameter by itself that these touches show with {100 * POWER:.0f} % '
-        'probability, and by how much it moves the tip at the touches of the calibration.'
-    )
-    cells = [
-        (quantity(d.change, d.unit), quantity(d.tip, 'm')) if np.isfinite(d.change) else (NOT_DETERMINED,) * 2
-        for d in v.detectable
-    ]
-    detectable = tuple((d.name, *numbers) for d, numbers in zip(v.detectable, cells, strict=True))
-    table = Table(('parameter', 'change', 'tip, rms'), ('',) * 3, detectable)
-    sections.append(Section('What these touches show', (table, Note(note)), shown='page'))
-    return Report(
-        'Verification of a calibration',
-        Verdict(f'{ANSWERS[a.grade]}: {a.reasons[0]}.', level, tuple(map(sentence, a.reasons[1:])), a.actions),
-        tuple(sections),
-        source=f'{v.record.source}, verified with {", ".join(item.path for item in v.recordings)}',
-        remarks=v.warnings,
-        footer='all numbers in full in verification.json',
-    )
-
-
-def summary_table(v: Verification) -> Table:
-    """The numbers of the verification."""
-    rows = (
+    rows: list[tuple[str, ...]] = [
         ('touches', str(v.touches)),
         ('tip error, rms', quantity(v.tip_error, 'm')),
         ('expected from noise and uncertainty', quantity(v.expected, 'm')),
         ('with the nominal parameters', quantity(v.nominal_tip_error, 'm')),
         ('chi-square', f'{v.test.chi_square:.1f}, {v.test.freedoms} degrees of freedom'),
         (f'its {100 * QUANTILE:.0f} % quantile', f'{v.test.quantile:.1f}'),
-        ('p-value', p_equals(v.p_value).removeprefix('p = ').removeprefix('p ')),
-        *((('largest change not seen', v.detectable[0].text),) if v.detectable else ()),
-        *((('without the outliers', p_equals(v.others_p_value)),) if v.few_outlie else ()),
+        ('p-value', chance(v.p_value)),
+        *(('largest change not seen', item.text) for item in v.detectable[:1]),
+        *([('p-value without the outliers', chance(v.others.p_value))] if v.few_outlie else []),
+    ]
+    summary = Table(('error of the tip: distance of the predicted tip from the circle', ''), ('', ''), tuple(rows))
+    caption = (
+        'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
+        'Red: outliers, which may be by the direction of the force.'
     )
-    return Table(('error of the tip: distance of the predicted tip from the circle', ''), ('', ''), rows)
+    blocks: list[Block] = [summary, *_causes(v.causes), Figure(partial(_touch_picture, v), caption)]
+    if v.outlying:
+        farthest = sorted(sorted(v.outlying, key=lambda o: -o.distance)[:20], key=lambda o: o.index)
+        rows = [(str(o.index), o.object, f'{o.distance:.1f}', f'{MICRO * o.tip_error:.0f}') for o in farthest]
+        table = Table(('touch', 'object', 'distance', 'tip'), ('', '', 'σ', 'µm'), tuple(rows))
+        note = Note(f'The {len(rows)} farthest of {len(v.outlying)}.')
+        blocks.append(Section('Outliers', (table, note), shown='page'))
+    note = Note(
+        f'The smallest change of each parameter by itself that these touches show with {100 * POWER:.0f} % '
+        'probability, and by how much it moves the tip at the touches of the calibration.'
+    )
+    shown_by_touches = Items(tuple(d.text for d in v.detectable))
+    blocks.append(Section('What these touches show', (shown_by_touches, note), shown='page'))
+    return Report(
+        'Verification of a calibration',
+        Verdict(f'{ANSWERS[a.grade]}: {a.reasons[0]}.', level, tuple(map(sentence, a.reasons[1:])), a.actions),
+        tuple(blocks),
+        source=f'{v.record.source}, verified with {", ".join(item.path for item in v.recordings)}',
+        remarks=v.warnings,
+        footer='all numbers in full in verification.json',
+    )
 
 
 def _touch_picture(v: Verification) -> Markup:
     """Error of the predicted tip, touch by touch, by their numbers in the recordings."""
     order = np.argsort(v.numbers, kind='stable')
     touches, errors, expected = v.numbers[order], MICRO * v.tip_errors[order], MICRO * v.test.expected[order]
-    outlies = np.isin(touches, [item.touch for item in v.outlying])
+    outlies = np.isin(touches, [item.index for item in v.outlying])
     figure, (axes,) = new_figure(640, 260)
     axes.fill_between(touches, -2 * expected, 2 * expected, color=FAINT, alpha=0.2, linewidth=0, step='mid')
     axes.plot(touches[~outlies], errors[~outlies], 'o', color=INK, markersize=3)
@@ -298,63 +255,45 @@ def history_report(trends: Sequence[Trend]) -> Report:
     )
     sections, doubtful = [], []
     for number, trend in enumerate(trends):
-        changed = len(trend.changed)
-        found = f'{count(changed, "change")} beyond the uncertainty'
-        found += ' from one to the next, but a slow one' if trend.has_crept else ''
-        lines = [f'{count(len(trend.entries), "calibration")}, {found}.']
+        lines = [
+            f'{count(len(trend.entries), "calibration")}, {count(len(trend.changed), "change")} beyond the uncertainty.'
+        ]
         if trend.slow is not None:
-            slow = verdict(trend.slow)
             first, last = trend.since, trend.entries[-1].number
-            lines.append(f'From number {first} to number {last}: {slow[0].lower()}{slow[1:]}.')
-        chances = 'p is below 0.01 in one of 100 comparisons of a robot that has not changed.'
-        notes = (Note(chances),) if changed else ()
+            lines.append(f'From number {first} to number {last}: {verdict(trend.slow)}.')
+        rows = [
+            (
+                str(entry.number),
+                entry.record.measured,
+                entry.record.arm.grade,
+                NOT_DETERMINED if entry.worst_tip is None else quantity(entry.worst_tip, 'm'),
+                'first' if change is None else verdict(change),
+            )
+            for entry, change in zip(trend.entries, trend.changes, strict=True)
+        ]
+        table = Table(('', 'measured', 'grade', 'tip, k = 2', 'since the one before'), ('',) * 5, tuple(rows))
         figure = Figure(partial(_trend_picture, trend, f'trend{number}'), caption)
-        sections.append(Section(trend.robot, (*lines, *notes, history_table(trend), figure)))
-        doubtful += [trend.robot] if changed or trend.has_crept else []
+        sections.append(Section(trend.robot, (*lines, table, figure)))
+        doubtful += [trend.robot] if trend.changed or trend.has_crept else []
     total = count(sum(len(trend.entries) for trend in trends), 'calibration')
     answer = f'{total}; changed: {", ".join(doubtful)}' if doubtful else f'{total}; none has changed'
     return Report('History of calibrations', Verdict(answer, 'caution' if doubtful else 'good'), tuple(sections))
 
 
-def history_table(trend: Trend) -> Table:
-    """One row per calibration."""
-    rows = [
-        (
-            str(entry.number),
-            entry.measured,
-            entry.grade,
-            NOT_DETERMINED if entry.worst_tip is None else quantity(entry.worst_tip, 'm'),
-            'first' if change is None else verdict(change),
-        )
-        for entry, change in zip(trend.entries, trend.changes, strict=True)
-    ]
-    return Table(('', 'measured', 'grade', 'tip, k = 2', 'since the one before'), ('',) * 5, tuple(rows))
-
-
 def _trend_picture(trend: Trend, name: str) -> Markup:
     figure, panels = new_figure(760, 760, 4, 3, sharex=True)
-    try:
-        times = [datetime.strptime(entry.measured, '%Y-%m-%dT%H:%M:%SZ') for entry in trend.entries]
-        days, label = np.array([(time - times[0]).total_seconds() / 86400 for time in times]), 'days since the first'
-    except ValueError:  # a file states no time
-        days, label = np.arange(1.0, len(trend.entries) + 1), 'calibrations in turn'
-    for axes, parameter in zip(panels, NAMES, strict=True):
+    times = [datetime.strptime(entry.record.measured, '%Y-%m-%dT%H:%M:%SZ') for entry in trend.entries]
+    days = np.array([(time - times[0]).total_seconds() / 86400 for time in times])
+    for place, (axes, parameter) in enumerate(zip(panels, NAMES, strict=True)):
         rows = [entry.record.document['parameters'][parameter] for entry in trend.entries]
-        changed = np.array([_has_changed(parameter, change) for change in trend.changes])
+        moved = [c is not None and c.has_changed and c.parameters[place].p_value < LEVEL for c in trend.changes]
         values = MICRO * np.array([row['value'] - rows[0]['value'] for row in rows])
         for key, width, colour in (('std', 0.8, FAINT), ('std_noise', 2.4, INK)):
             stds = 2 * MICRO * np.array([np.nan if row[key] is None else row[key] for row in rows])
             axes.errorbar(days, values, stds, fmt='none', ecolor=colour, elinewidth=width)
         axes.plot(days, values, 'o', color=INK, markersize=3)
-        axes.plot(days[changed], values[changed], 'o', color=WARN, markersize=4)
+        axes.plot(days[moved], values[moved], 'o', color=WARN, markersize=4)
         axes.set_title(f'{parameter} [µ{UNITS[parameter]}]')
     for axes in panels[-3:]:
-        axes.set_xlabel(label)
+        axes.set_xlabel('days since the first')
     return as_svg(figure, name, 'every parameter over time')
-
-
-def _has_changed(parameter: str, change: Change | None) -> bool:
-    """Whether the calibrations differ, and this value does."""
-    if change is None or not change.has_changed:
-        return False
-    return any(item.name == parameter and item.p_value < LEVEL for item in change.parameters)

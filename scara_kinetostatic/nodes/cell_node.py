@@ -300,7 +300,7 @@ class FollowedArm(FollowedCalibration[CalibratedArm]):
         if own.joint_names != other.joint_names or own.sensor[2:] != other.sensor[2:]:
             problem = f'is of another robot: joints {" ".join(other.joint_names)}, sensor {other.sensor.frame.value}'
             raise InputError('the calibration', problem, 'give that of this cell')
-        check_same_identification(own, other, 'the cell in use', 'the calibration', 'give that of this cell')
+        check_same_identification(own, other, 'the cell in use', 'the calibration')
 
 
 def _listed(*texts: str) -> str:

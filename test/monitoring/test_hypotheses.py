@@ -62,10 +62,10 @@ def test_models_with_effects() -> None:
     assert verify(Detection.of(touches), one).p_value > 1e-3
     less = compare(with_effects(3, labels[:1], given[:1]), other)
     assert less.only_after == ('encoder_gain[joint1]',)
-    assert less.p_value < 1e-6 and less.ranking[0].name == 'encoder_gain[joint1]'
+    assert less.p_value < 1e-6 and less.causes.ranking[0].name == 'encoder_gain[joint1]'
     truth = TRUTH.replace(l2=TRUTH.l2 + 1e-4)
     moved = as_record(
         calibrate(touches_of(DECLARED, 4, truth, given), DECLARED, [find(DECLARED, label) for label in labels])
     )
-    assert compare(one, moved).ranking[0].name == 'l2'
+    assert compare(one, moved).causes.ranking[0].name == 'l2'
     assert np.isfinite(compare(one, moved).tip)

@@ -41,7 +41,7 @@ def test_p_values_of_sound_calibrations() -> None:
     assert np.abs(p - (np.arange(8) + 0.5) / 8).max() < 0.5
     ratio = np.array([item.tip_error / item.expected for item in found])
     assert 0.9 < np.sqrt(np.mean(ratio**2)) < 1.1
-    assert all(item.assessment.grade is Grade.FIT and not item.ranking for item in found)
+    assert all(item.assessment.grade is Grade.FIT and not item.causes.ranking for item in found)
     assert all(item.nominal_tip_error > 100 * item.tip_error for item in found)
 
 
@@ -60,7 +60,7 @@ def test_a_change_is_refused_and_named(record: CalibrationRecord) -> None:
     touches = touches_of(DECLARED, 1, TRUTH.replace(theta2=TRUTH.theta2 + 1e-4))
     found = verify(detected(touches), record)
     assert found.assessment.grade is Grade.UNFIT
-    assert found.ranking[0].name == 'theta2'
+    assert found.causes.ranking[0].name == 'theta2'
     assert found.test.chi_square > found.test.quantile > found.test.freedoms
     tolerant = replace(record, arm=replace(record.arm, cell=replace(DECLARED, tolerance=2e-4)))
     assert verify(detected(touches), tolerant).assessment.grade is Grade.CAUTION
@@ -72,14 +72,14 @@ def test_a_bad_touch_is_named_and_the_others_agree(record: CalibrationRecord, of
     joints = touches.joints.copy()
     joints[7] += off
     found = verify(detected(replace(touches, joints=joints)), record)
-    assert [item.touch for item in found.outlying] == [touches.index[7]]
-    assert found.assessment.grade is Grade.CAUTION and found.ranking == ()
+    assert [item.index for item in found.outlying] == [touches.index[7]]
+    assert found.assessment.grade is Grade.CAUTION and found.causes.ranking == ()
     assert 'the others agree' in found.assessment.reasons[0]
-    assert found.p_value < 1e-6 and found.others_p_value > 0.01 and found.others_tip_error < 2 * found.expected
+    assert found.p_value < 1e-6 and found.others.p_value > 0.01 and found.others_tip_error < 2 * found.expected
     document = plain(verification_document(found))
-    place = document['touches']['index'].index(found.outlying[0].touch)
+    place = document['touches']['index'].index(found.outlying[0].index)
     assert document['touches']['tip_error'][place] == document['touches']['outlying'][0]['tip_error']
-    assert document['without_outlying']['p_value'] == found.others_p_value
+    assert document['without_outlying']['p_value'] == found.others.p_value
 
 
 def test_a_change_with_a_bad_touch(record: CalibrationRecord) -> None:
@@ -87,7 +87,7 @@ def test_a_change_with_a_bad_touch(record: CalibrationRecord) -> None:
     joints = touches.joints.copy()
     joints[7] += 1e-2
     found = verify(detected(replace(touches, joints=joints)), record)
-    assert found.few_outlie and found.others_p_value < 1e-3
+    assert found.few_outlie and found.others.p_value < 1e-3
     assert 'the backlash of joint 1 changed' in found.assessment.reasons[0]
 
 
@@ -150,11 +150,11 @@ def test_what_no_single_part_explains_has_no_name(record: CalibrationRecord) -> 
     changed = TRUTH.replace(l1=TRUTH.l1 + 1e-3, theta2=TRUTH.theta2 + 2e-3, p1=2 * TRUTH.p1)
     found = verify(detected(touches_of(DECLARED, 1, changed)), record)
     assert found.assessment.grade is Grade.UNFIT
-    assert found.remaining_p_value < 1e-6
+    assert found.causes.remaining_p_value < 1e-6
     assert 'no single part explains it' in found.assessment.reasons[0]
-    assert verification_document(found)['remaining_p_value'] == found.remaining_p_value
+    assert verification_document(found)['remaining_p_value'] == found.causes.remaining_p_value
     one = verify(detected(touches_of(DECLARED, 1, TRUTH.replace(l1=TRUTH.l1 + 1e-3))), record)
-    assert one.remaining_p_value > 1e-3 and 'most likely link 1 changed its length' in one.assessment.reasons[0]
+    assert one.causes.remaining_p_value > 1e-3 and 'most likely link 1 changed its length' in one.assessment.reasons[0]
 
 
 @pytest.mark.parametrize('change', [{'x0': 3e-3}, {'theta2': 1e-2}])
@@ -163,6 +163,6 @@ def test_a_large_change_of_one_part_is_named(record: CalibrationRecord, change: 
     changed = touches_of(DECLARED, 1, TRUTH.replace(**{name: getattr(TRUTH, name) + d for name, d in change.items()}))
     found = verify(detected(changed), record)
     assert 'most likely' in found.assessment.reasons[0]
-    assert found.ranking[0].name in (*change, 'base', 'tool')
+    assert found.causes.ranking[0].name in (*change, 'base', 'tool')
     alarm = DriftMonitor(record).add(changed)
     assert alarm is not None and alarm.is_explained
