@@ -43,6 +43,8 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.studies.design import figures as design_pictures
+from scara_kinetostatic.studies.design.optimal_design import optimal_design
+from scara_kinetostatic.studies.design.prediction import Robot
 from scara_kinetostatic.studies.dial_gauge.analysis import analyse_points
 from scara_kinetostatic.studies.dial_gauge.report import force_picture, map_picture
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
@@ -76,9 +78,9 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     paper = reproduce()
     yield 'figure_3', paper_pictures.trend_picture(paper)
     yield 'one_force_level', paper_pictures.unidentifiable_picture(paper)
-    assert paper.design is not None
-    yield 'number_of_touches', design_pictures.number_picture(paper.design)
-    yield 'tip', design_pictures.tip_picture(paper.design)
+    design = optimal_design(Robot.of(CELL))
+    yield 'number_of_touches', design_pictures.number_picture(design)
+    yield 'tip', design_pictures.tip_picture(design)
     yield 'scatter', paper_pictures.scatter_picture(paper)
     gripper = analyse_points(simulate_experiments()).parts['gripper']
     yield 'gripper_backlash', map_picture(gripper.maps['gap'], 'µm', 'backlash (gap)', 'gap')

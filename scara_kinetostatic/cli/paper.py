@@ -3,12 +3,11 @@
 Reproduces the studies of the paper: its algorithm on the cell of figure 3, table
 2 without and with noise, the noise of its third column, the scatter of both
 estimators over many data sets, identifiability with one force level, the
-touches for an accuracy, the general gripper of (7), and the dial gauge
-experiments of section 5.2. Writes into DIR
+general gripper of (7), and the dial gauge experiments of section 5.2. Writes
+into DIR
 
   paper.html   the paper's figures and tables beside those computed here
   paper.json   all numbers
-  design.*, plan.yaml   the touches for an accuracy, as the verb design
 
 Example:
   scara-kinetostatic paper --out paper
@@ -25,7 +24,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
     add_results(parser, 'paper', json=False)
     parser.add_argument('--runs', type=whole(2), default=1000, metavar='N', help='noisy data sets (default: 1000)')
-    parser.add_argument('--without-design', action='store_true', help='without the design of touches')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -36,24 +34,19 @@ def run(args: argparse.Namespace) -> int:
     """
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.report import as_page, json_text
-    from scara_kinetostatic.studies.design.report import design_files, headline
     from scara_kinetostatic.studies.paper.report import paper_document, paper_report
     from scara_kinetostatic.studies.paper.study import reproduce
 
     with progress() as show_progress:
-        found = reproduce(args.runs, show_progress, with_design=not args.without_design)
+        found = reproduce(args.runs, show_progress)
         texts = {'paper.html': as_page(paper_report(found)), 'paper.json': json_text(paper_document(found))}
-        if found.design:
-            texts.update(design_files(found.design))
         write_texts(args.out, texts)
-    exact, study = found.exact, found.monte_carlo
-    print(f'figure 3   e_f {exact.paper.force_error:.1e} N after {exact.paper.iterations} iterations (paper: 4.5e-5 N)')
-    print(f'table 2    rank {found.one_level.rank} of 12 with one force level, only 40 p_ee - g_ee is determined')
-    print(f'noise      e_f {study.paper.force_error:.2f} N over {study.paper.runs} data sets (paper: 1.25 to 1.35 N)')
-    for item, name in ((study.paper, 'unweighted'), (study.weighted, 'weighted')):
+    exact, study = found.exact.paper, found.monte_carlo
+    print(f'figure 3   e_f {exact.force_error:.1e} N after {exact.iterations} iterations (paper: 4.5e-5 N)')
+    print(f'table 2    rank {found.rank} of 12 with one force level, only 40 p_ee - g_ee is determined')
+    print(f'noise      e_f {study["paper"].force_error:.2f} N over {args.runs} data sets (paper: 1.25 to 1.35 N)')
+    for name, item in (('unweighted', study['paper']), ('weighted', study['weighted'])):
         ratio = item.found / item.predicted
         print(f'Monte Carlo {name}: {ratio.min():.3f} to {ratio.max():.3f} of the predicted standard deviations')
-    if found.design:
-        print(f'design     {headline(found.design)}, predicted; python -m benchmark.design simulates it')
     print('\n'.join(str(args.out / name) for name in texts))
     return 0

@@ -10,7 +10,7 @@ from calibration.studies import CELL, EXACT, NOISE, touches
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Sensor, SensorFrame
-from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL
+from scara_kinetostatic.model.parameters import G_EE, P_EE, PAPER_ACTUAL
 from scara_kinetostatic.studies.paper.algorithm import paper_calibrate
 from scara_kinetostatic.studies.paper.study import observable_parts
 from scara_kinetostatic.studies.paper.table_2 import CELL as PAPER_CELL
@@ -34,6 +34,8 @@ def test_one_level_without_noise_as_in_table_2():
     result = run(ONE_LEVEL)
     assert result.paper.force_error < 1e-9
     assert result.paper.iterations <= 30
+    assert (np.diff(result.paper.merit) < 0).all()  # each step lowers the error
+    assert result.paper.history[0] > 1
     assert result.weighted.force_error < 1e-9
     assert result.weighted.iterations <= 10
     for found in (result.paper.parameters, result.weighted.parameters):
@@ -49,13 +51,6 @@ def test_three_levels_without_noise_give_all_twelve():
     np.testing.assert_allclose(result.paper.parameters.as_array(), TRUTH, rtol=1e-6)
     np.testing.assert_allclose(result.weighted.parameters.as_array(), TRUTH, rtol=1e-6)
     assert result.paper.rank == 12
-
-
-def test_each_step_lowers_the_error():
-    found = run(ONE_LEVEL).paper
-    assert (np.diff(found.merit) < 0).all()
-    assert found.path.shape == (found.iterations + 1, len(NAMES))
-    assert found.history[0] > 1
 
 
 def test_the_null_direction_is_that_of_one_force():
@@ -79,8 +74,8 @@ def test_prediction_of_e_f_agrees_with_fits():
     noise = noise_for_force_error(linear, 1e-4, 1.3)
     mean, spread = expected_force_error(linear, noise)
     assert mean == pytest.approx(1.3, rel=0.01)
-    fitted = [paper_calibrate(paper_touches(THREE_LEVELS, noise, seed), PAPER_CELL).force_error for seed in range(12)]
-    assert abs(np.mean(fitted) - mean) < 4 * spread / np.sqrt(12)
+    fitted = [paper_calibrate(paper_touches(THREE_LEVELS, noise, seed), PAPER_CELL).force_error for seed in range(6)]
+    assert abs(np.mean(fitted) - mean) < 4 * spread / np.sqrt(6)
 
 
 def test_the_noisy_column_is_near_in_each_parameter_but_not_in_all_together():

@@ -37,7 +37,6 @@ class PaperFit(NamedTuple):
         force_error: e_f (10) there, unilateral contact, N.
         history: e_f at every iterate, the start first, unilateral contact, N.
         merit: the same with the two-sided contact, which the steps decrease.
-        path: every iterate, (iterations + 1, 12).
         rank: number of singular values used in the last step.
     """
 
@@ -45,7 +44,6 @@ class PaperFit(NamedTuple):
     force_error: float
     history: tuple[float, ...]
     merit: tuple[float, ...]
-    path: Floats
     rank: int
 
     @property
@@ -105,7 +103,6 @@ def paper_calibrate(
         force_error=history[-1],
         history=history,
         merit=tuple(item.merit for item in visited),
-        path=np.array([item.parameters.as_array() for item in visited]),
         rank=rank,
     )
 

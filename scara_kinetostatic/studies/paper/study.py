@@ -18,7 +18,6 @@ from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.gauss_helmert import place_force, whiten_by
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
@@ -26,19 +25,15 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.optimal_design import Design, optimal_design
-from scara_kinetostatic.studies.design.prediction import Robot
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, analyse_tables
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
 from scara_kinetostatic.studies.paper.table_2 import (
     ONE_LEVEL,
     THREE_LEVELS,
-    Comparison,
-    LinearProblem,
     NoiseStudy,
     Run,
+    Scatter,
     compare,
-    least_chi_square,
     linearise_at_truth,
     noise_for_force_error,
     run,
@@ -46,9 +41,6 @@ from scara_kinetostatic.studies.paper.table_2 import (
 )
 
 Progress = Callable[[str, float], None]
-
-_RATIOS = (0.0, 1e-5, 3e-5, 1e-4, 1e-3)
-"""Ratios σ_q/σ_f for which the noise of table 2 is determined, rad/N."""
 
 
 class GripperPart(NamedTuple):
@@ -90,21 +82,17 @@ def observable_parts(touches: TouchSet, cell: Cell, parameters: Parameters, nois
         'p12 + p21': (0.0, 0.5, 0.5, 0.0),
         'p12 - p21': (0.0, 0.5, -0.5, 0.0),
     }
-    return tuple(_look(name, (entries @ np.array(weights)).ravel(), base) for name, weights in parts.items())
-
-
-def _look(name: str, trace: Floats, base: Floats) -> GripperPart:
-    found = np.linalg.lstsq(base, trace, rcond=1e-10)[0]
-    left = trace - base @ found
-    unidentifiable = float(np.linalg.norm(left))
-    share = 1 - (unidentifiable / float(np.linalg.norm(trace))) ** 2
-    noticeable = np.abs(found) * 1e-5 > 0.01  # bias by a part of 1e-5 m/N, as a share of the plausible range
-    return GripperPart(
-        name,
-        share,
-        1 / unidentifiable if share < 1 - 1e-12 else float('inf'),  # an exact alias, but for rounding
-        {parameter: float(found[j] * SCALES[j]) for j, parameter in enumerate(NAMES) if noticeable[j]},
-    )
+    found = []
+    for name, weights in parts.items():
+        trace = (entries @ np.array(weights)).ravel()
+        biases = np.linalg.lstsq(base, trace, rcond=1e-10)[0]
+        independent = float(np.linalg.norm(trace - base @ biases))
+        share = 1 - (independent / float(np.linalg.norm(trace))) ** 2
+        std = 1 / independent if share < 1 - 1e-12 else np.inf  # an exact alias, but for rounding
+        noticeable = np.abs(biases) * 1e-5 > 0.01  # by a part of 1e-5 m/N, as a share of the plausible range
+        named = {parameter: float(biases[j] * SCALES[j]) for j, parameter in enumerate(NAMES) if noticeable[j]}
+        found.append(GripperPart(name, share, std, named))
+    return tuple(found)
 
 
 class Reproduction(NamedTuple):
@@ -114,72 +102,47 @@ class Reproduction(NamedTuple):
         exact: one force level, no noise: table 2, first two columns, and figure 3.
         exact_levels: three force levels, no noise.
         noisy: one data set with noise, three force levels.
-        one_level: the problem with one level linearised at the truth.
-        noises: the noise of the third column of table 2, for each of `_RATIOS`.
-        least_joint: smallest chi-square of that column over other contact points and postures.
+        rank: with one force level.
+        noises: the noise of the third column of table 2, for some ratios of σ_q to σ_f.
         noise: that of `noisy` and `monte_carlo`.
-        monte_carlo: both estimators over many data sets, three force levels.
+        monte_carlo: the estimators `paper` and `weighted` over many data sets, three force levels.
         gripper: identifiability of the general gripper.
         dial_gauge: the experiments of section 5.2.
-        design: optimal design for the cell of figure 3; None if it was left out.
     """
 
     exact: Run
     exact_levels: Run
     noisy: Run
-    one_level: LinearProblem
+    rank: int
     noises: tuple[NoiseStudy, ...]
-    least_joint: float
     noise: Noise
-    monte_carlo: Comparison
+    monte_carlo: dict[str, Scatter]
     gripper: tuple[GripperPart, ...]
     dial_gauge: DialGaugeAnalysis
-    design: Design | None
 
 
-def reproduce(
-    runs: int = 1000, progress: Progress | None = None, workers: int = 2, with_design: bool = True
-) -> Reproduction:
+def reproduce(runs: int = 1000, progress: Progress = lambda what, share: None) -> Reproduction:
     """Reproduces section 5.
 
     Args:
         runs: data sets of the Monte Carlo study.
         progress: receives what is being done and the share of all that is done, 0 to 1.
-        workers: processes of the Monte Carlo study.
-        with_design: whether to work out the optimal design as well.
     """
-    report = progress or (lambda what, part: None)
-    report('table 2 and figure 3', 0.0)
-    exact, exact_levels = run(ONE_LEVEL), run(THREE_LEVELS)
-    report('the noise of table 2', 0.02)
+    progress('table 2 and figure 3', 0.0)
     one_level = linearise_at_truth(ONE_LEVEL)
-    noises = tuple(study_noise(one_level, ratio) for ratio in _RATIOS)
     noise_ratio, force_error = 1e-4, 1.3  # σ_q/σ_f, rad/N; the middle of the paper's range of e_f, N
     noise = noise_for_force_error(linearise_at_truth(THREE_LEVELS), noise_ratio, force_error)
-    noisy = run(THREE_LEVELS, noise, seed=1)
-    report('the dial gauge experiments', 0.04)
-    dial_gauge = analyse_tables([simulate_experiments()])
-    report('the general gripper', 0.05)
-    cell = PAPER_CELL
-    touches = simulate_touches(cell, PAPER_ACTUAL, default_plan(cell), Noise(0.0, 0.0))
-    gripper = observable_parts(touches, cell, PAPER_ACTUAL, cell.noise or noise)
-    monte_carlo = compare(
-        THREE_LEVELS, noise, runs, lambda done: report(f'data set {done} of {runs}', 0.06 + 0.6 * done / runs), workers
-    )
-    design = None
-    if with_design:
-        design = optimal_design(Robot.of(cell), report=lambda what, part: report(what, 0.66 + 0.3 * part))
-    report('drawing', 0.97)
+    touches = simulate_touches(PAPER_CELL, PAPER_ACTUAL, default_plan(PAPER_CELL), Noise(0.0, 0.0))
     return Reproduction(
-        exact=exact,
-        exact_levels=exact_levels,
-        noisy=noisy,
-        one_level=one_level,
-        noises=noises,
-        least_joint=least_chi_square(_RATIOS),
+        exact=run(ONE_LEVEL),
+        exact_levels=run(THREE_LEVELS),
+        noisy=run(THREE_LEVELS, noise, seed=1),
+        rank=one_level.rank,
+        noises=tuple(study_noise(one_level, ratio) for ratio in (0.0, 1e-5, 3e-5, 1e-4, 1e-3)),
         noise=noise,
-        monte_carlo=monte_carlo,
-        gripper=gripper,
-        dial_gauge=dial_gauge,
-        design=design,
+        monte_carlo=compare(
+            THREE_LEVELS, noise, runs, lambda done: progress(f'data set {done} of {runs}', 0.05 + 0.9 * done / runs)
+        ),
+        gripper=observable_parts(touches, PAPER_CELL, PAPER_ACTUAL, PAPER_CELL.noise or noise),
+        dial_gauge=analyse_tables([simulate_experiments()]),
     )

@@ -8,10 +8,7 @@ not).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
-from multiprocessing import get_context
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -57,34 +54,21 @@ EXACT = Noise(joint=0.0, force=0.0)
 """Touches without noise."""
 
 
-def paper_touches(
-    levels: tuple[float, ...] = ONE_LEVEL, noise: Noise = EXACT, seed: int = 0, turn: float = 0.0, posture: int = 1
-) -> TouchSet:
+def paper_touches(levels: tuple[float, ...] = ONE_LEVEL, noise: Noise = EXACT, seed: int = 0) -> TouchSet:
     """The touches of figure 3, simulated with the "actual" robot of table 2.
 
     Args:
         levels: of the force, N.
         noise: of one touch.
         seed: of the noise.
-        turn: rotation of all contact points around their discs, in units of their spacing.
-        posture: of the elbow.
     """
-    per_disc = 12  # npc of figure 3
-    plan = default_plan(CELL, per_disc=per_disc, levels=levels, postures=(posture,))
-    turned = replace(plan, angle=plan.angle + turn * 2 * np.pi / per_disc)
-    return simulate_touches(CELL, PAPER_ACTUAL, turned, noise, seed)
+    plan = default_plan(CELL, per_disc=12, levels=levels, postures=(1,))  # npc of figure 3
+    return simulate_touches(CELL, PAPER_ACTUAL, plan, noise, seed)
 
 
 class Run(NamedTuple):
-    """One data set through both estimators.
+    """One data set through both estimators: the algorithm of the paper, and `calibrate`."""
 
-    Attributes:
-        touches: the data.
-        paper: the paper's algorithm.
-        weighted: `calibrate`.
-    """
-
-    touches: TouchSet
     paper: PaperFit
     weighted: Calibration
 
@@ -93,7 +77,7 @@ def run(levels: tuple[float, ...] = ONE_LEVEL, noise: Noise | None = None, seed:
     """Simulates one data set, without noise by default, and estimates L̄ from L̄n by both algorithms."""
     touches = paper_touches(levels, noise or EXACT, seed)
     cell = Cell(CELL.nominal, CELL.discs, noise=noise or CELL.noise, gripper_sign=CELL.gripper_sign)
-    return Run(touches, paper_calibrate(touches, cell), calibrate(touches, cell))
+    return Run(paper_calibrate(touches, cell), calibrate(touches, cell))
 
 
 class LinearProblem(NamedTuple):
@@ -135,9 +119,9 @@ class LinearProblem(NamedTuple):
         return half @ half.T
 
 
-def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL, turn: float = 0.0, posture: int = 1) -> LinearProblem:
-    """J_L̄ and A_Q of the touches without noise; arguments as for `paper_touches`."""
-    o = observe(paper_touches(levels, turn=turn, posture=posture), CELL)
+def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL) -> LinearProblem:
+    """J_L̄ and A_Q of the touches without noise."""
+    o = observe(paper_touches(levels), CELL)
     found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.gripper, warm_start=o.force)
     derivatives = contact_derivatives(PAPER_ACTUAL, o.joints, o.centers, o.radii, found, o.gripper)
     jacobian = (derivatives.parameters * SCALES).reshape(-1, len(NAMES))
@@ -175,47 +159,28 @@ class NoiseStudy(NamedTuple):
         noise: for which the expected e_f is that of the paper.
         force_error: expected e_f, N.
         force_error_std: its standard deviation over data sets, N.
-        std: predicted standard deviations of the paper's estimate over the identifiable directions, (12,).
-        z: error of the paper's noisy column in identifiable directions, in units of `std`, (12,).
-        chi_square: of that column with `rank` degrees of freedom.
-        rank: 11 with one force level.
+        z: error of the paper's noisy column in identifiable directions, in units of the predicted std, (12,).
+        chi_square: of that column with the rank as degrees of freedom, 11 with one force level.
     """
 
     noise: Noise
     force_error: float
     force_error_std: float
-    std: Floats
     z: Floats
     chi_square: float
-    rank: int
 
 
 def study_noise(linear: LinearProblem, ratio: float) -> NoiseStudy:
     """The paper's noisy estimates compared with the predicted covariance, for one ratio of σ_q to σ_f, rad/N."""
     noise = noise_for_force_error(linear, ratio)
-    covariance = linear.unweighted_covariance(noise)
-    error = (ESTIMATED_FROM_NOISE.as_array() - PAPER_ACTUAL.as_array()) / SCALES
-    basis = linear.identifiable
-    error = basis.T @ error
+    covariance, basis = linear.unweighted_covariance(noise), linear.identifiable
+    error = basis.T @ ((ESTIMATED_FROM_NOISE.as_array() - PAPER_ACTUAL.as_array()) / SCALES)
     scaled = basis.T @ (covariance / np.outer(SCALES, SCALES)) @ basis
-    std = np.sqrt(np.diag(covariance))
     return NoiseStudy(
         noise,
         *expected_force_error(linear, noise),
-        std=std,
-        z=SCALES * (basis @ error) / std,
+        z=SCALES * (basis @ error) / np.sqrt(np.diag(covariance)),
         chi_square=float(error @ np.linalg.solve(scaled, error)),
-        rank=linear.rank,
-    )
-
-
-def least_chi_square(ratios: tuple[float, ...]) -> float:
-    """The smallest chi-square of the noisy column over rotated contact points, both postures and noise ratios."""
-    return min(
-        study_noise(linearise_at_truth(ONE_LEVEL, turn, posture), ratio).chi_square
-        for turn in (0.0, 0.25, 0.5, 0.75)
-        for posture in (1, -1)
-        for ratio in ratios
     )
 
 
@@ -228,7 +193,6 @@ class Scatter(NamedTuple):
     """Standard deviations of one estimator over data sets; SI units, (12,) unless said otherwise.
 
     Attributes:
-        noise: of one touch.
         runs: number of data sets.
         predicted: standard deviations predicted for this estimator.
         found: standard deviations over the data sets.
@@ -237,7 +201,6 @@ class Scatter(NamedTuple):
         force_error_range: 2.5 % and 97.5 % quantiles of e_f, N.
     """
 
-    noise: Noise
     runs: int
     predicted: Floats
     found: Floats
@@ -245,83 +208,35 @@ class Scatter(NamedTuple):
     force_error: float
     force_error_range: tuple[float, float]
 
-    @property
-    def sampling_error(self) -> float:
-        """Relative standard deviation of a standard deviation found."""
-        return float(1 / np.sqrt(2 * (self.runs - 1)))
-
-
-class Comparison(NamedTuple):
-    """Both estimators on the same data sets.
-
-    Attributes:
-        paper: the paper's unweighted estimator.
-        weighted: the weighted one.
-    """
-
-    paper: Scatter
-    weighted: Scatter
-
-    @property
-    def efficiency(self) -> Floats:
-        """Variance of the weighted estimate over that of the unweighted one, (12,)."""
-        return (self.weighted.found / self.paper.found) ** 2
-
 
 def compare(
-    levels: tuple[float, ...], noise: Noise, runs: int, progress: Callable[[int], None] | None = None, workers: int = 2
-) -> Comparison:
-    """Runs both estimators on simulated data sets.
+    levels: tuple[float, ...], noise: Noise, runs: int, progress: Callable[[int], None] = lambda done: None
+) -> dict[str, Scatter]:
+    """Runs both estimators on simulated data sets: the paper's unweighted one, `paper`, and the weighted one.
 
     Args:
         levels: force levels, N; with one level p_ee and g_ee are not determined.
         noise: of one touch; also given to the weighted estimator.
         runs: number of data sets.
         progress: receives the number of data sets done.
-        workers: number of processes.
     """
-    linear = linearise_at_truth(levels)
-    rows = np.concatenate(list(_collect(levels, noise, runs, progress, workers)))
-    paper, weighted = rows[:, 0], rows[:, 1]
-    return Comparison(
-        _summarise(paper, noise, linear.unweighted_covariance(noise)),
-        _summarise(weighted, noise, linear.weighted_covariance(noise)),
-    )
-
-
-def _collect(
-    levels: tuple[float, ...], noise: Noise, runs: int, progress: Callable[[int], None] | None, workers: int
-) -> Iterator[Floats]:
-    at_a_time = 25
-    seeds = [range(first, min(first + at_a_time, runs)) for first in range(0, runs, at_a_time)]
-    done = 0
-    with ProcessPoolExecutor(workers, mp_context=get_context('spawn')) as pool:
-        for part in pool.map(_estimates, seeds, [levels] * len(seeds), [noise] * len(seeds)):
-            done += len(part)
-            if progress is not None:
-                progress(done)
-            yield part
-
-
-def _estimates(seeds: range, levels: tuple[float, ...], noise: Noise) -> Floats:
-    """Estimates and e_f of both estimators, (len(seeds), 2, 13)."""
     rows = []
-    for seed in seeds:
-        result = run(levels, noise, seed)
-        rows.append(
-            [
-                [*result.paper.parameters.as_array(), result.paper.force_error],
-                [*result.weighted.parameters.as_array(), result.weighted.force_error],
-            ]
-        )
-    return np.array(rows)
+    for seed in range(runs):
+        fits = run(levels, noise, seed)
+        rows.append([[*fit.parameters.as_array(), fit.force_error] for fit in fits])
+        progress(seed + 1)
+    linear, (paper, weighted) = linearise_at_truth(levels), np.swapaxes(rows, 0, 1)
+    return {
+        'paper': _scatter(paper, linear.unweighted_covariance(noise)),
+        'weighted': _scatter(weighted, linear.weighted_covariance(noise)),
+    }
 
 
-def _summarise(rows: Floats, noise: Noise, covariance: Floats) -> Scatter:
+def _scatter(rows: Floats, covariance: Floats) -> Scatter:
+    """Of estimates and e_f, (runs, 13), with their predicted covariance."""
     error = rows[:, :12] - PAPER_ACTUAL.as_array()
     low, high = np.quantile(rows[:, 12], [0.025, 0.975])
     return Scatter(
-        noise=noise,
         runs=len(rows),
         predicted=np.sqrt(np.diag(covariance)),
         found=error.std(axis=0, ddof=1),
