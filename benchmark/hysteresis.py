@@ -15,40 +15,62 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-from scara_kinetostatic.studies.hysteresis.fit import fit
-from scara_kinetostatic.studies.hysteresis.laws import (
-    BACKLASH,
-    CANDIDATES,
-    FRICTION,
-    SLIP,
-    SLIP_NO_GAP,
-    SOFTENING,
-    VISCOUS,
-    Law,
-    simulate_record,
-)
+import numpy as np
+from scipy.signal import lfilter
+
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.studies.hysteresis.dependence import motion_dependences, p_independent
+from scara_kinetostatic.studies.hysteresis.fit import fit_motion
+from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, MOTION_LAWS, Law, Values
 from scara_kinetostatic.studies.hysteresis.model_selection import (
     LEVEL,
     NONE,
     UNEXPLAINED,
-    ModelSelection,
-    dependences,
-    p_independent,
+    MotionStudy,
+    Selection,
     select_model,
 )
-from scara_kinetostatic.studies.hysteresis.motion import Motion
+from scara_kinetostatic.studies.hysteresis.motion import cut_at_reversals
+from scara_kinetostatic.studies.hysteresis.record import Record
 
 NOISE = 100.0
 CORRELATIONS = (0.0, 0.9)
 TRUTH = {'zero': 0.001, 'compliance': 1e-6, 'half_gap': 2e-3, 'force_zero': 50.0}
 """Peak force of law (6): 17 to 19 kN."""
 SIZES = {
-    SOFTENING.name: (40e3, 20e3, 10e3),
-    VISCOUS.name: (1e3, 3e3, 10e3),
-    FRICTION.name: (100.0, 300.0, 1000.0),
-    SLIP_NO_GAP.name: (18e3, 14e3, 8e3),
-    SLIP.name: (16e3, 12e3, 7e3),
+    'softening': (40e3, 20e3, 10e3),
+    'viscous': (1e3, 3e3, 10e3),
+    'friction': (100.0, 300.0, 1000.0),
+    'slip_no_gap': (18e3, 14e3, 8e3),
+    'slip': (16e3, 12e3, 7e3),
 }
+
+
+def sine(samples: int = 640, cycles: int = 5) -> tuple[Floats, Floats]:
+    """Time (s) and displacement (m) of a motion like that of measured loops: its amplitude grows for two cycles."""
+    time = np.linspace(0, 2.0 * cycles, samples)
+    return time, 0.02 * np.minimum(0.4 + 0.15 * time, 1.0) * np.sin(np.pi * time)
+
+
+def simulate_record(law: Law, values: Values, noise: float, seed: int, correlation: float = 0.0) -> Record:
+    """Simulated record of a law.
+
+    Args:
+        law: the law.
+        values: its parameters, SI.
+        noise: standard deviation of the force readings, N.
+        seed: of the noise.
+        correlation: of the noise from one sample to the next, r^k over k samples.
+    """
+    time, displacement = sine()
+    rest = np.zeros(len(time))
+    rest[-1] = 1.0  # no record has a constant force
+    motion = cut_at_reversals(Record('simulated', time, rest, displacement, 'N'))
+    force = law.function(motion, values)
+    white = np.random.default_rng(seed).standard_normal(len(force))
+    white[1:] *= np.sqrt(1 - correlation**2)
+    measured = force + noise * lfilter([1.0], [1.0, -correlation], white)
+    return Record('simulated', motion.time, measured, motion.displacement, 'N')
 
 
 def values(law: Law, size: float) -> dict[str, float]:
@@ -57,21 +79,19 @@ def values(law: Law, size: float) -> dict[str, float]:
     return {each.name: {**TRUTH, **more}[each.name] for each in law.parameters}
 
 
-def named(selection: ModelSelection) -> str:
+def named(selection: Selection) -> str:
     """What came out, in a word."""
     if selection.selected is None:
         return selection.verdict
-    return (
-        selection.selected.law.name
-        if not selection.rivals
-        else '|'.join(sorted((selection.selected.law.name, *selection.rivals)))
-    )
+    return '|'.join(sorted(each.law.name for each in (selection.selected, *selection.rivals)))
 
 
-def alarmed(motion: Motion) -> bool:
+def alarmed(record: Record) -> bool:
     """Whether the residual of law (6) is found to have structure."""
-    residual = fit(BACKLASH, motion, motion.scored | ~motion.scored).residual
-    return p_independent(dependences(motion, residual)) < LEVEL
+    motion = cut_at_reversals(record)
+    fitted = fit_motion(BACKLASH, motion, np.ones(len(motion), dtype=bool))
+    residual = motion.force - BACKLASH.function(motion, fitted.values)
+    return p_independent(motion_dependences(motion, residual)) < LEVEL
 
 
 def main() -> int:
@@ -85,12 +105,12 @@ def main() -> int:
     for correlation in CORRELATIONS:
         alarms = sum(alarmed(simulate_record(BACKLASH, TRUTH, NOISE, seed, correlation)) for seed in range(args.alarms))
         found[f'backlash, correlation {correlation:g}'] = {'alarm': alarms, NONE: args.alarms - alarms}
-        for law in CANDIDATES:
+        for law in MOTION_LAWS:
             for size in SIZES[law.name]:
                 records = (
                     simulate_record(law, values(law, size), NOISE, seed, correlation) for seed in range(args.seeds)
                 )
-                counts = Counter(named(select_model(record)) for record in records)
+                counts = Counter(named(select_model(MotionStudy(record))) for record in records)
                 found[f'{law.name} {size:g}, correlation {correlation:g}'] = dict(counts)
     right = sum(counts.get(name.split()[0], 0) for name, counts in found.items() if not name.startswith('backlash'))
     total = sum(sum(counts.values()) for name, counts in found.items() if not name.startswith('backlash'))

@@ -34,20 +34,20 @@ from scara_kinetostatic.model.kinetostatics import joint_deflection
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style, svg_file
 from scara_kinetostatic.report.quantities import p_equals
-from scara_kinetostatic.studies.hysteresis.load_driven.analysis import (
+from scara_kinetostatic.studies.hysteresis.dependence import p_independent
+from scara_kinetostatic.studies.hysteresis.fit import Fit, Prediction, fit_load, moments, predict
+from scara_kinetostatic.studies.hysteresis.laws import LOAD_BACKLASH, LOAD_LAWS, Law
+from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
+from scara_kinetostatic.studies.hysteresis.model_selection import (
+    LEVEL,
     Candidate,
-    LoadAnalysis,
-    analyse_load_driven,
-    earlier_half,
-    p_sufficient,
+    LoadStudy,
+    Selection,
     predict_records,
+    select_model,
 )
-from scara_kinetostatic.studies.hysteresis.load_driven.fit import LoadFit, Prediction, fit, moments, predict
-from scara_kinetostatic.studies.hysteresis.load_driven.laws import BACKLASH, SLIP, Law
-from scara_kinetostatic.studies.hysteresis.load_driven.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.load_driven.record import LoadRecord
-from scara_kinetostatic.studies.hysteresis.model_selection import LEVEL
-from scara_kinetostatic.studies.hysteresis.record_table import load_record_table
+from scara_kinetostatic.studies.hysteresis.record import Record, load_record
+from scara_kinetostatic.studies.hysteresis.report import response_change
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'panda'
 LOADING = 'loading.csv'
@@ -56,11 +56,11 @@ ARM = (2, 4)
 _MARGINS = Margins(left=60, right=10, bottom=46, top=24)
 
 
-def read(joint: int) -> list[LoadRecord]:
+def read(joint: int) -> list[Record]:
     """All records of a joint, the poses first."""
     names = [*sorted(path.name for path in FOLDER.glob('pose_*.csv')), LOADING]
     columns = f'q{joint}_rad', f'tau{joint}_from_force_Nm'
-    return [load_record_table(FOLDER / name, *columns).load_record for name in names]
+    return [load_record(FOLDER / name, *columns) for name in names]
 
 
 class Poses(NamedTuple):
@@ -77,7 +77,7 @@ class Poses(NamedTuple):
     """
 
     joint: int
-    analysis: LoadAnalysis
+    analysis: Selection
     before: float
     own_zero: float
     after: float
@@ -94,13 +94,13 @@ def poses(joint: int, nested: bool = False, with_long: bool = True) -> Poses:
         with_long: whether the long record is among the others.
     """
     records = read(joint) if with_long else read(joint)[:-1]
-    analysis = analyse_load_driven(records)
+    analysis = select_model(LoadStudy(records))
     residuals: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
     by_pose: dict[str, tuple[float, float]] = {}
     laws: list[str] = []
     for number, record in enumerate(each for each in records if each.name != LOADING):
         if nested:
-            others = analyse_load_driven([each for each in records if each is not record])
+            others = select_model(LoadStudy([each for each in records if each is not record]))
             found = predict_records(others, [record])[0]
             pair, law = (found.before, found.after), (others.selected or others.before).law.name
         else:
@@ -119,43 +119,33 @@ def poses(joint: int, nested: bool = False, with_long: bool = True) -> Poses:
 class Half(NamedTuple):
     """The later half of the long record of a joint, three predictions along all of it."""
 
-    record: LoadRecord
+    path: LoadPath
     before: Prediction
     own: Prediction
     carried: Prediction
 
     @property
-    def later(self) -> Mask:
-        """The samples predicted."""
-        return ~earlier_half(LoadPath(self.record))
-
-    @property
     def errors(self) -> tuple[float, float, float]:
         """Rms error of the later half, rad: law (6), slip from the earlier half, slip with the poses' parameters."""
-        before, own, carried = (rms(each.residual[self.later]) for each in (self.before, self.own, self.carried))
+        later = ~self.path.earlier
+        before, own, carried = (rms(each.residual[later]) for each in (self.before, self.own, self.carried))
         return before, own, carried
 
 
-def later_half(joint: int) -> tuple[Half, LoadFit]:
+def later_half(joint: int) -> tuple[Half, Fit]:
     """The later half of the long record from the earlier one, and law (6) as fitted there."""
     *others, record = read(joint)
-    path, block = LoadPath(record), LoadPath.in_blocks(record)
-    known = earlier_half(path)
-    before = _fit(BACKLASH, [block], [earlier_half(block)])
-    own = _fit(SLIP, [block], [earlier_half(block)])
-    blocks = [LoadPath.in_blocks(each) for each in others]
-    carried = _fit(SLIP, blocks, [np.ones(len(each.time), dtype=bool) for each in blocks])
-    half = Half(record, *(predict(each, path, known) for each in (before, own, carried)))
-    return half, before
+    alone, poses_alone = LoadStudy([record]), LoadStudy(others)
+    (path,), (block,) = alone.paths, alone.blocks
+    slip = next(law for law in LOAD_LAWS if law.name == 'slip')
+    before, own = (_fit(law, alone, [block.earlier]) for law in (LOAD_BACKLASH, slip))
+    carried = _fit(slip, poses_alone, [np.ones(len(each.time), dtype=bool) for each in poses_alone.blocks])
+    return Half(path, *(predict(each, path, path.earlier) for each in (before, own, carried))), before
 
 
-def _fit(law: Law, paths: Sequence[LoadPath], rows: Sequence[Mask]) -> LoadFit:
-    size = max(path.size for path in paths)
-    joint = sum(
-        float(np.cov(path.load[which], path.response[which])[0, 1]) for path, which in zip(paths, rows, strict=True)
-    )
-    grids = [moments(law, path, which, size) for path, which in zip(paths, rows, strict=True)]
-    return fit(law, grids, size, 1.0 if joint >= 0 else -1.0)
+def _fit(law: Law, study: LoadStudy, rows: Sequence[Mask]) -> Fit:
+    grids = [moments(law, path, which, study.size) for path, which in zip(study.blocks, rows, strict=True)]
+    return fit_load(law, grids, study.size)
 
 
 class Arm(NamedTuple):
@@ -213,12 +203,12 @@ class Tip(NamedTuple):
         return rms(found[0]), rms(found[1]), rms(found[2])
 
 
-def tip_displacement(halves: Sequence[Half], laws: Sequence[LoadFit]) -> Tip:
+def tip_displacement(halves: Sequence[Half], laws: Sequence[Fit]) -> Tip:
     """The tip of the arm in the plane under the measured torques, by H̄ with law (6) and by the links with slip."""
     arm = planar_arm()
     turns = np.array([1.0, arm.sense])
-    directions = np.array([law.direction for law in laws])
-    torques = -directions * turns * np.stack([LoadPath(half.record).load for half in halves], axis=1)
+    directions = np.array([half.path.direction for half in halves])
+    torques = -directions * turns * np.stack([half.path.load for half in halves], axis=1)
     values = [law.values for law in laws]
     robot = Parameters(
         x0=0.0, y0=0.0, theta1=0.0, l1=arm.link_1, theta2=arm.angle, l2=arm.link_2, p_ee=0.0,
@@ -230,25 +220,25 @@ def tip_displacement(halves: Sequence[Half], laws: Sequence[LoadFit]) -> Tip:
     def moved(angles: Floats) -> Floats:
         return np.asarray(forward(robot, turns * (angles - rest)) - forward(robot, np.zeros(2)))
 
-    angles = np.stack([half.record.response for half in halves], axis=1)
+    angles = np.stack([half.path.response for half in halves], axis=1)
     own, carried = (
         angles - np.stack([each.residual for each in several], axis=1)
         for several in ([half.own for half in halves], [half.carried for half in halves])
     )
     before = forward(robot, -joint_deflection(robot, torques)) - forward(robot, np.zeros(2))
-    return Tip(halves[0].record.time, moved(angles), before, moved(own), moved(carried), halves[0].later)
+    return Tip(halves[0].path.time, moved(angles), before, moved(own), moved(carried), ~halves[0].path.earlier)
 
 
 def pose_picture(found: Poses, record: int) -> Markup:
     """Angle over time in one pose: measured, law (6), and the law selected, both without this pose."""
-    analysis, each = found.analysis, found.analysis.records[record]
-    zero = each.response[each.rest].mean()
+    analysis, each = found.analysis, found.analysis.study.records[record]
+    response = response_change(each)
     figure, (axes,) = new_figure(520.0, 300.0, margins=_MARGINS)
     axes.axvspan(each.time[each.unloaded], each.time[-1], color=LINE, lw=0, alpha=0.5)
-    axes.plot(each.time, 1e3 * (each.response - zero), color=INK, lw=0.9, label='measured')
+    axes.plot(each.time, 1e3 * response, color=INK, lw=0.9, label='measured')
     chosen = analysis.selected or analysis.before
     for candidate, colour, label in ((analysis.before, SERIES[1], 'law (6)'), (chosen, SERIES[0], chosen.law.title)):
-        predicted = each.response - zero - candidate.held_out[record].residual
+        predicted = response - candidate.held_out[record].residual
         axes.plot(each.time, 1e3 * predicted, color=colour, lw=1.4, label=label)
     axes.set(xlabel='time  [s]', ylabel='angle  [mrad]', title=f'joint {found.joint}, {each.name}')
     axes.set_xlim(each.time[0], each.time[-1])
@@ -302,15 +292,15 @@ def false_alarms(count: int, form: str, seed: int) -> int:
                 form
             ]
             exact = compliance * each.load + half_gap * sign
-            noise = random.normal(0.0, each.response_noise, len(each))
-            simulated.append(LoadRecord(each.source, each.time, each.load, exact + noise))
-        alarms += p_sufficient(simulated) < LEVEL
+            noise = random.normal(0.0, each.response[each.rest].std(ddof=1), len(each))
+            simulated.append(Record(each.source, each.time, each.load, exact + noise))
+        alarms += p_independent(LoadStudy(simulated).law6()[1]) < LEVEL
     return alarms
 
 
-def fitted(analysis: LoadAnalysis) -> str:
+def fitted(analysis: Selection) -> str:
     """Residuals of the fits of all laws to all records."""
-    samples = sum(len(LoadPath.in_blocks(record).time) for record in analysis.records)
+    samples = sum(len(LoadPath.in_blocks(record).time) for record in analysis.study.records)
     several = (analysis.before, *analysis.candidates)
     return ', '.join(f'{each.law.name} {1e3 * (each.whole.square / samples) ** 0.5:.4f}' for each in several)
 
@@ -381,7 +371,7 @@ def _shown(found: Poses) -> int:
     return int(np.argmax([before for before, _ in found.by_pose.values()]))
 
 
-def _content(found: Sequence[Poses], halves: dict[int, tuple[Half, LoadFit]], tip: Tip) -> dict[str, Any]:
+def _content(found: Sequence[Poses], halves: dict[int, tuple[Half, Fit]], tip: Tip) -> dict[str, Any]:
     names = ('before', 'own', 'carried')
     return {
         'poses': [

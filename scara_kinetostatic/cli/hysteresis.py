@@ -15,7 +15,6 @@ A table needs time_s and a response with its load: displacement_m and force_N
 
 Example:
   scara-kinetostatic hysteresis loop.csv --out result
-  scara-kinetostatic hysteresis a.csv b.csv c.csv --tension 20 35 80
   scara-kinetostatic hysteresis pose_*.csv --response q2_rad --load tau2_Nm --predict other.csv
 """
 
@@ -25,11 +24,11 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import add_results, print_result, real
+from scara_kinetostatic.cli.arguments import add_results, print_result
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.studies.hysteresis.record_table import RecordTable
+    from scara_kinetostatic.studies.hysteresis.record import Record
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,14 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='OTHER.csv',
         help='predict the response of these records from the moment on at which they are unloaded; driven by load',
     )
-    parser.add_argument(
-        '--tension',
-        type=real(),
-        nargs='+',
-        default=[],
-        metavar='T',
-        help='tension of the belt, one per file, any unit: predict each of three or more files from the others',
-    )
     add_results(parser, files='hysteresis.json and hysteresis.html')
 
 
@@ -64,65 +55,32 @@ def run(args: argparse.Namespace) -> int:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: the records are too short, or not of full loops or of a load that comes and goes.
     """
-    from scara_kinetostatic.studies.hysteresis.record_table import LOAD, what_drives
-
-    tables = _tables(args)
-    if what_drives(tables, args.driven) == LOAD:
-        return _run_load_driven(args, tables)
-    return _run_motion_driven(args, tables)
-
-
-def _run_motion_driven(args: argparse.Namespace, tables: list[RecordTable]) -> int:
-    from scara_kinetostatic.studies.hysteresis.analysis import BY_LOAD, analyse_hysteresis
+    from scara_kinetostatic.report import as_page, as_text, json_text
     from scara_kinetostatic.studies.hysteresis.document import NAME, hysteresis_document
-    from scara_kinetostatic.studies.hysteresis.text import text
+    from scara_kinetostatic.studies.hysteresis.model_selection import analyse, predict_records
+    from scara_kinetostatic.studies.hysteresis.record import MOTION, what_drives
+    from scara_kinetostatic.studies.hysteresis.report import hysteresis_report
 
-    if args.predict:
-        problem = f'{tables[0].source} is driven by its motion'
+    records = _records(args)
+    driven = args.driven or what_drives(records)
+    if args.predict and driven == MOTION:
+        problem = f'{records[0].source} is driven by its motion'
         raise InputError('--predict', problem, 'it takes records driven by their load; see --driven')
-    units = BY_LOAD[tables[0].load_unit]
-    analysis = analyse_hysteresis([table.readings for table in tables], args.tension, units)
-    document = hysteresis_document(analysis)
-    files = {}
-    if args.out:
-        from scara_kinetostatic.report.json_file import json_text
-        from scara_kinetostatic.studies.hysteresis import page
-
-        files = {NAME: json_text(document), page.NAME: page.html_text(analysis)}
-    print_result(text(analysis), document, args.json, args.out, files)
+    selections = analyse(records[: len(args.tables)], driven)
+    predicted = predict_records(selections[0], records[len(args.tables) :]) if args.predict else ()
+    document = hysteresis_document(selections, predicted)
+    report = hysteresis_report(selections, predicted)
+    files = {NAME: json_text(document), 'hysteresis.html': as_page(report)} if args.out else {}
+    print_result(as_text(report), document, args.json, args.out, files)
     return 0
 
 
-def _run_load_driven(args: argparse.Namespace, tables: list[RecordTable]) -> int:
-    from scara_kinetostatic.studies.hysteresis.document import NAME
-    from scara_kinetostatic.studies.hysteresis.load_driven.analysis import analyse_load_driven, predict_records
-    from scara_kinetostatic.studies.hysteresis.load_driven.document import load_driven_document
-    from scara_kinetostatic.studies.hysteresis.load_driven.text import text
-
-    if args.tension:
-        problem = f'{tables[0].source} is driven by its load'
-        raise InputError('--tension', problem, 'it is for records driven by their motion; see --driven')
-    records = [table.load_record for table in tables]
-    analysis = analyse_load_driven(records[: len(args.tables)])
-    predicted = predict_records(analysis, records[len(args.tables) :])
-    document = load_driven_document(analysis, predicted)
-    files = {}
-    if args.out:
-        from scara_kinetostatic.report.json_file import json_text
-        from scara_kinetostatic.studies.hysteresis import page as names
-        from scara_kinetostatic.studies.hysteresis.load_driven import page
-
-        files = {NAME: json_text(document), names.NAME: page.html_text(analysis, predicted)}
-    print_result(text(analysis, predicted), document, args.json, args.out, files)
-    return 0
-
-
-def _tables(args: argparse.Namespace) -> list[RecordTable]:
+def _records(args: argparse.Namespace) -> list[Record]:
     from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.studies.hysteresis.record_table import check_alike, load_record_table
+    from scara_kinetostatic.studies.hysteresis.record import check_alike, load_record
 
     paths = [*args.tables, *args.predict]
     check_different(paths)
-    tables = [load_record_table(path, args.response, args.load) for path in paths]
-    check_alike(tables)
-    return tables
+    records = [load_record(path, args.response, args.load) for path in paths]
+    check_alike(records)
+    return records

@@ -41,21 +41,3 @@ def _template() -> jinja2.Template:
     environment.filters['sentence'] = sentence
     environment.filters['kind'] = lambda block: type(block).__name__
     return environment.get_template('report.html.j2')
-
-
-def page_template(path: Path) -> jinja2.Template:
-    """The template of a page of its own; it may include files beside it, the stylesheet and the macro `show_table`.
-
-    Args:
-        path: the template.
-    """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader([path.parent, Path(__file__).parent]),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(path.name)

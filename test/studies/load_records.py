@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.studies.hysteresis.load_driven.record import LoadRecord
+from scara_kinetostatic.studies.hysteresis.record import Record
 
 RATE = 80.0
 COMPLIANCE = 150e-6
@@ -17,23 +17,12 @@ def torque(level: float = -2.0, rest: int = 200, held: int = 400, after: int = 3
     return np.concatenate([np.zeros(rest), ramp, np.full(held, level), ramp[::-1], np.zeros(after)])
 
 
-def columns(load: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time, torque and angle of an elastic joint, with noise; s, Nm, rad."""
+def columns(load: np.ndarray, seed: int = 0, state: float | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time, torque and angle of an elastic joint, or of one that slips, with noise; s, Nm, rad."""
     random = np.random.default_rng(seed)
     angle = 0.7 + COMPLIANCE * load + ANGLE_NOISE * random.standard_normal(len(load))
+    angle += 0.0 if state is None else slipping(load, state)
     return np.arange(len(load)) / RATE, load + TORQUE_NOISE * random.standard_normal(len(load)), angle
-
-
-def load_record(load: np.ndarray | None = None, seed: int = 0, source: str = 'one.csv') -> LoadRecord:
-    """One record."""
-    return LoadRecord(source, *columns(torque() if load is None else load, seed))
-
-
-def table(load: np.ndarray | None = None, heading: str = 'time_s,angle_rad,torque_Nm', seed: int = 0) -> str:
-    """One record as CSV."""
-    time, measured, angle = columns(torque() if load is None else load, seed)
-    rows = [f'{t:.5f},{q:.9f},{tau:.6f}' for t, q, tau in zip(time, angle, measured, strict=True)]
-    return '\n'.join([heading, *rows]) + '\n'
 
 
 def slipping(load: np.ndarray, state: float, slip_load: float = 1.0, slip: float = 120e-6) -> np.ndarray:
@@ -54,10 +43,15 @@ def slipping(load: np.ndarray, state: float, slip_load: float = 1.0, slip: float
     return np.array(moved)
 
 
-def slip_table(level: float, state: float, seed: int, heading: str = 'time_s,angle_rad,torque_Nm') -> str:
-    """One record of a joint that slips, as CSV."""
-    load = torque(level)
-    time, measured, angle = columns(load, seed)
-    angle = angle + slipping(load, state)
-    rows = [f'{t:.5f},{q:.9f},{tau:.6f}' for t, q, tau in zip(time, angle, measured, strict=True)]
+def record(load: np.ndarray, seed: int = 0, state: float | None = None, half_gap: float = 0.0) -> Record:
+    """A joint with a gap by law (6), with slip where it has a state."""
+    time, measured, angle = columns(load, seed, state)
+    return Record(f'{seed}.csv', time, measured, angle + half_gap * np.sign(load))
+
+
+def table(
+    load: np.ndarray, heading: str = 'time_s,angle_rad,torque_Nm', seed: int = 0, state: float | None = None
+) -> str:
+    """One record as CSV."""
+    rows = [f'{t:.5f},{q:.9f},{tau:.6f}' for t, tau, q in zip(*columns(load, seed, state), strict=True)]
     return '\n'.join([heading, *rows]) + '\n'

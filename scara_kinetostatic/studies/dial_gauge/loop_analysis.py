@@ -24,7 +24,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.statistics import CombinedEstimate, Estimate, combine_estimates
 
@@ -161,11 +161,16 @@ def analyse_loops(readings: DialGaugeReadings) -> LoopAnalysis:
     return LoopAnalysis(readings, tuple(senses), tuple(sorted(rejected)))
 
 
-def _find_sweeps(time: Floats, displacement: Floats, force: Floats) -> list[_Sweep]:
-    """The record cut at the reversals, without what comes before the first."""
+def reversals(displacement: Floats) -> Indices:
+    """The samples at which the motion reverses, in the order of time."""
     least = PROMINENCE * float(np.ptp(displacement))
     peaks = [find_peaks(sign * displacement, prominence=least)[0] for sign in (1, -1)]
-    turns = np.sort(np.concatenate(peaks))
+    return np.sort(np.concatenate(peaks))
+
+
+def _find_sweeps(time: Floats, displacement: Floats, force: Floats) -> list[_Sweep]:
+    """The record cut at the reversals, without what comes before the first."""
+    turns = reversals(displacement)
     sweeps = []
     for first, last in zip(turns, [*turns[1:], len(time) - 1][: len(turns)], strict=True):
         rows = slice(first, last + 1)

@@ -2,110 +2,176 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from scara_kinetostatic import __version__
+from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
-from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, LeaveOneOut, Record
-from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, Law
-from scara_kinetostatic.studies.hysteresis.model_selection import Comparison, CrossValidation, Dependence
+from scara_kinetostatic.studies.hysteresis.dependence import Dependence
+from scara_kinetostatic.studies.hysteresis.fit import effective_count
+from scara_kinetostatic.studies.hysteresis.model_selection import (
+    Candidate,
+    LoadStudy,
+    MotionStudy,
+    PredictedRecord,
+    Selection,
+)
+from scara_kinetostatic.studies.hysteresis.motion import Motion, repeatability
+from scara_kinetostatic.studies.hysteresis.record import LOAD, MOTION, Record
+from scara_kinetostatic.studies.hysteresis.report import record_errors, remaining, response_change, unit_of
 
 NAME = 'hysteresis.json'
-SCHEMA = 'scara_kinetostatic/hysteresis/1'
 
 
-def hysteresis_document(analysis: HysteresisAnalysis) -> Document:
-    """The document."""
+def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[PredictedRecord] = ()) -> Document:
+    """The document of records driven by their motion, one selection each, or of all that are driven by their load."""
+    study = selections[0].study
+    record = study.records[0]
+    units = {'load': record.load_unit, 'response': record.unit('m')}
+    head = {'schema': 'scara_kinetostatic/hysteresis/1', 'version': __version__}
+    if isinstance(study, MotionStudy):
+        records = [
+            _motion_record(each, each.study.motion) for each in selections if isinstance(each.study, MotionStudy)
+        ]
+        return {**head, 'driven': MOTION, 'units': units, 'records': records}
+    return {**head, 'driven': LOAD, 'units': units, **_load_content(selections[0], study, predicted)}
+
+
+def _common(selection: Selection) -> Document:
+    selected = selection.selected
+    effects = [each.law.effect for each in (selected, *selection.rivals)] if selected else []
     return {
-        'schema': SCHEMA,
-        'version': __version__,
-        'driven': 'motion',
-        'units': {'load': analysis.units.si_unit('N'), 'response': analysis.units.si_unit('m')},
-        'records': [_record(record) for record in analysis.records],
-        'leave_one_out': [_leave_one_out(each, analysis) for each in analysis.leave_one_out],
+        'verdict': selection.verdict,
+        'p_value': selection.p_value,
+        'p_value_after': selection.p_after,
+        'law': {'before': selection.before.law.name, 'after': selected.law.name if selected else None},
+        'effects': effects[:1],
+        'rivals': [effects] if selection.rivals else [],
+        'residual_dependence': {
+            'before': _dependences(selection.dependence_before),
+            'after': _dependences(selection.dependence_after),
+        },
     }
 
 
-def _record(record: Record) -> dict[str, Any]:
-    selection, motion = record.selection, record.motion
-    errors = {'before': selection.before, 'after': selection.selected}
+def _dependences(found: Sequence[Dependence]) -> Document:
+    return {
+        each.variable: {
+            'share': each.share,
+            'p_value': each.p_value if each.is_tested else None,
+            **({'p_value_by_record': each.by_record} if each.by_record else {}),
+        }
+        for each in found
+    }
+
+
+def _parameters(each: Candidate, record: Record) -> Document:
+    return {
+        name: {'value': estimate.value, 'std': estimate.std, 'unit': unit_of(each.law, name, record)}
+        for name, estimate in each.parameters.items()
+    }
+
+
+def _compared(each: Candidate, selection: Selection) -> Document:
+    is_before = each is selection.before
+    return {
+        'name': each.law.name,
+        'effect': each.law.effect,
+        'p_value': None if is_before else each.p_gain,
+        'bic_difference': None if is_before else each.bic,
+        'accepted': each.accepted,
+    }
+
+
+def _motion_record(selection: Selection, motion: Motion) -> Document:
+    record, selected = motion.record, selection.selected
+
+    def errors(each: Candidate) -> dict[str, float]:
+        residual = each.held_out[0].residual
+        return {
+            'fitted': each.fitted_rms,
+            'held_out': each.held_out_rms,
+            'later_from_earlier': rms(residual[~motion.earlier]),
+            'earlier_from_later': rms(residual[motion.earlier & motion.scored]),
+            'held_out_share_of_range': each.held_out_rms / motion.force_range,
+            'held_out_as_displacement': each.held_out_rms * selection.final.whole.values['compliance'],
+        }
+
+    laws = [selection.before, *([selected] if selected else [])]
     return {
         'source': record.source,
         'sweeps': motion.sweeps,
         'samples': len(motion),
         'force_range': motion.force_range,
         'travel': motion.travel,
-        'verdict': selection.verdict,
-        'p_value': selection.p_value,
-        'effects': [] if selection.selected is None else [selection.selected.law.name],
-        'rivals': [[selection.selected.law.name, *selection.rivals]] if selection.selected and selection.rivals else [],
-        'force_error': {name: score and _errors(score, record) for name, score in errors.items()},
-        'repeatability': _number(record.repeatability),
+        **_common(selection),
+        'force_error': {'before': errors(selection.before), 'after': errors(selected) if selected else None},
+        'repeatability': repeatability(motion),
         'candidates': [
-            _candidate(selection.before, record),
-            {**_candidate(selection.with_reset, record), 'reset_at_reversals': True},
-            *(_compared(each, record) for each in selection.candidates),
+            {**_compared(each, selection), **errors(each), 'values': each.whole.values}
+            for each in (selection.before, *selection.candidates)
         ],
-        'parameters': {
-            law: {name: _estimate(name, estimate, record) for name, estimate in found.items()}
-            for law, found in record.parameters.items()
-        },
-        'residual_dependence': {
-            'before': _dependences(selection.dependence_before),
-            'after': _dependences(selection.dependence_after),
-        },
-        'p_value_after': selection.p_after,
-        'effective_samples_after': record.independent,
-        'notes': list(record.notes),
+        'parameters': {each.law.name: _parameters(each, record) for each in laws},
+        'effective_samples_after': effective_count(selection.final.along[0].residual[motion.scored]),
     }
 
 
-def _errors(score: CrossValidation, record: Record) -> dict[str, float]:
+def _load_content(selection: Selection, study: LoadStudy, predicted: Sequence[PredictedRecord]) -> Document:
+    selected, unit = selection.selected, study.records[0].unit('m')
+    has_state = selection.final.law.has_state
+
+    def errors(each: Candidate) -> dict[str, float]:
+        return {'fitted': each.fitted_rms, 'held_out': each.held_out_rms}
+
     return {
-        'fitted': score.train_rms,
-        'held_out': score.held_out_rms,
-        'later_from_earlier': score.later_rms,
-        'earlier_from_later': score.earlier_rms,
-        'held_out_share_of_range': score.held_out_rms / record.motion.force_range,
-        'held_out_as_displacement': score.held_out_rms * record.compliance,
-    }
-
-
-def _candidate(score: CrossValidation, record: Record) -> dict[str, Any]:
-    values = {name: float(value) for name, value in score.whole.values.items()}
-    return {'name': score.law.name, **_errors(score, record), 'values': values}
-
-
-def _compared(each: Comparison, record: Record) -> dict[str, Any]:
-    more = {'p_value': each.p_gain, 'bic_difference': each.bic, 'accepted': bool(each.accepted)}
-    return {**_candidate(each.score, record), **more}
-
-
-def _estimate(name: str, estimate: Estimate, record: Record) -> dict[str, Any]:
-    laws: list[Law] = [record.selection.final.law, BACKLASH]
-    unit = next(each.unit for law in laws for each in law.parameters if each.name == name)
-    return {'value': estimate.value, 'std': _number(estimate.std), 'unit': record.units.si_unit(unit)}
-
-
-def _dependences(found: tuple[Dependence, ...]) -> dict[str, Any]:
-    return {each.variable: {'share': each.share, 'p_value': each.p_value} for each in found}
-
-
-def _leave_one_out(each: LeaveOneOut, analysis: HysteresisAnalysis) -> dict[str, Any]:
-    return {
-        'source': analysis.records[each.record].source,
-        'tension': each.tension,
-        'force_error': {
-            'backlash_law': each.backlash,
-            'slip_by_tension': each.by_tension,
-            'slip_identified': each.identified,
-            'own_fit': each.own,
+        **_common(selection),
+        'p_value_without_memory': selection.p_without_memory,
+        'direction': study.direction,
+        'response_error': {
+            'before': errors(selection.before),
+            'after': errors(selected) if selected else None,
+            'unit': unit,
         },
-        'slip_force': {'by_tension': list(each.slips), 'own': list(each.own_slips)},
+        'candidates': [
+            {**_compared(each, selection), **errors(each), 'parameters': _parameters(each, study.records[0])}
+            for each in (selection.before, *selection.candidates)
+        ],
+        'records': _load_records(selection, study),
+        'predicted': [
+            {
+                'file': each.record.source,
+                'before': each.before_rms,
+                'after': each.after_rms,
+                'unit': unit,
+                'state': each.after.state if has_state else None,
+                'unloaded': each.record.time[each.record.unloaded],
+            }
+            for each in predicted
+        ],
     }
 
 
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _load_records(selection: Selection, study: LoadStudy) -> list[dict[str, Any]]:
+    selected, found = selection.selected, []
+    before = record_errors(selection, selection.before)
+    after = record_errors(selection, selected) if selected else [None] * len(before)
+    for k, (record, path, block) in enumerate(zip(study.records, study.paths, study.blocks, strict=True)):
+        moved = block.response - record.response[record.rest].mean()
+        found.append(
+            {
+                'source': record.source,
+                'samples': len(record),
+                'loaded': record.time[record.rest][-1],
+                'unloaded': record.time[record.unloaded],
+                'largest_load': path.smooth[int(np.abs(path.smooth).argmax())],
+                'deflection': moved[int(np.abs(moved).argmax())],
+                'remaining': remaining(record),
+                'noise': {'load': record.load_noise, 'response': response_change(record)[record.rest].std(ddof=1)},
+                'response_error': {'before': before[k], 'after': after[k]},
+                'state': selected.along[k].state if selected and selected.law.has_state else None,
+            }
+        )
+    return found

@@ -1,6 +1,7 @@
-"""Laws of the force along a motion: law (6) of the paper, candidates that extend it, and simulated records of them.
+"""Laws of records: law (6) of the paper, q - q* = p c + g sign(c), and candidates that extend it.
 
-Law (6), q - q* = p c + g sign(c), solved for the force is a spring with a dead zone: with the deflection u,
+Driven by its motion, the force is predicted. Law (6), solved for the force, is a spring with a dead zone: with the
+deflection u,
 
     F = F0 + dz(u; g) / p,        dz(u; g) = sign(u) max(|u| - g, 0),
 
@@ -16,29 +17,38 @@ F0 being the zero of the force sensor. With u = x - x0 the force depends on the 
 
   and the mirror image in a falling one. This is exact at the samples, without integration.
 - slip_no_gap: the same with g = 0; F0 is then equivalent to a shift of u and of both bounds, and left out.
-- reset: law (6) with u set by the measured force at every reversal. Not a candidate, since it uses the measured force;
-  it shows whether law (6) fails only because of a wrong zero.
 
-Simulated records have the motion of the measured loops, a sine whose amplitude increases from cycle to cycle, and noise
-with a correlation r^k over k samples.
+Driven by its load, the response is predicted. With the load τ counted from rest, a law is
+
+    y = z + s Σ_i a_i B_i(τ; θ, h),        a_i ≥ 0,
+
+z the response at no load, s = ±1 the direction of the response to a positive load, B_i functions of the load up to now.
+The amplitudes a_i and the shape parameters θ are common to all records; z and the initial state of friction h, from -1
+to 1, are each record's own: they depend on what happened before it. Functions:
+
+- backlash, law (6): τ, and sign(τ), linear within the scatter of the load at rest or not; no memory.
+- gap, law (6) as well: τ, and the sign that the load had last: an unloaded joint may stay where the load left it.
+- softening: law (6) with |τ| τ: the compliance increases with the load.
+- friction: a spring with Coulomb friction in parallel, the play operator P_r(τ) alone.
+- slip: τ and P_r(τ): a spring in series with such a spring with friction. Up to a load change of 2 r from the last
+  reversal it is elastic, from there on it slips, and stays when the load goes.
+- slips: τ and two of them, of half widths r and r + Δr, that begin in the same state.
+- creep: law (6) with a lag of first order in the load.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from itertools import product
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.hysteresis.motion import Motion, cut_at_reversals
+from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
+from scara_kinetostatic.studies.hysteresis.motion import Motion
 
 Values = Mapping[str, float]
-
-_INSIDE = 0.02
-"""Share of the force range below which the first reading may be anywhere in the gap."""
 
 
 class Parameter(NamedTuple):
@@ -46,59 +56,50 @@ class Parameter(NamedTuple):
 
     Attributes:
         name: key.
-        unit: SI.
-        least: lower bound.
-        starting_values: for fits, in units of the range of the data.
+        unit: SI, for a force over a displacement.
+        starts: where fits start, in units of the range of the data; none for an amplitude, which is linear.
+        least: lower bound, SI.
+        most: upper bound, in the unit of the starts.
     """
 
     name: str
     unit: str
-    least: float
-    starting_values: tuple[float, ...]
+    starts: tuple[float, ...] = ()
+    least: float = 0.0
+    most: float = np.inf
 
 
 class Law(NamedTuple):
-    """A law of the force.
+    """A law of the force along a motion, or of the response along a load.
 
     Attributes:
         name: key.
+        effect: name of the physical effect; laws of one effect are forms of it, the simplest first.
         title: in words.
-        parameters: what is fitted.
-        force: along the motion, (n,), N.
+        meaning: the same as a sentence, with {load} and {response}.
+        parameters: common to all records, amplitudes first.
+        function: of a path and of the parameters that are not amplitudes, with the 'state' of friction: B, (n, k) for k
+            amplitudes; where there are none the force, (n,).
+        has_state: whether each record has an initial state of friction to be found.
     """
 
     name: str
+    effect: str
     title: str
+    meaning: str
     parameters: tuple[Parameter, ...]
-    force: Callable[[Values, Motion], Floats]
+    function: Callable[[Any, Values], Floats]
+    has_state: bool = False
 
-    def starts(self, motion: Motion) -> list[dict[str, float]]:
-        """Every combination of starting values, SI."""
-        names = [each.name for each in self.parameters]
-        starting_values = [[_size(each, motion) * part for part in each.starting_values] for each in self.parameters]
-        return [dict(zip(names, values, strict=True)) for values in product(*starting_values)]
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:
+        """The linear parameters."""
+        return tuple(each for each in self.parameters if not each.starts)
 
-    def scales(self, motion: Motion) -> Floats:
-        """Scale of each parameter in the optimisation, SI."""
-        return np.array(
-            [_size(each, motion) * max(0.01, min(map(abs, each.starting_values))) for each in self.parameters]
-        )
-
-
-def _size(parameter: Parameter, motion: Motion) -> float:
-    """Range of the data in the unit of a parameter."""
-    length, force = motion.travel, motion.force_range / 2
-    speed = float(np.abs(motion.speed).max())
-    sizes = {'m': length, 'N': force, 'm/N': length / force, 'Ns/m': force / speed, '': 1.0}
-    return sizes[parameter.unit]
-
-
-_ZERO = Parameter('zero', 'm', -np.inf, (-0.4, -0.2, 0.0, 0.2, 0.4))
-_START = Parameter('start', 'm', -np.inf, (0.0,))
-_COMPLIANCE = Parameter('compliance', 'm/N', 1e-15, (0.03, 0.08, 0.2, 0.5))
-_HALF_GAP = Parameter('half_gap', 'm', 0.0, (0.01, 0.03, 0.08, 0.2))
-_SENSOR = Parameter('force_zero', 'N', -np.inf, (0.0,))
-_SLIPS = tuple(Parameter(name, 'N', 0.0, (0.7, 1.1)) for name in ('slip_positive', 'slip_negative'))
+    @property
+    def shape(self) -> tuple[Parameter, ...]:
+        """The other parameters."""
+        return tuple(each for each in self.parameters if each.starts)
 
 
 def _dead_zone(deflection: Floats, half_gap: float) -> Floats:
@@ -106,98 +107,199 @@ def _dead_zone(deflection: Floats, half_gap: float) -> Floats:
     return np.asarray(np.sign(deflection) * np.maximum(np.abs(deflection) - half_gap, 0.0))
 
 
-def _backlash(values: Values, motion: Motion) -> Floats:
+def _spring(motion: Motion, values: Values) -> Floats:
     deflection = motion.displacement - motion.displacement.mean() - values['zero']
     return values['force_zero'] + _dead_zone(deflection, values['half_gap']) / values['compliance']
 
 
-def _softening(values: Values, motion: Motion) -> Floats:
-    force = _backlash(values, motion) - values['force_zero']
+def _softening(motion: Motion, values: Values) -> Floats:
+    force = _spring(motion, values) - values['force_zero']
     top = np.where(force > 0, values['slip_positive'], values['slip_negative']) + 1e-9 * motion.force_range
     return np.asarray(values['force_zero'] + top * np.tanh(force / top))
 
 
-def _viscous(values: Values, motion: Motion) -> Floats:
-    return _backlash(values, motion) + values['damping'] * motion.speed
+def _viscous(motion: Motion, values: Values) -> Floats:
+    return _spring(motion, values) + values['damping'] * motion.speed
 
 
-def _friction(values: Values, motion: Motion) -> Floats:
-    return _backlash(values, motion) + values['friction'] * motion.sense
+def _friction(motion: Motion, values: Values) -> Floats:
+    return _spring(motion, values) + values['friction'] * motion.sense
 
 
-def _slip(values: Values, motion: Motion) -> Floats:
+def _slip(motion: Motion, values: Values) -> Floats:
     compliance, half_gap, zero = values['compliance'], values.get('half_gap', 0.0), values.get('force_zero', 0.0)
-    bounds = {
-        sign: sign * (half_gap + compliance * values[f'slip_{sense}'])
-        for sign, sense in ((1, 'positive'), (-1, 'negative'))
-    }
+    rising, falling = (half_gap + compliance * values[f'slip_{sense}'] for sense in ('positive', 'negative'))
     deflection = np.empty(len(motion))
-    here = _state(motion.force[0] - zero, values, motion) + values['start']
-    before = motion.displacement[0]
-    for k, first in enumerate(motion.edges[:-1]):
-        rows = slice(first, motion.edges[k + 1])
+    # the first reading tells the deflection; where it is below 2 % of the range it may be anywhere in the gap
+    first_force = motion.force[0] - zero
+    place = min(max(first_force / (0.02 * motion.force_range), -1.0), 1.0)
+    here, before = first_force * compliance + place * half_gap + values['start'], motion.displacement[0]
+    for first, last in zip(motion.edges[:-1], motion.edges[1:], strict=True):
         sense = motion.sense[first]
-        moved = sense * (motion.displacement[rows] - before)
-        room = np.minimum.accumulate(sense * bounds[int(sense)] - moved)
-        deflection[rows] = sense * (moved + np.minimum(sense * here, room))
-        here, before = deflection[rows.stop - 1], motion.displacement[rows.stop - 1]
+        moved = sense * (motion.displacement[first:last] - before)
+        room = np.minimum.accumulate((rising if sense > 0 else falling) - moved)
+        deflection[first:last] = sense * (moved + np.minimum(sense * here, room))
+        here, before = deflection[last - 1], motion.displacement[last - 1]
     return zero + _dead_zone(deflection, half_gap) / compliance
 
 
-def _reset(values: Values, motion: Motion) -> Floats:
-    moved = motion.displacement - motion.displacement[motion.begins][motion.sweep]
-    here = np.array([_state(motion.force[k] - values['force_zero'], values, motion) for k in motion.begins])
-    return values['force_zero'] + _dead_zone(here[motion.sweep] + moved, values['half_gap']) / values['compliance']
+_START = Parameter('start', 'm', (0.0,), -np.inf)
+_COMPLIANCE = Parameter('compliance', 'm/N', (0.03, 0.08, 0.2, 0.5), 1e-15)
+_GAP_AND_ZERO = (Parameter('half_gap', 'm', (0.01, 0.03, 0.08, 0.2)), Parameter('force_zero', 'N', (0.0,), -np.inf))
+_LAW6 = (Parameter('zero', 'm', (-0.4, -0.2, 0.0, 0.2, 0.4), -np.inf), _COMPLIANCE, *_GAP_AND_ZERO)
+_SLIPS = (Parameter('slip_positive', 'N', (0.7, 1.1)), Parameter('slip_negative', 'N', (0.7, 1.1)))
+BACKLASH = Law('backlash', 'backlash', 'law (6): slope and gap', '', _LAW6, _spring)
+MOTION_LAWS = (
+    Law(
+        'softening',
+        'softening',
+        'softening spring',
+        'a softening spring: the stiffness decreases with the load',
+        (*_LAW6, *_SLIPS),
+        _softening,
+    ),
+    Law(
+        'viscous',
+        'viscous',
+        'damper in parallel',
+        'viscous damping in parallel: a {load} proportional to the speed',
+        (*_LAW6, Parameter('damping', 'N·s/m', (0.05, 0.5), -np.inf)),
+        _viscous,
+    ),
+    Law(
+        'friction',
+        'friction',
+        'friction in parallel',
+        'Coulomb friction in parallel: the {load} jumps with the sense of motion',
+        (*_LAW6, Parameter('friction', 'N', (0.05, 0.5))),
+        _friction,
+    ),
+    Law(
+        'slip_no_gap',
+        'slip',
+        'slip in series, no gap',
+        'Coulomb friction in series, without a gap: the joint slips at a limit of the {load}',
+        (_START, _COMPLIANCE, *_SLIPS),
+        _slip,
+    ),
+    Law(
+        'slip',
+        'slip',
+        'slip in series',
+        'Coulomb friction in series: the joint slips at a limit of the {load}',
+        (_START, _COMPLIANCE, *_GAP_AND_ZERO, *_SLIPS),
+        _slip,
+    ),
+)
+"""Laws that are compared with law (6) where the motion drives."""
+
+_BAND = 4.0
+"""Loads below so many of their standard deviations at rest have no certain sign."""
 
 
-def _state(force: float, values: Values, motion: Motion) -> float:
-    """The deflection at a spring force, m; interpolated across the gap where the force is small."""
-    place = min(max(force / (_INSIDE * motion.force_range), -1.0), 1.0)
-    return force * values['compliance'] + place * values.get('half_gap', 0.0)
+def _basis(*functions: Callable[[LoadPath, Values], Floats]) -> Callable[[LoadPath, Values], Floats]:
+    """The functions side by side, (n, k)."""
+    return lambda path, values: path.direction * np.stack([each(path, values) for each in functions], axis=1)
 
 
-_LAW6 = (_ZERO, _COMPLIANCE, _HALF_GAP, _SENSOR)
-BACKLASH = Law('backlash', 'law (6): slope and gap', _LAW6, _backlash)
-SOFTENING = Law('softening', 'softening spring', (*_LAW6, *_SLIPS), _softening)
-VISCOUS = Law('viscous', 'damper in parallel', (*_LAW6, Parameter('damping', 'Ns/m', -np.inf, (0.05, 0.5))), _viscous)
-FRICTION = Law('friction', 'friction in parallel', (*_LAW6, Parameter('friction', 'N', 0.0, (0.05, 0.5))), _friction)
-SLIP_NO_GAP = Law('slip_no_gap', 'slip in series, no gap', (_START, _COMPLIANCE, *_SLIPS), _slip)
-SLIP = Law('slip', 'slip in series', (_START, _COMPLIANCE, _HALF_GAP, _SENSOR, *_SLIPS), _slip)
-RESET = Law('reset', 'law (6), reset at every reversal', _LAW6[1:], _reset)
-CANDIDATES = (SOFTENING, VISCOUS, FRICTION, SLIP_NO_GAP, SLIP)
-"""Laws that are compared with law (6)."""
+def _load(path: LoadPath, values: Values) -> Floats:
+    return path.load
 
 
-_AMPLITUDE, _PERIOD = 0.02, 2.0
-"""Of the simulated motion, m and s."""
-_GROWN, _FIRST = 2, 0.4
-"""Cycles after which the amplitude is reached, and the share of it at the start."""
+def _sign(path: LoadPath, values: Values, band: float = _BAND) -> Floats:
+    return path.sign(band)
 
 
-def sine(samples: int = 640, cycles: int = 5) -> tuple[Floats, Floats]:
-    """Time (s) and displacement (m) of the simulated motion, each (samples,)."""
-    time = np.linspace(0, _PERIOD * cycles, samples)
-    size = np.minimum(_FIRST + (1 - _FIRST) * time / (_GROWN * _PERIOD), 1.0)
-    return time, _AMPLITUDE * size * np.sin(2 * np.pi * time / _PERIOD)
+def _last_sign(path: LoadPath, values: Values, band: float = _BAND) -> Floats:
+    return path.last_sign(band, values['state'])
 
 
-def simulate_record(law: Law, values: Values, noise: float, seed: int, correlation: float = 0.0) -> Motion:
-    """Simulated record of a law.
+def _slipping(path: LoadPath, values: Values) -> Floats:
+    return path.play_operator(values['slip_load'], values['state'])
 
-    Args:
-        law: the law.
-        values: its parameters, SI.
-        noise: standard deviation of the force readings, N.
-        seed: of the noise.
-        correlation: of the noise from one sample to the next.
-    """
-    time, displacement = sine()
-    rest = np.zeros(len(time))
-    rest[-1] = 1.0  # no record has a constant force
-    motion = cut_at_reversals(time, displacement, rest)
-    force = law.force(values, motion)
-    white = np.random.default_rng(seed).standard_normal(len(force))
-    white[1:] *= np.sqrt(1 - correlation**2)
-    return cut_at_reversals(
-        motion.time, motion.displacement, force + noise * lfilter([1.0], [1.0, -correlation], white)
-    )
+
+def _slipping_later(path: LoadPath, values: Values) -> Floats:
+    return path.play_operator(values['slip_load'] + values['further_load'], values['state'])
+
+
+_SLOPE, _HALF_GAP = Parameter('compliance', 'm/N'), Parameter('half_gap', 'm')
+_SLIP = Parameter('slip_compliance', 'm/N')
+_SLIP_LOAD = Parameter('slip_load', 'N', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0)
+LOAD_BACKLASH = BACKLASH._replace(parameters=(_SLOPE, _HALF_GAP), function=_basis(_load, _sign))
+GAP = Law(
+    'gap',
+    'gap',
+    'gap that keeps its place when unloaded',
+    'a gap that keeps its place when unloaded: the joint stays where the load left it',
+    (_SLOPE, _HALF_GAP),
+    _basis(_load, _last_sign),
+    True,
+)
+BACKLASH_FORMS = (
+    LOAD_BACKLASH,
+    *(LOAD_BACKLASH._replace(function=_basis(_load, partial(_sign, band=band))) for band in (2 * _BAND, 0.0)),
+    LOAD_BACKLASH._replace(function=_basis(_load, lambda path, values: path.sign_as_given())),
+)
+"""Law (6) says nothing of a joint without load; what these records show of it there decides between the forms."""
+GAP_FORMS = (
+    GAP,
+    *(GAP._replace(function=_basis(_load, partial(_last_sign, band=band))) for band in (2 * _BAND, 4 * _BAND)),
+)
+"""The same for the largest load that counts as none."""
+LOAD_LAWS = (
+    Law(
+        'softening',
+        'softening',
+        'softening spring',
+        'a softening spring: the compliance increases with the load',
+        (_SLOPE, _HALF_GAP, Parameter('softening', 'm/N²')),
+        _basis(_load, _sign, lambda path, values: path.load * np.abs(path.load)),
+    ),
+    Law(
+        'friction',
+        'friction',
+        'friction in parallel',
+        'friction in parallel with the spring: it holds part of the load in either sense',
+        (_SLOPE, _SLIP_LOAD._replace(name='friction')),
+        _basis(lambda path, values: path.play_operator(values['friction'], values['state'])),
+        True,
+    ),
+    Law(
+        'slip',
+        'slip',
+        'slip in series with memory',
+        'slip in series with memory: part of the compliance slips under load and stays when the load has gone',
+        (_SLOPE, _SLIP, _SLIP_LOAD),
+        _basis(_load, _slipping),
+        True,
+    ),
+    Law(
+        'slips',
+        'slip',
+        'two slips in series with memory',
+        'slip in series with memory: part of the compliance slips under load and stays when the load has gone',
+        (
+            _SLOPE,
+            _SLIP,
+            Parameter('further_compliance', 'm/N'),
+            _SLIP_LOAD,
+            Parameter('further_load', 'N', (0.1, 0.3, 0.6), most=3.0),
+        ),
+        _basis(_load, _slipping, _slipping_later),
+        True,
+    ),
+    Law(
+        'creep',
+        'creep',
+        'creep',
+        'creep: the response goes on increasing under a constant load',
+        (
+            _SLOPE,
+            _HALF_GAP,
+            Parameter('creep_compliance', 'm/N'),
+            Parameter('time_constant', 's', (0.3, 1.0, 3.0, 10.0, 30.0), most=100.0),
+        ),
+        _basis(_load, _sign, lambda path, values: path.lag(values['time_constant'])),
+    ),
+)
+"""Laws that are compared with law (6) where the load drives, beside `GAP`."""

@@ -1,194 +1,333 @@
-"""Selection of a law of the force by two-fold cross-validation: fitted to half of the sweeps, tested on the other half.
+"""Selection of a law by cross-validation: fitted to a part of the data, tested on the rest.
 
-Both halves are held out in turn, so that each sample but those of the first sweep is predicted once by a law that was
-not fitted to it. Two laws are compared sweep by sweep: a one-sided t-test of the logarithms of the ratios of their mean
-squares, which assumes independent sweeps and normal logarithms. BIC uses the effective number of samples n / (1 + 2
-Σρ), ρ being the autocorrelations of the residual of the law that predicts best.
+Driven by its motion, a record is judged by itself: both halves of the sweeps are held out in turn, so that each sample
+but those of the first sweep is predicted once by a law that was not fitted to it. Two laws are compared sweep by sweep:
+a one-sided t-test of the logarithms of the ratios of their mean squares, which assumes independent sweeps and normal
+logarithms. Standard deviations are those of the delete-one-cycle jackknife, since residuals within a cycle are
+correlated.
 
-A candidate is accepted if the residual of law (6) depends on any variable, and if the candidate predicts better than
-law (6) in the rms, in BIC and in the test, the level shared among the candidates (Bonferroni). The accepted candidate
-with the smallest held-out error is selected; its rivals are the accepted ones that do not predict worse by the same
-test. Slip with a gap is dropped where it predicts no better than slip without one.
+Driven by their load, records of one joint are judged together: each is predicted with the parameters fitted to all
+others; its own samples, until the load has gone for good, give only its zero and its initial state of friction. With a
+single record, its later half is predicted from the earlier one. Two laws are compared on the held-out residuals in
+blocks of `SMOOTHING` from the load's coming on: a one-sided Pitman-Morgan test of the variances of two correlated
+residuals, with the effective number of independent blocks. A record with a load far beyond those of all others is not
+compared: they do not determine its prediction. Standard deviations: delete-one-record jackknife.
 
-Dependence of a residual on variables of the motion: curves fitted to half of the cycles, tested on the other half.
-
-The residual of the odd cycles is averaged in bins of a variable; this curve predicts the residual of the even cycles,
-and the other way round. The share of the squared residual that it explains measures the dependence. The p-value is that
-of a one-sided t-test of the correlation between residual and curve over the sweeps (the smaller of both halves,
-doubled). It assumes that for a sufficient law the residuals of different sweeps are independent with a symmetric
-distribution; within a sweep they may be correlated. Displacement alone cannot explain hysteresis: where a variable
-explains more together with the sense of the motion, no elastic law is sufficient.
+A candidate is accepted if the residual of law (6), in each of its forms, depends on any variable, and if the candidate
+predicts better than law (6) in the rms, in BIC and in the test, the level shared among the candidates (Bonferroni). BIC
+counts the effective number of samples n / (1 + 2 Σρ), ρ being the autocorrelations of the residual of the law that
+predicts best. The accepted candidate with the smallest BIC is selected, of several forms of one effect the simplest
+within 2; its rivals are the accepted ones of other effects that do not predict significantly worse.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from scara_kinetostatic.model.arrays import Floats, rms
-from scara_kinetostatic.studies.hysteresis.fit import Fit, fit
-from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, CANDIDATES, RESET, SLIP, SLIP_NO_GAP, Law
-from scara_kinetostatic.studies.hysteresis.motion import Motion, Rows
-
-_BINS = 16
-VARIABLES = {
-    'displacement': 'displacement',
-    'displacement_sense': 'displacement, by sense of motion',
-    'speed': 'speed',
-    'distance_sense': 'distance since the reversal, by sense of motion',
-    'time': 'time',
-}
-
-
-class Dependence(NamedTuple):
-    """Dependence on one variable.
-
-    Attributes:
-        variable: a key of `VARIABLES`.
-        share: explained share of the squared residual on the half held out; below 0 if the curve increases it.
-        p_value: of no dependence.
-    """
-
-    variable: str
-    share: float
-    p_value: float
-
-
-def dependences(motion: Motion, residual: Floats) -> tuple[Dependence, ...]:
-    """Dependence on all variables, in decreasing order of the explained share.
-
-    Args:
-        motion: the record.
-        residual: (n,), N; the first sweep does not count.
-    """
-    found = [_dependence(motion, residual, variable) for variable in VARIABLES]
-    return tuple(sorted(found, key=lambda each: -each.share))
-
-
-def p_independent(found: tuple[Dependence, ...]) -> float:
-    """p-value of no dependence on any variable (Bonferroni)."""
-    return min(1.0, len(found) * min(each.p_value for each in found))
-
-
-def _dependence(motion: Motion, residual: Floats, variable: str) -> Dependence:
-    place = _bin(motion, variable)
-    odd = motion.cycle % 2 == 1
-    unexplained, p_values = residual.copy(), []
-    for fitted in (odd & motion.scored, ~odd & motion.scored):
-        held_out = motion.scored & ~fitted
-        curve = _curve(place, residual, fitted)[place]
-        unexplained[held_out] -= curve[held_out]
-        sums = [_by_sweep(motion, values, held_out) for values in (residual * curve, residual**2, curve**2)]
-        size = np.sqrt(sums[1] * sums[2])
-        p_values.append(_p_positive_mean(sums[0][size > 0] / size[size > 0]))
-    rows = motion.scored
-    share = 1 - float((unexplained[rows] ** 2).sum() / (residual[rows] ** 2).sum()) if np.any(residual[rows]) else 0.0
-    return Dependence(variable, share, min(1.0, 2 * min(p_values)))
-
-
-def _by_sweep(motion: Motion, values: Floats, rows: Rows) -> Floats:
-    """Sum over the rows of each sweep, (sweeps,)."""
-    return np.asarray(np.bincount(motion.sweep[rows], weights=values[rows], minlength=motion.sweeps), dtype=float)
-
-
-def _bin(motion: Motion, variable: str) -> NDArray[np.int64]:
-    by_sense = variable.endswith('_sense')
-    values: Floats = getattr(motion, variable.removesuffix('_sense'))
-    steps = _BINS * (values - values.min()) / (np.ptp(values) or 1.0)
-    place = np.minimum(steps.astype(np.int64), _BINS - 1)
-    return place + _BINS * (motion.sense > 0) if by_sense else place
-
-
-def _curve(place: NDArray[np.int64], residual: Floats, rows: Rows) -> Floats:
-    """Mean of each bin, (2 bins,), N; 0 for an empty one."""
-    count = np.bincount(place[rows], minlength=2 * _BINS)
-    total = np.bincount(place[rows], weights=residual[rows], minlength=2 * _BINS)
-    return np.asarray(total / np.maximum(count, 1))
-
-
-def _p_positive_mean(values: Floats) -> float:
-    """p-value of a mean of zero or less."""
-    if len(values) < 2 or not np.ptp(values) > 0:
-        return 1.0
-    return float(stats.ttest_1samp(values, 0.0, alternative='greater').pvalue)
-
+from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats, Mask, rms
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
+from scara_kinetostatic.studies.hysteresis.dependence import (
+    Dependence,
+    load_dependences,
+    motion_dependences,
+    p_independent,
+    p_positive,
+)
+from scara_kinetostatic.studies.hysteresis.fit import (
+    Fit,
+    Moments,
+    Prediction,
+    effective_count,
+    fit_load,
+    fit_motion,
+    moments,
+    predict,
+    response_to,
+)
+from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, BACKLASH_FORMS, GAP_FORMS, LOAD_LAWS, MOTION_LAWS, Law
+from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
+from scara_kinetostatic.studies.hysteresis.motion import cut_at_reversals
+from scara_kinetostatic.studies.hysteresis.record import MOTION, Record
 
 LEVEL = 0.01
-"""Significance level of the tests."""
+"""Level of all tests."""
 BIC_GAIN = 2.0
-"""Smallest decrease of BIC that counts as evidence (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773)."""
+"""Smallest decrease of BIC that is evidence."""
 NONE, EXPLAINED, AMBIGUOUS, UNEXPLAINED = 'none', 'explained', 'ambiguous', 'unexplained'
 
 
-class CrossValidation(NamedTuple):
-    """Cross-validation of a law on a record.
+class Candidate(NamedTuple):
+    """A law on the records.
 
     Attributes:
         law: the law.
-        whole: fitted to all sweeps.
-        halves: fitted to the earlier sweeps, and to the later ones.
-        held_out: residual of each sample by the fit from which it was held out, (n,), N.
-        train_rms: rms residual of the fits to the halves on the samples fitted, N.
-        later_rms: rms error of the later sweeps, predicted from the earlier ones, N.
-        earlier_rms: rms error of the earlier sweeps, predicted from the later ones, N.
-        held_out_rms: rms of `held_out`, N.
+        whole: fitted to all samples.
+        along: the law so fitted along each record.
+        held_out: each record predicted by fits that have not seen what is judged.
+        fitted_rms: rms residual of what was fitted, of the samples judged.
+        held_out_rms: the same of what was held out.
+        parameters: with standard deviations; NaN where there are none.
+        p_gain: p-value of no better prediction than that of law (6); 1 for law (6).
+        bic: difference in BIC to law (6).
+        accepted: whether it is better by all criteria.
     """
 
     law: Law
     whole: Fit
-    halves: tuple[Fit, Fit]
-    held_out: Floats
-    train_rms: float
-    later_rms: float
-    earlier_rms: float
+    along: tuple[Prediction, ...]
+    held_out: tuple[Prediction, ...]
+    fitted_rms: float
     held_out_rms: float
+    parameters: dict[str, Estimate]
+    p_gain: float = 1.0
+    bic: float = 0.0
+    accepted: bool = False
 
 
-class Comparison(NamedTuple):
-    """A law compared with the one that it would replace.
+class MotionStudy:
+    """A record driven by its motion.
 
     Attributes:
-        score: cross-validation of the law.
-        p_gain: p-value of no better prediction.
-        bic: difference in BIC.
-        accepted: whether it is better by all criteria.
+        records: the record.
+        paths: its motion.
+        judged: the samples for the errors, of each path.
+        laws: compared with law (6).
     """
 
-    score: CrossValidation
-    p_gain: float
-    bic: float
-    accepted: bool
+    def __init__(self, record: Record, laws: Sequence[Law] = MOTION_LAWS) -> None:
+        self.motion = motion = cut_at_reversals(record)
+        self.records, self.paths, self.judged, self.laws = (record,), (motion,), (motion.scored,), tuple(laws)
+        self.direction = 1.0
+
+    def law6(self) -> tuple[Candidate, tuple[Dependence, ...], float]:
+        """Law (6), the dependence of its residual, and its p-value without memory."""
+        before = self.candidate(BACKLASH)
+        found = self.dependences(before)
+        return before, found, p_independent(found)
+
+    def candidate(self, law: Law) -> Candidate:
+        """The law fitted to all sweeps and to both halves, each half predicted from the other."""
+        motion, scored = self.motion, self.motion.scored
+        rows = (np.ones(len(motion), dtype=bool), motion.earlier | ~scored, ~motion.earlier | ~scored)
+        fits = [fit_motion(law, motion, each) for each in rows]
+        whole, first, last = (motion.force - law.function(motion, each.values) for each in fits)
+        held_out, train = (np.where(motion.earlier, *pair) for pair in ((last, first), (first, last)))
+        parameters = {name: Estimate(value, float('nan')) for name, value in fits[0].values.items()}
+        along, predicted = (Prediction(whole),), (Prediction(held_out),)
+        return Candidate(law, fits[0], along, predicted, rms(train[scored]), rms(held_out[scored]), parameters)
+
+    def with_std(self, candidate: Candidate) -> Candidate:
+        """Parameters with their standard deviations by the delete-one-cycle jackknife."""
+        motion, values = self.motion, candidate.whole.values
+        several = [
+            fit_motion(candidate.law, motion, motion.cycle != cycle, values).values for cycle in np.unique(motion.cycle)
+        ]
+        return candidate._replace(parameters=_jackknife(values, several))
+
+    def dependences(self, candidate: Candidate) -> tuple[Dependence, ...]:
+        """Of the residual of the fit to all samples."""
+        return motion_dependences(self.motion, candidate.along[0].residual)
+
+    def p_better(self, one: Candidate, other: Candidate) -> float:
+        """p-value of one law predicting no better than another, from the mean squares of the sweeps."""
+        motion = self.motion
+        size = np.bincount(motion.sweep)
+        squares = [np.bincount(motion.sweep, each.held_out[0].residual ** 2) / size for each in (other, one)]
+        tiny = 1e-12 * motion.force_range**2
+        return p_positive(np.log((squares[0] + tiny) / (squares[1] + tiny))[1:])
+
+    def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
+        """Residuals of the fit to all samples."""
+        return [candidate.along[0].residual[self.motion.scored]]
 
 
-class ModelSelection(NamedTuple):
-    """Model selection on a record.
+class LoadStudy:
+    """Records of one joint that are driven by their load: as arrays in blocks for fits, as measured for predictions.
 
     Attributes:
+        records: the records.
+        paths: of each record, as measured.
+        judged: the samples for the errors, of each path: after unloading, or the later half of a single record.
+        direction: +1 or -1: sign of the response to a positive load.
+        laws: compared with law (6).
+
+    Raises:
+        RecordingError: the response of a record changes in the opposite sense of the others.
+        UnsupportedDataError: a record does not go from rest to rest.
+    """
+
+    def __init__(self, records: Sequence[Record]) -> None:
+        self.records = tuple(records)
+        self.paths = tuple(LoadPath(record) for record in records)
+        self.blocks = [LoadPath.in_blocks(record) for record in records]
+        self.size = max(path.size for path in self.paths)
+        joint = sum(float(np.dot(p.response - p.response.mean(), p.load - p.load.mean())) for p in self.blocks)
+        self.direction = 1.0 if joint >= 0 else -1.0
+        for path in (*self.paths, *self.blocks):
+            path.direction = self.direction
+        check_sense(self.blocks)
+        self.is_single = len(records) == 1
+        self.judged = tuple(~path.earlier if self.is_single else ~path.known for path in self.paths)
+        self.laws: tuple[Law, ...] = ()
+
+    def forms(self, laws: Sequence[Law]) -> tuple[Law, tuple[Dependence, ...]]:
+        """Of the forms of law (6) the one of the least squares, and the dependence of that which explains best."""
+        fits = [self._fit(law, self._moments(law)) for law in laws]
+        found = [load_dependences(self.paths, [each.residual for each in self._along(fitted)]) for fitted in fits]
+        return min(fits, key=lambda each: each.square).law, max(found, key=p_independent)
+
+    def law6(self) -> tuple[Candidate, tuple[Dependence, ...], float]:
+        """Law (6), the dependence of its residual in the form that leaves least, its p-value without memory.
+
+        Raises:
+            UnsupportedDataError: law (6) cannot be tested in any record.
+        """
+        (law, without), (gap, with_memory) = self.forms(BACKLASH_FORMS), self.forms(GAP_FORMS)
+        found = max(without, with_memory, key=p_independent)
+        if not any(each.is_tested for each in found):
+            problem = 'the load neither comes back to rest nor lasts long enough for a test of law (6)'
+            raise UnsupportedDataError(
+                f'{self.records[0].source}: {problem}', 'record some seconds at rest after the load'
+            )
+        self.laws = (gap, *LOAD_LAWS)
+        return self.candidate(law), found, p_independent(without)
+
+    def candidate(self, law: Law) -> Candidate:
+        """The law fitted to all records and held out from each."""
+        grids = self._moments(law)
+        whole = self._fit(law, grids)
+        if self.is_single:
+            earlier = self._fit(law, [moments(law, self.blocks[0], self.blocks[0].earlier, self.size)])
+            held_out: tuple[Prediction, ...] = (predict(earlier, self.paths[0], self.paths[0].earlier),)
+            parameters = {name: Estimate(value, float('nan')) for name, value in whole.values.items()}
+        else:
+            fits = []
+            for k in range(len(grids)):
+                warm_start = whole._replace(states=np.delete(whole.states, k))
+                fits.append(self._fit(law, grids[:k] + grids[k + 1 :], warm_start))
+            held_out = tuple(predict(each, path, path.known) for each, path in zip(fits, self.paths, strict=True))
+            parameters = _jackknife(whole.values, [each.values for each in fits])
+        along = self._along(whole)
+        return Candidate(law, whole, along, held_out, self._rms(along), self._rms(held_out), parameters)
+
+    def with_std(self, candidate: Candidate) -> Candidate:
+        """The same: its fits without one record are those held out."""
+        return candidate
+
+    def dependences(self, candidate: Candidate) -> tuple[Dependence, ...]:
+        """Of the residual along the records."""
+        return load_dependences(self.paths, [each.residual for each in candidate.along])
+
+    def p_better(self, one: Candidate, other: Candidate) -> float:
+        """p-value of one law predicting no better: Pitman and Morgan's test of two correlated variances."""
+        rows = [~path.earlier if self.is_single else ~path.rest for path in self.paths]
+        compared = [self.is_single or not self._is_extrapolated(path) for path in self.paths]
+        residuals = []
+        for each in (one, other):
+            parts = self._in_blocks([prediction.residual for prediction in each.held_out], rows)
+            residuals.append([part for part, is_compared in zip(parts, compared, strict=True) if is_compared])
+        smaller, larger = (np.concatenate(each) for each in residuals)
+        count = min(sum(effective_count(part, 0.0) for part in each) for each in residuals)
+        total, difference = smaller + larger, larger - smaller
+        norm = float(np.sqrt((total @ total) * (difference @ difference)))
+        if not norm > 0 or count <= 3:
+            return 1.0
+        correlation = min(max(float(total @ difference) / norm, -1 + 1e-12), 1 - 1e-12)
+        return float(stats.t.sf(correlation * np.sqrt((count - 2) / (1 - correlation**2)), count - 2))
+
+    def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
+        """Residuals of the fit to all records under load and after it, as means of blocks."""
+        found = []
+        for state, path in zip(candidate.whole.states.tolist(), self.paths, strict=True):
+            residual = path.response - response_to(candidate.whole, path, state)
+            found.append(residual - residual.mean())
+        return self._in_blocks(found, [~path.rest for path in self.paths])
+
+    def _moments(self, law: Law) -> list[Moments]:
+        return [moments(law, block, np.ones(len(block.time), dtype=bool), self.size) for block in self.blocks]
+
+    def _fit(self, law: Law, grids: Sequence[Moments], warm_start: Fit | None = None) -> Fit:
+        return fit_load(law, grids, self.size, warm_start)
+
+    def _along(self, fitted: Fit) -> tuple[Prediction, ...]:
+        return tuple(predict(fitted, path, path.known) for path in self.paths)
+
+    def _rms(self, predictions: Sequence[Prediction]) -> float:
+        return rms(np.concatenate([each.residual[rows] for each, rows in zip(predictions, self.judged, strict=True)]))
+
+    def _in_blocks(self, residuals: Sequence[Floats], rows: Sequence[Mask]) -> list[Floats]:
+        return [
+            block_means(residual[which], block.block)
+            for residual, block, which in zip(residuals, self.blocks, rows, strict=True)
+        ]
+
+    def _is_extrapolated(self, path: LoadPath) -> bool:
+        """Whether its load is far beyond those of all others."""
+        return all(path.size > 1.5 * other.size for other in self.paths if other is not path)
+
+
+def _jackknife(values: dict[str, float], without: Sequence[dict[str, float]]) -> dict[str, Estimate]:
+    """Values with their standard deviations from those without one part each."""
+    share, found = (len(without) - 1) / len(without), {}
+    for name, value in values.items():
+        several = np.array([each[name] for each in without])
+        found[name] = Estimate(value, float(np.sqrt(share * ((several - several.mean()) ** 2).sum())))
+    return found
+
+
+def check_sense(paths: Sequence[LoadPath], direction: float | None = None) -> None:
+    """Checks that, until the unloading, the response follows the load in one sense.
+
+    Args:
+        paths: in blocks.
+        direction: +1 or -1, the sense that is right; None for that of most of the records.
+
+    Raises:
+        RecordingError: a record follows in the opposite sense, with a correlation above 0.9.
+    """
+    with np.errstate(invalid='ignore', divide='ignore'):  # a response that is constant until the unloading has no sense
+        follows = [np.corrcoef(path.load[path.known], path.response[path.known])[0, 1] for path in paths]
+    certain = np.where(np.abs(follows) > 0.9, np.sign(follows), 0.0)
+    right = direction or (1.0 if certain.sum() >= 0 else -1.0)
+    for path, sense in zip(paths, certain.tolist(), strict=True):
+        if sense == -right and (direction or np.any(certain == right)):
+            problem = 'its response follows the load in the opposite sense of the other records'
+            raise RecordingError(path.record.source, problem, 'give records of one joint, or reverse a sign')
+
+
+class Selection(NamedTuple):
+    """Model selection on a record driven by its motion, or on all records driven by their load.
+
+    Attributes:
+        study: the records.
         before: law (6).
-        with_reset: law (6) whose state is set by the measured force at every reversal.
-        dependence_before: dependence of the residual of law (6).
         candidates: each compared with law (6).
         selected: the candidate selected; None if none is accepted.
-        rivals: names of the accepted candidates that predict as well as the selected one.
-        dependence_after: dependence of the residual of the selected law, or of law (6).
+        rivals: accepted candidates of other effects that do not predict significantly worse.
+        dependence_before: of the residual of law (6), for a load in the form that leaves least.
+        p_without_memory: p-value of law (6) without a gap that keeps its place.
+        dependence_after: of the residual of the selected law, or of law (6).
         verdict: none (law (6) is sufficient), explained (one law selected), ambiguous (with rivals), unexplained
             (the residual of law (6) depends on a variable, but no candidate is accepted).
     """
 
-    before: CrossValidation
-    with_reset: CrossValidation
+    study: MotionStudy | LoadStudy
+    before: Candidate
+    candidates: tuple[Candidate, ...]
+    selected: Candidate | None
+    rivals: tuple[Candidate, ...]
     dependence_before: tuple[Dependence, ...]
-    candidates: tuple[Comparison, ...]
-    selected: CrossValidation | None
-    rivals: tuple[str, ...]
+    p_without_memory: float
     dependence_after: tuple[Dependence, ...]
     verdict: str
 
     @property
-    def final(self) -> CrossValidation:
+    def final(self) -> Candidate:
         """The selected law, or law (6) if none is selected."""
         return self.selected or self.before
 
@@ -202,113 +341,104 @@ class ModelSelection(NamedTuple):
         """p-value of the selected law as a sufficient law."""
         return p_independent(self.dependence_after)
 
+    @property
+    def needs_memory(self) -> bool:
+        """Whether law (6) is sufficient only with a gap that keeps its place when unloaded."""
+        return self.verdict == NONE and self.p_without_memory < LEVEL
 
-def select_model(motion: Motion, candidates: tuple[Law, ...] = CANDIDATES) -> ModelSelection:
-    """Selects the law that a record needs beyond law (6).
+
+def analyse(records: Sequence[Record], driven: str) -> tuple[Selection, ...]:
+    """One selection for each record driven by its motion, or one for all records driven by their load.
 
     Args:
-        motion: the record.
-        candidates: laws to compare with law (6).
+        records: of one joint.
+        driven: `MOTION` or `LOAD`.
+
+    Raises:
+        RecordingError: see `LoadStudy`.
+        UnsupportedDataError: a record is not of full loops, or does not go from rest to rest; it is named.
     """
-    before = _cross_validate(BACKLASH, motion)
-    dependence_before = dependences(motion, before.whole.residual)
+    if driven == MOTION:
+        studies = [MotionStudy(record) for record in records]
+        return tuple(select_model(study) for study in studies)
+    return (select_model(LoadStudy(records)),)
+
+
+def select_model(study: MotionStudy | LoadStudy) -> Selection:
+    """Selects the law that records need beyond law (6)."""
+    before, dependence_before, p_without_memory = study.law6()
     sufficient = p_independent(dependence_before) >= LEVEL
-    scores = [_cross_validate(law, motion) for law in candidates]
-    compared = _compare(before, scores, motion)
-    if sufficient:
-        compared = tuple(each._replace(accepted=False) for each in compared)
-    accepted = _without_needless_gap([each.score for each in compared if each.accepted], motion)
-    selected = min(accepted, key=lambda each: each.held_out_rms, default=None)
-    rivals = tuple(each.law.name for each in accepted if selected and _as_good(each, selected, len(accepted), motion))
-    verdict = AMBIGUOUS if rivals else EXPLAINED
-    if selected is None:
-        verdict = NONE if sufficient else UNEXPLAINED
-    return ModelSelection(
-        before=before,
-        with_reset=_cross_validate(RESET, motion),
+    candidates = [study.candidate(law) for law in study.laws]
+    best = min([before, *candidates], key=lambda each: each.held_out_rms)
+    count = sum(effective_count(part) for part in study.fitted_blocks(best))
+
+    def bic(each: Candidate) -> float:
+        parts = study.fitted_blocks(each)
+        mean_square = max(sum(float(part @ part) for part in parts) / sum(map(len, parts)), 1e-300)
+        return float(count * np.log(mean_square) + len(each.law.parameters) * np.log(count))
+
+    compared = []
+    for each in candidates:
+        p_gain, gain = study.p_better(each, before), bic(each) - bic(before)
+        better = each.held_out_rms < before.held_out_rms and gain < -BIC_GAIN and p_gain < LEVEL / len(candidates)
+        compared.append(each._replace(p_gain=p_gain, bic=gain, accepted=bool(better and not sufficient)))
+    accepted = [each for each in compared if each.accepted]
+    selected, rivals = None, []
+    if accepted:
+        least = min(accepted, key=lambda each: each.bic)
+        forms = (each for each in accepted if each.law.effect == least.law.effect)
+        selected = next(each for each in forms if each.bic - least.bic < BIC_GAIN)
+        others = (each for each in accepted if each.law.effect != least.law.effect)
+        rivals = [each for each in others if study.p_better(selected, each) >= LEVEL]
+    verdict = AMBIGUOUS if rivals else EXPLAINED if selected else NONE if sufficient else UNEXPLAINED
+    return Selection(
+        study=study,
+        before=study.with_std(before),
+        candidates=tuple(compared),
+        selected=selected and study.with_std(selected),
+        rivals=tuple(rivals),
         dependence_before=dependence_before,
-        candidates=compared,
-        selected=selected,
-        rivals=rivals,
-        dependence_after=dependences(motion, (selected or before).whole.residual),
+        p_without_memory=p_without_memory,
+        dependence_after=study.dependences(selected) if selected else dependence_before,
         verdict=verdict,
     )
 
 
-def _without_needless_gap(accepted: list[CrossValidation], motion: Motion) -> list[CrossValidation]:
-    """The accepted laws without slip with a gap, where it predicts no better than slip without one."""
-    by_name = {each.law.name: each for each in accepted}
-    larger, smaller = by_name.get(SLIP.name), by_name.get(SLIP_NO_GAP.name)
-    if larger is None or smaller is None or p_better(larger, smaller, motion) < LEVEL:
-        return accepted
-    return [each for each in accepted if each is not larger]
+class PredictedRecord(NamedTuple):
+    """A record predicted from others.
+
+    Attributes:
+        record: the record.
+        before: by law (6).
+        after: by the law selected; by law (6) if none is.
+        before_rms: rms error of the response from the unloading on, m or rad.
+        after_rms: the same by the law selected.
+    """
+
+    record: Record
+    before: Prediction
+    after: Prediction
+    before_rms: float
+    after_rms: float
 
 
-def _cross_validate(law: Law, motion: Motion) -> CrossValidation:
-    """Fits a law to all sweeps and to both halves, and predicts each half from the other."""
-    everything = np.ones(len(motion), dtype=bool)
-    halves = (everything, motion.earlier | ~motion.scored, ~motion.earlier | ~motion.scored)
-    whole, first, last = (fit(law, motion, rows) for rows in halves)
-    held_out = np.where(motion.earlier, last.residual, first.residual)
-    earlier, later = motion.earlier & motion.scored, ~motion.earlier
-    train = np.where(motion.earlier, first.residual, last.residual)
-    return CrossValidation(
-        law=law,
-        whole=whole,
-        halves=(first, last),
-        held_out=held_out,
-        train_rms=rms(train[motion.scored]),
-        later_rms=first.rms(later),
-        earlier_rms=last.rms(earlier),
-        held_out_rms=rms(held_out[motion.scored]),
-    )
-
-
-def _compare(before: CrossValidation, scores: list[CrossValidation], motion: Motion) -> tuple[Comparison, ...]:
-    """Every law compared with the one that it would replace, in the order given."""
-    best = min([before, *scores], key=lambda each: each.held_out_rms)
-    count = effective_count(best.whole.residual[motion.scored])
-    found = []
-    for each in scores:
-        p_gain = p_better(each, before, motion)
-        bic = _bic(each, motion, count) - _bic(before, motion, count)
-        accepted = each.held_out_rms < before.held_out_rms and bic < -BIC_GAIN and p_gain < LEVEL / len(scores)
-        found.append(Comparison(each, p_gain, bic, accepted))
-    return tuple(found)
-
-
-def p_better(one: CrossValidation, other: CrossValidation, motion: Motion) -> float:
-    """p-value of one law predicting no better than another, from the mean squares of the sweeps."""
-    squares = [motion.mean_square(each.held_out, motion.scored)[1:] for each in (other, one)]
-    tiny = 1e-12 * motion.force_range**2
-    gain = np.log((squares[0] + tiny) / (squares[1] + tiny))
-    if not np.ptp(gain) > 0:
-        return 1.0
-    return float(stats.ttest_1samp(gain, 0.0, alternative='greater').pvalue)
-
-
-def effective_count(residual: Floats, mean: float | None = None) -> float:
-    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), summed up to the first ρ below 0.
+def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[PredictedRecord, ...]:
+    """Predicts further records driven by their load, each from the moment on at which it is unloaded.
 
     Args:
-        residual: (n,).
-        mean: the expected one, where it is known; else that of the samples.
+        selection: of the records that give the parameters.
+        others: to be predicted; what comes before they are unloaded gives their zero and their state of friction.
+
+    Raises:
+        RecordingError: the response of a record changes in the opposite sense of the others.
+        UnsupportedDataError: a record does not go from rest to rest.
     """
-    centred = residual - (residual.mean() if mean is None else mean)
-    count = len(centred)
-    spectrum = np.fft.rfft(centred, 2 * count)
-    correlation = np.fft.irfft(spectrum * spectrum.conj())[:count]
-    if not correlation[0] > 0:
-        return float(count)
-    rho = correlation / correlation[0]
-    end = int(np.argmax(rho < 0)) or count
-    return max(count / (1 + 2 * float(rho[1:end].sum())), 2.0)
-
-
-def _bic(each: CrossValidation, motion: Motion, count: float) -> float:
-    mean_square = max(rms(each.whole.residual[motion.scored]) ** 2, 1e-300)
-    return float(count * np.log(mean_square) + len(each.law.parameters) * np.log(count))
-
-
-def _as_good(each: CrossValidation, selected: CrossValidation, count: int, motion: Motion) -> bool:
-    return each is not selected and p_better(selected, each, motion) >= LEVEL / count
+    direction = selection.study.direction
+    check_sense([LoadPath.in_blocks(record) for record in others], direction)
+    found = []
+    for record in others:
+        path = LoadPath(record, direction=direction)
+        before, after = (predict(each.whole, path, path.known) for each in (selection.before, selection.final))
+        errors = [rms(each.residual[~path.known]) for each in (before, after)]
+        found.append(PredictedRecord(record, before, after, errors[0], errors[1]))
+    return tuple(found)

@@ -1,4 +1,4 @@
-"""The load of a record as the laws need it: counted from rest, smoothed, and passed through operators with memory.
+"""A record driven by its load as the laws need it: counted from rest, smoothed, passed through operators with memory.
 
 Play operator of half width r (Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989): with the load τ,
 
@@ -13,20 +13,14 @@ arm takes up, does not make it slip.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.studies.hysteresis.load_driven.record import LoadRecord
+from scara_kinetostatic.studies.hysteresis.record import Record, check_rest_to_rest
 
 SMOOTHING = 0.06
 """Averaging time of the load that friction follows, s: half a period of an arm that vibrates at some 8 Hz."""
-LONG_BLOCK = 0.5
-"""Length of the blocks whose means do not contain vibrations, s."""
-_KEPT = 2_000_000
-"""Values kept in arrays of one record, so that they are not computed twice; 16 to 32 MB."""
 
 
 class LoadPath:
@@ -35,6 +29,7 @@ class LoadPath:
     Attributes:
         record: the record.
         block: number of samples in a block; 1: as measured.
+        direction: +1 or -1: sign of the response to a positive load.
         time: s, (n,).
         load: counted from its mean at rest, (n,), N or Nm.
         smooth: the same averaged over `SMOOTHING`.
@@ -42,25 +37,33 @@ class LoadPath:
         size: largest |smooth|.
         rest: before the load comes on, (n,).
         known: before the load is gone for good, (n,).
+
+    Raises:
+        UnsupportedDataError: see `check_rest_to_rest`.
     """
 
-    def __init__(self, record: LoadRecord, block: int = 1) -> None:
-        self.record, self.block = record, block
+    def __init__(self, record: Record, block: int = 1, direction: float = 1.0) -> None:
+        check_rest_to_rest(record)
+        self.record, self.block, self.direction = record, block, direction
         self.time, self.load, self.response = map(self._means, (record.time, record.load_change, record.response))
         count = len(self.time) * block
-        smooth: Floats = uniform_filter1d(record.load_change, _samples(record), mode='nearest')
-        self._every_smooth = smooth
-        self.smooth: Floats = smooth[block // 2 : count : block]
-        self.size = float(np.abs(smooth).max())
+        self._every_smooth: Floats = uniform_filter1d(record.load_change, _samples(record), mode='nearest')
+        self.smooth: Floats = self._every_smooth[block // 2 : count : block]
+        self.size = float(np.abs(self._every_smooth).max())
         last = np.arange(block - 1, count, block)
         self.rest: Mask = record.rest[last]
         self.known: Mask = last < record.unloaded
-        self._kept: dict[Hashable, tuple[Floats, ...]] = {}
+        self._limits: dict[float, tuple[Floats, Floats]] = {}
 
     @classmethod
-    def in_blocks(cls, record: LoadRecord) -> LoadPath:
+    def in_blocks(cls, record: Record) -> LoadPath:
         """Means of blocks of `SMOOTHING`, enough for a fit."""
         return cls(record, _samples(record))
+
+    @property
+    def earlier(self) -> Mask:
+        """The samples of the first half of the time."""
+        return np.asarray(self.time < (self.time[0] + self.time[-1]) / 2)
 
     def play_operator(self, half_width: float, state: float) -> Floats:
         """Output of the play operator, (n,), N or Nm.
@@ -69,25 +72,21 @@ class LoadPath:
             half_width: r, N or Nm.
             state: initial output, from -1 to 1 times r.
         """
-        key = ('play', half_width)
-        if key not in self._kept:
-            self._keep(key, *_play_limits(self.smooth, half_width))
-        low, high = self._kept[key]
+        if half_width not in self._limits:  # a fit asks for many states of one or two widths
+            if len(self._limits) > 8:
+                self._limits.clear()
+            self._limits[half_width] = _play_limits(self.smooth, half_width)
+        low, high = self._limits[half_width]
         return np.clip(state * half_width, low, high)
-
-    def jumping_play_operator(self, half_width: float, kinetic: float, state: float) -> Floats:
-        """Output of a play operator that jumps: where it slips it moves on until |τ - p| is only kinetic · r."""
-        key = ('jump', half_width, kinetic, state)
-        if key not in self._kept:
-            self._keep(key, _jumping(self.smooth, half_width, kinetic * half_width, state * half_width))
-        return self._kept[key][0]
 
     def lag(self, time_constant: float) -> Floats:
         """The load behind a first-order lag, (n,): T dy/dt = τ - y, at rest at first."""
-        key = ('lag', time_constant)
-        if key not in self._kept:
-            self._keep(key, _lagging(self.load, self.time, time_constant))
-        return self._kept[key][0]
+        share = -np.expm1(-np.diff(self.time, prepend=self.time[0]) / time_constant)
+        output, here = [], 0.0
+        for each, part in zip(self.load.tolist(), share.tolist(), strict=True):
+            here += part * (each - here)
+            output.append(here)
+        return np.array(output)
 
     def sign(self, band: float) -> Floats:
         """Sign of the load, linear within a band of so many standard deviations of the load at rest, (n,)."""
@@ -108,26 +107,20 @@ class LoadPath:
 
     def _means(self, values: Floats) -> Floats:
         """Means of the blocks."""
-        count = len(values) // self.block * self.block
-        return np.asarray(values[:count].reshape(-1, self.block).mean(axis=1))
+        return block_means(values, self.block)
 
     def long_block(self, samples: int) -> int:
-        """Number of samples in a block of `LONG_BLOCK`, or in a quarter of so many samples if that is shorter."""
-        return max(min(round(LONG_BLOCK / float(np.median(np.diff(self.time)))), samples // 4), 1)
-
-    def long_means(self, values: Floats) -> Floats:
-        """Means of successive long blocks."""
-        block = self.long_block(len(values))
-        count = len(values) // block
-        return np.asarray(values[: count * block].reshape(count, block).mean(axis=1))
-
-    def _keep(self, key: Hashable, *arrays: Floats) -> None:
-        if (len(self._kept) + 1) * len(self.time) > _KEPT:
-            self._kept.clear()
-        self._kept[key] = arrays
+        """Number of samples in half a second, whose mean has no vibrations, or in a quarter of so many samples."""
+        return max(min(round(0.5 / float(np.median(np.diff(self.time)))), samples // 4), 1)
 
 
-def _samples(record: LoadRecord) -> int:
+def block_means(values: Floats, block: int) -> Floats:
+    """Means of successive blocks of samples, without an incomplete last one."""
+    count = len(values) // block * block
+    return np.asarray(values[:count].reshape(-1, block).mean(axis=1))
+
+
+def _samples(record: Record) -> int:
     """Samples in `SMOOTHING`."""
     return max(round(SMOOTHING / float(np.median(np.diff(record.time)))), 1)
 
@@ -142,23 +135,3 @@ def _play_limits(load: Floats, half_width: float) -> tuple[Floats, Floats]:
         high = np.concatenate([high[:step], np.clip(high[:-step], lower, upper)])
         step *= 2
     return low, high
-
-
-def _jumping(load: Floats, static: float, kinetic: float, start: float) -> Floats:
-    output, here = [], start
-    for each in load.tolist():
-        if each - here > static:
-            here = each - kinetic
-        elif here - each > static:
-            here = each + kinetic
-        output.append(here)
-    return np.array(output)
-
-
-def _lagging(load: Floats, time: Floats, time_constant: float) -> Floats:
-    share = -np.expm1(-np.diff(time, prepend=time[0]) / time_constant)
-    output, here = [], 0.0
-    for each, part in zip(load.tolist(), share.tolist(), strict=True):
-        here += part * (each - here)
-        output.append(here)
-    return np.array(output)

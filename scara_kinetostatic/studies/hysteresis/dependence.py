@@ -1,0 +1,224 @@
+"""What the residual of a law depends on.
+
+Driven by its motion: curves fitted to half of the cycles, tested on the other half. The residual of the odd cycles is
+averaged in bins of a variable; this curve predicts the residual of the even cycles, and the other way round. The share
+of the squared residual that it explains measures the dependence. The p-value is that of a one-sided t-test of the
+correlation between residual and curve over the sweeps (the smaller of both halves, doubled). It assumes that for a
+sufficient law the residuals of different sweeps are independent with a symmetric distribution; within a sweep they may
+be correlated. Displacement alone cannot explain hysteresis: where a variable explains more together with the sense of
+the motion, no elastic law is sufficient.
+
+Driven by its load: from means of half a second, in which vibrations average out.
+
+- memory: the residual at rest after the load less that before it. The load is the same, so a law without memory
+  predicts zero. t-test of the block means of each record.
+- load, time under load: slopes of the residual of the blocks under load, from one regression of each record. t-tests
+  with the effective number of independent blocks.
+
+Differences count against their scatter and 1 % of the range of the response: no law holds better where the load goes
+through zero. The p-values of the records are combined by Fisher's method, -2 Σ ln p ~ χ² with twice as many degrees of
+freedom as records, so that evidence adds up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.studies.hysteresis.fit import effective_count
+from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
+from scara_kinetostatic.studies.hysteresis.motion import Motion
+from scara_kinetostatic.studies.hysteresis.record import UNLOADED_BELOW
+
+_BINS = 16
+
+
+class Variable(NamedTuple):
+    """A variable: its name in a table, and what is said of a residual that depends on it."""
+
+    title: str
+    sentence: str
+
+
+VARIABLES = {
+    'displacement': Variable('{response}', 'depends on the {response}'),
+    'displacement_sense': Variable(
+        '{response}, by sense of motion', 'depends on the {response} and the sense of motion'
+    ),
+    'speed': Variable('speed', 'depends on the speed'),
+    'distance_sense': Variable(
+        'distance since the reversal, by sense of motion',
+        'depends on the distance since the reversal and the sense of motion',
+    ),
+    'time': Variable('time', 'depends on the time'),
+    'memory': Variable(
+        'the load before: at rest after loading it is not that at rest before',
+        'at rest after the load is not that at rest before it',
+    ),
+    'load': Variable('the load', 'depends on the load'),
+}
+_OF_MOTION, _OF_LOAD = (
+    ('displacement', 'displacement_sense', 'speed', 'distance_sense', 'time'),
+    ('memory', 'load', 'time'),
+)
+
+
+class Dependence(NamedTuple):
+    """Dependence on one variable.
+
+    Attributes:
+        variable: a key of `VARIABLES`.
+        share: explained share of the squared residual, for a motion on the half held out; below 0 if it increases.
+        p_value: of no dependence, all records together.
+        by_record: the same of each record driven by its load; NaN where it could not be tested.
+    """
+
+    variable: str
+    share: float
+    p_value: float
+    by_record: tuple[float, ...] = ()
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether it could be tested in any record; if not, `p_value` is 1."""
+        return not self.by_record or bool(np.any(np.isfinite(self.by_record)))
+
+
+def p_independent(found: Sequence[Dependence]) -> float:
+    """p-value of no dependence on any variable (Bonferroni)."""
+    return min(1.0, len(found) * min(each.p_value for each in found))
+
+
+def motion_dependences(motion: Motion, residual: Floats) -> tuple[Dependence, ...]:
+    """Dependence on all variables of a motion, in decreasing order of the explained share.
+
+    Args:
+        motion: the record.
+        residual: (n,), N or Nm; the first sweep does not count.
+    """
+    return _by_share(_on_variable(motion, residual, variable) for variable in _OF_MOTION)
+
+
+def _by_share(found: Iterable[Dependence]) -> tuple[Dependence, ...]:
+    return tuple(sorted(found, key=lambda each: -each.share))
+
+
+def _on_variable(motion: Motion, residual: Floats, variable: str) -> Dependence:
+    place = _bin(motion, variable)
+    odd = motion.cycle % 2 == 1
+    unexplained, p_values = residual.copy(), []
+    for fitted in (odd & motion.scored, ~odd & motion.scored):
+        held_out = motion.scored & ~fitted
+        count, total = (
+            np.bincount(place[fitted], weights=weights, minlength=2 * _BINS) for weights in (None, residual[fitted])
+        )
+        curve = (total / np.maximum(count, 1))[place]  # mean of each bin; 0 for an empty one
+        unexplained[held_out] -= curve[held_out]
+        sums = [
+            np.bincount(motion.sweep[held_out], weights=values[held_out], minlength=motion.sweeps)
+            for values in (residual * curve, residual**2, curve**2)
+        ]
+        size = np.sqrt(sums[1] * sums[2])
+        p_values.append(p_positive(sums[0][size > 0] / size[size > 0]))
+    rows = motion.scored
+    share = 1 - float((unexplained[rows] ** 2).sum() / (residual[rows] ** 2).sum()) if np.any(residual[rows]) else 0.0
+    return Dependence(variable, share, min(1.0, 2 * min(p_values)))
+
+
+def _bin(motion: Motion, variable: str) -> NDArray[np.int64]:
+    values: Floats = getattr(motion, variable.removesuffix('_sense'))
+    steps = _BINS * (values - values.min()) / (np.ptp(values) or 1.0)
+    place = np.minimum(steps.astype(np.int64), _BINS - 1)
+    return place + _BINS * (motion.sense > 0) if variable.endswith('_sense') else place
+
+
+def p_positive(values: Floats) -> float:
+    """p-value of a mean of zero or less, one-sided t-test."""
+    if len(values) < 2 or not np.ptp(values) > 0:
+        return 1.0
+    return float(stats.ttest_1samp(values, 0.0, alternative='greater').pvalue)
+
+
+def load_dependences(paths: Sequence[LoadPath], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
+    """Dependence on all variables of loads, in decreasing order of the explained share.
+
+    Args:
+        paths: the records as measured.
+        residuals: of each record, (n,), m or rad.
+    """
+    tested = [_record(path, residual) for path, residual in zip(paths, residuals, strict=True)]
+    total = sum(square for square, _ in tested)
+    found = []
+    for variable in _OF_LOAD:
+        p_values, explained = zip(*(by_variable[variable] for _, by_variable in tested), strict=True)
+        share = sum(explained) / total if total > 0 else 0.0
+        finite = np.maximum([p for p in p_values if np.isfinite(p)], 1e-300)
+        p_value = float(stats.chi2.sf(-2 * np.log(finite).sum(), 2 * len(finite))) if len(finite) else 1.0
+        found.append(Dependence(variable, share, p_value, p_values))
+    return _by_share(found)
+
+
+def _record(path: LoadPath, residual: Floats) -> tuple[float, dict[str, tuple[float, float]]]:
+    """Sum of squares of the block means less that at rest; p-value and explained part of it by variable."""
+    loaded = path.known & (np.abs(path.smooth) >= UNLOADED_BELOW * path.size)
+    before, after = (_blocks(path, residual, rows) for rows in (path.rest, _at_rest_again(path)))
+    under_load, loads, times = (_blocks(path, values, loaded) for values in (residual, np.abs(path.load), path.time))
+    rest = before.mean() if len(before) else 0.0
+    square = sum(float((means - rest) @ (means - rest)) for means in (before, after, under_load))
+    tolerance = 0.01 * float(np.ptp(path.response))
+    slopes = _slopes(under_load, loads, times, tolerance)
+    return square, dict(zip(_OF_LOAD, (_difference(before, after, tolerance), *slopes), strict=True))
+
+
+def _at_rest_again(path: LoadPath) -> Mask:
+    """The samples at rest after the load, without 0.25 s of settling, or half of them if that is less."""
+    quiet = np.abs(path.smooth) < max(0.05 * path.size, 4.0 * path.record.load_noise)
+    after = np.flatnonzero(~path.known & (np.cumsum(~quiet[::-1])[::-1] == 0))
+    settling = min(round(0.25 / float(np.median(np.diff(path.time)))), len(after) // 2)
+    return np.isin(np.arange(len(quiet)), after[settling:])
+
+
+def _blocks(path: LoadPath, values: Floats, rows: Mask) -> Floats:
+    """Means of the blocks that lie in rows; a block does not cross an end of a stretch."""
+    block = path.long_block(int(rows.sum()))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
+    found = [block_means(values[first:last], block) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+    return np.concatenate([*found, np.empty(0)])
+
+
+def _difference(before: Floats, after: Floats, tolerance: float) -> tuple[float, float]:
+    """p-value of equal means, and the sum of squares that the difference explains."""
+    if min(len(before), len(after)) < 2:
+        return float('nan'), 0.0
+    difference = float(after.mean() - before.mean())
+    parts = [float(each.var(ddof=1)) / len(each) for each in (before, after)]
+    variance = sum(parts) + tolerance**2
+    free = variance**2 / max(sum(p**2 / (len(v) - 1) for p, v in zip(parts, (before, after), strict=True)), 1e-300)
+    p_value = 2 * float(stats.t.sf(abs(difference) / np.sqrt(variance), min(free, 1e6)))
+    return p_value, difference**2 * len(after)
+
+
+def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> list[tuple[float, float]]:
+    """p-values of no slope over load and over time, and the sums of squares that they explain."""
+    count = len(residual)
+    unknown = [(float('nan'), 0.0)] * 2
+    # two slopes and their scatter
+    if count < 6 or not np.ptp(residual) > 0:
+        return unknown
+    design = np.column_stack([np.ones(count), load - load.mean(), time - time.mean()])
+    design[:, 1:] /= np.maximum(np.abs(design[:, 1:]).max(axis=0), 1e-300)
+    beta, _, rank, _ = np.linalg.lstsq(design, residual, rcond=1e-6)
+    if rank < 3:
+        return unknown
+    left = residual - design @ beta
+    free = max(effective_count(left) - 3.0, 1.0) if np.ptp(left) > 0 else count - 3.0
+    variance = float(left @ left) / free * np.diagonal(np.linalg.inv(design.T @ design))
+    t_values = np.abs(beta) / np.sqrt(variance + tolerance**2)
+    return [
+        (float(2 * stats.t.sf(t_values[k], free)), float(beta[k] ** 2 * design[:, k] @ design[:, k])) for k in (1, 2)
+    ]

@@ -1,0 +1,433 @@
+"""The hysteresis analysis as a report, for the terminal and as a page; it is the same whichever column drives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from scara_kinetostatic.model.arrays import Floats, Mask, rms
+from scara_kinetostatic.report import (
+    NOT_DETERMINED,
+    Block,
+    Figure,
+    Figures,
+    Level,
+    Note,
+    Report,
+    Section,
+    Table,
+    Verdict,
+)
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, SERIES, Margins, as_svg, new_figure
+from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals, shown
+from scara_kinetostatic.studies.hysteresis.dependence import VARIABLES, Dependence
+from scara_kinetostatic.studies.hysteresis.fit import Prediction
+from scara_kinetostatic.studies.hysteresis.laws import Law
+from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
+from scara_kinetostatic.studies.hysteresis.model_selection import (
+    AMBIGUOUS,
+    LEVEL,
+    NONE,
+    UNEXPLAINED,
+    Candidate,
+    MotionStudy,
+    PredictedRecord,
+    Selection,
+)
+from scara_kinetostatic.studies.hysteresis.motion import Motion, repeatability
+from scara_kinetostatic.studies.hysteresis.record import Record
+
+_PARAMETERS = {
+    'zero': 'zero of the {response}',
+    'start': 'state at the start',
+    'compliance': 'compliance p',
+    'half_gap': 'half gap g',
+    'force_zero': 'zero of the {load}',
+    'slip_positive': 'slip {load}, positive',
+    'slip_negative': 'slip {load}, negative',
+    'damping': 'damping',
+    'softening': 'increase of the compliance with the load',
+    'slip_compliance': 'compliance of the slipping part',
+    'further_compliance': 'compliance of the second slipping part',
+    'creep_compliance': 'compliance of the creep',
+    'slip_load': 'slip load',
+    'further_load': 'added slip load of the second part',
+    'friction': 'friction',
+    'time_constant': 'time constant',
+}
+
+
+class _Words(NamedTuple):
+    """What differs by the column that drives."""
+
+    driven: str
+    held_out: str
+    uncertainty: str
+    errors: str
+
+
+_BY_MOTION = _Words(
+    'Driven by their motion: the {load} is predicted from the {response}.',
+    'On sweeps not used in the fit, the error',
+    'delete-one-cycle jackknife',
+    'Errors: rms of the {load}, without the first sweep. Held out: each half of the sweeps predicted from the other.',
+)
+_BY_LOAD = _Words(
+    'Driven by their load: the {response} is predicted from the {load}.',
+    'Each record predicted from the others, the error after unloading',
+    'delete-one-record jackknife',
+    'Errors: rms of the {response} after unloading. Held out: predicted with the parameters of the other records; zero '
+    'and state of friction from its own samples up to the unloading.',
+)
+_BY_ONE_LOAD = _BY_LOAD._replace(
+    held_out='The later half predicted from the earlier half, the error',
+    uncertainty='one record gives none',
+    errors='Errors: rms of the {response} of the later half. Held out: predicted by a fit to the earlier half.',
+)
+
+
+def _words(selection: Selection) -> _Words:
+    if isinstance(selection.study, MotionStudy):
+        return _BY_MOTION
+    return _BY_ONE_LOAD if selection.study.is_single else _BY_LOAD
+
+
+def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[PredictedRecord] = ()) -> Report:
+    """The report of records driven by their motion, one selection each, or of all that are driven by their load."""
+    first = selections[0].study.records[0]
+    verdicts = [verdict(each) for each in selections]
+    answer, blocks = verdicts[0], _blocks(selections[0], 'record0')
+    if len(selections) > 1:
+        levels = [each.level for each in verdicts]
+        enough = sum(each.verdict == NONE for each in selections)
+        worst: Level = next(level for level in ('bad', 'caution', 'good') if level in levels)
+        answer = Verdict(f'Law (6) is sufficient for {enough} of {len(selections)} records', worst)
+        blocks = tuple(
+            Section(each.study.records[0].name, (found, *_blocks(each, f'record{k}')))
+            for k, (each, found) in enumerate(zip(selections, verdicts, strict=True))
+        )
+    if predicted:
+        blocks += (_predicted_section(selections[0], predicted),)
+    records = [record for each in selections for record in each.study.records]
+    size = f'{count(len(records), "record")}, {count(sum(map(len, records)), "sample")}'
+    return Report(
+        title=first.words('Hysteresis of {load} and {response}: is law (6) sufficient?'),
+        answer=answer,
+        blocks=(first.words(_words(selections[0]).driven), *blocks),
+        source=f'{size}: {", ".join(record.source for record in records)}',
+        footer='all numbers in full in hysteresis.json',
+    )
+
+
+def verdict(selection: Selection) -> Verdict:
+    """The verdict with its evidence."""
+    study, record, selected = selection.study, selection.study.records[0], selection.selected
+    together = f', {len(study.records)} records together' if len(study.records) > 1 else ''
+    chances = f'{p_equals(selection.p_value)}{together}'
+    error = _scale(selection.before.held_out_rms, _driven_unit(selection))
+    before = _number(error.per_si * selection.before.held_out_rms)
+    errors = f'{_words(selection).held_out} of law (6) is {before} {error.unit} (rms).'
+    if selection.verdict == NONE:
+        headline = 'Law (6), slope and gap, is sufficient'
+        if selection.needs_memory:
+            headline = 'Law (6) is sufficient only with a gap that keeps its place when unloaded'
+        found = f'No dependence of its residual was found ({chances}).'
+        level: Level = 'caution' if selection.needs_memory else 'good'
+        return Verdict(headline, level, (found, *_reservations(selection), errors))
+    evidence = f'The residual of law (6) {_strongest(selection.dependence_before, record)} ({chances}).'
+    if selection.verdict == UNEXPLAINED or selected is None:
+        return Verdict('Law (6) is not sufficient, and no candidate predicts better', 'bad', (evidence, errors))
+    meanings = [record.words(each.law.meaning) for each in (selected, *selection.rivals)]
+    headline = f'Law (6) is not sufficient: {meanings[0]}'
+    if selection.verdict == AMBIGUOUS:
+        headline = f'Law (6) is not sufficient; these records do not distinguish between {"; and ".join(meanings)}'
+    after = _number(error.per_si * selected.held_out_rms)
+    factor = selection.before.held_out_rms / selected.held_out_rms
+    errors = (
+        f'{_words(selection).held_out} falls from {before} to {after} {error.unit} (rms), by a factor of {factor:.1f}.'
+    )
+    is_complete = selection.p_after >= LEVEL
+    rest = f'No further dependence of the residual was found ({p_equals(selection.p_after)}).'
+    if not is_complete:
+        depends = _strongest(selection.dependence_after, record)
+        rest = f'Nor is the selected law complete: its residual {depends} ({p_equals(selection.p_after)}).'
+    level = 'good' if is_complete and selection.verdict != AMBIGUOUS else 'caution'
+    return Verdict(headline, level, (evidence, errors, *_repeats(selection), rest))
+
+
+def _reservations(selection: Selection) -> list[str]:
+    """What goes with the result that no dependence was found."""
+    study, sentences = selection.study, []
+    if isinstance(study, MotionStudy):
+        return []
+    record = study.records[0]
+    if selection.needs_memory:
+        sentences.append(f'With one that returns to its zero it is not ({p_equals(selection.p_without_memory)}).')
+    untested = [record.words(VARIABLES[d.variable].title) for d in selection.dependence_before if not d.is_tested]
+    if untested:
+        sentences.append(f'Not tested, since no load lasts or goes off again long enough: {"; ".join(untested)}.')
+    total = sum(float(np.var(path.response) * len(path.time)) for path in study.blocks)
+    if selection.before.whole.square > 0.9 * total:
+        sentences.append(record.words('The {response} hardly follows the {load}: do the columns belong to one joint?'))
+    elif study.is_single:
+        sentences.append('One record hardly tells slip from a gap; several records of the joint do.')
+    return sentences
+
+
+def _repeats(selection: Selection) -> list[str]:
+    """How well the measured load repeats, which no law undercuts."""
+    study = selection.study
+    limit = repeatability(study.motion) if isinstance(study, MotionStudy) else np.nan
+    if not np.isfinite(limit):
+        return []
+    ratio = rms(selection.final.along[0].residual[study.judged[0]]) / limit
+    repeats = study.records[0].words('Where the motion repeats, the {load} repeats to')
+    return [f'{repeats} {_number(limit)} {study.records[0].load_unit}; the residual is {ratio:.1f} times as large.']
+
+
+def _strongest(found: Sequence[Dependence], record: Record) -> str:
+    best = min(found, key=lambda each: each.p_value)
+    return record.words(VARIABLES[best.variable].sentence)
+
+
+def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
+    record = selection.study.records[0]
+    return (
+        Section('Records', (_record_table(selection), *_figures(selection, name))),
+        Section('Laws compared', (_candidate_table(selection), record.words(_words(selection).errors), _COMPARED)),
+        Section('What the residual depends on', (_dependence_table(selection),)),
+        Section('Parameters', (_parameter_table(selection), _parameter_note(selection))),
+    )
+
+
+_COMPARED = Note(
+    'p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), which counts the parameters. '
+    'Better: the residual of law (6) shows a dependence, and the law predicts better (1 %, shared among the laws). '
+    'Selected: of these the one with the smallest BIC; of several forms of one effect the simplest within 2.'
+)
+
+
+def _number(value: float) -> str:
+    """Three digits, without exponent."""
+    return f'{value:.0f}' if abs(value) >= 99.5 else f'{value:.3g}'
+
+
+def _scale(size: float, unit: str) -> Scale:
+    """The unit with the prefix in which a size is at least 0.1."""
+    prefixes = (('', 1.0), ('m', 1e3), ('µ', 1e6), ('n', 1e9))
+    prefix, per_si = next((each for each in prefixes if size * each[1] >= 0.1), prefixes[-1])
+    return Scale(prefix + unit, per_si)
+
+
+def _driven_unit(selection: Selection) -> str:
+    """SI unit of what is predicted."""
+    return selection.study.records[0].unit('N' if isinstance(selection.study, MotionStudy) else 'm')
+
+
+def _record_table(selection: Selection) -> Table:
+    """Each record: its load and response, the errors when it is predicted."""
+    study, selected = selection.study, selection.selected
+    error = _scale(selection.before.held_out_rms, _driven_unit(selection))
+    unit = study.records[0].unit('m')
+    moved = _scale(max(float(np.ptp(record.response)) for record in study.records), unit)
+    columns = [
+        ('file', '', [record.name for record in study.records]),
+        ('range of load', study.records[0].load_unit, [_number(float(np.ptp(each.load))) for each in study.records]),
+        ('of response', moved.unit, [_number(moved.per_si * float(np.ptp(each.response))) for each in study.records]),
+    ]
+    if not isinstance(study, MotionStudy):
+        stays = [f'{round(moved.per_si * remaining(record), 3) + 0.0:.3f}' for record in study.records]
+        memory = next(each for each in selection.dependence_before if each.variable == 'memory')
+        p_values = [chance(p) if np.isfinite(p) else NOT_DETERMINED for p in memory.by_record]
+        columns += [('stays', moved.unit, stays), ('p of no memory', '', p_values)]
+    for title, candidate in (('before', selection.before), ('after', selected)):
+        if candidate:
+            errors = [_number(error.per_si * each) for each in record_errors(selection, candidate)]
+            columns.append((title, error.unit, errors))
+    if selected and selected.law.has_state:
+        columns.append(('state at the start', '', [f'{each.state:+.2f}' for each in selected.along]))
+    headings, units, cells = zip(*columns, strict=True)
+    return Table(headings, units, tuple(zip(*cells, strict=True)))
+
+
+def record_errors(selection: Selection, candidate: Candidate) -> list[float]:
+    """Rms error of each record held out, SI."""
+    pairs = zip(candidate.held_out, selection.study.judged, strict=True)
+    return [rms(each.residual[rows]) for each, rows in pairs]
+
+
+def response_change(record: Record) -> Floats:
+    """Response less its mean at rest, (n,), m or rad."""
+    return np.asarray(record.response - record.response[record.rest].mean())
+
+
+def remaining(record: Record) -> float:
+    """Response that stays after the load has gone: mean of the last half of what follows, m or rad."""
+    return float(response_change(record)[(record.unloaded + len(record)) // 2 :].mean())
+
+
+def _candidate_table(selection: Selection) -> Table:
+    """Law (6) and every candidate compared with it."""
+    error = _scale(selection.before.held_out_rms, _driven_unit(selection))
+    notes = {each.law.name: 'better' for each in selection.candidates if each.accepted}
+    notes |= {each.law.name: 'rival' for each in selection.rivals}
+    notes |= {selection.selected.law.name: 'selected'} if selection.selected else {}
+    rows = []
+    for each in (selection.before, *selection.candidates):
+        errors = [_number(error.per_si * size) for size in (each.fitted_rms, each.held_out_rms)]
+        compared = [chance(each.p_gain), f'{each.bic:.0f}', notes.get(each.law.name, 'no better')]
+        last = ['', '', 'before'] if each is selection.before else compared
+        rows.append((each.law.title, str(len(each.law.parameters)), *errors, *last))
+    headings = ('law', 'parameters', 'fitted', 'held out', 'p', 'ΔBIC', '')
+    return Table(headings, ('', '', error.unit, error.unit, '', '', ''), tuple(rows))
+
+
+def _dependence_table(selection: Selection) -> Table:
+    """What the residual of law (6) and that of the selected law depend on."""
+    record, rows = selection.study.records[0], []
+    after = {each.variable: each for each in selection.dependence_after}
+    for each in selection.dependence_before:
+        shown_ones = [each, after[each.variable]] if selection.selected else [each]
+        cells = [record.words(VARIABLES[each.variable].title)]
+        for one in shown_ones:
+            share = f'{100 * min(one.share, 1.0):.0f} %' if one.share > 0 else 'nothing'
+            cells += [share, chance(one.p_value)] if one.is_tested else [NOT_DETERMINED, NOT_DETERMINED]
+        rows.append(tuple(cells))
+    headings = ('residual over', 'before', 'p', 'after', 'p')[: len(rows[0])]
+    return Table(headings, ('',) * len(headings), tuple(rows))
+
+
+def _parameter_table(selection: Selection) -> Table:
+    """Parameters of law (6) and of the selected law, or of the gap that it takes."""
+    record = selection.study.records[0]
+    laws = {'before': selection.before}
+    if selection.needs_memory:
+        laws['gap that keeps its place'] = selection.candidates[0]
+    elif selection.selected:
+        laws['after'] = selection.selected
+    rows = []
+    for name, title in _PARAMETERS.items():
+        cells = [_value(each, name, record) for each in laws.values()]
+        if any(cells):
+            rows.append((record.words(title), *cells))
+    return Table(('parameter', *laws), ('',) * (1 + len(laws)), tuple(rows))
+
+
+def _value(candidate: Candidate, name: str, record: Record) -> str:
+    estimate = candidate.parameters.get(name)
+    if estimate is None:
+        return ''
+    if np.nanmax(np.abs([estimate.value, estimate.std])) < 1e-12:  # at a bound of 0
+        return '0'
+    return shown(estimate.value, estimate.std, unit_of(candidate.law, name, record)).text
+
+
+def unit_of(law: Law, name: str, record: Record) -> str:
+    """The SI unit of a parameter."""
+    return record.unit(next(each.unit for each in law.parameters if each.name == name))
+
+
+def _parameter_note(selection: Selection) -> str:
+    record, along = selection.study.records[0], 'along' if selection.study.direction > 0 else 'against'
+    note = f'Standard deviations: {_words(selection).uncertainty}.'
+    if isinstance(selection.study, MotionStudy):
+        return note
+    return record.words(f'The {{response}} changes {along} a positive {{load}}; parameters are magnitudes. {note}')
+
+
+def _predicted_section(selection: Selection, predicted: Sequence[PredictedRecord]) -> Section:
+    scale = _scale(selection.before.held_out_rms, _driven_unit(selection))
+    has_state = selection.final.law.has_state
+    rows = tuple(
+        (
+            each.record.name,
+            _number(scale.per_si * each.before_rms),
+            _number(scale.per_si * each.after_rms),
+            f'{each.after.state:+.2f}' if has_state else NOT_DETERMINED,
+        )
+        for each in predicted
+    )
+    table = Table(('predicted', 'before', 'after', 'state at the start'), ('', scale.unit, scale.unit, ''), rows)
+    note = 'What comes before the unloading gives zero and state of friction; the error counts from there on.'
+    figures = []
+    for k, each in enumerate(predicted):
+        path = LoadPath(each.record, direction=selection.study.direction)
+        after = each.after if selection.selected else None
+        figures.append(_pair(path, ~path.known, each.before, after, f'other{k}'))
+    return Section('Further records, predicted', (note, table, *figures))
+
+
+def _figures(selection: Selection, name: str) -> list[Block]:
+    """Two pictures of each record, that with the largest error of law (6) first; but the first four are folded."""
+    study, pairs = selection.study, []
+    errors = record_errors(selection, selection.before)
+    for k in sorted(range(len(errors)), key=lambda number: -errors[number]):
+        after = selection.selected.held_out[k] if selection.selected else None
+        pairs.append(_pair(study.paths[k], study.judged[k], selection.before.held_out[k], after, f'{name}_{k}'))
+    more = Section(f'{len(pairs) - 4} more', tuple(pairs[4:]), folded=True)
+    return [*pairs[:4], *([more] if pairs[4:] else [])]
+
+
+def _pair(path: Motion | LoadPath, judged: Mask, before: Prediction, after: Prediction | None, name: str) -> Figures:
+    residuals = [(before.residual, SERIES[1], 'law (6)')]
+    residuals += [(after.residual, SERIES[0], 'selected law')] if after else []
+    pictures = (
+        Figure(partial(_loop_picture, path, residuals, name), title=path.record.name),
+        Figure(partial(_residual_picture, path, judged, residuals, name)),
+    )
+    return Figures(
+        pictures, 'Left: measured and predicted, held out. Right: measured less predicted; judged is what is shaded.'
+    )
+
+
+_Residuals = list[tuple[Floats, str, str]]
+
+
+def _averaged(*several: Floats) -> list[Floats]:
+    """At most 1000 points of each."""
+    return [block_means(values, -(-len(values) // 1000)) for values in several]
+
+
+def _loop_picture(path: Motion | LoadPath, residuals: _Residuals, name: str) -> Markup:
+    """What is driven over what drives: measured and predicted."""
+    record = path.record
+    if isinstance(path, Motion):
+        driver, driven, words = path.displacement, path.force, ('{response}', '{load}')
+    else:
+        driver, driven, words = record.load_change, response_change(record), ('{load}', '{response}')
+    scales = [
+        _scale(float(np.ptp(values)) / 10, record.load_unit if word == '{load}' else record.unit('m'))
+        for values, word in ((driver, words[0]), (driven, words[1]))
+    ]
+    figure, (axes,) = new_figure(450.0, 300.0, margins=_MARGINS)
+    curves = [(driven, INK, 'measured'), *((driven - left, colour, label) for left, colour, label in residuals)]
+    for values, colour, label in curves:
+        x, y = _averaged(scales[0].per_si * driver, scales[1].per_si * values)
+        axes.plot(x, y, color=colour, lw=0.8 if colour == INK else 1.4, label=label)
+    labels = [f'{record.words(word)}  [{scale.unit}]' for word, scale in zip(words, scales, strict=True)]
+    axes.set(xlabel=labels[0], ylabel=labels[1])
+    axes.legend(**_LEGEND)
+    return as_svg(figure, f'{name}_loop', record.words(f'{words[1]} over {words[0]}, measured and predicted'))
+
+
+def _residual_picture(path: Motion | LoadPath, judged: Mask, residuals: _Residuals, name: str) -> Markup:
+    """Residuals over time, what is judged shaded."""
+    figure, (axes,) = new_figure(450.0, 300.0, margins=_MARGINS)
+    unit = path.record.unit('N' if isinstance(path, Motion) else 'm')
+    scale = _scale(max(rms(residual) for residual, _, _ in residuals), unit)
+    axes.axvspan(path.time[int(judged.argmax())], path.time[-1], color=LINE, lw=0, alpha=0.5)
+    axes.axhline(0, color=FAINT, lw=0.9)
+    for residual, colour, label in residuals:
+        time, left = _averaged(path.time, scale.per_si * residual)
+        axes.plot(time, left, color=colour, lw=1.0, label=label)
+    axes.set(xlabel='time  [s]', ylabel=f'residual  [{scale.unit}]', xlim=(path.time[0], path.time[-1]))
+    axes.legend(**_LEGEND)
+    return as_svg(figure, f'{name}_residual', 'residual over time by each law; what is judged is shaded')
+
+
+_MARGINS = Margins(left=64, right=8, bottom=74, top=12)
+_LEGEND = {'frameon': False, 'loc': 'upper center', 'bbox_to_anchor': (0.5, -0.19), 'ncols': 3, 'handlelength': 1.4}
