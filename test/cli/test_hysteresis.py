@@ -3,142 +3,176 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cli.command import Run
+from studies.load_records import COMPLIANCE, table, torque
+
+STATES = ((-2.0, 0.3), (-2.6, -0.8), (-3.0, 0.7))
+"""Load and state of friction at the start."""
 
 
-def record(slip: float = 6e3, seed: int = 0) -> str:
-    """Loops of a joint with a gap of 4 mm that slips at a load, as a table."""
+def loops(heading: str = 'time_s,displacement_m,force_N', slip: float = 6e3, moved: float = 1.0) -> str:
+    """Loops of a joint with a gap of 4 mm that slips at a load, as a table; `moved`: of its units, per metre."""
     time = np.arange(0, 8, 1 / 50)
-    moved = 0.02 * np.minimum(0.4 + time / 6, 1) * np.sin(np.pi * time)
-    force = []
-    anchor = 0.0
-    for x in moved.tolist():
+    places = 0.02 * np.minimum(0.4 + time / 6, 1) * np.sin(np.pi * time)
+    force, anchor = [], 0.0
+    for x in places.tolist():
         anchor = min(max(anchor, x - 2e-3 - 1e-6 * slip), x + 2e-3 + 1e-6 * slip)
         stretch = x - anchor
         force.append(np.sign(stretch) * max(abs(stretch) - 2e-3, 0) / 1e-6)
-    noisy = np.array(force) + 20 * np.random.default_rng(seed).standard_normal(len(force))
-    rows = ['time_s,displacement_m,force_N']
-    rows += [f'{t:.4f},{x:.9f},{f:.3f}' for t, x, f in zip(time, moved, noisy, strict=True)]
-    return '\n'.join(rows) + '\n'
+    noisy = np.array(force) + 20 * np.random.default_rng(0).standard_normal(len(force))
+    rows = [f'{t:.4f},{moved * x:.9f},{f:.3f}' for t, x, f in zip(time, places, noisy, strict=True)]
+    return '\n'.join([heading, *rows]) + '\n'
 
 
-@pytest.fixture
-def records(tmp_path: Path) -> list[str]:
-    names = []
-    for number, slip in enumerate((4e3, 6e3, 8e3)):
-        (tmp_path / f'loop{number}.csv').write_text(record(slip, number))
-        names.append(f'loop{number}.csv')
-    return names
+@pytest.fixture(scope='module')
+def slipping(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Records of a joint that slips, and one more to predict."""
+    folder = tmp_path_factory.mktemp('slipping')
+    for number, (level, state) in enumerate(STATES):
+        (folder / f'slip{number}.csv').write_text(table(torque(level), seed=number, state=state), encoding='utf-8')
+    (folder / 'other.csv').write_text(table(torque(-2.8), seed=9, state=-0.5), encoding='utf-8')
+    return folder
 
 
-def test_tables_json_and_page(run: Run, records: list[str], tmp_path: Path) -> None:
-    result = run('hysteresis', *records, '--tension', '4', '6', '8', '--out', 'result')
-    assert result.status == 0
-    assert result.err == ''
-    for word in (
-        'Law (6) is not sufficient: Coulomb friction in series',
-        'selected',
-        'Before and after',
-        'held out',
-        'predicted',
-    ):
-        assert word in result.out
-    assert {path.name for path in (tmp_path / 'result').iterdir()} == {'hysteresis.json', 'hysteresis.html'}
-    document = json.loads((tmp_path / 'result' / 'hysteresis.json').read_text(encoding='utf-8'))
-    assert document['schema'] == 'scara_kinetostatic/hysteresis/1'
-    for found, slip in zip(document['records'], (4e3, 6e3, 8e3), strict=True):
-        assert found['effects'] == ['slip']
-        assert found['force_error']['after']['held_out'] < 0.1 * found['force_error']['before']['held_out']
-        estimate = found['parameters']['slip']['slip_positive']
-        assert estimate['value'] == pytest.approx(slip, rel=0.01)
-        assert estimate['unit'] == 'N'
-    assert len(document['leave_one_out']) == 3
-    page = (tmp_path / 'result' / 'hysteresis.html').read_text(encoding='utf-8')
-    assert page.count('<svg') == 2 * 3 + 1
+def result_of(folder: Path) -> tuple[dict, str]:  # type: ignore[type-arg]
+    assert {path.name for path in folder.iterdir()} == {'hysteresis.json', 'hysteresis.html'}
+    page = (folder / 'hysteresis.html').read_text(encoding='utf-8')
     assert '#01020' not in page  # no stand-in colour left
     assert 'http' not in page.replace('http://www.w3.org', '')
+    identifiers = re.findall(r' id="([^"]+)"', page)
+    assert len(identifiers) == len(set(identifiers))
+    return json.loads((folder / 'hysteresis.json').read_text(encoding='utf-8')), page
 
 
-def test_json_on_stdout_is_that_of_the_file(run: Run, records: list[str], tmp_path: Path) -> None:
-    printed = json.loads(run('hysteresis', records[0], '--json', '--out', 'result').out)
-    assert printed == json.loads((tmp_path / 'result' / 'hysteresis.json').read_text(encoding='utf-8'))
-    assert printed['leave_one_out'] == []
+def test_loops(run: Run, tmp_path: Path) -> None:
+    name = '<b>&$\\frac$.csv'
+    (tmp_path / name).write_text(loops())
+    (tmp_path / 'stuck.csv').write_text(loops(slip=1e9))
+    result = run('hysteresis', name, 'stuck.csv', '--out', 'result')
+    assert (result.status, result.err) == (0, '')
+    for words in (
+        'Law (6) is sufficient for 1 of 2 records',
+        'Driven by their motion: the force is predicted from the displacement.',
+        'Law (6) is not sufficient: Coulomb friction in series: the joint slips at a limit of the force',
+        'Law (6), slope and gap, is sufficient',
+        'selected',
+        'µm/N',
+    ):
+        assert words in ' '.join(result.out.split()), words
+    document, page = result_of(tmp_path / 'result')
+    assert document['schema'] == 'scara_kinetostatic/hysteresis/1'
+    assert (document['driven'], document['units']) == ('motion', {'load': 'N', 'response': 'm'})
+    slips, stuck = document['records']
+    assert (slips['verdict'], slips['effects']) == ('explained', ['slip'])
+    assert (stuck['verdict'], stuck['effects'], stuck['force_error']['after']) == ('none', [], None)
+    assert slips['force_error']['after']['held_out'] < 0.1 * slips['force_error']['before']['held_out']
+    for parameter, truth in (('slip_positive', 6e3), ('compliance', 1e-6)):
+        assert slips['parameters']['slip'][parameter]['value'] == pytest.approx(truth, rel=0.01)
+    assert slips['parameters']['slip']['compliance']['unit'] == 'm/N'
+    assert page.count('<svg') == 2 * 2
+    assert '<b>' not in page
+    assert '&lt;b&gt;&amp;$\\frac$.csv' in page
 
 
-def test_a_joint_that_never_slips_needs_nothing(run: Run, tmp_path: Path) -> None:
-    (tmp_path / 'still.csv').write_text(record(slip=1e9))
-    result = run('hysteresis', 'still.csv', '--out', 'result')
-    assert result.status == 0
+def test_a_torque_over_an_angle_is_said_in_their_units(run: Run, tmp_path: Path) -> None:
+    (tmp_path / 'torque.csv').write_text(loops('time_s,angle_mrad,torque_mNm', moved=1e3))
+    result = run('hysteresis', 'torque.csv', '--json', '--out', 'result')
+    document, page = result_of(tmp_path / 'result')
+    assert json.loads(result.out) == document
+    assert document['units'] == {'load': 'Nm', 'response': 'rad'}
+    found = document['records'][0]['parameters']['slip']
+    assert found['slip_positive'] == {
+        'value': pytest.approx(6.0, rel=0.01),
+        'std': pytest.approx(0, abs=0.1),
+        'unit': 'Nm',
+    }
+    assert (found['compliance']['value'], found['compliance']['unit']) == (pytest.approx(1e-3, rel=0.01), 'rad/Nm')
+    assert 'slip torque' in page
+    for other in ('force', 'displacement', ' N ', 'kN', 'mm '):
+        assert other not in re.sub(r'<style>.*?</style>', '', page, flags=re.DOTALL), other
+
+
+def test_slip_under_load_is_named_and_predicts(run: Run, slipping: Path, tmp_path: Path) -> None:
+    files = sorted(slipping.glob('slip*.csv'))
+    result = run('hysteresis', *files, '--predict', slipping / 'other.csv', '--out', 'result')
+    assert (result.status, result.err) == (0, '')
+    for words in (
+        'Driven by their load: the angle is predicted from the torque.',
+        'Law (6) is not sufficient: slip in series with memory',
+        '3 records together',
+        'Each record predicted from the others',
+        'µrad/Nm',
+        'other.csv',
+    ):
+        assert words in ' '.join(result.out.split()), words
+    document, page = result_of(tmp_path / 'result')
+    assert (document['driven'], document['effects'], document['law']['after']) == ('load', ['slip'], 'slip')
+    assert document['p_value'] < 1e-9
+    assert document['response_error']['after']['held_out'] < 0.1 * document['response_error']['before']['held_out']
+    slip = next(each for each in document['candidates'] if each['name'] == 'slip')['parameters']
+    for name, truth, unit in (
+        ('compliance', COMPLIANCE, 'rad/Nm'),
+        ('slip_compliance', 120e-6, 'rad/Nm'),
+        ('slip_load', 1.0, 'Nm'),
+    ):
+        assert (slip[name]['value'], slip[name]['unit']) == (pytest.approx(truth, rel=0.03), unit)
+    states = [each['state'] for each in document['records']]
+    assert states == pytest.approx([state for _, state in STATES], abs=0.1)
+    (predicted,) = document['predicted']
+    assert set(predicted) >= {'file', 'before', 'after', 'unit'}
+    assert (Path(predicted['file']).name, predicted['unit']) == ('other.csv', 'rad')
+    assert predicted['after'] < min(0.1 * predicted['before'], 4e-6)
+    assert predicted['unloaded'] < 660 / 80
+    assert page.count('<svg') == 2 * 4
+    assert 'Law (6) is not sufficient: slip in series with memory' in page
+    for other in ('force', 'displacement', 'kN', '[mm]'):
+        assert other not in re.sub(r'<(svg|style).*?</\1>', '', page, flags=re.DOTALL), other
+
+
+def test_an_elastic_joint_needs_nothing(run: Run, tmp_path: Path) -> None:
+    for number, level in enumerate((-2.0, -2.5)):
+        (tmp_path / f'{number}.csv').write_text(table(torque(level), 'time_s,displacement_mm,force_N', number))
+    result = run('hysteresis', '0.csv', '--predict', '1.csv', '--out', 'result')
+    assert 'Driven by their load: the displacement is predicted from the force.' in result.out
     assert 'Law (6), slope and gap, is sufficient' in result.out
-    assert 'friction in series' not in result.out
+    assert 'The later half predicted from the earlier half' in result.out
+    assert 'nm/N' in result.out
+    document, _ = result_of(tmp_path / 'result')
+    assert (document['verdict'], document['effects'], document['law']['after']) == ('none', [], None)
+    (predicted,) = document['predicted']
+    assert predicted['after'] == predicted['before'] == pytest.approx(2e-9, rel=0.3)
+    assert predicted['unit'] == 'm'
 
 
 @pytest.mark.parametrize(
     ('text', 'options', 'status', 'message'),
     [
         (None, [], 2, 'one.csv: there is no such file'),
-        ('force_N,displacement_mm\n1,x\n', [], 2, 'one.csv: line 2: displacement_mm: expected a number'),
-        (record(), ['one.csv'], 2, 'one.csv: is given twice'),
-        (record(), ['--tension', '3', '4'], 2, 'tension: expected one per file, 1, got 2'),
-        (record(), ['--tension', '3'], 2, 'tension: a line over the tension'),
-        (record(), ['--tension', 'x'], 2, 'expected a number'),
-        (record(), ['--out', 'one.csv'], 2, 'one.csv'),
-        ('force_N,displacement_mm\n1,2\n2,3\n', [], 3, 'one.csv: loops need the time'),
+        ('time_s,force_N,displacement_mm\n1,1,x\n', [], 2, 'one.csv: line 2: displacement_mm: expected a number'),
+        (loops(), ['one.csv'], 2, 'one.csv: is given twice'),
+        (loops(), ['--out', 'one.csv'], 2, 'one.csv'),
+        (loops(), ['--predict', 'other.csv'], 2, '--predict: one.csv is driven by its motion'),
+        ('force_N,displacement_mm\n1,2\n2,3\n', [], 2, 'one.csv: there is no column of the time'),
         ('time_s,force_N,displacement_mm\n1,1,2\n0,2,3\n', [], 3, 'one.csv: the time does not rise'),
         ('time_s,force_N,displacement_mm\n1,1,2\n2,2,3\n3,1,2\n', [], 3, 'one.csv: 2 sweeps'),
+        (loops(), ['--driven', 'load'], 3, 'one.csv: the load is not at rest at first'),
+        (loops('time_s,angle_rad,torque_Nm'), ['other.csv'], 2, 'other.csv: its load is in N, that of one.csv in Nm'),
     ],
 )
 def test_what_is_wrong_is_one_line(
     run: Run, tmp_path: Path, text: str | None, options: list[str], status: int, message: str
 ) -> None:
+    (tmp_path / 'other.csv').write_text(loops())
     if text is not None:
         (tmp_path / 'one.csv').write_text(text)
     result = run('hysteresis', 'one.csv', *options)
     assert result.status == status
     assert message in result.err
     assert result.err.count('\n') == 1
-    assert 'Traceback' not in result.err
     assert result.out == ''
     assert not (tmp_path / 'result').exists()
-
-
-def test_nothing_is_written_if_a_table_is_wrong(run: Run, records: list[str], tmp_path: Path) -> None:
-    (tmp_path / records[2]).write_text(record() + 'oops\n')
-    assert run('hysteresis', *records, '--out', 'result').status == 2
-    assert not (tmp_path / 'result').exists()
-
-
-def test_names_of_files_come_out_as_they_are(run: Run, tmp_path: Path) -> None:
-    name = '<b>&$\\frac$.csv'
-    (tmp_path / name).write_text(record())
-    assert run('hysteresis', name, '--out', 'result').status == 0
-    page = (tmp_path / 'result' / 'hysteresis.html').read_text(encoding='utf-8')
-    assert '<b>' not in page
-    assert '&lt;b&gt;&amp;$\\frac$.csv' in page
-
-
-def test_a_torque_over_an_angle_is_said_in_their_units(run: Run, tmp_path: Path) -> None:
-    heading, *rows = record().splitlines()
-    scaled = [[float(cell) for cell in row.split(',')] for row in rows]
-    lines = [f'{time:.4f},{moved * 1e3:.6f},{force * 1e-3:.6f}' for time, moved, force in scaled]
-    (tmp_path / 'force.csv').write_text('\n'.join([heading, *rows]) + '\n')
-    (tmp_path / 'torque.csv').write_text('\n'.join(['time_s,angle_mrad,torque_Nm', *lines]) + '\n')
-    linear = json.loads(run('hysteresis', 'force.csv', '--json').out)
-    result = run('hysteresis', 'torque.csv', '--out', 'result')
-    assert 'Driven by their motion: the torque is predicted from the angle.' in result.out
-    rotary = json.loads((tmp_path / 'result' / 'hysteresis.json').read_text(encoding='utf-8'))
-    assert (linear['units'], rotary['units']) == ({'load': 'N', 'response': 'm'}, {'load': 'Nm', 'response': 'rad'})
-    for name, unit, scale in (('slip_positive', 'Nm', 1e-3), ('compliance', 'rad/Nm', 1e3)):
-        expected, found = (each['records'][0]['parameters']['slip'][name] for each in (linear, rotary))
-        assert found['unit'] == unit
-        assert found['value'] == pytest.approx(scale * expected['value'], rel=1e-3)
-    page = (tmp_path / 'result' / 'hysteresis.html').read_text(encoding='utf-8')
-    for words in (result.out, page):
-        assert 'slip torque' in words
-        assert 'µrad/Nm' in words
-        for other in ('force', 'displacement', ' N ', 'kN', 'mm '):
-            assert other not in words.replace('law (6)', ''), other

@@ -119,6 +119,17 @@ def _first_least(squares: Sequence[float]) -> int:
     return int(np.argmax(np.asarray(squares) <= min(squares) * (1 + 1e-6)))
 
 
+def _best(problem: _MotionProblem | _LoadProblem, firsts: Sequence[Floats]) -> Floats:
+    """The parameters of the least sum of squares near any of some starting points."""
+    if not len(firsts[0]):
+        return firsts[0]
+    found = [
+        minimise(problem.residual, problem.jacobian, first, problem.bounds, problem.penalty(first)) for first in firsts
+    ]
+    best = found[_first_least([float(np.sum(problem.residual(each) ** 2)) for each in found])]
+    return out_of_kinks(problem.residual, best, problem.bounds)
+
+
 def fit_motion(law: Law, motion: Motion, rows: Mask, start: Values | None = None, followed: int = 5) -> Fit:
     """Fits a law to a record driven by its motion.
 
@@ -130,10 +141,7 @@ def fit_motion(law: Law, motion: Motion, rows: Mask, start: Values | None = None
         followed: how many of these are optimised.
     """
     problem = _MotionProblem(law, motion, rows)
-    firsts = [problem.scaled(start)] if start else problem.starts()[:followed]
-    found = [minimise(problem.residual, problem.jacobian, first, problem.bounds, 1e-6) for first in firsts]
-    best = found[_first_least([float(np.sum(problem.residual(each) ** 2)) for each in found])]
-    best = out_of_kinks(problem.residual, best, problem.bounds)
+    best = _best(problem, [problem.scaled(start)] if start else problem.starts()[:followed])
     square = float(np.sum((problem.residual(best) * problem.extent) ** 2))
     return Fit(law, problem.values(best), np.empty(0), square)
 
@@ -168,6 +176,9 @@ class _MotionProblem:
         here = self.residual(scaled)
         steps = np.eye(len(scaled)) * _STEP
         return np.stack([(self.residual(scaled + step) - here) / _STEP for step in steps], axis=1)
+
+    def penalty(self, first: Floats) -> Floats:
+        return np.full(len(first), 1e-6)
 
     def starts(self) -> list[Floats]:
         """Every combination of starting values, the best first."""
@@ -253,8 +264,8 @@ def fit_load(law: Law, records: Sequence[Moments], size: float, warm_start: Fit 
         starts.append(Fit(law, dict(shape), states[picked], square))
     starts.sort(key=lambda start: round(start.square, 12))
     followed = [warm_start, starts[0]] if warm_start else starts[:2]
-    refined = [_refine(start, records, size) for start in followed]
-    return refined[_first_least([each.square for each in refined])]
+    problem = _LoadProblem(law, records, size)
+    return problem.fitted(_best(problem, [problem.scaled(start) for start in followed]))
 
 
 def _amplitudes(gram: Floats) -> Floats:
@@ -280,24 +291,30 @@ def _alternate(grids: Sequence[Floats], begin: int) -> tuple[float, list[int]]:
     return square, picked
 
 
-class _Refinement:
-    """The nonlinear problem of a refinement: shape and states, with the best amplitudes for them (variable projection).
+class _LoadProblem:
+    """Shape and states of records driven by their load, with the best amplitudes for them (variable projection).
 
     Parameters are scaled to the order of 1, shape first.
     """
 
-    def __init__(self, start: Fit, records: Sequence[Moments], size: float) -> None:
-        self.law, self.records, shape = start.law, records, start.law.shape
+    def __init__(self, law: Law, records: Sequence[Moments], size: float) -> None:
+        self.law, self.records = law, records
         responses = [each.path.response[each.rows] for each in records]
         self._response = np.concatenate([each - each.mean() for each in responses])
         self._ends = np.cumsum([0, *(len(each) for each in responses)])
-        self._scales = np.array([_scale(each, size) for each in shape])
-        states = start.states if self.law.has_state else np.empty(0)
-        lower = np.array([1e-3] * len(shape) + [-1.0] * len(states))
-        upper = np.array([each.most for each in shape] + [1.0] * len(states))
+        self._scales = np.array([_scale(each, size) for each in law.shape])
+        states = len(records) if law.has_state else 0
+        lower = np.array([1e-3] * len(law.shape) + [-1.0] * states)
+        upper = np.array([each.most for each in law.shape] + [1.0] * states)
         self.bounds = lower, upper
-        values = np.array([start.values[each.name] for each in shape])
-        self.first: Floats = np.concatenate([values / self._scales, states])
+
+    def scaled(self, start: Fit) -> Floats:
+        values = np.array([start.values[each.name] for each in self.law.shape])
+        return np.concatenate([values / self._scales, start.states if self.law.has_state else []])
+
+    def penalty(self, first: Floats) -> Floats:
+        is_shape = np.arange(len(first)) < len(self._scales)
+        return np.where(is_shape, 1e-5 / np.maximum(first, 1e-3), 1e-3)
 
     def fitted(self, scaled: Floats) -> Fit:
         """The law with these parameters and the best amplitudes for them."""
@@ -351,17 +368,6 @@ class _Refinement:
         each = self.records[number]
         basis = self.law.function(each.path, {**shape, 'state': state})[each.rows]
         return np.asarray(basis - basis.mean(axis=0))
-
-
-def _refine(start: Fit, records: Sequence[Moments], size: float) -> Fit:
-    """Gauss-Newton refinement of all parameters, within their bounds."""
-    problem = _Refinement(start, records, size)
-    if not len(problem.first):
-        return problem.fitted(problem.first)
-    is_shape = np.arange(len(problem.first)) < len(start.law.shape)
-    penalty = np.where(is_shape, 1e-5 / np.maximum(problem.first, 1e-3), 1e-3)
-    found = minimise(problem.residual, problem.jacobian, problem.first, problem.bounds, penalty)
-    return problem.fitted(out_of_kinks(problem.residual, found, problem.bounds))
 
 
 def response_to(fitted: Fit, path: LoadPath, state: float) -> Floats:

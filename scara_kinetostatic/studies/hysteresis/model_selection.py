@@ -16,7 +16,7 @@ compared: they do not determine its prediction. Standard deviations: delete-one-
 A candidate is accepted if the residual of law (6), in each of its forms, depends on any variable, and if the candidate
 predicts better than law (6) in the rms, in BIC and in the test, the level shared among the candidates (Bonferroni). BIC
 counts the effective number of samples n / (1 + 2 Σρ), ρ being the autocorrelations of the residual of the law that
-predicts best. The accepted candidate with the smallest BIC is selected, of several forms of one effect the simplest
+fits best. The accepted candidate with the smallest BIC is selected, of several forms of one effect the simplest
 within 2; its rivals are the accepted ones of other effects that do not predict significantly worse.
 """
 
@@ -369,13 +369,13 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
     before, dependence_before, p_without_memory = study.law6()
     sufficient = p_independent(dependence_before) >= LEVEL
     candidates = [study.candidate(law) for law in study.laws]
-    best = min([before, *candidates], key=lambda each: each.held_out_rms)
-    count = sum(effective_count(part) for part in study.fitted_blocks(best))
+    blocks = {each.law.name: study.fitted_blocks(each) for each in (before, *candidates)}
+    squares = {name: sum(float(part @ part) for part in parts) for name, parts in blocks.items()}
+    best = min(squares, key=lambda name: squares[name])
+    count = sum(effective_count(part) for part in blocks[best])
 
     def bic(each: Candidate) -> float:
-        parts = study.fitted_blocks(each)
-        mean_square = max(sum(float(part @ part) for part in parts) / sum(map(len, parts)), 1e-300)
-        return float(count * np.log(mean_square) + len(each.law.parameters) * np.log(count))
+        return float(count * np.log(max(squares[each.law.name], 1e-300)) + len(each.law.parameters) * np.log(count))
 
     compared = []
     for each in candidates:
