@@ -92,11 +92,16 @@ def _print_result(result: DemoResult) -> None:
     from scara_kinetostatic.model.parameters import NAMES, UNITS
     from scara_kinetostatic.report.table import Table
 
-    deviation = (result.estimate - result.truth) / result.std
-    numbers = zip(result.truth, result.estimate, result.std, deviation, strict=True)
+    truth, estimate, std = (
+        np.array(result.truth),
+        np.array(result.estimate.values),
+        np.array(result.estimate.deviations),
+    )
+    deviation = (estimate - truth) / std
+    numbers = zip(truth, estimate, std, deviation, strict=True)
     rows = tuple(
-        (name, f'{truth:.6e}', f'{estimate:.7e}', f'{std:.2e}', f'{z:.2f}', UNITS[name])
-        for name, (truth, estimate, std, z) in zip(NAMES, numbers, strict=True)
+        (name, f'{true:.6e}', f'{value:.7e}', f'{spread:.2e}', f'{z:.2f}', UNITS[name])
+        for name, (true, value, spread, z) in zip(NAMES, numbers, strict=True)
     )
     print(f'{result.message}\n')
     print(Table(('', 'truth', 'estimate', 'std', 'z', 'unit'), ('',) * 6, rows).text())

@@ -10,7 +10,7 @@ that factor. Publishes the topics named in the cell description and, latched,
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 from math import tau
 from time import monotonic
@@ -24,7 +24,7 @@ from std_msgs.msg import Bool
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.urdf import BASE_FRAME, TOOL_FRAME
-from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS, Parameters
 from scara_kinetostatic.nodes import conversion, declare
@@ -42,58 +42,31 @@ from scara_kinetostatic.touches.streams import Streams
 _E = TypeVar('_E', bound=Enum)
 
 
-@dataclass(frozen=True)
-class SimulatorSettings:
-    """Inputs of the simulation.
+def declare_cell(node: Node) -> Cell:
+    """Declares the cell, with the frame and the sign that the simulated sensor really has."""
+    cell = declare.cell_or_example(node)
 
-    Attributes:
-        cell: with the frame and the sign that the simulated sensor really has.
-        plan: the touches, or slides along objects.
-        truth: the simulated robot, with its effects.
-        sensors: noise, bias and rates.
-        seed: of all random numbers.
-        wait_for_subscribers: subscribers that both topics need before the simulation starts.
-    """
+    def choice(name: str, default: _E, meaning: str) -> _E:
+        given = declare.text(node, name, '', f'{meaning} of the sensor, {_choices(default)}; empty: as the cell says')
+        try:
+            return type(default)(given) if given else default
+        except ValueError:
+            raise ParameterError(f'parameter {name}', f'expected {_choices(default)}, got {given!r}') from None
 
-    cell: Cell
-    plan: Plan | tuple[Slide, ...]
-    truth: ExtendedModel
-    sensors: SensorModel
-    seed: int
-    wait_for_subscribers: int
+    frame, sign = choice('frame', cell.sensor.frame, 'frame'), choice('sign', cell.sensor.sign, 'sign')
+    return replace(cell, sensor=cell.sensor._replace(frame=frame, sign=sign))
 
 
-def declare_simulator(node: Node) -> SimulatorSettings:
-    """Declares all parameters except those that may change while the node runs.
+def _choices(default: Enum) -> str:
+    return ' or '.join(str(choice.value) for choice in type(default))
+
+
+def declare_plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...]:
+    """Declares the touches, or the slides along objects.
 
     Raises:
-        InputError: the cell or the plan cannot be read, or a value or an effect is not valid.
+        InputError: the plan cannot be read.
     """
-    cell = _cell(node)
-    waiting = 'subscribers that both topics need before the simulation starts'
-    return SimulatorSettings(
-        cell=cell,
-        plan=_plan(node, cell),
-        truth=_with_effects(node, cell),
-        sensors=_sensors(node, cell),
-        seed=declare.whole(node, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1)),
-        wait_for_subscribers=declare.whole(node, 'wait_for_subscribers', 0, waiting, Range(0, 100)),
-    )
-
-
-def _cell(node: Node) -> Cell:
-    cell = declare.cell_or_example(node)
-    frame = declare.text(node, 'frame', '', 'frame of the sensor, base or tool; empty: as the cell says')
-    sign = declare.text(node, 'sign', '', 'sign of the sensor, on_object or on_robot; empty: as the cell says')
-    sensor = cell.sensor._replace(
-        frame=_choice('frame', frame, cell.sensor.frame, SensorFrame),
-        sign=_choice('sign', sign, cell.sensor.sign, SensorSign),
-    )
-    return replace(cell, sensor=sensor)
-
-
-def _plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...]:
-    """The touches, or the slides."""
     meaning = 'plan of touches, or of slides along objects (YAML file); empty: touches over all discs of the cell'
     file = declare.text(node, 'plan', '', meaning)
     meaning = 'preload of every other touch: force beyond that of the hold, over it; with a plan: 0'
@@ -105,55 +78,49 @@ def _plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...]:
     return load_plan(file, cell) if file else default_plan(cell, preload=preload)
 
 
-def _choice(name: str, value: str, default: _E, choices: type[_E]) -> _E:
-    try:
-        return choices(value) if value else default
-    except ValueError:
-        expected = ' or '.join(str(choice.value) for choice in choices)
-        raise ParameterError(f'parameter {name}', f'expected {expected}, got {value!r}') from None
+def declare_truth(node: Node, cell: Cell) -> ExtendedModel:
+    """Declares the simulated robot with its effects; by default it deviates from the nominal one as in table 2.
 
-
-def _with_effects(node: Node, cell: Cell) -> ExtendedModel:
-    """The simulated robot, with its effects."""
-    how = "effects of the simulated robot, each as 'name[target]:parameter=value,parameter=value', SI units"
-    chosen = [parse_effect(text, cell) for text in declare.texts(node, 'effects', how)]
-    return with_effects(_truth(node, cell.nominal), chosen)
-
-
-def _truth(node: Node, nominal: Parameters) -> Parameters:
-    """The true parameters; by default they deviate from the nominal ones as in table 2."""
+    Raises:
+        ParameterError: an effect is not valid.
+    """
     ranges = {
         'x0': Range(-100, 100), 'y0': Range(-100, 100), 'theta1': Range(-tau, tau), 'theta2': Range(-tau, tau),
         'l1': Range(1e-3, 100), 'l2': Range(1e-3, 100), 'g1': Range(0, 0.1), 'g2': Range(0, 0.1),
     }  # fmt: skip
     values = {}
-    for name, default in deviating_robot(nominal).as_dict().items():
+    for name, default in deviating_robot(cell.nominal).as_dict().items():
         meaning = f'true {DESCRIPTIONS[name]}, {UNITS[name]}'
         values[name] = declare.number(node, f'truth.{name}', default, meaning, ranges.get(name, Range(0, 1e-2)))
-    return Parameters(**values)
+    how = "effects of the simulated robot, each as 'name[target]:parameter=value,parameter=value', SI units"
+    effects = [parse_effect(text, cell) for text in declare.texts(node, 'effects', how)]
+    return with_effects(Parameters(**values), effects)
 
 
-def _sensors(node: Node, cell: Cell) -> SensorModel:
-    usual = SensorModel()
-    noise = cell.noise or TYPICAL_NOISE
+def declare_sensors(node: Node, cell: Cell) -> SensorModel:
+    """Declares noise, bias and rates of the sensors."""
+    usual, noise = SensorModel(), cell.noise or TYPICAL_NOISE
     angle, force, bias, rates = Range(0, 0.1), Range(0, 100), Range(-100, 100), Range(1, 2000)
-
-    def number(name: str, default: float, description: str, bounds: Range) -> float:
-        return declare.number(node, name, default, description, bounds)
-
+    table = {
+        'noise.joint': (noise.joint_rms, 'repeatability of a joint angle from touch to touch, rad', angle),
+        'noise.force': (noise.force_rms, 'repeatability of the force from touch to touch, N', force),
+        'noise.joint_sample': (usual.joint_noise, 'white noise of the joint samples, rad', angle),
+        'noise.force_sample': (usual.force_noise, 'white noise of the force samples, N', force),
+        'bias.x': (usual.bias[0], 'bias of the force sensor along x, N', bias),
+        'bias.y': (usual.bias[1], 'bias of the force sensor along y, N', bias),
+        'joint_rate': (usual.joint_rate, 'joint states per simulated second, Hz', rates),
+        'wrench_rate': (usual.wrench_rate, 'wrenches per simulated second, Hz', rates),
+    }
+    joint, force_rms, joint_noise, force_noise, x, y, joint_rate, wrench_rate = (
+        declare.number(node, name, *row) for name, row in table.items()
+    )
     return SensorModel(
-        touch_noise=noise.with_rms(
-            number('noise.joint', noise.joint_rms, 'repeatability of a joint angle from touch to touch, rad', angle),
-            number('noise.force', noise.force_rms, 'repeatability of the force from touch to touch, N', force),
-        ),
-        joint_noise=number('noise.joint_sample', usual.joint_noise, 'white noise of the joint samples, rad', angle),
-        force_noise=number('noise.force_sample', usual.force_noise, 'white noise of the force samples, N', force),
-        bias=(
-            number('bias.x', usual.bias[0], 'bias of the force sensor along x, N', bias),
-            number('bias.y', usual.bias[1], 'bias of the force sensor along y, N', bias),
-        ),
-        joint_rate=number('joint_rate', usual.joint_rate, 'joint states per simulated second, Hz', rates),
-        wrench_rate=number('wrench_rate', usual.wrench_rate, 'wrenches per simulated second, Hz', rates),
+        touch_noise=noise.with_rms(joint, force_rms),
+        joint_noise=joint_noise,
+        force_noise=force_noise,
+        bias=(x, y),
+        joint_rate=joint_rate,
+        wrench_rate=wrench_rate,
     )
 
 
@@ -213,11 +180,17 @@ class ContactSimulator(CellNode):
 
     def __init__(self) -> None:
         super().__init__('contact_simulator')
-        self._settings = declare_simulator(self)
+        self._cell = declare_cell(self)
+        self._plan = declare_plan(self, self._cell)
+        self._truth = declare_truth(self, self._cell)
+        self._sensors = declare_sensors(self, self._cell)
+        self._seed = declare.whole(self, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1))
+        waiting = 'subscribers that both topics need before the simulation starts'
+        self._needed = declare.whole(self, 'wait_for_subscribers', 0, waiting, Range(0, 100))
         faster = 'simulated seconds per second of wall time'
         declare.number(self, 'time_factor', 1.0, faster, Range(0.01, 1000.0), read_only=False)
         declare.switch(self, 'loop', False, 'start again after the last touch', read_only=False)
-        sensor = self._settings.cell.sensor
+        sensor = self._cell.sensor
         self._joints = self.create_publisher(JointState, sensor.joint_states, RELIABLE_STREAM)
         self._wrench = self.create_publisher(WrenchStamped, sensor.wrench, RELIABLE_STREAM)
         self._finished = self.create_publisher(Bool, '~/finished', LATCHED)
@@ -230,18 +203,16 @@ class ContactSimulator(CellNode):
         self._ready_since: float | None = None
         self._last_tick: float | None = None
         self._timer = self.create_timer(0.01, self._tick)
-        kind = 'slides' if isinstance(self._settings.plan, tuple) else 'touches'
-        self.get_logger().info(f'{len(self._settings.plan)} {kind} planned')
+        kind = 'slides' if isinstance(self._plan, tuple) else 'touches'
+        self.get_logger().info(f'{len(self._plan)} {kind} planned')
 
     def _simulate(self, start: int = 0) -> Playback:
         """The next pass through the plan, with noise of its own; joints with memory keep what the last one left."""
-        settings = self._settings
-        given: dict[str, Any] = {'sensors': settings.sensors, 'seed': settings.seed + self._passes, 'start': 0}
-        if isinstance(settings.plan, tuple):
-            streams = simulate_slides(settings.cell, settings.truth, settings.plan, **given)
+        given: dict[str, Any] = {'sensors': self._sensors, 'seed': self._seed + self._passes, 'start': 0}
+        if isinstance(self._plan, tuple):
+            streams = simulate_slides(self._cell, self._truth, self._plan, **given)
         else:
-            repeated = self._passes > 0
-            streams = simulate_streams(settings.cell, settings.truth, settings.plan, **given, repeated=repeated)
+            streams = simulate_streams(self._cell, self._truth, self._plan, **given, repeated=self._passes > 0)
         self._passes += 1
         return Playback(streams, start)
 
@@ -257,13 +228,12 @@ class ContactSimulator(CellNode):
             if is_wrench:
                 self._wrench.publish(conversion.wrench(sample, self._frame_id))
             else:
-                self._joints.publish(conversion.joint_state(sample, self._settings.cell.joint_names))
+                self._joints.publish(conversion.joint_state(sample, self._cell.joint_names))
         if self._playback.finished:
             self._end_pass()
 
     def _start_if_ready(self) -> None:
-        needed = self._settings.wait_for_subscribers
-        if min(self._joints.get_subscription_count(), self._wrench.get_subscription_count()) < needed:
+        if min(self._joints.get_subscription_count(), self._wrench.get_subscription_count()) < self._needed:
             self._ready_since = None
             return
         now = monotonic()

@@ -9,15 +9,12 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
 from pathlib import Path
 from time import monotonic
-from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
-import numpy as np
 import rclpy
-from numpy.typing import NDArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.client import Client
 from rclpy.context import Context
@@ -32,6 +29,7 @@ from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.nodes.streams import LATCHED
+from scara_kinetostatic.results.parameter_file import NAME, StoredResult, load_result
 
 THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 """Environment of nodes that look for others on this machine only."""
@@ -39,7 +37,7 @@ START_UP = 120.0
 """Longest wait for the nodes to find each other, s; far more than an idle machine needs."""
 
 
-class NodeProcesses:
+class NodeProcesses(AbstractContextManager['NodeProcesses']):
     """Nodes of this package in a ROS domain of their own, this machine only. A context manager.
 
     Args:
@@ -50,27 +48,19 @@ class NodeProcesses:
     def __init__(self, domain: int, logs: Path) -> None:
         self._environment = os.environ | THIS_MACHINE | {'ROS_DOMAIN_ID': str(domain), 'PYTHONUNBUFFERED': '1'}
         self._logs = logs
+        logs.mkdir(parents=True, exist_ok=True)
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
-    def __enter__(self) -> NodeProcesses:
-        self._logs.mkdir(parents=True, exist_ok=True)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def start(
-        self, name: str, parameters: Mapping[str, object], namespace: str = '', remaps: Mapping[str, str] | None = None
-    ) -> int:
+    def start(self, name: str, parameters: Mapping[str, object], namespace: str = '') -> int:
         """Starts a node.
 
         Args:
             name: of the node and of its module.
             parameters: ROS parameters by name.
             namespace: of the node, without slashes at its ends.
-            remaps: new names of topics by their names.
 
         Returns:
             Its process id.
@@ -78,8 +68,7 @@ class NodeProcesses:
         arguments = [part for key, value in parameters.items() for part in ('-p', f'{key}:={_yaml(value)}')]
         code = f'import sys; from scara_kinetostatic.nodes import executables; sys.exit(executables.{name}())'
         command = [sys.executable, '-c', code, '--ros-args', *arguments]
-        rules = {**({'__ns': f'/{namespace}'} if namespace else {}), **(remaps or {})}
-        command += [part for old, new in rules.items() for part in ('-r', f'{old}:={new}')]
+        command += ['-r', f'__ns:=/{namespace}'] if namespace else []
         name = '_'.join(filter(None, (*namespace.split('/'), name)))
         with self.log(name).open('wb') as log:
             process = subprocess.Popen(
@@ -118,18 +107,16 @@ class NodeProcesses:
             Exit status of each.
         """
         for process in self._running.values():
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-        try:
-            return {name: process.wait(10.0) for name, process in self._running.items()}
-        except subprocess.TimeoutExpired:
-            return {name: process.returncode for name, process in self._running.items()}
-        finally:
-            for process in self._running.values():
-                if process.poll() is None:
-                    process.kill()
-                    process.wait()
-            self._running.clear()
+            process.send_signal(signal.SIGINT)
+        for process in self._running.values():
+            try:
+                process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        statuses = {name: process.returncode for name, process in self._running.items()}
+        self._running.clear()
+        return statuses
 
 
 def free_domain() -> int:
@@ -155,28 +142,25 @@ def _yaml(value: object) -> str:
     return repr(value) if isinstance(value, (int, float)) else "'" + str(value).replace("'", "''") + "'"
 
 
-@dataclass(frozen=True)
-class DemoResult:
+class DemoResult(NamedTuple):
     """The result of a demonstration.
 
     Attributes:
         message: the calibrator's answer.
         truth: the true parameters of the simulator, (12,).
-        estimate: the twelve parameters, (12,).
-        std: their standard deviations, NaN where there is none, (12,).
+        estimate: what the calibrator stored.
         recording: folder of the bag.
         results: folder of the report.
     """
 
     message: str
-    truth: NDArray[np.float64]
-    estimate: NDArray[np.float64]
-    std: NDArray[np.float64]
+    truth: list[float]
+    estimate: StoredResult
     recording: Path
     results: Path
 
 
-class DemoClient:
+class DemoClient(AbstractContextManager['DemoClient']):
     """A node that watches the cell and calls its services. A context manager.
 
     From here on this process looks for other nodes on this machine only.
@@ -198,18 +182,14 @@ class DemoClient:
         self.recording = ''
         self.touches = 0
         self.finished = False
-        self._subscriptions = (
-            self._node.create_subscription(String, '/collector/recording', self._note_recording, LATCHED),
-            self._node.create_subscription(UInt32, '/collector/touches', self._note_touches, LATCHED),
-            self._node.create_subscription(Bool, '/contact_simulator/finished', self._note_finished, LATCHED),
-        )
+        for kind, topic, name in (
+            (String, '/collector/recording', 'recording'),
+            (UInt32, '/collector/touches', 'touches'),
+            (Bool, '/contact_simulator/finished', 'finished'),
+        ):
+            self._node.create_subscription(kind, topic, lambda said, name=name: setattr(self, name, said.data), LATCHED)
 
-    def __enter__(self) -> DemoClient:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
@@ -226,11 +206,6 @@ class DemoClient:
             if monotonic() > end:
                 raise InputError('demo', f'waited {timeout:.0f} s for {what}', 'is the machine overloaded?')
             self._executor.spin_once(timeout_sec=0.1)
-
-    def wait_for_news(self, timeout: float) -> None:
-        """Waits for another touch or the end of the simulation."""
-        known = self.touches
-        self.wait('a touch', lambda: self.finished or self.touches != known, timeout)
 
     def call(self, service: str, service_type: type, request: Any, timeout: float) -> Any:
         """Calls a service and gives its answer.
@@ -264,21 +239,6 @@ class DemoClient:
         self._node.destroy_client(probe)
         return client
 
-    def parameters(self, node: str, group: str) -> NDArray[np.float64]:
-        """The twelve parameters `<group>.<name>` of a node, (12,)."""
-        request = GetParameters.Request(names=[f'{group}.{name}' for name in NAMES])
-        values = self.call(f'{node}/get_parameters', GetParameters, request, START_UP).values
-        return np.array([value.double_value for value in values])
-
-    def _note_recording(self, message: String) -> None:
-        self.recording = message.data
-
-    def _note_touches(self, message: UInt32) -> None:
-        self.touches = message.data
-
-    def _note_finished(self, message: Bool) -> None:
-        self.finished = message.data
-
 
 def run_demo(
     folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Callable[[str, int], None]
@@ -304,21 +264,18 @@ def run_demo(
         nodes.start('collector', {**description, 'output': folder, 'autostart': True})
         nodes.start('contact_simulator', {**description, 'wait_for_subscribers': 1, **settings})
         with DemoClient(domain, nodes.check) as client:
-            _follow(client, progress)
-            truth = client.parameters('/contact_simulator', 'truth')
+            client.wait('the collector to record', lambda: bool(client.recording), START_UP)
+            request = GetParameters.Request(names=[f'truth.{name}' for name in NAMES])
+            truth = client.call('/contact_simulator/get_parameters', GetParameters, request, START_UP).values
+            while not client.finished:
+                progress('touching', known := client.touches)
+                client.wait('a touch', lambda: client.finished or client.touches != known, 60.0)
             _demand(client, '/collector/stop', START_UP)
             progress('calibrating', client.touches)
             message = _demand(client, '/calibrator/calibrate', 600.0)
-            estimate, std = (client.parameters('/calibrator', group) for group in ('calibrated', 'calibrated_std'))
-            return DemoResult(message, truth, estimate, std, Path(client.recording), folder / 'calibration')
-
-
-def _follow(client: DemoClient, progress: Callable[[str, int], None]) -> None:
-    """Waits for the end of the simulation, as long as further touches are recorded."""
-    client.wait('the collector to record', lambda: bool(client.recording), START_UP)
-    while not client.finished:
-        client.wait_for_news(60.0)
-        progress('touching', client.touches)
+            estimate = load_result(folder / 'calibration' / NAME)
+            values = [value.double_value for value in truth]
+            return DemoResult(message, values, estimate, Path(client.recording), folder / 'calibration')
 
 
 def _demand(client: DemoClient, service: str, timeout: float) -> str:

@@ -66,26 +66,26 @@ def test_the_default_truth_deviates_from_the_nominal_values_as_in_the_paper() ->
 
 def test_frame_and_sign_can_be_other_than_the_cell_says(spin: Callable[..., Node]) -> None:
     simulator = spin(ContactSimulator, '--ros-args', '-p', 'frame:=tool', '-p', 'sign:=on_robot')
-    assert simulator._settings.cell.sensor.frame is SensorFrame.TOOL
-    assert simulator._settings.cell.sensor.sign is SensorSign.ON_ROBOT
+    assert simulator._cell.sensor.frame is SensorFrame.TOOL
+    assert simulator._cell.sensor.sign is SensorSign.ON_ROBOT
 
 
 def test_every_other_touch_can_be_pressed_beyond_its_hold(spin: Callable[..., Node]) -> None:
     simulator = spin(ContactSimulator, '--ros-args', '-p', 'preload:=0.3')
-    assert np.mean(simulator._settings.plan.preload == 0.3) == 0.5
+    assert np.mean(simulator._plan.preload == 0.3) == 0.5
 
 
 def test_effects_are_played(spin: Callable[..., Node]) -> None:
     texts = "['object_radius[disc_2]:radius=6e-5', 'sensor_bias:x=1.0,y=-0.5']"
-    settings = spin(ContactSimulator, '--ros-args', '-p', f'effects:={texts}')._settings
-    assert [effect.label for effect in settings.truth.effects] == ['object_radius[disc_2]', 'sensor_bias']
-    assert settings.truth.effect_values == ((6e-5,), (1.0, -0.5))
-    assert settings.truth.parameters == PAPER_ACTUAL
+    node = spin(ContactSimulator, '--ros-args', '-p', f'effects:={texts}')
+    assert [effect.label for effect in node._truth.effects] == ['object_radius[disc_2]', 'sensor_bias']
+    assert node._truth.effect_values == ((6e-5,), (1.0, -0.5))
+    assert node._truth.parameters == PAPER_ACTUAL
 
 
 def test_by_default_there_are_no_effects(spin: Callable[..., Node]) -> None:
-    settings = spin(ContactSimulator)._settings
-    assert settings.truth.effects == ()
+    node = spin(ContactSimulator)
+    assert node._truth.effects == ()
 
 
 def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: 
         ('preload:=-0.1', ParameterError, 'parameter preload'),
         ('preload:=30.0', ParameterError, 'parameter preload'),
         ("effects:=['gravity:g=9.81']", ParameterError, "effect 'gravity': no such effect"),
-        ("effects:=['sensor_bias:x=1']", ParameterError, "parameter 'y' is missing"),
+        ("effects:=['sensor_bias:x=1']", ParameterError, 'expected x, y once each'),
         ('effects:=gravity', ParameterError, 'parameter effects: expected a list of strings'),
         ('cell:=/no/such/cell.yaml', CellError, '/no/such/cell.yaml'),
     ],
