@@ -17,9 +17,8 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from itertools import islice
-from math import hypot, isfinite, isnan, pi
+from math import hypot, isfinite, nan, pi
 from time import monotonic
-from typing import NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, WrenchStamped
@@ -53,22 +52,7 @@ from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor, waiti
 from scara_kinetostatic.nodes.streams import CellStreams, Stream, TFMessage
 
 _ELBOWS = ('present', 'left', 'right')
-
-
-class Answer(NamedTuple):
-    """Joint angles for a wanted pose.
-
-    Attributes:
-        joints: Q, rad, without a turn more than the present ones need.
-        move: the largest way of a joint, rad.
-        std_normal: standard uncertainty of the tip along the force, m.
-        status: as that of `JointAngles`.
-    """
-
-    joints: tuple[float, float]
-    move: float
-    std_normal: float
-    status: str
+_SURE = ('ok', 'unloaded')
 
 
 class FollowedTip:
@@ -158,8 +142,11 @@ class FollowedTip:
         self._forces.clear()
         return had
 
-    def answer(self, x: float, y: float, fx: float, fy: float, elbow: str) -> Answer:
+    def answer(self, x: float, y: float, fx: float, fy: float, elbow: str) -> tuple[list[float], float, str]:
         """Joint angles for a wanted place and force.
+
+        Returns:
+            Q, rad, without a turn more than the present ones need; the largest way of a joint, rad; the status.
 
         Raises:
             InputError: there is no calibration, or the place is out of reach.
@@ -177,24 +164,24 @@ class FollowedTip:
         if not np.isfinite(found.joints).all():
             raise InputError('the wanted pose', f'({x:.4g}, {y:.4g}) m is out of reach', 'wish for another')
         angles = found.joints[0] + 2 * pi * np.round((present - found.joints[0]) / (2 * pi))
-        q1, q2 = angles.tolist()
-        move = float(np.abs(angles - present).max())
-        return Answer((q1, q2), move, float(found.std_normal[0]), str(found.status[0]))
+        return angles.tolist(), float(np.abs(angles - present).max()), str(found.status[0])
 
-    def ages(self) -> dict[str, float]:
-        """Age of the last sample of each stream, s; infinite where there is none."""
-        now = monotonic()
+    def report(self) -> tuple[list[str], dict[str, str]]:
+        """What is wrong with samples and poses since the last report, and the figures by name."""
+        now, statuses = monotonic(), self.statuses
+        self.statuses = Counter()
         streams = {'joint angles': self._joints, 'forces': self._wrench}
-        return {name: float('inf') if last is None else now - last[2] for name, last in streams.items()}
-
-    @property
-    def force(self) -> float:
-        """Size of the last force less the zero, N; NaN where there is none."""
-        if self._wrench is None:
-            return float('nan')
-        zero = self.zero or (0.0, 0.0)
-        size = hypot(self._wrench[0] - zero[0], self._wrench[1] - zero[1])
-        return size if isfinite(size) else float('nan')
+        complaints = [
+            f'no recent {name}' for name, last in streams.items() if last is None or now - last[2] > self.timeout
+        ]
+        complaints += [f'{number} poses {name}' for name, number in statuses.items() if name not in _SURE]
+        zero, wrench = self.zero or (0.0, 0.0), self._wrench or (nan, nan, nan)
+        values = {
+            'force [N]': f'{hypot(wrench[0] - zero[0], wrench[1] - zero[1]):.4g}',
+            'zero of the force [N]': f'({zero[0]:.4g}, {zero[1]:.4g})' if self.zero else 'not tared',
+            **{f'poses: {name}': str(number) for name, number in statuses.items()},
+        }
+        return [*complaints, self.assumptions], values
 
     def _metadata(self) -> TouchMetadata | None:
         """Of the present pose, where the calibration asks for it."""
@@ -218,7 +205,7 @@ class Compensator(CellNode):
         self._calibration = FollowedArm(self, self._use)
         cell = self._calibration.cell
         age = 'age of a message beyond which it is stale, s'
-        self._timeout = declare.number(self, 'timeout', 0.1, age, Range(0.001, 60))
+        timeout = declare.number(self, 'timeout', 0.1, age, Range(0.001, 60))
         meaning = 'standard deviation of one force, N; 0: that of the calibration'
         noise = declare.number(self, 'force_noise', 0.0, meaning, Range(0, 100))
         self._elbow = declare.text(self, 'elbow', 'present', f'of the answers: {", ".join(_ELBOWS)}')
@@ -228,7 +215,7 @@ class Compensator(CellNode):
         prefix = declare.text(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
         tip_frame = declare.text(self, 'tip_frame', 'compensated_tip', 'frame of the tip; empty: no transform')
         self._frame, self._tip_frame = prefix + BASE_FRAME, prefix + tip_frame if tip_frame else ''
-        self._tip = FollowedTip(cell, self._timeout, noise)
+        self._tip = FollowedTip(cell, timeout, noise)
         self._answered, self._answer_problem = 'none', ''
         self._wanted = (0.0, 0.0)
         self._next_transform = self._polls = 0
@@ -236,12 +223,11 @@ class Compensator(CellNode):
         self._pose = self.create_publisher(PoseWithCovarianceStamped, '~/pose', 10)
         self._transform = self.create_publisher(TFMessage, '/tf', 10) if TFMessage and self._tip_frame else None
         self._trajectory = self.create_publisher(JointTrajectory, '~/joint_trajectory', 1)
-        joint_states, wrench = cell.sensor[:2]
         self._group = PolledGroup()
         # samples that a busy machine has let wait are left out; matches every publisher
         newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._wrenches = self._polled(WrenchStamped, wrench, newest)
-        self.awaited = self._polled(JointState, joint_states, newest)
+        self._wrenches = self._polled(WrenchStamped, cell.sensor.wrench, newest)
+        self.awaited = self._polled(JointState, cell.sensor.joint_states, newest)
         self._targets = self._polled(PoseStamped, '~/target_pose', 1)
         self._wanted_forces = self._polled(WrenchStamped, '~/target_wrench', 1)
         self.serve_tare(self._tip.tare)
@@ -285,7 +271,7 @@ class Compensator(CellNode):
     def _take_joints(self, sample: Sample) -> None:
         """Publishes where the tip is; the diagnostics say why there is no pose."""
         found = self._tip.take_joints(sample)
-        if found is None or isnan(found.x):
+        if found is None or not isfinite(found.x):
             return
         stamp = sample.stamp_ns or int(self.get_clock().now().nanoseconds)
         pose = PlanarPose(found.x, found.y, found.yaw, found.covariance.tolist())
@@ -314,20 +300,15 @@ class Compensator(CellNode):
         try:
             self._check_frame(message.header.frame_id)
             x, y = planar(message.pose.position)
-            answer = self._tip.answer(x, y, *self._wanted, self._elbow)
+            joints, move, status = self._tip.answer(x, y, *self._wanted, self._elbow)
         except (UnusableMessageError, ScaraKinetostaticError) as error:
             self._leave(f'~/target_pose is not answered: {error}')
             return
-        duration = max(0.05, answer.move / self._speed)  # controllers refuse points in the past
-        self._trajectory.publish(joint_trajectory(self._tip.cell.joint_names, answer.joints, duration))
-        self._answered = self._described(x, y, answer)
-        sure = answer.status in ('ok', 'unloaded')
-        self._answer_problem = '' if sure else f'the last answer is {answer.status}: {self._answered}'
-
-    def _described(self, x: float, y: float, answer: Answer) -> str:
-        fx, fy = self._wanted
-        where = f'({x:.6f}, {y:.6f}) m under ({fx:.4g}, {fy:.4g}) N'
-        return f'{where}: ({answer.joints[0]:.6f}, {answer.joints[1]:.6f}) rad, {answer.status}'
+        duration = max(0.05, move / self._speed)  # controllers refuse points in the past
+        self._trajectory.publish(joint_trajectory(self._tip.cell.joint_names, joints, duration))
+        where = f'({x:.6f}, {y:.6f}) m under ({self._wanted[0]:.4g}, {self._wanted[1]:.4g}) N'
+        self._answered = f'{where}: ({joints[0]:.6f}, {joints[1]:.6f}) rad, {status}'
+        self._answer_problem = '' if status in _SURE else f'the last answer is {status}: {self._answered}'
 
     def _check_frame(self, frame_id: str) -> None:
         """Check that a wanted pose or force is in the base frame.
@@ -344,19 +325,9 @@ class Compensator(CellNode):
 
     def _report(self) -> Condition:
         """The status: what is missing first."""
-        zero, statuses = self._tip.zero, self._tip.statuses
-        self._tip.statuses = Counter()
         self._streams.look_at_publishers()
         complaints, heard = self._streams.examine()
-        values = {
-            'last answer': self._answered,
-            'force [N]': f'{self._tip.force:.4g}',
-            'zero of the force [N]': 'not tared' if zero is None else f'({zero[0]:.4g}, {zero[1]:.4g})',
-            'wanted force [N]': f'({self._wanted[0]:.4g}, {self._wanted[1]:.4g})',
-            **heard,
-            **{f'poses: {name}': str(number) for name, number in statuses.items()},
-        }
-        complaints += [f'no recent {name}' for name, age in self._tip.ages().items() if age > self._timeout]
-        complaints += [f'{number} poses {name}' for name, number in statuses.items() if name not in ('ok', 'unloaded')]
-        complaints += [self._answer_problem, self._tip.assumptions]
-        return self._calibration.condition(complaints, values, 'following the tip')
+        missing, figures = self._tip.report()
+        wanted = f'({self._wanted[0]:.4g}, {self._wanted[1]:.4g})'
+        values = {'last answer': self._answered, 'wanted force [N]': wanted, **figures, **heard}
+        return self._calibration.condition([*complaints, *missing, self._answer_problem], values, 'following the tip')

@@ -48,10 +48,8 @@ class ContourTracker(CellNode):
         super().__init__('contour_tracker')
         self._calibration = FollowedArm(self, self._use)
         self._cell = cell = self._calibration.cell
-        radius = declare.number(
-            self, 'tip_radius', 0.0, 'radius of the tip, m; 0: as the calibration has it', Range(0, LARGEST_TIP)
-        )
-        self._radius = radius or cell.tip_radius
+        meaning = 'radius of the tip, m; 0: as the calibration has it'
+        self._radius = declare.number(self, 'tip_radius', 0.0, meaning, Range(0, LARGEST_TIP)) or cell.tip_radius
         period = declare.number(self, 'period', 0.5, 'between two evaluations, s', Range(0.05, 10))
         magnified = 'magnification of the uncertainty in the markers; 0: not shown'
         declare.number(self, 'uncertainty_scale', 500.0, magnified, Range(0, 1e6), read_only=False)
@@ -73,8 +71,6 @@ class ContourTracker(CellNode):
         if self._online is not None and _is_same(arm, self._online.arm):
             return
         former = self._online
-        if former is not None and former.outlines:
-            self.get_logger().warning('another calibration: the outlines begin anew')
         self._online = OnlineContour(arm, self._cell.sensor, self._radius, self._cell.sensor.topics)
         self._online.zero = None if former is None else former.zero
         self._publish()
@@ -99,9 +95,7 @@ class ContourTracker(CellNode):
         self._next = began + 5 * (monotonic() - began)  # a pause of five times what it took
 
     def _publish(self) -> None:
-        online = self._online
-        if online is None:
-            return
+        online = self._calibrated()
         present = online.present
         self._path.publish(path(online.now, self._frame, [] if present is None else _places(present)))
         scale = float(self.get_parameter('uncertainty_scale').value)
