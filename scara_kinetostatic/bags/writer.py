@@ -39,8 +39,6 @@ from scara_kinetostatic.touches.streams import Streams
 
 __all__ = ['BagWriter', 'fresh_folder', 'write_streams']
 
-OfferedQos: TypeAlias = Qos
-"""Quality of service that a publisher offers."""
 SPLIT_SIZE = 1 << 28
 """A file is completed at this size, bytes, even if nothing is touched."""
 _CHUNK_SIZE = 256 * 1024
@@ -73,33 +71,6 @@ def channels(cell: Cell, topics: tuple[str, str] | None = None) -> list[Channel]
     joint_states, wrench = topics or cell.sensor.topics
     description = Channel.of(CELL_TOPIC, STRING, 1, latched=True)
     return [description, Channel.of(joint_states, JOINT_STATE), Channel.of(wrench, WRENCH_STAMPED)]
-
-
-def offered_qos(
-    reliability: str, durability: str, liveliness: str, deadline: int, lifespan: int, lease: int
-) -> OfferedQos:
-    """Quality of service by the names of its policies, as the ROS graph has it; history and depth are not in the graph.
-
-    Args:
-        reliability: `RELIABLE` or `BEST_EFFORT`.
-        durability: `VOLATILE` or `TRANSIENT_LOCAL`.
-        liveliness: `AUTOMATIC` or `MANUAL_BY_TOPIC`.
-        deadline: ns.
-        lifespan: ns.
-        lease: duration of the liveliness, ns.
-    """
-    times = [QosTime(*divmod(nanoseconds, 1_000_000_000)) for nanoseconds in (deadline, lifespan, lease)]
-    return Qos(
-        QosHistory.UNKNOWN,
-        0,
-        getattr(QosReliability, reliability, QosReliability.UNKNOWN),
-        getattr(QosDurability, durability, QosDurability.UNKNOWN),
-        times[0],
-        times[1],
-        getattr(QosLiveliness, liveliness, QosLiveliness.UNKNOWN),
-        times[2],
-        False,
-    )
 
 
 class McapWriter:
@@ -252,13 +223,6 @@ class BagWriter:
             except BaseException:
                 self._file.discard()
                 raise
-
-    def offer(self, joint_states: Qos | None, wrench: Qos | None) -> None:
-        """States the quality of service that the drivers offer, from now on; None where it is unknown."""
-        with self._lock:
-            for number, qos in ((1, joint_states), (2, wrench)):
-                if qos is not None:
-                    self._channels[number] = self._channels[number]._replace(qos=qos)
 
     def write_joint_state(self, data: bytes, log_time: int) -> None:
         """Add a `JointState`: the message as it came, CDR, and when it came, ns."""

@@ -33,11 +33,11 @@ CHOICES = {
 }
 
 
-_INPUTS: dict[str, tuple[str | None, str]] = {
+_INPUTS: dict[str, tuple[Any, str]] = {
     'cell': ('', 'cell description (YAML file); empty: the one in the recordings'),
     'recording': ('', 'recording to calibrate from'),
     'recordings': (
-        None,
+        [],
         'recordings to calibrate from together; if recording is empty, too: those announced by the collector',
     ),
     'announced': (
@@ -46,17 +46,17 @@ _INPUTS: dict[str, tuple[str | None, str]] = {
         f'({"; ".join(f"{choice}: {meaning}" for choice, meaning in CHOICES.items())})',
     ),
     'leave_out': (
-        None,
+        [],
         'what to leave out: touches such as 5 or 10-14, those of one recording as touches_1:5, or a recording',
     ),
     'fixed': (
-        None,
+        [],
         'parameters to hold, such as l1=0.3302, g_ee (at its nominal value) or object_radius[disc_2].radius=0',
     ),
     'output': ('', 'folder for the results; empty: beside the last recording, with _calibration after its name'),
     'name': ('', 'name under which the result is kept: a folder in that of the results; empty: that folder itself'),
 }
-"""Default, None for a list, and description of the parameters that are text."""
+"""Default and description of the parameters that are text, or lists of texts."""
 _EFFECTS = (f'{parameter_file.EFFECTS}.', f'{parameter_file.EFFECTS_STD}.')
 """How the names of effects' parameters begin."""
 _NUMBERS = {
@@ -140,12 +140,9 @@ class CalibratorSettings:
         self._node = node
         self._announced = announced
         for name, (default, meaning) in _INPUTS.items():
-            if default is None:
-                _check(name, declare.texts(node, name, meaning, read_only=False))
-            else:
-                _check(name, declare.text(node, name, default, meaning, read_only=False))
+            _check(name, declare.parameter(node, name, default, meaning, read_only=False))
         unfit = 'whether a result that is not fit for use replaces an earlier one in parameters and files'
-        declare.switch(node, 'publish_unfit', False, unfit, read_only=False)
+        declare.parameter(node, 'publish_unfit', False, unfit, read_only=False)
         node.add_on_set_parameters_callback(_check_parameters)
 
     @property

@@ -202,8 +202,8 @@ class FollowedCalibration(Generic[Calibration]):
         self.present: Calibration | None = None
         self.origin, self.refused = 'none', ''
         meaning = 'calibration.json of a result; empty: from the calibrator'
-        self._path = declare.text(node, 'calibration', '', meaning)
-        follow = declare.switch(node, 'follow', True, 'take each result that the calibrator publishes')
+        self._path = declare.parameter(node, 'calibration', '', meaning)
+        follow = declare.parameter(node, 'follow', True, 'take each result that the calibrator publishes')
         self.given = load(declare.place('calibration', self._path)) if self._path else None
         if follow:
             node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
@@ -262,11 +262,11 @@ class FollowedArm(FollowedCalibration[CalibratedArm]):
             take(arm)
 
         super().__init__(node, load_calibration, lambda document: read_arm(document, 'calibrator/result'), checked)
-        self._take_unfit = declare.switch(node, 'take_unfit', False, 'take a calibration that is unfit for use')
+        self._take_unfit = declare.parameter(node, 'take_unfit', False, 'take a calibration that is unfit for use')
         if self.given is None:
             self.cell: Cell = declare.cell_or_example(node)
         else:
-            declare.text(node, 'cell', '', 'cell description; not used where a calibration is given')
+            declare.parameter(node, 'cell', '', 'cell description; not used where a calibration is given')
             self.cell = self.given.cell
 
     def condition(self, found: Iterable[str], values: Mapping[str, str], good: str) -> Condition:

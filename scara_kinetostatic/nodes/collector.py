@@ -20,10 +20,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import String, UInt32
 
-from scara_kinetostatic.bags.writer import OfferedQos, offered_qos
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, PersistentComplaints, RefusedError
@@ -48,8 +46,8 @@ class Collector(CellNode):
         super().__init__('collector')
         self._cell = declare.cell_or_example(self)
         output = 'folder in which each recording gets a folder of its own'
-        declare.text(self, 'output', 'recordings', output, read_only=False)
-        self._autostart = declare.switch(self, 'autostart', False, 'start recording at once')
+        declare.parameter(self, 'output', 'recordings', output, read_only=False)
+        self._autostart = declare.parameter(self, 'autostart', False, 'start recording at once')
         self._session: Session | None = None
         self._by_ros_time = self.get_clock().ros_time_is_active
         self._lost_before = 0
@@ -145,7 +143,7 @@ class Collector(CellNode):
         self._session = Session(parent, self._cell, self._now(), (joint_states, wrench))
         for message in self._streams.frame.messages:
             self._session.take_transforms(message, self._now())
-        self._look_at_publishers()
+        self._streams.look_at_publishers()
         self._lost_before = self._lost()
         self._autostart = False
         self._failure = ''
@@ -179,12 +177,6 @@ class Collector(CellNode):
             return ''
         problem = 'the parameter cell is empty: the robot is taken for the example cell of figure 3'
         return f'{problem}; name its cell description'
-
-    def _look_at_publishers(self) -> None:
-        """Notes who publishes the topics, and by which quality of service."""
-        self._streams.look_at_publishers()
-        if self._session is not None:
-            self._session.offer(*(_offered(item) for item in self._streams.endpoints.values()))
 
     def _lost(self) -> int:
         return sum(monitor.lost for monitor in self._streams.monitors.values())
@@ -225,8 +217,7 @@ class Collector(CellNode):
     def _examine(self) -> Condition:
         """The status; persistent problems are logged, too."""
         session = self._session
-        with self._guarded():
-            self._look_at_publishers()
+        self._streams.look_at_publishers()
         complaints, values = self._streams.examine(expected=session is not None)
         complaints.append(self._example_cell())
         rejections = ''
@@ -242,18 +233,3 @@ class Collector(CellNode):
         if problems:
             return Condition(WARN, '; '.join(problems), values)
         return Condition(OK, 'idle' if session is None else f'recording to {session.folder}', values)
-
-
-def _offered(publishers: Sequence[TopicEndpointInfo]) -> OfferedQos | None:
-    """The quality of service that the first publisher offers, as a recording states it; None where there is none."""
-    if not publishers:
-        return None
-    profile = publishers[0].qos_profile
-    return offered_qos(
-        profile.reliability.name,
-        profile.durability.name,
-        profile.liveliness.name,
-        profile.deadline.nanoseconds,
-        profile.lifespan.nanoseconds,
-        profile.liveliness_lease_duration.nanoseconds,
-    )

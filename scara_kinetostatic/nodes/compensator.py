@@ -205,15 +205,15 @@ class Compensator(CellNode):
         self._calibration = FollowedArm(self, self._use)
         cell = self._calibration.cell
         age = 'age of a message beyond which it is stale, s'
-        timeout = declare.number(self, 'timeout', 0.1, age, Range(0.001, 60))
+        timeout = declare.parameter(self, 'timeout', 0.1, age, Range(0.001, 60))
         meaning = 'standard deviation of one force, N; 0: that of the calibration'
-        noise = declare.number(self, 'force_noise', 0.0, meaning, Range(0, 100))
-        self._elbow = declare.text(self, 'elbow', 'present', f'of the answers: {", ".join(_ELBOWS)}')
+        noise = declare.parameter(self, 'force_noise', 0.0, meaning, Range(0, 100))
+        self._elbow = declare.parameter(self, 'elbow', 'present', f'of the answers: {", ".join(_ELBOWS)}')
         if self._elbow not in _ELBOWS:
             raise ParameterError('parameter elbow', f'expected {", ".join(_ELBOWS)}, got {self._elbow!r}')
-        self._speed = declare.number(self, 'speed', 0.2, 'of a joint at most in an answer, rad/s', Range(1e-3, 100))
-        prefix = declare.text(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
-        tip_frame = declare.text(self, 'tip_frame', 'compensated_tip', 'frame of the tip; empty: no transform')
+        self._speed = declare.parameter(self, 'speed', 0.2, 'of a joint at most in an answer, rad/s', Range(1e-3, 100))
+        prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
+        tip_frame = declare.parameter(self, 'tip_frame', 'compensated_tip', 'frame of the tip; empty: no transform')
         self._frame, self._tip_frame = prefix + BASE_FRAME, prefix + tip_frame if tip_frame else ''
         self._tip = FollowedTip(cell, timeout, noise)
         self._answered, self._answer_problem = 'none', ''

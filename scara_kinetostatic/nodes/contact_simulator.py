@@ -47,7 +47,9 @@ def declare_cell(node: Node) -> Cell:
     cell = declare.cell_or_example(node)
 
     def choice(name: str, default: _E, meaning: str) -> _E:
-        given = declare.text(node, name, '', f'{meaning} of the sensor, {_choices(default)}; empty: as the cell says')
+        given = declare.parameter(
+            node, name, '', f'{meaning} of the sensor, {_choices(default)}; empty: as the cell says'
+        )
         try:
             return type(default)(given) if given else default
         except ValueError:
@@ -68,9 +70,9 @@ def declare_plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...]:
         InputError: the plan cannot be read.
     """
     meaning = 'plan of touches, or of slides along objects (YAML file); empty: touches over all discs of the cell'
-    file = declare.text(node, 'plan', '', meaning)
+    file = declare.parameter(node, 'plan', '', meaning)
     meaning = 'preload of every other touch: force beyond that of the hold, over it; with a plan: 0'
-    preload = declare.number(node, 'preload', 0.0, meaning, Range(0.0, LARGEST_PRELOAD))
+    preload = declare.parameter(node, 'preload', 0.0, meaning, Range(0.0, LARGEST_PRELOAD))
     if file and preload > 0:
         raise ParameterError('parameter preload', 'a plan defines all touches', 'leave out preload or plan')
     if file and holds_slides(file):
@@ -91,9 +93,9 @@ def declare_truth(node: Node, cell: Cell) -> ExtendedModel:
     values = {}
     for name, default in deviating_robot(cell.nominal).as_dict().items():
         meaning = f'true {DESCRIPTIONS[name]}, {UNITS[name]}'
-        values[name] = declare.number(node, f'truth.{name}', default, meaning, ranges.get(name, Range(0, 1e-2)))
+        values[name] = declare.parameter(node, f'truth.{name}', default, meaning, ranges.get(name, Range(0, 1e-2)))
     how = "effects of the simulated robot, each as 'name[target]:parameter=value,parameter=value', SI units"
-    effects = [parse_effect(text, cell) for text in declare.texts(node, 'effects', how)]
+    effects = [parse_effect(text, cell) for text in declare.parameter(node, 'effects', list[str](), how)]
     return with_effects(Parameters(**values), effects)
 
 
@@ -112,7 +114,7 @@ def declare_sensors(node: Node, cell: Cell) -> SensorModel:
         'wrench_rate': (usual.wrench_rate, 'wrenches per simulated second, Hz', rates),
     }
     joint, force_rms, joint_noise, force_noise, x, y, joint_rate, wrench_rate = (
-        declare.number(node, name, *row) for name, row in table.items()
+        declare.parameter(node, name, *row) for name, row in table.items()
     )
     return SensorModel(
         touch_noise=noise.with_rms(joint, force_rms),
@@ -184,18 +186,18 @@ class ContactSimulator(CellNode):
         self._plan = declare_plan(self, self._cell)
         self._truth = declare_truth(self, self._cell)
         self._sensors = declare_sensors(self, self._cell)
-        self._seed = declare.whole(self, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1))
+        self._seed = declare.parameter(self, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1))
         waiting = 'subscribers that both topics need before the simulation starts'
-        self._needed = declare.whole(self, 'wait_for_subscribers', 0, waiting, Range(0, 100))
+        self._needed = declare.parameter(self, 'wait_for_subscribers', 0, waiting, Range(0, 100))
         faster = 'simulated seconds per second of wall time'
-        declare.number(self, 'time_factor', 1.0, faster, Range(0.01, 1000.0), read_only=False)
-        declare.switch(self, 'loop', False, 'start again after the last touch', read_only=False)
+        declare.parameter(self, 'time_factor', 1.0, faster, Range(0.01, 1000.0), read_only=False)
+        declare.parameter(self, 'loop', False, 'start again after the last touch', read_only=False)
         sensor = self._cell.sensor
         self._joints = self.create_publisher(JointState, sensor.joint_states, RELIABLE_STREAM)
         self._wrench = self.create_publisher(WrenchStamped, sensor.wrench, RELIABLE_STREAM)
         self._finished = self.create_publisher(Bool, '~/finished', LATCHED)
         self._finished.publish(Bool(data=False))
-        prefix = declare.text(self, 'frame_prefix', '', 'before the frame_id of the wrench')
+        prefix = declare.parameter(self, 'frame_prefix', '', 'before the frame_id of the wrench')
         self._frame_id = prefix + (TOOL_FRAME if sensor.frame is SensorFrame.TOOL else BASE_FRAME)
         self._passes = 0
         self._playback = self._simulate()

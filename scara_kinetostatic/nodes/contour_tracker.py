@@ -49,11 +49,11 @@ class ContourTracker(CellNode):
         self._calibration = FollowedArm(self, self._use)
         self._cell = cell = self._calibration.cell
         meaning = 'radius of the tip, m; 0: as the calibration has it'
-        self._radius = declare.number(self, 'tip_radius', 0.0, meaning, Range(0, LARGEST_TIP)) or cell.tip_radius
-        period = declare.number(self, 'period', 0.5, 'between two evaluations, s', Range(0.05, 10))
+        self._radius = declare.parameter(self, 'tip_radius', 0.0, meaning, Range(0, LARGEST_TIP)) or cell.tip_radius
+        period = declare.parameter(self, 'period', 0.5, 'between two evaluations, s', Range(0.05, 10))
         magnified = 'magnification of the uncertainty in the markers; 0: not shown'
-        declare.number(self, 'uncertainty_scale', 500.0, magnified, Range(0, 1e6), read_only=False)
-        self._frame = declare.text(self, 'frame_prefix', '', 'before the names of frames') + BASE_FRAME
+        declare.parameter(self, 'uncertainty_scale', 500.0, magnified, Range(0, 1e6), read_only=False)
+        self._frame = declare.parameter(self, 'frame_prefix', '', 'before the names of frames') + BASE_FRAME
         self._online: OnlineContour | None = None
         self._next = 0.0
         self._path = self.create_publisher(Path, '~/path', LATCHED)

@@ -37,7 +37,7 @@ from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from scara_kinetostatic.bags.writer import BagWriter, OfferedQos, fresh_folder
+from scara_kinetostatic.bags.writer import BagWriter, fresh_folder
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import common_reason
@@ -201,10 +201,6 @@ class Session:
         found = self._secure(self._detector.finish())
         self._detector.restart()
         return found
-
-    def offer(self, joint_states: OfferedQos | None, wrench: OfferedQos | None) -> None:
-        """States the quality of service that the drivers offer; None where it is unknown."""
-        self._writer.offer(joint_states, wrench)
 
     def poll(self) -> list[JudgedTouch]:
         """Looks for touches that have ended since the last call; the bag holds them when this returns.

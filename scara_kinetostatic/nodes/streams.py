@@ -20,7 +20,6 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
 from rclpy.timer import Timer
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import JointState
 
 from scara_kinetostatic.bags.cdr import decode_transforms
@@ -296,7 +295,6 @@ class CellStreams:
     Attributes:
         monitors: of both topics.
         frame: how wrenches are turned.
-        endpoints: who publishes each topic, by the last report.
     """
 
     def __init__(self, node: Node, cell: Cell, turned: Callable[[bytes, bool], None]) -> None:
@@ -306,7 +304,6 @@ class CellStreams:
             stream: StreamMonitor(node.resolve_topic_name(topic), stream is Stream.JOINTS)
             for stream, topic in zip(Stream, cell.sensor[:2], strict=True)
         }
-        self.endpoints: dict[Stream, list[TopicEndpointInfo]] = {stream: [] for stream in Stream}
         self._subscriptions: list[StreamSubscription] = []
 
     def subscribe(self, take: Callable[[Stream, bytes, int, Sample | None], None]) -> None:
@@ -339,8 +336,8 @@ class CellStreams:
 
     def look_at_publishers(self) -> None:
         """Notes who publishes the topics."""
-        for stream, monitor in self.monitors.items():
-            self.endpoints[stream] = found = list(self._node.get_publishers_info_by_topic(monitor.topic))
+        for monitor in self.monitors.values():
+            found = self._node.get_publishers_info_by_topic(monitor.topic)
             monitor.publishers = [f'{item.node_namespace.rstrip("/")}/{item.node_name}' for item in found]
 
     def mixtures(self) -> list[str]:

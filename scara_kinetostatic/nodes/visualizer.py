@@ -60,7 +60,7 @@ class Visualizer(CellNode):
     def __init__(self) -> None:
         super().__init__('visualizer')
         self._cell = cell_or_example(self)
-        prefix = declare.text(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
+        prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
         self._frame = prefix + BASE_FRAME
         self._joints: tuple[float, float] | None = None
         self._touches: dict[tuple[str, str], SeenTouch] = {}
@@ -91,7 +91,7 @@ class Visualizer(CellNode):
             'magnification of the uncertainty of the tip',
         )
         for (name, usual), meaning in zip(Scales()._asdict().items(), meanings, strict=True):
-            declare.number(self, f'{name}_scale', usual, meaning, Range(0.0, 1e6), read_only=False)
+            declare.parameter(self, f'{name}_scale', usual, meaning, Range(0.0, 1e6), read_only=False)
         self.add_post_set_parameters_callback(self._draw_again)
 
     @property

@@ -16,7 +16,6 @@ import pytest
 import yaml
 from bags.forms import CELL, Message, assert_same, make_streams, messages
 from mcap.reader import make_reader
-from rosbags.interfaces import QosReliability
 from rosbags.rosbag2 import Reader
 
 from scara_kinetostatic.bags import writer
@@ -99,22 +98,6 @@ def test_a_file_is_split_by_its_size(tmp_path: Path, streams: Streams, monkeypat
         assert 400 < bag.recorded == strict_count(tmp_path / 'run') < 640
     assert strict_count(tmp_path / 'run') == 640
     assert_same(read_streams(tmp_path / 'run', CELL), streams)
-
-
-def test_the_quality_of_service_of_the_drivers_is_stored(tmp_path: Path, streams: Streams) -> None:
-    items = messages(streams)
-    with BagWriter(tmp_path / 'run', CELL, log_time=items[0].log_time) as bag:
-        reliable = bag._channels[1].qos
-        sensor_data = reliable._replace(reliability=QosReliability.BEST_EFFORT, depth=5)
-        bag.offer(None, sensor_data)
-        write(bag, items)
-    with Reader(tmp_path / 'run') as reader:
-        offered = {item.topic: item.ext.offered_qos_profiles[0] for item in reader.connections}
-    assert offered['/wrench'].reliability is QosReliability.BEST_EFFORT
-    assert offered['/joint_states'].reliability is QosReliability.RELIABLE
-    with (tmp_path / 'run/run_0.mcap').open('rb') as stream:
-        channels = {item.topic: item.metadata for item in make_reader(stream).get_summary().channels.values()}
-    assert 'reliability: best_effort' in channels['/wrench']['offered_qos_profiles']
 
 
 def test_metadata_as_jazzy_writes_it(tmp_path: Path) -> None:

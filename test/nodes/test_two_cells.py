@@ -13,7 +13,6 @@ from geometry_msgs.msg import WrenchStamped
 from nodes.waiting import WAIT, eventually, trigger
 from rclpy.node import Node
 from rclpy.qos import QoSPresetProfiles
-from rosbags.interfaces import QosReliability
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
 
@@ -71,7 +70,7 @@ def touches_in(recording: Path) -> list[int]:
         return []
 
 
-def test_topics_and_quality_of_service_are_recorded_as_they_are(spin: Callable[..., Node], tmp_path: Path) -> None:
+def test_topics_are_recorded_as_they_are(spin: Callable[..., Node], tmp_path: Path) -> None:
     remaps = ('-r', 'joint_states:=/arm/state', '-r', 'wrench:=ft')
     collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path}', '-r', '__ns:=/left', *remaps)
     joints = collector.create_publisher(JointState, '/arm/state', RELIABLE_STREAM)
@@ -86,10 +85,7 @@ def test_topics_and_quality_of_service_are_recorded_as_they_are(spin: Callable[.
     collector.close()
     (bag,) = tmp_path.iterdir()
     with Reader(bag) as reader:
-        offered = {item.topic: item.ext.offered_qos_profiles[0] for item in reader.connections}
         received = np.array([time for item, time, _ in reader.messages() if item.topic != '/cell_description'])
-    assert offered['/arm/state'].reliability is QosReliability.RELIABLE
-    assert offered['/left/ft'].reliability is QosReliability.BEST_EFFORT
     assert len(np.unique(received)) > 0.9 * len(received)  # when each came, not when the queue was emptied
     assert embedded_cell(bag) == PAPER_CELL
     assert read_streams(bag, PAPER_CELL).topics == ('/arm/state', '/left/ft')
