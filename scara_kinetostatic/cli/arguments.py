@@ -91,14 +91,32 @@ def whole(lowest: int) -> Callable[[str], int]:
     return convert
 
 
+def add_options(parser: argparse._ActionsContainer, *rows: tuple[Any, ...]) -> None:
+    """Adds arguments by a table.
+
+    Each row is name, metavar, kind and help: a kind is a type, a tuple of choices, or `bool` for a switch. What
+    `add_argument` needs besides, such as a default or the number of values, follows as a dict.
+    """
+    for name, metavar, kind, meaning, *more in rows:
+        if kind is bool:
+            given: dict[str, Any] = {'action': 'store_true'}
+        else:
+            given = {'choices': kind} if isinstance(kind, tuple) else {'type': kind, 'metavar': metavar}
+        parser.add_argument(name, help=meaning, **given, **dict(*more))
+
+
+SEVERAL = {'action': 'append', 'default': []}
+"""Of an option that may be given several times."""
+
+
 def add_cell(parser: argparse.ArgumentParser, default: str = "the paper's cell") -> None:
     """Adds ``--cell``; `default` says what is taken without it."""
-    parser.add_argument('--cell', type=Path, metavar='FILE', help=f'cell description (default: {default})')
+    add_options(parser, ('--cell', 'FILE', Path, f'cell description (default: {default})'))
 
 
 def add_seed(parser: argparse._ActionsContainer, of: str = 'the noise') -> None:
     """Adds ``--seed``."""
-    parser.add_argument('--seed', type=whole(0), default=0, metavar='N', help=f'seed of {of} (default: 0)')
+    add_options(parser, ('--seed', 'N', whole(0), f'seed of {of} (default: 0)', {'default': 0}))
 
 
 def add_results(

@@ -31,38 +31,23 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_cell, add_results, check_file, progress
+from scara_kinetostatic.cli.arguments import SEVERAL, add_cell, add_options, add_results, check_file, progress
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument(
-        'bags', nargs='+', type=Path, metavar='BAG', help='recordings, or touch tables (.csv), of one robot'
-    )
+    add_options(parser, ('bags', 'BAG', Path, 'recordings, or touch tables (.csv), of one robot', {'nargs': '+'}))
     add_cell(parser, 'the one in the recording')
     add_results(parser, 'calibration', json=False)
-    parser.add_argument(
-        '--fix',
-        action='append',
-        default=[],
-        metavar='NAME[=VALUE]',
-        help='hold a parameter at VALUE in SI units, or at its nominal value; of an effect, such as '
-        'object_radius[disc_2].radius=0, it is in the model with VALUE, or absent; may be given several times',
-    )
-    parser.add_argument(
-        '--leave-out',
-        action='append',
-        default=[],
-        metavar='TOUCHES',
-        help='leave out touches by their numbers in the result (5 or 10-14) or in one recording (NAME:5), or a whole '
-        'recording (NAME); may be given several times',
-    )
-    parser.add_argument('--residuals', type=Path, metavar='FILE.csv', help='write residuals.csv there as well')
-    parser.add_argument(
-        '--strict',
-        action='store_true',
-        help='exit status 3 where the result is unfit for use; it is written all the same',
+    fix = 'hold a parameter at VALUE in SI units, or at its nominal value; also one of an effect; repeatable'
+    leave_out = 'leave out touches (5, 10-14, or NAME:5 of one recording), or a whole recording (NAME); repeatable'
+    add_options(
+        parser,
+        ('--fix', 'NAME[=VALUE]', str, fix, SEVERAL),
+        ('--leave-out', 'TOUCHES', str, leave_out, SEVERAL),
+        ('--residuals', 'FILE.csv', Path, 'write residuals.csv there as well'),
+        ('--strict', '', bool, 'exit status 3 where the result is unfit for use; it is written all the same'),
     )
 
 

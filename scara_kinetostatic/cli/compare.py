@@ -18,14 +18,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_results, print_result
+from scara_kinetostatic.cli.arguments import add_options, add_results, print_result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument(
-        'calibrations', nargs='+', type=Path, metavar='CALIBRATION.json', help='two or more, in the order of time'
-    )
+    add_options(parser, ('calibrations', 'CALIBRATION.json', Path, 'two or more, by time', {'nargs': '+'}))
     add_results(parser, 'comparison')
 
 

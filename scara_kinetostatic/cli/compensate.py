@@ -31,7 +31,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import check_file, note
+from scara_kinetostatic.cli.arguments import add_options, check_file, note
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,11 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_files(parser: argparse.ArgumentParser, table: str, meaning: str) -> None:
     """Adds the calibration, the table and ``--out``."""
-    parser.add_argument(
-        'calibration', type=Path, metavar='CALIBRATION.json', help='of calibrate; or its calibration.yaml'
+    add_options(
+        parser,
+        ('calibration', 'CALIBRATION.json', Path, 'of calibrate; or its calibration.yaml'),
+        ('table', table, Path, meaning),
+        ('--out', 'FILE.csv', Path, 'the table with its results', {'required': True}),
     )
-    parser.add_argument('table', type=Path, metavar=table, help=meaning)
-    parser.add_argument('--out', type=Path, required=True, metavar='FILE.csv', help='the table with its results')
 
 
 def run(args: argparse.Namespace) -> int:

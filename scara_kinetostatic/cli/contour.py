@@ -27,7 +27,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import add_results, print_result, real
+from scara_kinetostatic.cli.arguments import SEVERAL, add_options, add_results, print_result, real
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 if TYPE_CHECKING:
@@ -38,28 +38,18 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument('bag', type=Path, metavar='BAG', help='recording of joint states and wrenches')
-    parser.add_argument(
-        '--calibration', type=Path, required=True, metavar='FILE', help='calibration.json of this robot'
-    )
-    parser.add_argument(
-        '--cell',
-        type=Path,
-        metavar='FILE',
-        help='topics, frame and sign of the sensor, radius of the tip (default: as in the calibration)',
+    shapes = ('pieces', 'circle', 'arc', 'line')
+    cell = 'topics, frame and sign of the sensor, radius of the tip (default: as in the calibration)'
+    fit = 'fit this shape to every outline; pieces: split it into lines and arcs and fit each; repeatable'
+    add_options(
+        parser,
+        ('bag', 'BAG', Path, 'recording of joint states and wrenches'),
+        ('--calibration', 'FILE', Path, 'calibration.json of this robot', {'required': True}),
+        ('--cell', 'FILE', Path, cell),
+        ('--tip-radius', 'M', real(0), 'radius of the tip, m (default: as the cell states it)'),
+        ('--fit', '', shapes, fit, SEVERAL),
     )
     add_results(parser, required=True)
-    parser.add_argument(
-        '--tip-radius', type=real(0), metavar='M', help='radius of the tip, m (default: as the cell states it)'
-    )
-    parser.add_argument(
-        '--fit',
-        choices=('pieces', 'circle', 'arc', 'line'),
-        action='append',
-        default=[],
-        help='pieces: split every outline into lines and arcs and fit each; else fit this shape to every outline as a '
-        'whole; may be given several times',
-    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import add_cell, add_seed, real
+from scara_kinetostatic.cli.arguments import add_cell, add_options, add_seed, real
 from scara_kinetostatic.errors import InputError, OutputError
 
 if TYPE_CHECKING:
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument(
-        '--out', type=Path, default=Path('demo'), metavar='DIR', help='each run makes a folder in it (default: demo)'
+    folder, factor = {'default': Path('demo')}, {'default': 20.0}
+    add_options(
+        parser,
+        ('--out', 'DIR', Path, 'each run makes a folder in it (default: demo)', folder),
+        ('--time-factor', 'X', real(0.01), 'simulated seconds per second (default: 20)', factor),
     )
     add_cell(parser)
     add_seed(parser)
-    parser.add_argument(
-        '--time-factor', type=real(0.01), default=20.0, metavar='X', help='simulated seconds per second (default: 20)'
-    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import (
     add_cell,
+    add_options,
     add_results,
     add_seed,
     cell_or_paper,
@@ -35,56 +36,40 @@ if TYPE_CHECKING:
     from scara_kinetostatic.studies.design.prediction import Robot
 
 
+_positive = real(0, above=True)
+_REGION = ('XMIN', 'XMAX', 'YMIN', 'YMAX')
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
     add_cell(parser)
-    parser.add_argument(
-        '--accuracy',
-        type=real(0, above=True),
-        metavar='S',
-        help='largest standard deviation of the tip over the workspace, m (default: half the tolerance of the cell; '
-        'without one 1e-5, or what the declared uncertainties allow)',
-    )
+    accuracy = 'largest standard deviation of the tip, m (default: half the tolerance of the cell, or 1e-5)'
+    add_options(parser, ('--accuracy', 'S', _positive, accuracy))
     add_results(parser, files='plan.yaml, design.json, design.html')
-    _add_robot(parser)
-    _add_candidates(parser)
-
-
-def _add_robot(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group('robot')
-    group.add_argument(
-        '--expected',
-        default='nominal',
-        metavar='WHAT',
-        help='expected parameters of the robot: "nominal", "paper" (table 2), "measured" (figure 4d), or a YAML file '
-        'with all twelve parameters by name (default: nominal)',
+    add_options(
+        parser.add_argument_group('robot'),
+        ('--expected', 'WHAT', str, '"nominal", "paper", "measured" or a YAML file', {'default': 'nominal'}),
+        ('--noise-joint', 'S', _positive, 'joint noise of one touch, rad'),
+        ('--noise-force', 'S', _positive, 'force noise of one touch, N'),
+        ('--load', 'F', _positive, 'on the loaded tip, N (default: top level)'),
+        ('--under-load', '', bool, 'the accuracy is required of the loaded tip'),
+        (
+            '--region',
+            _REGION,
+            real(),
+            'workspace that is required, base frame, m (default: within reach)',
+            {'nargs': 4},
+        ),
     )
-    group.add_argument('--noise-joint', type=real(0, above=True), metavar='S', help='joint noise of one touch, rad')
-    group.add_argument('--noise-force', type=real(0, above=True), metavar='S', help='force noise of one touch, N')
-    group.add_argument(
-        '--load', type=real(0, above=True), metavar='F', help='on the loaded tip, N (default: top level)'
-    )
-    group.add_argument('--under-load', action='store_true', help='the accuracy is required of the loaded tip')
-    group.add_argument(
-        '--region',
-        type=real(),
-        nargs=4,
-        metavar=('XMIN', 'XMAX', 'YMIN', 'YMAX'),
-        help='workspace that is required, in the base frame, m (default: all within reach)',
-    )
-
-
-def _add_candidates(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('candidate touches')
-    group.add_argument(
-        '--levels', type=real(0, above=True), nargs='+', metavar='F', default=[10.0, 25.0, 40.0],
-        help='force levels, N (default: 10 25 40)',
-    )  # fmt: skip
-    group.add_argument(
-        '--postures', choices=('both', 'left', 'right'), default='both', help='of the elbow (default: both)'
+    levels = {'nargs': '+', 'default': [10.0, 25.0, 40.0]}
+    add_options(
+        group,
+        ('--levels', 'F', _positive, 'force levels, N (default: 10 25 40)', levels),
+        ('--postures', '', ('both', 'left', 'right'), 'of the elbow (default: both)', {'default': 'both'}),
+        ('--per-disc', 'N', whole(3), 'points around a disc (default: 36)', {'default': 36}),
+        ('--touches', 'N', whole(12), 'number in comparisons (default: 36)', {'default': 36}),
     )
-    group.add_argument('--per-disc', type=whole(3), default=36, metavar='N', help='points around a disc (default: 36)')
-    group.add_argument('--touches', type=whole(12), default=36, metavar='N', help='number in comparisons (default: 36)')
     add_seed(group, 'the searches')
 
 

@@ -26,7 +26,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import add_results, print_result, real
+from scara_kinetostatic.cli.arguments import add_options, add_results, print_result, real
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,31 +35,19 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument('tables', type=Path, nargs='+', metavar='FILE.csv', help='tables of readings')
+    add_options(parser, ('tables', 'FILE.csv', Path, 'tables of readings', {'nargs': '+'}))
     add_results(parser, files='dial_gauge.json and dial_gauge.html')
-    group = parser.add_argument_group('for tables without these columns')
-    group.add_argument(
-        '--part', choices=('gripper', 'joint1', 'joint2'), default='gripper', help='the elastic part (default: gripper)'
+    nan = {'default': math.nan}
+    add_options(
+        parser.add_argument_group('for tables without these columns'),
+        ('--part', '', ('gripper', 'joint1', 'joint2'), 'the elastic part (default: gripper)', {'default': 'gripper'}),
+        ('--lever', 'M', real(0, above=True), 'lever arm of the force, m', nan),
+        ('--direction', 'DEG', real(), 'direction of the positive force', nan),
+        ('--gauge-at', '', ('tip', 'link'), 'place of the dial gauge (default: link for a joint)', {'default': ''}),
+        ('--kind', '', ('auto', 'points', 'loops'), 'of the tables (default: by their columns)', {'default': 'auto'}),
     )
-    group.add_argument(
-        '--lever', type=real(0, above=True), default=math.nan, metavar='M', help='lever arm of the force, m'
-    )
-    group.add_argument(
-        '--direction', type=real(), default=math.nan, metavar='DEG', help='direction of the positive force'
-    )
-    group.add_argument(
-        '--gauge-at', choices=('tip', 'link'), default='', help='place of the dial gauge (default: link for a joint)'
-    )
-    group.add_argument(
-        '--kind', choices=('auto', 'points', 'loops'), default='auto', help='of the tables (default: by their columns)'
-    )
-    parser.add_argument(
-        '--zero-band',
-        type=real(0),
-        default=0.02,
-        metavar='SHARE',
-        help='loads up to this share of the largest are taken for zero (default: 0.02)',
-    )
+    band = 'loads up to this share of the largest are taken for zero (default: 0.02)'
+    add_options(parser, ('--zero-band', 'SHARE', real(0), band, {'default': 0.02}))
 
 
 def run(args: argparse.Namespace) -> int:

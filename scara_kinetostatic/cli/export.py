@@ -25,38 +25,26 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import check_file, note, real
-
-if TYPE_CHECKING:
-    pass
+from scara_kinetostatic.cli.arguments import SEVERAL, add_options, check_file, note, real
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument('calibration', type=Path, metavar='CALIBRATION.json', help='of the result of calibrate')
     formats = ('urdf', 'xacro', 'dh', 'csv', 'header')
-    parser.add_argument('--format', choices=formats, required=True, help='of the file')
-    parser.add_argument('--out', type=Path, metavar='FILE', help='the file (default: stdout)')
-    parser.add_argument(
-        '--convention', choices=('standard', 'modified'), default='standard', help='of dh (default: standard)'
+    conventions = ('standard', 'modified')
+    add_options(
+        parser,
+        ('calibration', 'CALIBRATION.json', Path, 'of the result of calibrate'),
+        ('--format', '', formats, 'of the file', {'required': True}),
+        ('--out', 'FILE', Path, 'the file (default: stdout)'),
+        ('--convention', '', conventions, 'of dh (default: standard)', {'default': 'standard'}),
     )
-    group = parser.add_argument_group('of csv')
-    group.add_argument(
-        '--step',
-        type=real(1e-3),
-        default=0.05,
-        metavar='M',
-        help='distance of the places along x and y (default: 0.05)',
-    )
-    group.add_argument(
-        '--force',
-        type=real(0),
-        action='append',
-        metavar='N',
-        help='force in eight directions, 0 for none; may be given several times (default: 0, and the middle of the '
-        'forces of the touches)',
+    force = 'in eight directions, 0 for none; repeatable (default: 0, and the middle of the forces of the touches)'
+    add_options(
+        parser.add_argument_group('of csv'),
+        ('--step', 'M', real(1e-3), 'distance of the places along x and y (default: 0.05)', {'default': 0.05}),
+        ('--force', 'N', real(0), force, SEVERAL),
     )
 
 
@@ -74,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     out: Path | None = args.out
     if out is not None:
         check_file(out, [args.calibration])
-    options = Options(args.convention, args.step, tuple(args.force or ()))
+    options = Options(args.convention, args.step, tuple(args.force))
     text, notes = exported(load_calibration(args.calibration), args.format, args.calibration.name, options)
     if out is None:
         print(text, end='')

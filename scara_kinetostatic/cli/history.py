@@ -21,22 +21,22 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from scara_kinetostatic.cli.arguments import add_options
 from scara_kinetostatic.errors import InputError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument('action', choices=('add', 'list', 'page', 'extract', 'remove'), help='what to do')
-    parser.add_argument('file', type=Path, metavar='FILE', help='the SQLite file')
-    parser.add_argument(
-        'items', nargs='*', metavar='CALIBRATION.json', help='files to add; or numbers of those to extract or remove'
-    )
-    parser.add_argument(
-        '--robot', default='', metavar='NAME', help='name of the robot (default: as its cell description identifies it)'
-    )
-    parser.add_argument('--all', action='store_true', help='list also those that were calibrated again later')
-    parser.add_argument(
-        '--out', type=Path, default=Path('history'), metavar='DIR', help='of page and extract (default: history)'
+    actions = ('add', 'list', 'page', 'extract', 'remove')
+    robot = 'name of the robot (default: as its cell description identifies it)'
+    add_options(
+        parser,
+        ('action', '', actions, 'what to do'),
+        ('file', 'FILE', Path, 'the SQLite file'),
+        ('items', 'CALIBRATION.json', str, 'files to add; or numbers to extract or remove', {'nargs': '*'}),
+        ('--robot', 'NAME', str, robot, {'default': ''}),
+        ('--all', '', bool, 'list also those that were calibrated again later'),
+        ('--out', 'DIR', Path, 'of page and extract (default: history)', {'default': Path('history')}),
     )
 
 

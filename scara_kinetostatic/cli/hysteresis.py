@@ -22,9 +22,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import add_results, print_result
+from scara_kinetostatic.cli.arguments import add_options, add_results, print_result
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,17 +33,14 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument('tables', type=Path, nargs='+', metavar='FILE.csv', help='continuous records')
-    parser.add_argument('--response', metavar='COLUMN', help='column of the displacement or the angle, among many')
-    parser.add_argument('--load', metavar='COLUMN', help='column of the force or the torque, among many')
-    parser.add_argument('--driven', choices=('load', 'motion'), help='what drives the records (default: as they look)')
-    parser.add_argument(
-        '--predict',
-        type=Path,
-        nargs='+',
-        default=[],
-        metavar='OTHER.csv',
-        help='predict the response of these records from the moment on at which they are unloaded; driven by load',
+    many: dict[str, Any] = {'nargs': '+', 'default': []}
+    add_options(
+        parser,
+        ('tables', 'FILE.csv', Path, 'continuous records', {'nargs': '+'}),
+        ('--response', 'COLUMN', str, 'column of the displacement or the angle, among many'),
+        ('--load', 'COLUMN', str, 'column of the force or the torque, among many'),
+        ('--driven', '', ('load', 'motion'), 'what drives the records (default: as they look)'),
+        ('--predict', 'OTHER.csv', Path, 'records driven by load, to predict from the moment they are unloaded', many),
     )
     add_results(parser, files='hysteresis.json and hysteresis.html')
 

@@ -15,7 +15,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import add_cell, cell_or_recorded, print_result
+from scara_kinetostatic.cli.arguments import add_cell, add_options, cell_or_recorded, print_result
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument('bag', type=Path, metavar='BAG', help='the recording, or a touch table (.csv)')
+    add_options(parser, ('bag', 'BAG', Path, 'the recording, or a touch table (.csv)'))
     add_cell(parser, 'the one in the recording')
-    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+    add_options(parser, ('--json', '', bool, 'print JSON instead of text'))
 
 
 def run(args: argparse.Namespace) -> int:

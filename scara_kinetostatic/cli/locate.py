@@ -25,7 +25,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import check_file, note
+from scara_kinetostatic.cli.arguments import add_options, check_file, note
 from scara_kinetostatic.cli.compensate import add_files, metadata_of, write
 
 if TYPE_CHECKING:
@@ -37,14 +37,11 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
     add_files(parser, 'STATES.csv', 'joint angles and forces')
-    parser.add_argument('--rigid', action='store_true', help='leave out all deflection and backlash')
-    parser.add_argument(
-        '--nominal', action='store_true', help='take the nominal parameters, without effects; their uncertainty is nan'
-    )
-    parser.add_argument(
-        '--measured',
-        action='store_true',
-        help='the forces are as the sensor reports them: its errors that the calibration found are removed first',
+    add_options(
+        parser,
+        ('--rigid', '', bool, 'leave out all deflection and backlash'),
+        ('--nominal', '', bool, 'take the nominal parameters, without effects; their uncertainty is nan'),
+        ('--measured', '', bool, 'forces as the sensor reports them: the errors found of it are removed first'),
     )
 
 

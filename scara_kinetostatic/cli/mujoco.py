@@ -20,22 +20,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_cell, add_seed, cell_or_paper, whole
+from scara_kinetostatic.cli.arguments import add_cell, add_options, add_seed, cell_or_paper, whole
 from scara_kinetostatic.errors import OutputError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument(
-        'out',
-        type=Path,
-        metavar='OUT',
-        help='recording to make: a rosbag2 folder, or a file if it ends in .mcap or .bag; must not exist',
+    add_options(
+        parser,
+        ('out', 'OUT', Path, 'recording to make: a rosbag2 folder, or a file .mcap or .bag; must not exist'),
+        ('--scene', 'NAME', str, 'robot and discs (default: plain)', {'default': 'plain'}),
+        ('--per-disc', 'N', whole(1), 'points around a disc (default: 12)', {'default': 12}),
     )
-    parser.add_argument('--scene', default='plain', metavar='NAME', help='robot and discs (default: plain)')
     add_cell(parser)
     add_seed(parser)
-    parser.add_argument('--per-disc', type=whole(1), default=12, metavar='N', help='points around a disc (default: 12)')
 
 
 def run(args: argparse.Namespace) -> int:

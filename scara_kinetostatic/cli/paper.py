@@ -17,13 +17,13 @@ from __future__ import annotations
 
 import argparse
 
-from scara_kinetostatic.cli.arguments import add_results, progress, whole
+from scara_kinetostatic.cli.arguments import add_options, add_results, progress, whole
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
     add_results(parser, 'paper', json=False)
-    parser.add_argument('--runs', type=whole(2), default=1000, metavar='N', help='noisy data sets (default: 1000)')
+    add_options(parser, ('--runs', 'N', whole(2), 'noisy data sets (default: 1000)', {'default': 1000}))
 
 
 def run(args: argparse.Namespace) -> int:

@@ -18,27 +18,24 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_cell, add_results, progress, whole
+from scara_kinetostatic.cli.arguments import add_cell, add_options, add_results, progress, whole
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings, or touch tables (.csv)')
+    add_options(parser, ('bags', 'BAG', Path, 'recordings, or touch tables (.csv)', {'nargs': '+'}))
     add_cell(parser, 'the one in the recording')
     add_results(parser, 'recalibrated', json=False)
-    parser.add_argument('--jobs', type=whole(1), default=1, metavar='N', help='parallel processes (default: 1)')
-    parser.add_argument('--dask', default='', metavar='ADDRESS', help='of the scheduler of a Dask cluster')
-    parser.add_argument(
-        '--resume',
-        action='store_true',
-        help='leave out recordings whose result in DIR is of the same recording, cell description and version',
+    add_options(
+        parser,
+        ('--jobs', 'N', whole(1), 'parallel processes (default: 1)', {'default': 1}),
+        ('--dask', 'ADDRESS', str, 'of the scheduler of a Dask cluster', {'default': ''}),
+        ('--resume', '', bool, 'leave out what DIR has already, of the same recording, cell description and version'),
+        ('--no-report', '', bool, 'do not draw report.html, which takes most of the time'),
+        ('--history', 'FILE', Path, 'history to add the results to'),
+        ('--robot', 'NAME', str, 'its name in the history', {'default': ''}),
     )
-    parser.add_argument(
-        '--no-report', action='store_true', help='do not draw report.html, which takes most of the time'
-    )
-    parser.add_argument('--history', type=Path, metavar='FILE', help='history to add the results to')
-    parser.add_argument('--robot', default='', metavar='NAME', help='its name in the history')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -20,7 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import add_cell, add_seed, cell_or_paper, real, whole
+from scara_kinetostatic.cli.arguments import SEVERAL, add_cell, add_options, add_seed, cell_or_paper, real, whole
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,83 +31,43 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument(
-        '--out',
-        type=Path,
-        metavar='BAG',
-        help='recording to make: a rosbag2 folder, or a file if it ends in .mcap or .bag; must not exist',
+    add_options(
+        parser,
+        ('--out', 'BAG', Path, 'recording to make: a rosbag2 folder, or a file .mcap or .bag; must not exist'),
+        ('--truth', 'WHAT', str, '"paper", "measured" or a YAML file (default: paper)', {'default': 'paper'}),
+        (
+            '--effect',
+            'NAME[TARGET]:PARAMETER=VALUE,...',
+            str,
+            'an effect beyond the parameters, SI; repeatable',
+            SEVERAL,
+        ),
+        ('--list-effects', '', bool, 'list the effects of the cell with their parameters, and stop'),
+        ('--truth-file', 'FILE', Path, 'true parameters and effects; must not exist'),
     )
     add_cell(parser)
-    _add_truth(parser)
     add_seed(parser)
-    _add_plan(parser)
-    _add_sensors(parser)
-    _add_form(parser)
-
-
-def _add_truth(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        '--truth',
-        default='paper',
-        metavar='WHAT',
-        help='true parameters: "paper" (table 2, as deviations from the nominal values), "measured" (figure 4d), '
-        'or a YAML file with all twelve by name, as --truth-file writes it (default: paper)',
+    add_options(
+        parser.add_argument_group('touches'),
+        ('--plan', 'FILE', Path, 'plan of touches, or of slides along objects (see docs/reference/formats.md)'),
+        ('--per-disc', 'N', whole(1), 'points around each disc (default: 12)'),
+        ('--levels', 'F', real(0, above=True), 'force levels, N (default: 10 25 40)', {'nargs': '+'}),
+        ('--preload', 'PART', real(0), 'press every other touch beyond its force by this part of it (default: 0)'),
     )
-    parser.add_argument(
-        '--effect',
-        action='append',
-        default=[],
-        metavar='NAME[TARGET]:PARAMETER=VALUE,...',
-        help='an effect beyond the twelve parameters, SI; may be repeated',
+    add_options(
+        parser.add_argument_group('sensors'),
+        ('--noise-joint', 'S', real(0), 'of the joint angles, per touch, rad (default: as the cell)'),
+        ('--noise-force', 'S', real(0), 'of the force, per touch, N (default: as the cell)'),
+        ('--joint-rate', 'HZ', real(1), 'joint states per second (default: 80)'),
+        ('--wrench-rate', 'HZ', real(1), 'wrenches per second (default: 98)'),
+        ('--frame', '', ('base', 'tool'), 'frame of the force sensor (default: as the cell)'),
+        ('--sign', '', ('on_object', 'on_robot'), 'its sign (default: as the cell)'),
     )
-    parser.add_argument(
-        '--list-effects', action='store_true', help='list the effects of the cell with their parameters, and stop'
-    )
-    parser.add_argument('--truth-file', type=Path, metavar='FILE', help='true parameters and effects; must not exist')
-
-
-def _add_plan(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group('touches')
-    group.add_argument(
-        '--plan',
-        type=Path,
-        metavar='FILE',
-        help='plan of touches, or of slides along objects (see docs/reference/formats.md)',
-    )
-    group.add_argument('--per-disc', type=whole(1), metavar='N', help='points around each disc (default: 12)')
-    group.add_argument(
-        '--levels', type=real(0, above=True), nargs='+', metavar='F', help='force levels, N (default: 10 25 40)'
-    )
-    group.add_argument(
-        '--preload',
-        type=real(0),
-        metavar='PART',
-        help='press every other touch beyond its force by this part of it, then unload to the hold (default: 0)',
-    )
-
-
-def _add_sensors(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group('sensors')
-    group.add_argument(
-        '--noise-joint', type=real(0), metavar='S', help='of the joint angles, per touch, rad (default: as the cell)'
-    )
-    group.add_argument(
-        '--noise-force', type=real(0), metavar='S', help='of the force, per touch, N (default: as the cell)'
-    )
-    group.add_argument('--joint-rate', type=real(1), metavar='HZ', help='joint states per second (default: 80)')
-    group.add_argument('--wrench-rate', type=real(1), metavar='HZ', help='wrenches per second (default: 98)')
-    group.add_argument('--frame', choices=('base', 'tool'), help='frame of the force sensor (default: as the cell)')
-    group.add_argument('--sign', choices=('on_object', 'on_robot'), help='its sign (default: as the cell)')
-
-
-def _add_form(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group('form of the recording')
-    group.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap', help='of a folder (default: mcap)')
-    group.add_argument('--compression', choices=('zstd',), help='of a folder (default: none)')
-    group.add_argument(
-        '--plain',
-        action='store_true',
-        help='the two topics only, as `ros2 bag record` writes them; no cell description',
+    add_options(
+        parser.add_argument_group('form of the recording'),
+        ('--storage', '', ('mcap', 'sqlite3'), 'of a folder (default: mcap)', {'default': 'mcap'}),
+        ('--compression', '', ('zstd',), 'of a folder (default: none)'),
+        ('--plain', '', bool, 'the two topics only, as `ros2 bag record` writes them; no cell description'),
     )
 
 

@@ -17,21 +17,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_results, print_result
+from scara_kinetostatic.cli.arguments import add_options, add_results, print_result
 from scara_kinetostatic.errors import UnsupportedDataError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings, or touch tables (.csv)')
-    parser.add_argument(
-        '--calibration', type=Path, required=True, metavar='CALIBRATION.json', help='of the result of calibrate'
+    add_options(
+        parser,
+        ('bags', 'BAG', Path, 'recordings, or touch tables (.csv)', {'nargs': '+'}),
+        ('--calibration', 'CALIBRATION.json', Path, 'of the result of calibrate', {'required': True}),
+        ('--cell', 'FILE', Path, 'cell description (default: that of the calibration)'),
+        ('--strict', '', bool, 'exit status 3 where the calibration is unfit; results are written anyway'),
     )
-    parser.add_argument('--cell', type=Path, metavar='FILE', help='cell description (default: that of the calibration)')
     add_results(parser, 'verification')
-    parser.add_argument(
-        '--strict', action='store_true', help='exit status 3 where the calibration is unfit; results are written anyway'
-    )
 
 
 def run(args: argparse.Namespace) -> int:
