@@ -62,8 +62,8 @@ def parameter(
         raise ParameterError(f'parameter {name}', f'expected {_KINDS[type(default)]} ({error})') from error
     except InvalidParameterValueException as error:
         raise ParameterError(f'parameter {name}', str(error)) from error
-    value = list(filter(str.strip, value)) if isinstance(default, list) else type(default)(value)
-    return value
+    kind: Any = type(default)
+    return kind(filter(str.strip, value) if kind is list else value)
 
 
 def place(name: str, path: str) -> Path:

@@ -91,7 +91,7 @@ def test_a_recording_that_cannot_be_read_is_named_and_may_be_left_out(job: Make,
         calibrated(several)
     kept = calibrated(several._replace(left_out=['broken', 'first:3']))
     assert kept.facts['recordings'] == [str(bags[0])]
-    assert kept.document['touches']['rejected'] == [{'index': 3, 'reason': REASON, 'kind': 'request'}]
+    assert kept.document['touches']['rejected'] == [{'index': 3, 'reason': REASON}]
 
 
 def test_recordings_of_other_cell_descriptions_are_refused(job: Make, bags: list[Path], tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def test_touches_and_recordings_can_be_left_out(job: Make, bags: list[Path]) -> 
     both = [str(bags[0]), str(bags[1])]
     result = calibrated(job(recordings=both, left_out=['3-4', 'second']))
     assert result.facts['recordings'] == both[:1]
-    assert result.document['touches']['rejected'] == [{'index': k, 'reason': REASON, 'kind': 'request'} for k in (3, 4)]
+    assert result.document['touches']['rejected'] == [{'index': k, 'reason': REASON} for k in (3, 4)]
     with pytest.raises(InputError, match="'third' is none of the recordings"):
         calibrated(job(left_out=['third']))
 
