@@ -128,22 +128,19 @@ def in_processes(tasks: Sequence[Task], number: int) -> Iterator[Done]:
     if number == 1:
         yield from map(recalibrate, tasks)
         return
-    former = os.environ.copy()
     os.environ |= dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
-    pool = ProcessPoolExecutor(min(number, max(len(tasks), 1)), mp_context=multiprocessing.get_context('spawn'))
+    # Ctrl-C goes to all processes of a terminal: those that are started here do not heed it
+    pool = ProcessPoolExecutor(
+        min(number, max(len(tasks), 1)),
+        multiprocessing.get_context('spawn'),
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),
+    )
     try:
-        # Ctrl-C goes to all processes of a terminal: those that are started here never see it, this one afterwards
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            futures = [pool.submit(recalibrate, task) for task in tasks]
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for task, future in zip(tasks, futures, strict=True):
+        for task, future in zip(tasks, [pool.submit(recalibrate, task) for task in tasks], strict=True):
             yield _answer(task, future.result)
     finally:
         pool.shutdown(cancel_futures=True)
-        os.environ.clear()
-        os.environ |= former
 
 
 def on_cluster(tasks: Sequence[Task], address: str, patience: float = 10.0) -> Iterator[Done]:

@@ -178,17 +178,15 @@ def source_of(name: str) -> str:
 
 def same_sources(known: Cell, cell: Cell) -> set[str]:
     """Labels of the sources of uncertainty that are the same thing in two cells."""
-    same = {'radius', 'force_gain', 'force_rotation'}
-    same |= {f'nominal[{name}]' for name in NAMES if getattr(known.nominal, name) == getattr(cell.nominal, name)}
-    discs = {disc.name: disc for disc in known.discs}
-    for disc in cell.discs:
-        if discs.get(disc.name) == disc:
-            same |= {f'object_position[{disc.name}]', f'object_radius[{disc.name}]'}
-    plates = {plate.name: plate for plate in known.plates}
-    for plate in cell.plates:
-        if plates.get(plate.name) == plate:
-            same |= {f'plate_position[{plate.name}]', f'plate_angle[{plate.name}]'}
-    return same
+    one, other = (
+        {
+            **{f'object_{what}[{disc.name}]': disc for disc in each.discs for what in ('position', 'radius')},
+            **{f'plate_{what}[{plate.name}]': plate for plate in each.plates for what in ('position', 'angle')},
+            **{f'nominal[{name}]': value for name, value in each.nominal.as_dict().items()},
+        }
+        for each in (known, cell)
+    )
+    return {'radius', 'force_gain', 'force_rotation'} | {name for name in one if one[name] == other.get(name)}
 
 
 class Measured(NamedTuple):

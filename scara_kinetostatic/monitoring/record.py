@@ -118,9 +118,9 @@ class CalibrationRecord:
         return frozenset(str(item.get('path', '')) for item in self._recordings)
 
     @property
-    def _recordings(self) -> list[Mapping[str, Any]]:
-        items = self.document.get('recordings')
-        return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []
+    def _recordings(self) -> Sequence[Mapping[str, Any]]:
+        found: Sequence[Mapping[str, Any]] = self.document.get('recordings') or []
+        return found
 
     @property
     def noise_freedoms(self) -> float:

@@ -16,19 +16,8 @@ from scara_kinetostatic.monitoring.comparison import LEVEL, Change
 from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.hypotheses import Causes, change_title
 from scara_kinetostatic.monitoring.linear import QUANTILE
-from scara_kinetostatic.monitoring.verification import POWER, Verification
-from scara_kinetostatic.report import (
-    NOT_DETERMINED,
-    Block,
-    Document,
-    Figure,
-    Items,
-    Note,
-    Report,
-    Section,
-    Table,
-    Verdict,
-)
+from scara_kinetostatic.monitoring.verification import Verification
+from scara_kinetostatic.report import NOT_DETERMINED, Block, Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.content import Level
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure
 from scara_kinetostatic.report.quantities import chance, count, p_equals, shown
@@ -165,7 +154,6 @@ def verification_document(v: Verification) -> Document:
         'actions': v.assessment.actions,
         'tip_error': v.tip_error,
         'expected': v.expected,
-        'nominal_tip_error': v.nominal_tip_error,
         'p_value': v.p_value,
         'without_outlying': {'p_value': v.others.p_value, 'tip_error': v.others_tip_error} if v.few_outlie else None,
         'chi_square': {
@@ -183,7 +171,6 @@ def verification_document(v: Verification) -> Document:
             'tip_error': v.tip_errors,
             'expected': v.test.expected,
         },
-        'detectable': {d.name: {'change': d.change, 'unit': d.unit, 'tip': d.tip} for d in v.detectable},
         'independent': not v.seen and not v.repeated,
         **causes_document(v.causes),
         'warnings': v.warnings,
@@ -194,39 +181,24 @@ def verification_report(v: Verification) -> Report:
     """A verification for the terminal and for `verification.html`."""
     a = v.assessment
     level: Level = {'fit': 'good', 'caution': 'caution', 'unfit': 'bad'}[a.grade.value]  # type: ignore[assignment]
-    rows: list[tuple[str, ...]] = [
+    rows = (
         ('touches', str(v.touches)),
         ('tip error, rms', quantity(v.tip_error, 'm')),
         ('expected from noise and uncertainty', quantity(v.expected, 'm')),
-        ('with the nominal parameters', quantity(v.nominal_tip_error, 'm')),
         ('chi-square', f'{v.test.chi_square:.1f}, {v.test.freedoms} degrees of freedom'),
         (f'its {100 * QUANTILE:.0f} % quantile', f'{v.test.quantile:.1f}'),
         ('p-value', chance(v.p_value)),
-        *(('largest change not seen', item.text) for item in v.detectable[:1]),
         *([('p-value without the outliers', chance(v.others.p_value))] if v.few_outlie else []),
-    ]
-    summary = Table(('error of the tip: distance of the predicted tip from the circle', ''), ('', ''), tuple(rows))
+    )
+    summary = Table(('error of the tip: distance of the predicted tip from the circle', ''), ('', ''), rows)
     caption = (
         'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
         'Red: outliers, which may be by the direction of the force.'
     )
-    blocks: list[Block] = [summary, *_causes(v.causes), Figure(partial(_touch_picture, v), caption)]
-    if v.outlying:
-        farthest = sorted(sorted(v.outlying, key=lambda o: -o.distance)[:20], key=lambda o: o.index)
-        rows = [(str(o.index), o.object, f'{o.distance:.1f}', f'{MICRO * o.tip_error:.0f}') for o in farthest]
-        table = Table(('touch', 'object', 'distance', 'tip'), ('', '', 'σ', 'µm'), tuple(rows))
-        note = Note(f'The {len(rows)} farthest of {len(v.outlying)}.')
-        blocks.append(Section('Outliers', (table, note), shown='page'))
-    note = Note(
-        f'The smallest change of each parameter by itself that these touches show with {100 * POWER:.0f} % '
-        'probability, and by how much it moves the tip at the touches of the calibration.'
-    )
-    shown_by_touches = Items(tuple(d.text for d in v.detectable))
-    blocks.append(Section('What these touches show', (shown_by_touches, note), shown='page'))
     return Report(
         'Verification of a calibration',
         Verdict(f'{ANSWERS[a.grade]}: {a.reasons[0]}.', level, tuple(map(sentence, a.reasons[1:])), a.actions),
-        tuple(blocks),
+        (summary, *_causes(v.causes), Figure(partial(_touch_picture, v), caption)),
         source=f'{v.record.source}, verified with {", ".join(item.path for item in v.recordings)}',
         remarks=v.warnings,
         footer='all numbers in full in verification.json',

@@ -3,23 +3,18 @@
 All touches together are tested by a chi-square that contains the uncertainty of the calibration
 (`linear.PredictionTest`). The error of the tip, the root mean square distance of the predicted tip from the circle that
 it touches, is compared with what noise and uncertainty let expect.
-
-**What the touches would have shown**, for each parameter the smallest change that contradicts the calibration: a change
-d of one parameter gives the chi-square of all touches the noncentrality λ = d² Λ_jj (`linear.Evidence`). It is seen
-with the probability `POWER` where λ lifts the noncentral chi-square beyond the quantile of the test.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chndtrinc
 
-from scara_kinetostatic.assessment.grade import LIMITS, Assessment, Grade, Remark
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
 from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.bags.reader import other_descriptions
 from scara_kinetostatic.calibration.fit_point import base_force
@@ -29,74 +24,19 @@ from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
-from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of
-from scara_kinetostatic.monitoring.linear import Evidence, Information, PredictionTest, State, measure, quantile
+from scara_kinetostatic.monitoring.linear import Evidence, Information, PredictionTest, State, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.pipeline import gather_touches, recording_of
 from scara_kinetostatic.touches.detection import Detection
 from scara_kinetostatic.touches.table import cell_of_files
 
-POWER = 0.95
-"""Probability with which a change of the size that is stated is seen."""
 LEVEL = 1e-3
 """p-value below which the touches contradict the calibration. Source: of a thousand sound ones, one is refused."""
 MOST_OUTLYING = 0.1
 """Part of the touches that may be outliers in a sound calibration. Source: `assessment.LIMITS.most_rejected`."""
-
-
-class Detectable(NamedTuple):
-    """The smallest change of one parameter that touches show.
-
-    Attributes:
-        name: of the parameter.
-        unit: SI.
-        change: its size; infinite where the touches say nothing of the parameter.
-        tip: rms displacement of the predicted tip by it, at the touches of the calibration, m.
-    """
-
-    name: str
-    unit: str
-    change: float
-    tip: float
-
-    @property
-    def text(self) -> str:
-        """Parameter, change and displacement of the tip."""
-        if not np.isfinite(self.change):
-            return f'{self.name} of any size'
-        return f'{self.name} by {quantity(self.change, self.unit)} (tip: {quantity(self.tip, "m")} rms)'
-
-
-def detectable_changes(
-    record: CalibrationRecord, state: State, evidence: Evidence, freedoms: int, level: float
-) -> list[Detectable]:
-    """For each parameter that the calibration estimated, those first whose undetected change moves the tip most.
-
-    Args:
-        record: the calibration.
-        state: what may be off.
-        evidence: of the touches.
-        freedoms: of their chi-square.
-        level: p-value below which they contradict the calibration.
-    """
-    noncentrality = float(chndtrinc(quantile(1 - level, freedoms, record.noise_freedoms), freedoms, 1 - POWER))
-    diagonal, model = np.diag(evidence.matrix), record.arm.model
-    found = []
-    for place, name in enumerate(NAMES):
-        if name in record.fixed:
-            continue
-        change = tip = np.inf
-        if diagonal[place] > 1e-9 * diagonal.max(initial=1e-12):
-            change = float(state.scale[place] * np.sqrt(noncentrality / diagonal[place]))
-            values = model.as_array() + change * (np.arange(len(model.names)) == place)
-            tip = rms(record.tip_moved(record.arm, replace(record.arm, model=model.with_array(values))))
-        found.append(Detectable(name, UNITS[name], change, tip))
-    return sorted(found, key=lambda item: -item.tip)
 
 
 @dataclass(frozen=True)
@@ -126,12 +66,11 @@ class Verification(NamedTuple):
         rejected: touches that the detection rejected.
         test: of all touches.
         expected: rms error of the tip that noise and the uncertainty of the calibration let expect, m.
-        nominal_tip_error: rms distance of the nominal tip from the circle of contact, m.
         others: test of the touches without the outliers, where these are few; else `test`.
         others_tip_error: their rms tip error, m.
         outlying: single touches that contradict the prediction.
         causes: what may have changed; empty where nothing contradicts.
-        detectable: the smallest change of each parameter that the touches show, that which moves the tip most first.
+        untouched: objects of the cell without a touch.
         seen: recordings that were part of the calibration.
         repeated: how many touches were part of it, whatever recording or table they come from.
         largest_force: of the touches, N.
@@ -147,12 +86,11 @@ class Verification(NamedTuple):
     rejected: tuple[Rejection, ...]
     test: PredictionTest
     expected: float
-    nominal_tip_error: float
     others: PredictionTest
     others_tip_error: float
     outlying: tuple[Outlying, ...]
     causes: Causes
-    detectable: tuple[Detectable, ...]
+    untouched: tuple[str, ...]
     seen: tuple[str, ...]
     repeated: int
     largest_force: float
@@ -218,14 +156,8 @@ def _remarks(v: Verification) -> Iterator[tuple[object, Grade, str, str]]:
     reason = f'these touches cannot show a tolerance of {quantity(tolerance, "m")}: twice the expected error of the tip'
     action = 'reduce the largest of noise, uncertainty of the objects and uncertainty of the calibration'
     yield 2 * v.expected > tolerance, Grade.CAUTION, f'{reason} is {errors}', action
-    for largest in v.detectable[:1]:
-        reason = f'the touches do not show a change of {largest.text}, which is beyond the tolerance'
-        action = 'make more touches, all round all objects, at several forces'
-        yield largest.tip > tolerance, Grade.CAUTION, reason, action
-    scatter = float(np.sqrt(v.test.chi_square / v.test.freedoms))
-    hidden = v.p_value > 1 - LEVEL and scatter < LIMITS.noise_overstated
-    reason = f'the residuals are {scatter:.2g} times what is expected: a change may hide below the stated noise'
-    yield hidden, Grade.CAUTION, reason, 'state noise and uncertainties as they are'
+    reason = f'there is no touch of {", ".join(v.untouched)}: what changed there is not seen'
+    yield v.untouched and v.tolerance, Grade.CAUTION, reason, 'make touches all round all objects'
     highest = v.record.arm.used.highest_force  # from 1.5 times that on compliances are extrapolated
     reason = f'forces of up to {v.largest_force:.3g} N, and the calibration had {highest:.3g} N at most'
     yield v.largest_force > 1.5 * highest, Grade.CAUTION, reason, 'calibrate with the forces of the use'
@@ -295,11 +227,11 @@ def verify(
     if 0 < outlies.sum() <= MOST_OUTLYING * len(touches):
         others = measured.select(~outlies)
         others_test = PredictionTest.of(others, state.covariance, noise)
-    evidence, causes = Evidence.of(Information.of(others), state.covariance), Causes()
+    causes = Causes()
     if others_test.p_value < LEVEL:
+        evidence = Evidence.of(Information.of(others), state.covariance)
         hypotheses = hypotheses_of(state, np.unique(touches.disc).tolist())
         causes = Causes.of(evidence, state, hypotheses, others_test.chi_square, others_test.freedoms, noise)
-    nominal_tip_error, largest_force = _nominal(detection.touches, cell)
     columns = (touches.index, touches.disc, test.distances, measured.tip_error)
     rows = zip(*(column[outlies].tolist() for column in columns), strict=True)
     return Verification(
@@ -309,28 +241,19 @@ def verify(
         rejected=detection.rejected,
         test=test,
         expected=rms(test.expected),
-        nominal_tip_error=nominal_tip_error,
         others=others_test,
         others_tip_error=rms(others.tip_error),
         outlying=tuple(Outlying(index, cell.discs[disc].name, *numbers) for index, disc, *numbers in rows),
         causes=causes,
-        detectable=tuple(detectable_changes(record, state, evidence, others.residual.size, LEVEL)),
+        untouched=tuple(disc.name for k, disc in enumerate(cell.discs) if k not in touches.disc),
         seen=tuple(item.path for item in recordings if item.sha256 in record.checksums),
         repeated=_repeated(touches, record, state),
-        largest_force=largest_force,
+        largest_force=float(np.hypot(*touches.force.T).max()),
         numbers=touches.index,
         tip_errors=measured.tip_error,
         differing=tuple(differing),
         warnings=(*detection.warnings, *_assumptions(record)),
     )
-
-
-def _nominal(touches: TouchSet, cell: Cell) -> tuple[float, float]:
-    """Rms distance of the nominal tip under load from the circle of contact, m, and the largest force, N."""
-    o, nominal = observe(touches, cell), ExtendedModel(cell.nominal)
-    force = base_force(o, nominal)
-    tip, _ = direct_kinetostatics(nominal, o.joints, force, o.gripper)
-    return rms(np.linalg.norm(tip - o.centers, axis=1) - o.radii), float(np.hypot(*force.T).max())
 
 
 def _repeated(touches: TouchSet, record: CalibrationRecord, state: State) -> int:

@@ -12,8 +12,7 @@ from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, touches_of
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.cell import Disc, Noise
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -42,7 +41,6 @@ def test_p_values_of_sound_calibrations() -> None:
     ratio = np.array([item.tip_error / item.expected for item in found])
     assert 0.9 < np.sqrt(np.mean(ratio**2)) < 1.1
     assert all(item.assessment.grade is Grade.FIT and not item.causes.ranking for item in found)
-    assert all(item.nominal_tip_error > 100 * item.tip_error for item in found)
 
 
 def test_the_errors_of_known_objects_are_known_too(record: CalibrationRecord) -> None:
@@ -98,34 +96,15 @@ def test_what_touches_cannot_show_is_said(record: CalibrationRecord) -> None:
     assert 'cannot show a tolerance of 10 µm' in found.assessment.reasons[0]
     wide = verify(detected(touches_of(DECLARED, 1)), record, replace(tight, tolerance=2e-5))
     assert wide.assessment.grade is Grade.FIT
-    calm = touches_of(replace(CELL, noise=Noise(1e-6, 0.03)), 1)
-    quiet = verify(detected(calm), record_of(CELL, 0))
-    assert quiet.assessment.grade is Grade.CAUTION and 'a change may hide' in quiet.assessment.reasons[0]
 
 
-def test_a_change_of_the_size_that_is_stated_is_seen(record: CalibrationRecord) -> None:
-    stated = {item.name: item for item in verify(detected(touches_of(DECLARED, 1)), record).detectable}
-    assert max(stated.values(), key=lambda item: item.tip) is next(iter(stated.values()))
-    for name in ('theta2', 'p1'):
-        sizes = stated[name].change, stated[name].change / 3
-        made = [[touches_of(DECLARED, seed, changed(name, size)) for seed in range(2, 8)] for size in sizes]
-        seen = [[verify(detected(touches), record).p_value < 1e-3 for touches in part] for part in made]
-        assert sum(seen[0]) >= 5 and sum(seen[1]) <= 1, name
-
-
-def changed(name: str, by: float) -> Parameters:
-    return TRUTH.replace(**{name: getattr(TRUTH, name) + by})
-
-
-def test_few_touches_on_one_object_cannot_show_the_tolerance(record: CalibrationRecord) -> None:
+def test_touches_on_one_object_say_little(record: CalibrationRecord) -> None:
     touches = touches_of(DECLARED, 1)
     one_side = touches.select(np.flatnonzero(touches.disc == 2)[:6])
     found = verify(detected(one_side), record, replace(DECLARED, tolerance=2e-5))
-    assert found.assessment.grade is Grade.CAUTION
-    assert 'do not show a change of' in ' '.join(found.assessment.reasons)
-    document = plain(verification_document(found))
-    assert document['detectable']['l1']['change'] > 0 and document['detectable']['p_ee']['unit'] == 'm/N'
-    assert '<h2>What these touches show</h2>' in as_page(verification_report(found))
+    assert found.untouched == ('disc_1', 'disc_2') and found.assessment.grade is Grade.CAUTION
+    assert 'there is no touch of disc_1, disc_2' in ' '.join(found.assessment.reasons)
+    assert 'expected from noise and uncertainty' in as_page(verification_report(found))
 
 
 def test_touches_that_were_seen_or_are_few(record: CalibrationRecord) -> None:
