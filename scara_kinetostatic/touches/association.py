@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Sensor, SensorFrame
+from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn, rotate
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -117,23 +117,16 @@ def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: C
 def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) -> Parameters:
     """Parameters with the geometry fitted to the misses of the nearest discs."""
     nominal = cell.nominal.as_array()
-    prior = np.array(
-        [
-            SETTINGS.length_prior,
-            SETTINGS.length_prior,
-            SETTINGS.angle_prior,
-            SETTINGS.length_prior,
-            SETTINGS.angle_prior,
-            SETTINGS.length_prior,
-        ]
-    )
+    prior = np.array([SETTINGS.length_prior, SETTINGS.angle_prior])[[0, 0, 1, 0, 1, 0]]  # x0, y0, θ1, l1, θ2, l2
     change = np.zeros(6)
     for _ in range(rounds):
         parameters = Parameters.from_array(nominal + np.append(change, np.zeros(6)))
         misses, unit = _misses(parameters, joints, force, cell)
         disc = np.argmin(np.linalg.norm(misses, axis=2), axis=1)
         miss = misses[np.arange(len(disc)), disc]
-        jacobian = _miss_jacobian(parameters, joints, cell.radii[disc, None] * unit, cell.sensor)
+        jacobian = forward_by_parameters(parameters, joints)[..., :6]
+        if cell.sensor.frame is SensorFrame.TOOL:  # the force turns with theta1 and theta2
+            jacobian[..., [2, 4]] += quarter_turn(cell.radii[disc, None] * unit)[..., None]
         size = np.linalg.norm(miss, axis=1)
         weight = 1.0 / np.sqrt(1.0 + (size / max(4 * SETTINGS.miss_sigma, float(np.median(size)))) ** 2)
         rows = (weight / SETTINGS.miss_sigma)[:, None, None] * jacobian * prior
@@ -141,11 +134,3 @@ def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) ->
         system = np.vstack([rows.reshape(-1, 6), np.eye(6)])
         change = prior * np.linalg.lstsq(system, np.append(right.ravel(), np.zeros(6)), rcond=None)[0]
     return Parameters.from_array(nominal + np.append(change, np.zeros(6)))
-
-
-def _miss_jacobian(parameters: Parameters, joints: Floats, lever: Floats, sensor: Sensor) -> Floats:
-    """Derivative of the miss by x0, y0, theta1, l1, theta2, l2, (n, 2, 6); `lever` is r_d F/|F|, (n, 2), m."""
-    jacobian = forward_by_parameters(parameters, joints)[..., :6]
-    if sensor.frame is SensorFrame.TOOL:
-        jacobian[..., [2, 4]] += quarter_turn(lever)[..., None]
-    return jacobian

@@ -113,7 +113,7 @@ def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | N
     steps, _ = steps_of_mean(signals.filtered, time[before], signals.window)
     # the median of the length of a vector with two normal components is 1.18 sigma
     slow_noise = float(median(np.hypot(*steps.T))) / 1.18
-    return Tare(robust_mean(force[before]).mean, noise, slow_noise, contact)
+    return Tare(robust_mean(force[before])[0], noise, slow_noise, contact)
 
 
 def _first_contact(time: Floats, force: Floats, noise: float, period: float) -> float:

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Indices
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.touch import Rejection, TouchSet, stacked_histories
 from scara_kinetostatic.touches.association import associate
@@ -146,7 +146,6 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
         return Detection(no_touches())
     contacts = find_contacts(signals)
     candidates, weak = find_candidates(signals, contacts)
-    candidates = _with_discs(candidates, cell)
     held = _held_touches(signals, candidates, cell)
     spans = [(c.hold.begin, c.hold.end) if c.hold else c.contact for c in candidates]
     before, memories = load_history(signals, candidates, cell, earlier)
@@ -179,47 +178,29 @@ def no_touches() -> TouchSet:
     return TouchSet(none, none, np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp))
 
 
-def _with_discs(candidates: list[TouchCandidate], cell: Cell) -> list[TouchCandidate]:
-    """The candidates with their discs, those that meet none rejected."""
-    good = [number for number, candidate in enumerate(candidates) if not candidate.defect]
-    if not good:
-        return candidates
-    found = associate(*_means([candidates[number] for number in good], cell), cell)
-    for place, number in enumerate(good):
-        defect = None if found.known[place] else Defect('no object', found.reason(place, cell))
-        disc, side = int(found.disc[place]), int(found.posture[place])
-        candidates[number] = candidates[number]._replace(disc=disc, posture=side, defect=defect)
-    return candidates
-
-
-def _means(candidates: list[TouchCandidate], cell: Cell) -> tuple[Floats, Floats]:
-    """Mean joint angles, rad, and force on the object, N, of candidates with a hold, (n, 2) each."""
-    sign = -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-    holds = [candidate.hold for candidate in candidates if candidate.hold is not None]
-    return np.array([p.joints for p in holds]), sign * np.array([p.force for p in holds])
-
-
 def _held_touches(signals: Signals, candidates: list[TouchCandidate], cell: Cell) -> TouchSet:
-    """The candidates with a steady hold, be there an object or not."""
-    index = [number for number, candidate in enumerate(candidates) if candidate.disc >= 0]
+    """The candidates with a steady hold, with their discs; those that meet none are rejected in the list."""
+    index = [number for number, candidate in enumerate(candidates) if not candidate.defect]
     if not index:
         return no_touches()
-    kept = [candidates[number] for number in index]
-    joints, force = _means(kept, cell)
+    sign = -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+    holds = [hold for number in index if (hold := candidates[number].hold) is not None]
+    joints, force = np.array([hold.joints for hold in holds]), sign * np.array([hold.force for hold in holds])
+    found = associate(joints, force, cell)
+    for place in np.flatnonzero(~found.known).tolist():
+        defect = Defect('no object', found.reason(place, cell))
+        candidates[index[place]] = candidates[index[place]]._replace(defect=defect)
     ends = np.unique([candidate.contact[1] for candidate in candidates])
-    step = resolution(signals.joints)
-    holds, approaches = [], []
-    for candidate in kept:
-        assert candidate.hold is not None
-        contact = candidate.contact[0]
+    step, approaches = resolution(signals.joints), []
+    for number, hold in zip(index, holds, strict=True):
+        contact = candidates[number].contact[0]
         earliest = float(ends[ends <= contact].max(initial=-np.inf))
-        holds.append(candidate.hold)
-        approaches.append(approach_of_hold(signals.joints, candidate.hold, contact, earliest, step))
+        approaches.append(approach_of_hold(signals.joints, hold, contact, earliest, step))
     return TouchSet(
         joints=joints,
         force=force,
-        disc=np.array([candidate.disc for candidate in kept]),
-        posture=np.array([candidate.posture for candidate in kept]),
+        disc=found.disc,
+        posture=found.posture,
         time=np.array([0.5 * (p.intervals[0, 0] + p.intervals[-1, 1]) for p in holds]),
         index=np.array(index),
         approach=np.array([approach for approach, _ in approaches]),

@@ -149,7 +149,9 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
     force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
     noise = max(tare.noise, min(white_noise(force), s.rough_contact * float(median(load))))
     slow_noise = min(tare.slow_noise, s.largest_slow_noise * float(load.max()))
-    force_limit = max(s.sigmas * max(_step_std(noise, wrench, window), slow_noise), _resolution(force))
+    changes = np.abs(np.diff(force, axis=0))
+    resolution = float(np.min(changes, where=changes > 0, initial=np.inf)) if changes.any() else 0.0
+    force_limit = max(s.sigmas * max(_step_std(noise, wrench, window), slow_noise), resolution)
     steady = np.hypot(*force_step.T) <= np.maximum(force_limit, s.steady_force * load)
     joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), s.highest_joint_noise)
     joint_limit = s.steady_joint * window + s.sigmas * _step_std(joint_noise, joints, window)
@@ -176,12 +178,6 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
 def _too_short(lasting: float, how: str = 'at rest for') -> Defect:
     expected = f'expected {SETTINGS.shortest_hold} s at rest'
     return Defect('short hold', f'hold too short: {how} {lasting:.2f} s, {expected}')
-
-
-def _resolution(values: Floats) -> float:
-    """Resolution of the readings: their smallest change, which is small where they are not rounded."""
-    steps = np.abs(np.diff(values, axis=0))
-    return float(np.min(steps, where=steps > 0, initial=np.inf)) if steps.any() else 0.0
 
 
 def _step_std(noise: float, topic: Topic, window: float) -> float:
@@ -225,8 +221,8 @@ def _hold(signals: Signals, tare: Tare, intervals: Floats, begin: float, end: fl
     joints, force = signals.joints.during(intervals), signals.wrench.during(intervals)
     if len(joints) < 2 or len(force) < 2:
         return None
-    angles, load = robust_mean(joints), robust_mean(force)
-    return Hold(intervals, begin, end, angles.mean, load.mean - tare.force, angles.scatter, load.scatter, len(force))
+    (angles, joint_scatter), (load, force_scatter) = robust_mean(joints), robust_mean(force)
+    return Hold(intervals, begin, end, angles, load - tare.force, joint_scatter, force_scatter, len(force))
 
 
 def _same_hold(one: Hold, other: Hold, noise: float) -> bool:
@@ -244,16 +240,12 @@ class TouchCandidate(NamedTuple):
         tare: the zero of the force before it; None where unknown.
         hold: the hold; None if there is none.
         defect: why it is rejected; None if it is not.
-        disc: index of the touched disc, -1 until it is known.
-        posture: elbow posture, +1 or -1, 0 until it is known.
     """
 
     contact: tuple[float, float]
     tare: Tare | None
     hold: Hold | None
     defect: Defect | None
-    disc: int = -1
-    posture: int = 0
 
 
 def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCandidate], int]:

@@ -14,11 +14,11 @@ the latest and thus smallest swings are dropped, which only a play of a half-wid
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.polynomial import polyfit
 from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.model.arrays import Floats
@@ -224,15 +224,7 @@ class _ContactLoad:
 def _top(values: Floats) -> Floats:
     """Value in the middle of samples (n, m) in even steps, by a parabola; the mean of less than five, (m,)."""
     n = len(values)
-    return np.asarray(values.mean(axis=0) if n < 5 else _weights(n) @ values)
-
-
-@lru_cache(maxsize=256)
-def _weights(n: int) -> Floats:
-    """Weights by which n samples in even steps give the value in their middle of a parabola fitted to them, (n,)."""
-    square = np.linspace(-1.0, 1.0, n) ** 2
-    second, fourth = square.sum(), square @ square
-    return np.asarray((fourth - second * square) / (n * fourth - second**2))
+    return np.asarray(values.mean(axis=0) if n < 5 else polyfit(np.linspace(-1.0, 1.0, n), values, 2)[0])
 
 
 def nested_extremes(path: ArrayLike, least: float = 0.0) -> list[int]:

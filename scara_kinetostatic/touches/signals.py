@@ -72,12 +72,6 @@ class Topic(NamedTuple):
         """The values within intervals of time, (k, 2), s, one after the other: (n, 2)."""
         return np.concatenate([self.value[self.stretch(begin, end)] for begin, end in intervals])
 
-    def at(self, time: float) -> Floats:
-        """The value at a time in s, by linear interpolation, (2,)."""
-        near = self.stretch(time - 10 * self.period, time + 10 * self.period)
-        near = slice(max(near.start - 1, 0), near.stop + 1)
-        return np.array([np.interp(time, self.time[near], column) for column in self.value[near].T])
-
     def longest_pause(self, begin: float, end: float) -> float:
         """Longest time without a sample that overlaps the interval from `begin` to `end`, s."""
         first = max(int(np.searchsorted(self.time, begin, side='right')) - 1, 0)
@@ -144,7 +138,7 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
     topics: list[Topic] = []
     warnings: list[str] = []
     for name, stamp, value in pairs:
-        time, value, left_out = _in_order(_seconds(stamp, start), np.asarray(value, dtype=float))
+        time, value, left_out = _in_order(1e-9 * (stamp - start).astype(np.float64), np.asarray(value, dtype=float))
         if left_out:
             warnings.append(f'{name}: {left_out} samples that are not finite or repeat a stamp left out')
         if len(time) < 2:
@@ -155,10 +149,6 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
     if common < 0.5 * max(joints.time[-1] - joints.time[0], wrench.time[-1] - wrench.time[0]):
         warnings.append(f'{joints.name} and {wrench.name} have only {max(common, 0.0):.1f} s in common by their stamps')
     return Signals(joints, wrench, wrench._replace(value=median_of_three(wrench.value)), start, tuple(warnings))
-
-
-def _seconds(stamp: NDArray[np.int64], start: int) -> Floats:
-    return 1e-9 * (np.asarray(stamp) - start).astype(np.float64)
 
 
 def _period(time: Floats) -> float:
@@ -245,15 +235,8 @@ def white_noise(values: Floats) -> float:
     return float(1.4826 * median(np.abs(steps)).max() / np.sqrt(2.0))
 
 
-class RobustMean(NamedTuple):
-    """Mean and standard deviation of samples without outliers, (2,) each."""
-
-    mean: Floats
-    scatter: Floats
-
-
-def robust_mean(values: Floats) -> RobustMean:
-    """Mean and standard deviation of samples (n, 2) without outliers (`SETTINGS.outlier_spreads`)."""
+def robust_mean(values: Floats) -> tuple[Floats, Floats]:
+    """Mean and standard deviation, (2,) each, of samples (n, 2) without outliers (`SETTINGS.outlier_spreads`)."""
     ordered, last = np.sort(values, axis=0), len(values) - 1
     center = ordered[last // 2]
     spread = ordered[round(0.84 * last)] - ordered[round(0.16 * last)]
@@ -265,7 +248,7 @@ def robust_mean(values: Floats) -> RobustMean:
     count, off = kept.sum(axis=0), np.where(kept, off, 0.0)
     mean = off.sum(axis=0) / count
     scatter = np.sqrt((np.where(kept, off - mean, 0.0) ** 2).sum(axis=0) / count)
-    return RobustMean(center + mean, scatter)
+    return center + mean, scatter
 
 
 def runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
