@@ -27,12 +27,13 @@ import numpy as np
 from markupsafe import Markup
 
 from benchmark.common import parser, save
+from benchmark.svg import svg_file
 from scara_kinetostatic.files.columns import load_table
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import joint_deflection
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style, svg_file
+from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.report.quantities import p_equals
 from scara_kinetostatic.studies.hysteresis.dependence import p_independent
 from scara_kinetostatic.studies.hysteresis.fit import Fit, Prediction, fit_load, moments, predict

@@ -18,6 +18,7 @@ from benchmark.common import CELL, parser
 from benchmark.contour import CELL as CONTOUR_CELL
 from benchmark.contour import MOVED_DISC, OBJECTS, calibrated, slide_along
 from benchmark.marker_picture import marker_picture
+from benchmark.svg import svg_file
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.contour import figures as contour_figures
@@ -27,7 +28,7 @@ from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.report.figure import style, svg_file
+from scara_kinetostatic.report.figure import style
 from scara_kinetostatic.report.markers import (
     Scales,
     SeenTouch,

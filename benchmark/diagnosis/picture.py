@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 from benchmark.diagnosis.record import NAMINGS, WITHIN, Record
 from benchmark.diagnosis.tables import REFERENCE_SIZE
-from scara_kinetostatic.report.figure import FAINT, INK, LINE, SERIES, WARN, light_colours, style
+from benchmark.svg import light_colours
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, SERIES, WARN, style
 
 Pick = Callable[[Record, int], float]
 

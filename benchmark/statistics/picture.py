@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 
 from benchmark.statistics.outliers import CASES, LEFT_OUT
 from benchmark.statistics.summary import COVERED, EFFICIENT, GROWTH, LEVEL, sizes_of
+from benchmark.svg import light_colours
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.report.figure import INK, LINE, SERIES, WARN, light_colours, style
+from scara_kinetostatic.report.figure import INK, LINE, SERIES, WARN, style
 
 Part = dict[str, Any]
 Panel = Callable[[Axes, Part, dict[str, str]], None]

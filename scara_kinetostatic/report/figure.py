@@ -12,8 +12,6 @@ import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -33,12 +31,9 @@ COLOURS = {
     WARN: 'var(--warn)',
     **{stand_in: f'var(--c{number})' for number, stand_in in enumerate(SERIES, 1)},
 }
-STYLESHEET = Path(__file__).parent / 'page.css'
-"""Of every page; its variables are the colours of the figures."""
 MICRO = 1e6
 """Micrometres per metre."""
 _FONT_SIZE = 12.5
-_FONT = 'system-ui, -apple-system, Segoe UI, Noto Sans, DejaVu Sans, sans-serif'
 _PER_INCH = 72.0
 _STYLE: dict[Any, Any] = {
     'svg.fonttype': 'none',
@@ -55,7 +50,6 @@ _STYLE: dict[Any, Any] = {
     'axes.titlesize': _FONT_SIZE,
     'axes.titlelocation': 'left',
     'axes.formatter.useoffset': False,
-    'axes.unicode_minus': True,
     'grid.color': LINE,
     'grid.linewidth': 0.7,
     'xtick.color': LINE,
@@ -65,11 +59,13 @@ _STYLE: dict[Any, Any] = {
     'xtick.labelsize': _FONT_SIZE - 1,
     'ytick.labelsize': _FONT_SIZE - 1,
     'figure.facecolor': 'none',
-    'savefig.facecolor': 'none',
     'lines.linewidth': 1.2,
 }
-_NUMBERED = re.compile(r' id="(figure|axes|patch|line2d|text|matplotlib\.axis|xtick|ytick|legend)[^"]*"', re.IGNORECASE)
-_COLLECTIONS = re.compile(r' id="(?:[A-Za-z]*Collection|QuadContourSet|Quiver)_\d+"')
+_NUMBERED = re.compile(
+    r' id="(?:figure|axes|patch|line2d|text|matplotlib\.axis|xtick|ytick|legend|[a-z]*collection|quadcontourset|quiver)'
+    r'_[^"]*"',
+    re.IGNORECASE,
+)
 
 
 class Mark(NamedTuple):
@@ -151,7 +147,7 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
     svg = stream.getvalue()
     svg = svg[svg.index('<svg') :]
     svg = re.sub(r'<metadata>.*?</metadata>', '', svg, flags=re.DOTALL)
-    svg = _COLLECTIONS.sub('', _NUMBERED.sub('', svg))
+    svg = _NUMBERED.sub('', svg)
     head, rest = svg.split('>', 1)
     box = re.search(r'viewBox="[^"]*"', head)
     size = f'style="max-width: {figure.get_figwidth() * _PER_INCH:.0f}px"'
@@ -160,26 +156,3 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
     for stand_in, variable in COLOURS.items():
         svg = svg.replace(stand_in, variable)
     return Markup(svg)
-
-
-@cache
-def light_colours() -> dict[str, str]:
-    """Colour of the light page by stand-in, for figures outside a page; hexadecimal."""
-    css = STYLESHEET.read_text(encoding='utf-8')
-    colours = dict(re.findall(r'(--[\w-]+):\s*(#[0-9a-fA-F]+)', css[: css.index('@media')]))
-    return {stand_in: colours[variable[4:-1]] for stand_in, variable in COLOURS.items()}
-
-
-def svg_file(picture: Markup) -> str:
-    """The text of an SVG file: the colours of the light page and its type written in, on white."""
-    text = str(picture)
-    for stand_in, colour in light_colours().items():
-        text = text.replace(COLOURS[stand_in], colour)
-    box = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', text)
-    assert box is not None
-    head, rest = text.split('>', 1)
-    if 'xmlns=' not in head:
-        names = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-        head = head.replace('<svg', f'<svg {names}')
-    head += f' width="{box[1]}" height="{box[2]}" font-family="{_FONT}"'
-    return f'{head}><rect width="100%" height="100%" fill="#ffffff"/>{rest}\n'

@@ -38,12 +38,8 @@ OBJECTS: tuple[tuple[float, float, float], ...] = (
 """Of Okabe and Ito, safe for the colour-blind."""
 _LINK, _THIN, _DOT = 0.012, 0.003, 0.008
 """Widths of links and lines, diameter of a dot, m."""
-_HEIGHT, _FLAT = 0.02, 0.002
-"""Height of an object and of the disc where it really is, m."""
-_LETTERS = 0.018
-"""Height of a text, m."""
-_CIRCLE = 48
-"""Corners of a circle."""
+_HEIGHT, _LETTERS = 0.02, 0.018
+"""Height of an object and of a text, m."""
 
 
 class Shape(Enum):
@@ -178,14 +174,16 @@ def result_markers(document: Mapping[str, Any], discs: Sequence[Disc], scales: S
     """
     parameters = estimated(document)
     found = [*document['diagnosis']['effects'], *document['diagnosis']['possible']]
-    made = [
-        Primitive('residuals', Shape.STRIP, places([tip, tip + scales.residual * np.asarray(one['residual'])]), *_LINE)
-        for one in document['touches'].get('fitted', ())
-        if one['used']
-        for tip in [forward(parameters, one['joints'])]
-    ]
+    made = []
+    for touch in document['touches'].get('fitted', ()):
+        if touch['used']:
+            tip = forward(parameters, touch['joints'])
+            ends = places([tip, tip + scales.residual * np.asarray(touch['residual'])])
+            made.append(Primitive('residuals', Shape.STRIP, ends, RESIDUAL, _THIN))
+    by_name = {disc.name: disc for disc in discs}
     for effect in found:
-        made += _displaced(effect, discs, scales)
+        if effect['target'] in by_name:
+            made += _displaced(by_name[effect['target']], effect['parameters'], scales.error)
     return made + _summary(document, found, discs, scales)
 
 
@@ -217,50 +215,39 @@ def estimated(document: Mapping[str, Any]) -> Parameters:
     return Parameters(**{name: document['parameters'][name]['value'] for name in NAMES})
 
 
-def _displaced(effect: Mapping[str, Any], discs: Sequence[Disc], scales: Scales) -> list[Primitive]:
-    """The object where it really is, and an arrow from where it was said to be, magnified."""
-    disc = next((disc for disc in discs if disc.name == effect['target']), None)
-    values = {name: item['value'] for name, item in effect['parameters'].items()}
-    if disc is None or not all(value is not None for value in values.values()):
+def _displaced(disc: Disc, found: Mapping[str, Any], magnification: float) -> list[Primitive]:
+    """The object where it really is, and magnified its outline and an arrow from where it was said to be."""
+    x, y, more = (found.get(name, {'value': 0.0})['value'] for name in ('x', 'y', 'radius'))
+    if None in (x, y, more) or not any((x, y, more)):
         return []
-    shift = np.zeros(2)
-    if effect['name'] == 'object_position':
-        shift = np.array([values['x'], values['y']])
-    radius = disc.radius + (values['radius'] if effect['name'] == 'object_radius' else 0.0)
-    if radius == disc.radius and not shift.any():
-        return []
-    centre = np.array([disc.x, disc.y])
-    drawn = disc.radius + scales.error * (radius - disc.radius)
-    moved = centre + scales.error * shift
-    made = [Primitive('found', Shape.CYLINDER, places([centre + shift], _FLAT), (*FOUND[:3], 0.25), 2 * radius, _FLAT)]
-    if drawn > 0:
-        made.append(Primitive('found', Shape.STRIP, places(moved + drawn * _circle(), _HEIGHT), FOUND, _THIN))
-    if shift.any():
-        made.append(Primitive('found', Shape.ARROW, places([centre, moved], _HEIGHT), FOUND, 2 * _THIN))
-    return made
+    centre, shift, flat = np.array([disc.x, disc.y]), np.array([x, y]), 0.002
+    moved = centre + magnification * shift
+    outline = moved + max(0.0, disc.radius + magnification * more) * _circle()
+    really = places([centre + shift], flat)
+    arrow = Primitive('found', Shape.ARROW, places([centre, moved], _HEIGHT), FOUND, 2 * _THIN)
+    return [
+        Primitive('found', Shape.CYLINDER, really, (*FOUND[:3], 0.25), 2 * (disc.radius + more), flat),
+        Primitive('found', Shape.STRIP, places(outline, _HEIGHT), FOUND, _THIN),
+        *([arrow] if shift.any() else []),
+    ]
 
 
 def _summary(
     document: Mapping[str, Any], found: Sequence[Mapping[str, Any]], discs: Sequence[Disc], scales: Scales
 ) -> list[Primitive]:
     """Grade, verdict and effects in words, below everything."""
-    diagnosis = document['diagnosis']
-    lines = [f'{document["assessment"]["grade"]}; model: {diagnosis["verdict"]}']
+    lines = [f'{document["assessment"]["grade"]}; model: {document["diagnosis"]["verdict"]}']
     for effect in found:
-        values = ', '.join(
-            f'{name} {quantity(item["value"], item["unit"])}'
-            for name, item in effect['parameters'].items()
-            if item['value'] is not None
-        )
+        known = {name: item for name, item in effect['parameters'].items() if item['value'] is not None}
+        values = ', '.join(f'{name} {quantity(item["value"], item["unit"])}' for name, item in known.items())
         target = f'[{effect["target"]}]' if effect['target'] else ''
         lines.append(f'{effect["name"]}{target}: {values}')
     shown = f'{1e3 * scales.residual:g} mm per N' if 'fitted' in document['touches'] else 'not shown, no file'
     lines.append(f'displacements × {scales.error:g}; residual forces {shown}')
-    left = min(disc.x - disc.radius for disc in discs)
-    below = min(0.0, min(disc.y - disc.radius for disc in discs))
-    middle = 0.5 * (left + max(disc.x + disc.radius for disc in discs))
+    low = np.min([[disc.x - disc.radius, disc.y - disc.radius] for disc in discs], axis=0)
+    middle = 0.5 * (low[0] + max(disc.x + disc.radius for disc in discs))
     return [
-        label('summary', (middle, below - (4 + 1.6 * number) * _LETTERS), line, FOUND if found else TEXT)
+        label('summary', (middle, min(0.0, low[1]) - (4 + 1.6 * number) * _LETTERS), line, FOUND if found else TEXT)
         for number, line in enumerate(lines)
     ]
 
@@ -272,13 +259,10 @@ def label(group: str, place: tuple[float, float], text: str, colour: Colour) -> 
 
 def _circle() -> Floats:
     """A closed circle of radius 1, (n, 2)."""
-    angles = np.linspace(0, 2 * np.pi, _CIRCLE + 1)
+    angles = np.linspace(0, 2 * np.pi, 49)
     return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
 def places(points: ArrayLike, height: float = 0.0) -> tuple[tuple[float, float, float], ...]:
     """Places (n, 2) in the plane at a height."""
     return tuple((float(x), float(y), height) for x, y in np.asarray(points, dtype=float))
-
-
-_LINE = (RESIDUAL, _THIN)

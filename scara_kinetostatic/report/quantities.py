@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from scara_kinetostatic.model.parameters import NAMES, UNITS
+
 
 class Scale(NamedTuple):
     """A unit with a prefix, and how many of it one SI unit is."""
@@ -14,22 +16,8 @@ class Scale(NamedTuple):
     per_si: float
 
 
-_MILLI_METRE, _MILLI_RADIAN = Scale('mm', 1e3), Scale('mrad', 1e3)
-_MICRO_METRE, _MICRO_RADIAN = Scale('µm', 1e6), Scale('µrad', 1e6)
-SCALES = {
-    'x0': _MILLI_METRE,
-    'y0': _MILLI_METRE,
-    'theta1': _MILLI_RADIAN,
-    'l1': _MILLI_METRE,
-    'theta2': _MILLI_RADIAN,
-    'l2': _MILLI_METRE,
-    'p_ee': Scale('µm/N', 1e6),
-    'p1': Scale('µrad/Nm', 1e6),
-    'p2': Scale('µrad/Nm', 1e6),
-    'g_ee': _MICRO_METRE,
-    'g1': _MICRO_RADIAN,
-    'g2': _MICRO_RADIAN,
-}
+_MILLI_METRE = Scale('mm', 1e3)
+SCALES = {name: Scale(f'm{unit}', 1e3) if name in NAMES[:6] else Scale(f'µ{unit}', 1e6) for name, unit in UNITS.items()}
 """The unit in which each of the twelve parameters is shown on a terminal."""
 _DEGREE = Scale('°', 180 / math.pi)
 PAGE_SCALES = SCALES | dict.fromkeys(('theta1', 'theta2', 'g1', 'g2'), _DEGREE) | {'g_ee': _MILLI_METRE}
