@@ -122,7 +122,8 @@ def evaluate(
     """
 
     def part(where: slice) -> tuple[Linearisation, Whitened, Floats]:
-        return _evaluate(observations.select(where), model, pick(adjusted, where), noise, stage, pick(arm, where))
+        arm_there = None if arm is None else arm.select(where)
+        return _evaluate(observations.select(where), model, pick(adjusted, where), noise, stage, arm_there)
 
     return Point(model, adjusted, *in_blocks(len(observations.joints), part), observations.errors)
 

@@ -104,26 +104,26 @@ def linearise(
     e = extended_equations(model, contact_problem, state, arm)
     derivative = all_derivatives(model, contact_problem, state, e)
     by_joints = derivative[:, :, THETA1 : THETA2 + 1 : THETA2 - THETA1]
+    h_f, h_d = e.h_by
     if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
-        turned = np.stack([e.normal_d, e.tangent_d], axis=-1)
+        turned = h_d.T
         derivative[:, :, THETA1] += turned
         derivative[:, :, THETA2] += turned
     by_force = by_touch(2, 2, len(o.joints))
-    per_force = 1.0 / state.magnitude
-    by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
-    by_force[:, 0, 1], by_force[:, 1, 1] = e.normal_d * per_force, e.tangent_d * per_force
+    by_force[:, 0, 0], by_force[:, 1, 0] = h_f
+    by_force[:, 0, 1], by_force[:, 1, 1] = h_d / state.magnitude
     if has_sensor_error(model):
         true = _in_sensor_frame(o, model, adjusted.joints, state)
         by_force = by_force @ true_force_derivative(model, adjusted.force, true, o.metadata)
         derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, true, by_force, o.metadata)
     misclosure = by_touch(2, len(o.joints))
     off = _off_measured(o, adjusted)
-    misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)
-    misclosure[:, 1] = e.tangent + _row_times(by_joints[:, 1], by_force[:, 1], off)
+    misclosure[:, 0] = e.h[0] + _row_times(by_joints[:, 0], by_force[:, 0], off)
+    misclosure[:, 1] = e.h[1] + _row_times(by_joints[:, 1], by_force[:, 1], off)
     by_errors = None if o.declared is None else _by_errors(o, adjusted.force, state, by_force)
     if not model.off_normal_std:
         return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_errors=by_errors)
-    by_off_normal = off_normal_derivative(model, state, e)
+    by_off_normal = off_normal_derivative(model, e)
     if adjusted.off_normal is not None:
         misclosure -= by_off_normal * adjusted.off_normal[:, None]
     by_angle = model.off_normal_std * by_off_normal

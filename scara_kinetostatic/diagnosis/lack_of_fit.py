@@ -89,15 +89,15 @@ def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:
     link2 = q1 + q2 + point.parameters.theta1 + point.parameters.theta2
     larger = f + noise_left(point.linear, point.whitened.root, calibration.noise, 0)
     larger_by_noise = {
-        'the torque of joint 1': _powers(f * arm.lever1, larger * arm.lever1),
-        'the torque of joint 2': _powers(f * arm.lever2, larger * arm.lever2),
+        'the torque of joint 1': _powers(f * arm.lever[0], larger * arm.lever[0]),
+        'the torque of joint 2': _powers(f * arm.lever[1], larger * arm.lever[1]),
         'the size of the force': _powers(f, larger),
     }
     smooth = {
         'the angle of joint 1': _waves(q1, 2),
         'the angle of joint 2': _waves(q2, 2),
-        'the torque of joint 1': _powers(f * arm.lever1),
-        'the torque of joint 2': _powers(f * arm.lever2),
+        'the torque of joint 1': _powers(f * arm.lever[0]),
+        'the torque of joint 2': _powers(f * arm.lever[1]),
         'the size of the force': _powers(f),
         'the direction of the force': _waves(phi, 2),
         'the direction of the force relative to link 2': _waves(phi - link2, 2),

@@ -186,7 +186,7 @@ def pose_problem(calibration: Calibration) -> Problem:
     for name, shift in c.model.shift_by_robot(
         touch_state
     ).items():  # the effects are to be taken out, and this with them
-        by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, state, equations), point.whitened.root)
+        by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, equations), point.whitened.root)
     jacobian = (by_base @ identifiable).reshape(2 * len(touches), -1)
     marginal, unprojected = unfitted(point)
     whitened = marginal.apply(jacobian)
@@ -219,10 +219,10 @@ def pose_problem(calibration: Calibration) -> Problem:
 
 def _unit_changes(point: Point, equations: Equations) -> UnitChanges:
     """What the components of δ, d and e change at a point."""
-    state, force = point.adjusted.state, point.adjusted.force
+    force = point.adjusted.force
     units = [np.broadcast_to(unit, force.shape) for unit in np.eye(2)]
-    joints = [shift_column(Shift(joints=unit), state, equations) for unit in units]
-    place = [shift_column(Shift(place=unit), state, equations) for unit in units]
+    joints = [shift_column(Shift(joints=unit), equations) for unit in units]
+    place = [shift_column(Shift(place=unit), equations) for unit in units]
     error = [-np.einsum('nij,nj->ni', point.linear.by_force, along_and_across(unit, force)) for unit in units]
     return UnitChanges(*(whiten_by(np.stack(h, axis=-1), point.whitened.root) for h in (joints, place, error)))
 

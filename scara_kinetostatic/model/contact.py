@@ -36,8 +36,11 @@ from scara_kinetostatic.model.touch_equations import (
     free_state,
     move_links,
     next_modes,
+    of_joints,
     parameter_derivative,
+    seen,
     step_links,
+    times,
     touch_equations,
     view_arm,
 )
@@ -77,16 +80,16 @@ class ContactProblem(NamedTuple):
         """The touches at a state, as effects take them; `arm` saves work where that of the state is known."""
         assert self.metadata is not None
         arm = view_arm(parameters, *state[:4], self.gripper) if arm is None else arm
-        f, normal = state.magnitude, np.array([arm.nx, arm.ny]).T
+        f, normal = state.magnitude, arm.normal.T
         return TouchState(
             parameters=parameters,
             joints=self.joints,
             force=f[:, None] * normal,
             magnitude=f,
             normal=normal,
-            torques=np.array([f * arm.lever1, f * arm.lever2]).T,
-            link1=np.array([arm.ux, arm.uy]).T,
-            link2=np.array([arm.vx, arm.vy]).T,
+            torques=(f * arm.lever).T,
+            link1=arm.link1.T,
+            link2=arm.link2.T,
             centers=self.centers,
             radii=self.radii,
             metadata=self.metadata,
@@ -148,42 +151,20 @@ def extended_equations(
     arm = view_arm(p, *state[:4], gripper) if arm is None else arm
     at = contact_problem.touch_state(p, state, arm)
     e = touch_equations(p, *contact_problem.shifted_by(*model.shift(at))[:3], state, gripper, arm)
-    by_magnitude = _shift_by_magnitude(model, contact_problem, state, arm)
-    by_direction = _shift_by_direction(model, contact_problem, state)
-    (row1_f, row2_f), (normal_f, tangent_f) = _turns(by_magnitude, e), shift_column(by_magnitude, state, e).T
-    (row1_d, row2_d), (normal_d, tangent_d) = _turns(by_direction, e), shift_column(by_direction, state, e).T
-    return e._replace(
-        row1_f=e.row1_f + row1_f,
-        row2_f=e.row2_f + row2_f,
-        row1_d=e.row1_d + row1_d,
-        row2_d=e.row2_d + row2_d,
-        normal_f=e.normal_f + normal_f,
-        tangent_f=e.tangent_f + tangent_f,
-        normal_d=e.normal_d + normal_d,
-        tangent_d=e.tangent_d + tangent_d,
-        touch_state=at,
-    )
+    shifts = _shift_by_magnitude(model, contact_problem, state, arm), _shift_by_direction(model, contact_problem, state)
+    turns = (0.0 if shift.joints is None else shift.joints.T * e.rows.on for shift in shifts)
+    row_f, row_d = (row + turn for row, turn in zip(e.rows_by, turns, strict=True))
+    h_f, h_d = (h + shift_column(shift, e).T for h, shift in zip(e.h_by, shifts, strict=True))
+    return e._replace(rows_by=(row_f, row_d), h_by=(h_f, h_d), touch_state=at)
 
 
-def _turns(shift: Shift, equations: Equations) -> tuple[Floats | float, Floats | float]:
-    """δ of joint 1 and of joint 2, (n,) each, rad; zero where the joint floats, and where there is none."""
-    if shift.joints is None:
-        return 0.0, 0.0
-    return shift.joints[:, 0] * equations.rows.on1, shift.joints[:, 1] * equations.rows.on2
-
-
-def shift_column(shift: Shift, state: State, equations: Equations) -> Floats:
+def shift_column(shift: Shift, equations: Equations) -> Floats:
     """What a shift adds to h along n and t, (n, 2), m."""
-    e, arm = equations, equations.rows.arm
-    out = np.zeros((2, len(state.magnitude)))
+    out = np.zeros(equations.h.shape)
     if shift.joints is not None:
-        turn1, turn2 = _turns(shift, e)
-        out[0] -= e.g11 * turn1 + e.g12 * turn2
-        out[1] -= e.g21 * turn1 + e.g22 * turn2
+        out -= times(equations.by_rows, shift.joints.T * equations.rows.on)
     if shift.place is not None:
-        x, y = shift.place.T
-        out[0] += x * arm.nx + y * arm.ny
-        out[1] += y * arm.nx - x * arm.ny
+        out += seen(shift.place.T, equations.rows.arm.normal)
     return out.T
 
 
@@ -195,17 +176,17 @@ def all_derivatives(
     if at is None:
         return base
     for name, shift in model.shift_by_robot(at).items():
-        base[:, :, NAMES.index(name)] += shift_column(shift, state, equations)
-    columns = [shift_column(shift, state, equations).T[None] for shift in model.shift_by_effects(at)]
+        base[:, :, NAMES.index(name)] += shift_column(shift, equations)
+    columns = [shift_column(shift, equations).T[None] for shift in model.shift_by_effects(at)]
     return np.concatenate([base.transpose(2, 1, 0), *columns]).transpose(2, 1, 0)
 
 
-def off_normal_derivative(model: ExtendedModel, state: State, equations: Equations) -> Floats:
+def off_normal_derivative(model: ExtendedModel, equations: Equations) -> Floats:
     """∂h by the off-normal angle of each touch's force, (n, 2), m/rad, by central differences; there are effects."""
     at = equations.touch_state
     assert at is not None
     up, down = (at._replace(off_normal=at.off_normal + change) for change in (_ANGLE_STEP, -_ANGLE_STEP))
-    return shift_column(model.difference(up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION), state, equations)
+    return shift_column(model.difference(up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION), equations)
 
 
 def solve_links(
@@ -249,14 +230,16 @@ def solve_state(model: ExtendedModel, contact_problem: ContactProblem) -> tuple[
             state = next_modes(model.parameters, contact_problem.shifted(model, state, arm).joints, state, arm)
         todo = ~_is_solved(model, contact_problem, state)
         part, done = _solve_by_modes(model, contact_problem.select(todo))
-    state, solved = _put(state, todo, part), _put_mask(~todo, todo, done)
-    return start.replace_where(solved, state), solved
+    solved = ~todo
+    solved[todo] = done
+    return start.replace_where(solved, _put(state, todo, part)), solved
 
 
 def _newton_step(e: Equations, state: State) -> State:
-    det = e.normal_f * e.tangent_d - e.normal_d * e.tangent_f
-    change_f = -(e.tangent_d * e.normal - e.normal_d * e.tangent) / det
-    change_d = -(e.normal_f * e.tangent - e.tangent_f * e.normal) / det
+    (normal, tangent), ((normal_f, tangent_f), (normal_d, tangent_d)) = e.h, e.h_by
+    det = normal_f * tangent_d - normal_d * tangent_f
+    change_f = -(tangent_d * normal - normal_d * tangent) / det
+    change_d = -(normal_f * tangent - tangent_f * normal) / det
     change_d = np.clip(change_d, -_TURN_LIMIT, _TURN_LIMIT)
     return move_links(e, state, change_f, change_d)
 
@@ -267,7 +250,7 @@ def _is_solved(model: ExtendedModel, contact_problem: ContactProblem, state: Sta
 
 
 def _obeys(e: Equations, model: ExtendedModel, state: State) -> Mask:
-    error = np.max(np.abs([e.normal, e.tangent, e.rows.row1, e.rows.row2]), axis=0)
+    error = np.max(np.abs([*e.h, *e.rows.row]), axis=0)
     wanted = next_modes(model.parameters, e.rows.joints, state, e.rows.arm)
     # residual of a solved touch, m and rad
     return (error < 1e-13) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
@@ -298,12 +281,10 @@ def nearest_equilibrium(
     p, radii = model.parameters, contact_problem.radii
     arm = view_arm(p, *state[:4], contact_problem.gripper)
     # joints that swing through all their backlash slide the tip along the disc, which also turns the force
-    slide = (abs(p.g1) + np.abs(p.p1 * state.magnitude * arm.b1)) * np.abs(arm.b1)
-    slide += (abs(p.g2) + np.abs(p.p2 * state.magnitude * arm.b2)) * np.abs(arm.b2)
-    # a lever arm is small if the backlash of the joints, times this factor, could change its sign
-    slide *= 2.5
-    toggles = np.abs(arm.lever1) < slide * (1 + np.abs(arm.b1) / radii)
-    toggles |= np.abs(arm.lever2) < slide * (1 + np.abs(arm.b2) / radii)
+    (compliance, backlash), b = of_joints(p), np.abs(arm.b)
+    slide = ((abs(backlash) + np.abs(compliance * state.magnitude) * b) * b).sum(axis=0)
+    # a lever arm is small if the backlash of the joints, times 2.5, could change its sign
+    toggles = (np.abs(arm.lever) < 2.5 * slide * (1 + b / radii)).any(axis=0)
     if not toggles.any():
         return state
     with np.errstate(all='ignore'):
@@ -321,12 +302,6 @@ def _put(state: State, where: Mask, part: State) -> State:
     out = State(*(whole.copy() for whole in state))
     for whole, new in zip(out, part, strict=True):
         whole[where] = new
-    return out
-
-
-def _put_mask(mask: Mask, where: Mask, part: Mask) -> Mask:
-    out = mask.copy()
-    out[where] = part
     return out
 
 
@@ -441,35 +416,6 @@ def _as_contact(model: ExtendedModel, contact_problem: ContactProblem, state: St
     return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
 
 
-def contact_force(
-    parameters: Parameters,
-    joints: ArrayLike,
-    centers: ArrayLike,
-    radii: ArrayLike,
-    gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
-) -> Floats:
-    """A(Q, L̄) over several discs: the force on the disc that the arm presses, zero where it presses none.
-
-    Args:
-        parameters: L̄.
-        joints: Q, (n, 2), rad.
-        centers: centres of all discs, (m, 2), m.
-        radii: their radii, (m,), m.
-        gripper: the form of (7); a bare sign is the isotropic gripper.
-
-    Returns:
-        F on the object, base frame, (n, 2), N. Discs do not overlap, so at most one is pressed.
-    """
-    joints = np.atleast_2d(np.asarray(joints, dtype=float))
-    force, magnitude = np.zeros_like(joints), np.zeros(len(joints))
-    for center, radius in zip(np.asarray(centers), np.asarray(radii), strict=True):
-        other = contact(parameters, joints, center, radius, gripper)
-        stronger = other.magnitude > magnitude
-        force = np.where(stronger[:, None], other.force, force)
-        magnitude = np.where(stronger, other.magnitude, magnitude)
-    return force
-
-
 class ContactDerivatives(NamedTuple):
     """Derivatives of A(Q, L̄) at n touches; zero without contact.
 
@@ -510,14 +456,15 @@ def contact_derivatives(
     )  # an unloaded touch has derivative zero; any flank keeps the algebra regular
     e = extended_equations(model, contact_problem, state)
     h_l = all_derivatives(model, contact_problem, state, e)
-    det = e.normal_f * e.tangent_d - e.normal_d * e.tangent_f
+    (normal_f, tangent_f), (normal_d, tangent_d) = e.h_by
     with np.errstate(divide='ignore', invalid='ignore'):
-        f_h = np.stack([e.tangent_d, -e.normal_d], axis=-1) / det[:, None]
-        d_h = np.stack([-e.tangent_f, e.normal_f], axis=-1) / det[:, None]
-    n = np.stack([e.rows.arm.nx, e.rows.arm.ny], axis=-1)
-    t = np.stack([-e.rows.arm.ny, e.rows.arm.nx], axis=-1)
+        f_h, d_h = np.array([[tangent_d, -normal_d], [-tangent_f, normal_f]]) / (
+            normal_f * tangent_d - normal_d * tangent_f
+        )
+    n = e.rows.arm.normal
+    t = np.array([-n[1], n[0]])
     # the force per metre of residual, (n, 2, 2)
-    stiffness = n[:, :, None] * f_h[:, None, :] + (state.magnitude[:, None] * t)[:, :, None] * d_h[:, None, :]
+    stiffness = (n[:, None] * f_h + state.magnitude * t[:, None] * d_h).transpose(2, 0, 1)
     stiffness = np.where(loaded[:, None, None] > 0, -stiffness, 0.0)
     h_q = h_l[:, :, [THETA1, THETA2]]
     return ContactDerivatives(stiffness @ h_q, stiffness @ h_l)

@@ -67,7 +67,7 @@ class Gripper:
     @property
     def isotropic(self) -> bool:
         """Whether the excess is zero."""
-        return not np.any(self.excess)
+        return not any(map(any, self.excess))
 
     @property
     def factor(self) -> float:

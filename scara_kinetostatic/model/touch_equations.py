@@ -35,61 +35,55 @@ The measured angle q_i and the offset theta_i enter alike: h_theta = h_q.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.gripper import Gripper, Skew
-from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, stacked
+from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, forward, stacked
 from scara_kinetostatic.model.parameters import Parameters
 
 
 class Arm(NamedTuple):
-    """The arm at link angles Q*, seen along a force direction; all (n,).
+    """The arm at link angles Q*, seen along a force direction; all (2, n).
 
     Attributes:
-        ux: unit vector of link 1, x.
-        uy: the same, y.
-        vx: unit vector of link 2, x.
-        vy: the same, y.
-        nx: unit vector of the force on the object, x.
-        ny: the same, y.
-        a1: lever arm of joint 1, m.
-        a2: lever arm of joint 2, m.
-        b1: move of the tip along t per angle of joint 1, m.
-        b2: the same of joint 2, m.
-        lever1: lever arm of joint 1, gripper and all, m.
-        lever2: the same of joint 2, m.
-        turn1: what `lever1` loses per angle of joint 1, and gains as the force turns, m.
-        turn2: the same of joint 2, m.
-        skew: what the gripper adds where it does not give way along the force; None where it does.
-        un: unit vector of link 1 along n.
-        ut: the same along t.
-        vn: unit vector of link 2 along n.
-        vt: the same along t.
+        link1: unit vector of link 1, base frame.
+        link2: the same of link 2.
+        normal: unit vector of the force on the object, base frame.
+        seen1: unit vector of link 1 along n and t.
+        seen2: the same of link 2.
+        a: lever arms of joint 1 and joint 2, m.
+        b: moves of the tip along t per angle of joint 1 and of joint 2, m.
+        lever: lever arms, gripper and all, m.
+        turn: what `lever` loses per angle of its joint, and gains as the force turns, m.
+        skew: what the gripper adds where it does not give way along the force, (n,) each; None where it does.
     """
 
-    ux: Floats
-    uy: Floats
-    vx: Floats
-    vy: Floats
-    nx: Floats
-    ny: Floats
-    a1: Floats
-    a2: Floats
-    b1: Floats
-    b2: Floats
-    lever1: Floats
-    lever2: Floats
-    turn1: Floats
-    turn2: Floats
+    link1: Floats
+    link2: Floats
+    normal: Floats
+    seen1: Floats
+    seen2: Floats
+    a: Floats
+    b: Floats
+    lever: Floats
+    turn: Floats
     skew: Skew | None
-    un: Floats
-    ut: Floats
-    vn: Floats
-    vt: Floats
+
+    def select(self, which: Mask | Indices | slice) -> Arm:
+        """The touches that a mask, a slice or an array of positions picks."""
+        skew = None if self.skew is None else Skew(*(part[which] for part in self.skew))
+        parts: list[Any] = [*(part[:, which] for part in self[:-1]), skew]
+        return Arm(*parts)
+
+
+def seen(vectors: Floats, normal: Floats) -> Floats:
+    """Components of vectors (2, n) along unit vectors n and along t = R90 n, (2, n)."""
+    (x, y), (nx, ny) = vectors, normal
+    return np.array([x * nx + y * ny, y * nx - x * ny])
 
 
 def view_arm(
@@ -110,18 +104,17 @@ def view_arm(
     """
     first = link1 + parameters.theta1
     second = first + link2 + parameters.theta2
-    ux, uy, vx, vy = np.cos(first), np.sin(first), np.cos(second), np.sin(second)
-    nx, ny = np.cos(direction), np.sin(direction)
-    un, ut = ux * nx + uy * ny, uy * nx - ux * ny
-    vn, vt = vx * nx + vy * ny, vy * nx - vx * ny
-    a2, b2 = -parameters.l2 * vt, parameters.l2 * vn
-    a1, b1 = a2 - parameters.l1 * ut, b2 + parameters.l1 * un
-    skew = None if gripper.excess == ((0.0, 0.0), (0.0, 0.0)) else gripper.skew(direction - second)
+    angles = np.array([first, second, direction])
+    u, v, normal = np.array([np.cos(angles), np.sin(angles)]).transpose(1, 0, 2)
+    seen1, seen2 = seen(u, normal), seen(v, normal)
+    along1, aside1 = parameters.l1 * seen1
+    along2, aside2 = parameters.l2 * seen2
+    a, b = np.array([-aside2 - aside1, -aside2]), np.array([along2 + along1, along2])
+    skew = gripper.skew(direction - second)
     if skew is None:
-        return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, a1, a2, b1, b2, None, un, ut, vn, vt)
-    aside, turn = magnitude * skew.tangent, magnitude * skew.tangent_turn
-    levers = a1 - aside, a2 - aside, b1 - turn, b2 - turn
-    return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, *levers, skew, un, ut, vn, vt)
+        return Arm(u, v, normal, seen1, seen2, a, b, a, b, None)
+    lever, turn = a - magnitude * skew.tangent, b - magnitude * skew.tangent_turn
+    return Arm(u, v, normal, seen1, seen2, a, b, lever, turn, skew)
 
 
 class State(NamedTuple):
@@ -152,6 +145,12 @@ class State(NamedTuple):
         return State(*(np.where(where, new, old) for new, old in zip(other, self, strict=True)))
 
 
+def of_joints(parameters: Parameters) -> tuple[Floats, Floats]:
+    """P and g of joint 1 and joint 2, (2, 1) each."""
+    p = parameters
+    return np.array([[p.p1], [p.p2]]), np.array([[p.g1], [p.g2]])
+
+
 def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -> State:
     """The modes that the state calls for, by the rule of a primal-dual active set.
 
@@ -169,75 +168,61 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     Returns:
         The state with its modes renewed.
     """
-    p, f = parameters, state.magnitude
-    floats1 = joints[:, 0] - state.link1 + (1.0 - p.p1 * f) * arm.lever1
-    floats2 = joints[:, 1] - state.link2 + (1.0 - p.p2 * f) * arm.lever2
-    return state._replace(mode1=_mode(floats1, arm.lever1, p.g1), mode2=_mode(floats2, arm.lever2, p.g2))
-
-
-def _mode(pointer: Floats, arm: Floats, backlash: float) -> Floats:
-    if backlash <= 0:
-        return np.where(arm < 0, -1.0, 1.0)
-    return np.sign(pointer) * (np.abs(pointer) > backlash)
+    compliance, backlash = of_joints(parameters)
+    pointer = joints.T - np.array(state[:2]) + (1.0 - compliance * state.magnitude) * arm.lever
+    floating = np.sign(pointer) * (np.abs(pointer) > backlash)
+    mode1, mode2 = np.where(backlash <= 0, np.where(arm.lever < 0, -1.0, 1.0), floating)
+    return state._replace(mode1=mode1, mode2=mode2)
 
 
 def free_state(parameters: Parameters, joints: Floats, centers: Floats) -> State:
     """A start for n touches: links at the measured angles, no force, pointing from tip to disc."""
-    first = joints[:, 0] + parameters.theta1
-    second = first + joints[:, 1] + parameters.theta2
-    x = parameters.x0 + parameters.l1 * np.cos(first) + parameters.l2 * np.cos(second)
-    y = parameters.y0 + parameters.l1 * np.sin(first) + parameters.l2 * np.sin(second)
-    direction = np.arctan2(centers[:, 1] - y, centers[:, 0] - x)
-    state = State(joints[:, 0], joints[:, 1], np.zeros(len(x)), direction, *np.ones((2, len(x))))
-    arm = view_arm(parameters, *state[:4], Gripper())
-    return state._replace(mode1=_mode(arm.a1, arm.a1, 0.0), mode2=_mode(arm.a2, arm.a2, 0.0))
+    direction = np.arctan2(*(centers - forward(parameters, joints)).T[::-1])
+    still, (q1, q2) = np.zeros(len(direction)), joints.T
+    arm = view_arm(parameters, q1, q2, still, direction, Gripper())
+    return State(q1, q2, still, direction, *np.where(arm.a < 0, -1.0, 1.0))
 
 
 class Rows(NamedTuple):
-    """The joints' rows at n touches; all (n,).
+    """The joints' rows at n touches; those of joint 1 and joint 2, (2, n).
 
     Attributes:
         arm: the arm along the force.
         joints: the measured angles that they hold for, Q less what effects add, (n, 2), rad.
-        row1: residual of joint 1's row.
-        row2: the same of joint 2.
-        w1: how strongly row 1 feels its lever arm: p f on a flank, 1 where the joint floats.
-        w2: the same of row 2.
-        on1: 1 where joint 1 rests on a flank, 0 where it floats.
-        on2: the same of joint 2.
-        i11: M⁻¹, by rows (i11, i12), (i21, i22).
-        i12: see `i11`.
-        i21: see `i11`.
-        i22: see `i11`.
+        row: residuals, rad, or m where the joint floats.
+        weight: how strongly a row feels its lever arm: p f on a flank, 1 where the joint floats.
+        on: 1 where the joint rests on a flank, 0 where it floats.
+        inverse: M⁻¹, (2, 2, n).
     """
 
     arm: Arm
     joints: Floats
-    row1: Floats
-    row2: Floats
-    w1: Floats
-    w2: Floats
-    on1: Floats
-    on2: Floats
-    i11: Floats
-    i12: Floats
-    i21: Floats
-    i22: Floats
+    row: Floats
+    weight: Floats
+    on: Floats
+    inverse: Floats
+
+    def step(self, left: Floats) -> Floats:
+        """M⁻¹ times what is left of the rows, (2, n)."""
+        return times(self.inverse, left)
+
+
+def times(matrices: Floats, vectors: Floats) -> Floats:
+    """Matrices (2, 2, n) times vectors (2, n), touch by touch."""
+    return np.asarray(np.einsum('ijn,jn->in', matrices, vectors))
 
 
 def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None) -> Rows:
     """The rows of (6) and (8) at a state, and M⁻¹; `arm` saves work where that of the state is known."""
-    p, f = parameters, state.magnitude
-    arm = view_arm(p, *state[:4], gripper) if arm is None else arm
-    on1, on2 = state.mode1 * state.mode1, state.mode2 * state.mode2
-    w1, w2 = on1 * (p.p1 * f) + (1.0 - on1), on2 * (p.p2 * f) + (1.0 - on2)
-    row1 = w1 * arm.lever1 + on1 * (state.link1 - joints[:, 0]) + p.g1 * state.mode1
-    row2 = w2 * arm.lever2 + on2 * (state.link2 - joints[:, 1]) + p.g2 * state.mode2
-    m11, n12, n21 = on1 - w1 * arm.turn1, w1 * arm.turn2, w2 * arm.turn2
-    m22 = on2 - n21
-    inverse = 1.0 / (m11 * m22 - n12 * n21)
-    i11, i12, i21, i22 = m22 * inverse, n12 * inverse, n21 * inverse, m11 * inverse
-    return Rows(arm, joints, row1, row2, w1, w2, on1, on2, i11, i12, i21, i22)
+    arm = view_arm(parameters, *state[:4], gripper) if arm is None else arm
+    (compliance, backlash), mode = of_joints(parameters), np.array(state[4:])
+    on = mode * mode
+    weight = on * (compliance * state.magnitude) + (1.0 - on)
+    row = weight * arm.lever + on * (np.array(state[:2]) - joints.T) + backlash * mode
+    m11, n12, n21 = on[0] - weight[0] * arm.turn[0], weight[0] * arm.turn[1], weight[1] * arm.turn[1]
+    m22 = on[1] - n21
+    inverse = np.array([[m22, n12], [n21, m11]]) / (m11 * m22 - n12 * n21)
+    return Rows(arm, joints, row, weight, on, inverse)
 
 
 def step_links(
@@ -256,51 +241,30 @@ def step_links(
     Returns:
         The state, and the arm there.
     """
-    r = joint_rows(parameters, joints, state, gripper, arm)
-    state = state._replace(
-        link1=state.link1 - (r.i11 * r.row1 + r.i12 * r.row2), link2=state.link2 - (r.i21 * r.row1 + r.i22 * r.row2)
-    )
+    rows = joint_rows(parameters, joints, state, gripper, arm)
+    step1, step2 = rows.step(rows.row)
+    state = state._replace(link1=state.link1 - step1, link2=state.link2 - step2)
     arm = view_arm(parameters, *state[:4], gripper)
     return (state if frozen else next_modes(parameters, joints, state, arm)), arm
 
 
 class Equations(NamedTuple):
-    """Residuals of n touches and what the derivatives are made of; all (n,).
+    """Residuals of n touches and what the derivatives are made of.
 
     Attributes:
         rows: the joints' rows.
-        normal: h along n, m.
-        tangent: h along t, m.
-        g11: G, by rows (g11, g12) along n, (g21, g22) along t, m/rad.
-        g12: see `g11`.
-        g21: see `g11`.
-        g22: see `g11`.
-        row1_f: ∂row1/∂f.
-        row2_f: ∂row2/∂f.
-        row1_d: ∂row1/∂φ.
-        row2_d: ∂row2/∂φ.
-        normal_f: ∂h/∂f along n, m/N.
-        tangent_f: ∂h/∂f along t, m/N.
-        normal_d: ∂h/∂φ along n, m/rad.
-        tangent_d: ∂h/∂φ along t, m/rad.
+        h: along n and t, (2, n), m.
+        by_rows: G, (2, 2, n), m/rad.
+        rows_by: derivatives of the rows by f and by φ, (2, n) each.
+        h_by: those of h, m/N and m/rad.
         touch_state: the touches as effects take them; None for the base model.
     """
 
     rows: Rows
-    normal: Floats
-    tangent: Floats
-    g11: Floats
-    g12: Floats
-    g21: Floats
-    g22: Floats
-    row1_f: Floats
-    row2_f: Floats
-    row1_d: Floats
-    row2_d: Floats
-    normal_f: Floats
-    tangent_f: Floats
-    normal_d: Floats
-    tangent_d: Floats
+    h: Floats
+    by_rows: Floats
+    rows_by: tuple[Floats, Floats]
+    h_by: tuple[Floats, Floats]
     touch_state: TouchState | None = None
 
 
@@ -327,53 +291,21 @@ def touch_equations(
     Returns:
         Residuals and derivatives, to first order exact wherever the rows hold.
     """
-    p, r = parameters, joint_rows(parameters, joints, state, gripper, arm)
-    arm, (normal, tangent, a1, a2, by_f, by_d) = r.arm, _circle(p, centers, radii, state, r.arm, gripper)
-    g11, g12 = a1 * r.i11 + a2 * r.i21, a1 * r.i12 + a2 * r.i22
-    g21, g22 = arm.turn1 * r.i11 + arm.turn2 * r.i21, arm.turn1 * r.i12 + arm.turn2 * r.i22
-    row1_f, row2_f = p.p1 * r.on1 * arm.lever1, p.p2 * r.on2 * arm.lever2
-    if arm.skew is not None:
-        row1_f, row2_f = row1_f - r.w1 * arm.skew.tangent, row2_f - r.w2 * arm.skew.tangent
-    row1_d, row2_d = r.w1 * arm.turn1, r.w2 * arm.turn2
-    return Equations(
-        rows=r,
-        normal=normal - g11 * r.row1 - g12 * r.row2,
-        tangent=tangent - g21 * r.row1 - g22 * r.row2,
-        g11=g11,
-        g12=g12,
-        g21=g21,
-        g22=g22,
-        row1_f=row1_f,
-        row2_f=row2_f,
-        row1_d=row1_d,
-        row2_d=row2_d,
-        normal_f=by_f[0] - g11 * row1_f - g12 * row2_f,
-        tangent_f=by_f[1] - g21 * row1_f - g22 * row2_f,
-        normal_d=by_d[0] - g11 * row1_d - g12 * row2_d,
-        tangent_d=by_d[1] - g21 * row1_d - g22 * row2_d,
-    )
-
-
-def _circle(
-    p: Parameters, centers: Floats, radii: Floats, state: State, arm: Arm, gripper: Gripper
-) -> tuple[Floats, Floats, Floats, Floats, tuple[Floats | float, Floats | float], tuple[Floats | float, Floats]]:
-    """H(Q*) + (S - S*) + r n - S_c along n and t; its part along n by both joints; both parts by f, and by φ."""
-    f = state.magnitude
-    reach = radii + gripper.stretch(p, f)
-    cx, cy = p.x0 - centers[:, 0], p.y0 - centers[:, 1]
-    normal = arm.b1 + cx * arm.nx + cy * arm.ny + reach
-    tangent = -arm.a1 - cx * arm.ny + cy * arm.nx
-    slope, skew = gripper.slope(p), arm.skew
-    if skew is None:
-        return normal, tangent, arm.a1, arm.a2, (slope, 0.0), (0.0, reach)
-    return (
-        normal + f * skew.normal,
-        tangent + f * skew.tangent,
-        arm.a1 - f * skew.normal_turn,
-        arm.a2 - f * skew.normal_turn,
-        (slope + skew.normal, skew.tangent),
-        (f * (skew.normal_turn - skew.tangent), reach + f * (skew.tangent_turn + skew.normal)),
-    )
+    p, f, rows = parameters, state.magnitude, joint_rows(parameters, joints, state, gripper, arm)
+    arm, reach, zero = rows.arm, radii + gripper.stretch(p, state.magnitude), np.zeros(len(radii))
+    circle = np.array([arm.b[0] + reach, -arm.a[0]])  # H(Q*) + (S - S*) + r n - S_c along n and t
+    circle += seen(np.array([[p.x0], [p.y0]]) - centers.T, arm.normal)
+    across, by_f, by_d = arm.a, np.array([zero + gripper.slope(p), zero]), np.array([zero, reach])
+    row_f = of_joints(p)[0] * rows.on * arm.lever
+    if (skew := arm.skew) is not None:
+        stretch, turned = np.array([skew.normal, skew.tangent]), np.array([skew.normal_turn, skew.tangent_turn])
+        circle, by_f, across = circle + f * stretch, by_f + stretch, across - f * skew.normal_turn
+        by_d = by_d + f * (turned + np.array([-skew.tangent, skew.normal]))
+        row_f = row_f - rows.weight * skew.tangent
+    row_d = rows.weight * arm.turn
+    g = np.einsum('ijn,jkn->ikn', np.array([across, arm.turn]), rows.inverse)
+    h_by = by_f - times(g, row_f), by_d - times(g, row_d)
+    return Equations(rows, circle - times(g, rows.row), g, (row_f, row_d), h_by)
 
 
 def parameter_derivative(state: State, equations: Equations, gripper: Gripper) -> Floats:
@@ -382,42 +314,35 @@ def parameter_derivative(state: State, equations: Equations, gripper: Gripper) -
     Returns:
         (n, 2, 12): along n and t, by the parameters in the order of `NAMES`.
     """
-    e, r, f = equations, equations.rows, state.magnitude
-    arm = r.arm
+    r, f, arm = equations.rows, state.magnitude, equations.rows.arm
     joints = LoadedJoints(
-        slope=(r.w1, r.w2),
-        moment=(-arm.ut, -arm.vt),
-        torque=(f * arm.lever1 * r.on1, f * arm.lever2 * r.on2),
+        slope=tuple(r.weight),
+        moment=(-arm.seen1[1], -arm.seen2[1]),
+        torque=tuple(f * arm.lever * r.on),
         sense=(state.mode1, state.mode2),
-        rests=(r.on1, r.on2),
+        rests=tuple(r.on),
     )
-    push = (gripper.factor * f, -1.0)
-    along = component_by_parameters((arm.nx, arm.ny), (arm.un, arm.vn), (e.g11, e.g12), push, joints)
-    across = component_by_parameters((-arm.ny, arm.nx), (arm.ut, arm.vt), (e.g21, e.g22), (0.0, 0.0), joints)
-    return stacked((along, across), f.shape).transpose(2, 1, 0)
+    (nx, ny), (along, across) = arm.normal, equations.by_rows
+    pushes = (gripper.factor * f, -1.0), (0.0, 0.0)
+    parts = zip(((nx, ny), (-ny, nx)), zip(arm.seen1, arm.seen2, strict=True), (along, across), pushes, strict=True)
+    return stacked([component_by_parameters(*part, joints) for part in parts], f.shape).transpose(2, 1, 0)
 
 
 def excess_derivative(state: State, equations: Equations, gripper: Gripper) -> Floats:
     """∂h/∂E of n touches, f and φ held: by the entries 11, 12, 21, 22 of the gripper's excess, (n, 2, 4)."""
-    e, r = equations, equations.rows
-    arm, push = r.arm, gripper.factor * state.magnitude
-    n = np.stack([arm.nx * arm.vx + arm.ny * arm.vy, arm.ny * arm.vx - arm.nx * arm.vy])  # in the frame of link 2
-    t = np.stack([-n[1], n[0]])
-    normal = push * n[:, None] * n[None, :]
-    tangent = push * t[:, None] * n[None, :]
-    normal_h = normal + (e.g11 * r.w1 + e.g12 * r.w2) * tangent
-    tangent_h = tangent + (e.g21 * r.w1 + e.g22 * r.w2) * tangent
-    return np.moveaxis(np.stack([normal_h.reshape(4, -1), tangent_h.reshape(4, -1)]), -1, 0)
+    arm, push = equations.rows.arm, gripper.factor * state.magnitude
+    n = np.array([arm.seen2[0], -arm.seen2[1]])  # in the frame of link 2
+    t = np.array([-n[1], n[0]])
+    normal, tangent = push * n[:, None] * n, push * t[:, None] * n
+    moved = times(equations.by_rows, equations.rows.weight)
+    parts = normal + moved[0] * tangent, tangent + moved[1] * tangent
+    return np.moveaxis(np.array([part.reshape(4, -1) for part in parts]), -1, 0)
 
 
 def move_links(equations: Equations, state: State, change_f: Floats, change_d: Floats) -> State:
     """One Newton step of the rows: the link angles that go with a change of f and φ."""
-    e, r = equations, equations.rows
-    left1 = r.row1 + e.row1_f * change_f + e.row1_d * change_d
-    left2 = r.row2 + e.row2_f * change_f + e.row2_d * change_d
-    return state._replace(
-        link1=state.link1 - (r.i11 * left1 + r.i12 * left2),
-        link2=state.link2 - (r.i21 * left1 + r.i22 * left2),
-        magnitude=state.magnitude + change_f,
-        direction=state.direction + change_d,
+    row_f, row_d = equations.rows_by
+    step1, step2 = equations.rows.step(equations.rows.row + row_f * change_f + row_d * change_d)
+    return State(
+        state.link1 - step1, state.link2 - step2, state.magnitude + change_f, state.direction + change_d, *state[4:]
     )
