@@ -46,7 +46,7 @@ from scara_kinetostatic.model.sensor_error import (
     true_force,
     true_force_derivative,
 )
-from scara_kinetostatic.model.touch_equations import Arm, State, free_state
+from scara_kinetostatic.model.touch_equations import Arm, State, free_state, pairs
 
 
 class Adjusted(NamedTuple):
@@ -106,20 +106,21 @@ def linearise(
     by_joints = derivative[:, :, THETA1 : THETA2 + 1 : THETA2 - THETA1]
     h_f, h_d = e.h_by
     if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
-        turned = h_d.T
+        turned = pairs(h_d)
         derivative[:, :, THETA1] += turned
         derivative[:, :, THETA2] += turned
     by_force = by_touch(2, 2, len(o.joints))
-    by_force[:, 0, 0], by_force[:, 1, 0] = h_f
-    by_force[:, 0, 1], by_force[:, 1, 1] = h_d / state.magnitude
+    per_force = h_d / state.magnitude
+    by_force[:, 0, 0], by_force[:, 1, 0] = h_f.real, h_f.imag
+    by_force[:, 0, 1], by_force[:, 1, 1] = per_force.real, per_force.imag
     if has_sensor_error(model):
         true = _in_sensor_frame(o, model, adjusted.joints, state)
         by_force = by_force @ true_force_derivative(model, adjusted.force, true, o.metadata)
         derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, true, by_force, o.metadata)
     misclosure = by_touch(2, len(o.joints))
     off = _off_measured(o, adjusted)
-    misclosure[:, 0] = e.h[0] + _row_times(by_joints[:, 0], by_force[:, 0], off)
-    misclosure[:, 1] = e.h[1] + _row_times(by_joints[:, 1], by_force[:, 1], off)
+    misclosure[:, 0] = e.h.real + _row_times(by_joints[:, 0], by_force[:, 0], off)
+    misclosure[:, 1] = e.h.imag + _row_times(by_joints[:, 1], by_force[:, 1], off)
     by_errors = None if o.declared is None else _by_errors(o, adjusted.force, state, by_force)
     if not model.off_normal_std:
         return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_errors=by_errors)

@@ -33,14 +33,13 @@ from scara_kinetostatic.model.touch_equations import (
     Arm,
     Equations,
     State,
+    as_complex,
     free_state,
     move_links,
     next_modes,
-    of_joints,
+    pairs,
     parameter_derivative,
-    seen,
     step_links,
-    times,
     touch_equations,
     view_arm,
 )
@@ -80,7 +79,7 @@ class ContactProblem(NamedTuple):
         """The touches at a state, as effects take them; `arm` saves work where that of the state is known."""
         assert self.metadata is not None
         arm = view_arm(parameters, *state[:4], self.gripper) if arm is None else arm
-        f, normal = state.magnitude, arm.normal.T
+        f, normal = state.magnitude, pairs(arm.normal)
         return TouchState(
             parameters=parameters,
             joints=self.joints,
@@ -88,8 +87,8 @@ class ContactProblem(NamedTuple):
             magnitude=f,
             normal=normal,
             torques=(f * arm.lever).T,
-            link1=arm.link1.T,
-            link2=arm.link2.T,
+            link1=pairs(arm.link1),
+            link2=pairs(arm.link2),
             centers=self.centers,
             radii=self.radii,
             metadata=self.metadata,
@@ -154,18 +153,18 @@ def extended_equations(
     shifts = _shift_by_magnitude(model, contact_problem, state, arm), _shift_by_direction(model, contact_problem, state)
     turns = (0.0 if shift.joints is None else shift.joints.T * e.rows.on for shift in shifts)
     row_f, row_d = (row + turn for row, turn in zip(e.rows_by, turns, strict=True))
-    h_f, h_d = (h + shift_column(shift, e).T for h, shift in zip(e.h_by, shifts, strict=True))
+    h_f, h_d = (h + as_complex(shift_column(shift, e)) for h, shift in zip(e.h_by, shifts, strict=True))
     return e._replace(rows_by=(row_f, row_d), h_by=(h_f, h_d), touch_state=at)
 
 
 def shift_column(shift: Shift, equations: Equations) -> Floats:
     """What a shift adds to h along n and t, (n, 2), m."""
-    out = np.zeros(equations.h.shape)
+    out = np.zeros(equations.h.shape, dtype=complex)
     if shift.joints is not None:
-        out -= times(equations.by_rows, shift.joints.T * equations.rows.on)
+        out -= equations.moved(shift.joints.T * equations.rows.on)
     if shift.place is not None:
-        out += seen(shift.place.T, equations.rows.arm.normal)
-    return out.T
+        out += as_complex(shift.place) * equations.rows.arm.normal.conj()
+    return pairs(out)
 
 
 def all_derivatives(
@@ -236,10 +235,9 @@ def solve_state(model: ExtendedModel, contact_problem: ContactProblem) -> tuple[
 
 
 def _newton_step(e: Equations, state: State) -> State:
-    (normal, tangent), ((normal_f, tangent_f), (normal_d, tangent_d)) = e.h, e.h_by
-    det = normal_f * tangent_d - normal_d * tangent_f
-    change_f = -(tangent_d * normal - normal_d * tangent) / det
-    change_d = -(normal_f * tangent - tangent_f * normal) / det
+    h_f, h_d = e.h_by
+    det = (h_f.conj() * h_d).imag
+    change_f, change_d = -(e.h.conj() * h_d).imag / det, -(h_f.conj() * e.h).imag / det
     change_d = np.clip(change_d, -_TURN_LIMIT, _TURN_LIMIT)
     return move_links(e, state, change_f, change_d)
 
@@ -250,7 +248,7 @@ def _is_solved(model: ExtendedModel, contact_problem: ContactProblem, state: Sta
 
 
 def _obeys(e: Equations, model: ExtendedModel, state: State) -> Mask:
-    error = np.max(np.abs([*e.h, *e.rows.row]), axis=0)
+    error = np.max(np.abs([e.h.real, e.h.imag, *e.rows.row]), axis=0)
     wanted = next_modes(model.parameters, e.rows.joints, state, e.rows.arm)
     # residual of a solved touch, m and rad
     return (error < 1e-13) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
@@ -281,8 +279,8 @@ def nearest_equilibrium(
     p, radii = model.parameters, contact_problem.radii
     arm = view_arm(p, *state[:4], contact_problem.gripper)
     # joints that swing through all their backlash slide the tip along the disc, which also turns the force
-    (compliance, backlash), b = of_joints(p), np.abs(arm.b)
-    slide = ((abs(backlash) + np.abs(compliance * state.magnitude) * b) * b).sum(axis=0)
+    b = np.abs(arm.reach.real)
+    slide = ((np.abs(p.joint_backlashes) + np.abs(p.joint_compliances * state.magnitude) * b) * b).sum(axis=0)
     # a lever arm is small if the backlash of the joints, times 2.5, could change its sign
     toggles = (np.abs(arm.lever) < 2.5 * slide * (1 + b / radii)).any(axis=0)
     if not toggles.any():
@@ -456,15 +454,15 @@ def contact_derivatives(
     )  # an unloaded touch has derivative zero; any flank keeps the algebra regular
     e = extended_equations(model, contact_problem, state)
     h_l = all_derivatives(model, contact_problem, state, e)
-    (normal_f, tangent_f), (normal_d, tangent_d) = e.h_by
+    (h_f, h_d), n = e.h_by, e.rows.arm.normal
     with np.errstate(divide='ignore', invalid='ignore'):
-        f_h, d_h = np.array([[tangent_d, -normal_d], [-tangent_f, normal_f]]) / (
-            normal_f * tangent_d - normal_d * tangent_f
-        )
-    n = e.rows.arm.normal
-    t = np.array([-n[1], n[0]])
-    # the force per metre of residual, (n, 2, 2)
-    stiffness = (n[:, None] * f_h + state.magnitude * t[:, None] * d_h).transpose(2, 0, 1)
+        det = (h_f.conj() * h_d).imag
+        # the force per metre of residual along n and along t, (n, 2, 2)
+        columns = [
+            (n * part_f + 1j * state.magnitude * n * part_d) / det
+            for part_f, part_d in ((h_d.imag, -h_f.imag), (-h_d.real, h_f.real))
+        ]
+    stiffness = np.stack([pairs(column) for column in columns], axis=-1)
     stiffness = np.where(loaded[:, None, None] > 0, -stiffness, 0.0)
     h_q = h_l[:, :, [THETA1, THETA2]]
     return ContactDerivatives(stiffness @ h_q, stiffness @ h_l)

@@ -31,6 +31,10 @@ the circle's residual h and its derivatives with respect to the measured quantit
     h = circle - G rows,   h_z = circle_z - G rows_z.
 
 The measured angle q_i and the offset theta_i enter alike: h_theta = h_q.
+
+**Plane vectors are complex numbers**, x + iy in the base frame. Seen along the force, multiplied by exp(-iφ), they are
+(part along n) + i (part along t): so is h, and with r_i the vector from the axis of joint i to the tip, so seen,
+b_i - i a_i = r_i and A = i r.
 """
 
 from __future__ import annotations
@@ -39,36 +43,32 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask
 from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.gripper import Gripper, Skew
-from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, forward, stacked
+from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, forward
 from scara_kinetostatic.model.parameters import Parameters
 
 
 class Arm(NamedTuple):
-    """The arm at link angles Q*, seen along a force direction; all (2, n).
+    """The arm at link angles Q*, seen along a force direction; (n,), of both links or joints (2, n).
 
     Attributes:
-        link1: unit vector of link 1, base frame.
+        link1: unit vector of link 1, base frame, complex.
         link2: the same of link 2.
-        normal: unit vector of the force on the object, base frame.
-        seen1: unit vector of link 1 along n and t.
-        seen2: the same of link 2.
-        a: lever arms of joint 1 and joint 2, m.
-        b: moves of the tip along t per angle of joint 1 and of joint 2, m.
+        normal: unit vector of the force on the object, base frame, complex.
+        links: unit vectors of the links seen along the force, complex.
+        reach: vectors from the axes of the joints to the rigid tip seen along the force, complex, m.
         lever: lever arms, gripper and all, m.
         turn: what `lever` loses per angle of its joint, and gains as the force turns, m.
-        skew: what the gripper adds where it does not give way along the force, (n,) each; None where it does.
+        skew: what the gripper adds where it does not give way along the force; None where it does.
     """
 
-    link1: Floats
-    link2: Floats
-    normal: Floats
-    seen1: Floats
-    seen2: Floats
-    a: Floats
-    b: Floats
+    link1: Complexes
+    link2: Complexes
+    normal: Complexes
+    links: Complexes
+    reach: Complexes
     lever: Floats
     turn: Floats
     skew: Skew | None
@@ -76,14 +76,18 @@ class Arm(NamedTuple):
     def select(self, which: Mask | Indices | slice) -> Arm:
         """The touches that a mask, a slice or an array of positions picks."""
         skew = None if self.skew is None else Skew(*(part[which] for part in self.skew))
-        parts: list[Any] = [*(part[:, which] for part in self[:-1]), skew]
+        parts: list[Any] = [*(part[..., which] for part in self[:-1]), skew]
         return Arm(*parts)
 
 
-def seen(vectors: Floats, normal: Floats) -> Floats:
-    """Components of vectors (2, n) along unit vectors n and along t = R90 n, (2, n)."""
-    (x, y), (nx, ny) = vectors, normal
-    return np.array([x * nx + y * ny, y * nx - x * ny])
+def pairs(vectors: Complexes) -> Floats:
+    """Complex numbers (n,) as vectors (n, 2)."""
+    return np.ascontiguousarray(vectors).view(float).reshape(-1, 2)
+
+
+def as_complex(vectors: Floats) -> Complexes:
+    """Vectors (n, 2) as complex numbers (n,)."""
+    return np.asarray(vectors[:, 0] + 1j * vectors[:, 1])
 
 
 def view_arm(
@@ -104,17 +108,14 @@ def view_arm(
     """
     first = link1 + parameters.theta1
     second = first + link2 + parameters.theta2
-    angles = np.array([first, second, direction])
-    u, v, normal = np.array([np.cos(angles), np.sin(angles)]).transpose(1, 0, 2)
-    seen1, seen2 = seen(u, normal), seen(v, normal)
-    along1, aside1 = parameters.l1 * seen1
-    along2, aside2 = parameters.l2 * seen2
-    a, b = np.array([-aside2 - aside1, -aside2]), np.array([along2 + along1, along2])
-    skew = gripper.skew(direction - second)
-    if skew is None:
-        return Arm(u, v, normal, seen1, seen2, a, b, a, b, None)
-    lever, turn = a - magnitude * skew.tangent, b - magnitude * skew.tangent_turn
-    return Arm(u, v, normal, seen1, seen2, a, b, lever, turn, skew)
+    units = np.exp(1j * np.array([first, second, direction]))
+    links = units[:2] * units[2].conj()
+    reach = parameters.l2 * links[[1, 1]]
+    reach[0] += parameters.l1 * links[0]
+    lever, turn, skew = -reach.imag, reach.real, gripper.skew(direction - second)
+    if skew is not None:
+        lever, turn = lever - magnitude * skew.tangent, turn - magnitude * skew.tangent_turn
+    return Arm(units[0], units[1], units[2], links, reach, lever, turn, skew)
 
 
 class State(NamedTuple):
@@ -145,12 +146,6 @@ class State(NamedTuple):
         return State(*(np.where(where, new, old) for new, old in zip(other, self, strict=True)))
 
 
-def of_joints(parameters: Parameters) -> tuple[Floats, Floats]:
-    """P and g of joint 1 and joint 2, (2, 1) each."""
-    p = parameters
-    return np.array([[p.p1], [p.p2]]), np.array([[p.g1], [p.g2]])
-
-
 def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -> State:
     """The modes that the state calls for, by the rule of a primal-dual active set.
 
@@ -168,7 +163,7 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     Returns:
         The state with its modes renewed.
     """
-    compliance, backlash = of_joints(parameters)
+    compliance, backlash = parameters.joint_compliances, parameters.joint_backlashes
     pointer = joints.T - np.array(state[:2]) + (1.0 - compliance * state.magnitude) * arm.lever
     floating = np.sign(pointer) * (np.abs(pointer) > backlash)
     mode1, mode2 = np.where(backlash <= 0, np.where(arm.lever < 0, -1.0, 1.0), floating)
@@ -180,7 +175,7 @@ def free_state(parameters: Parameters, joints: Floats, centers: Floats) -> State
     direction = np.arctan2(*(centers - forward(parameters, joints)).T[::-1])
     still, (q1, q2) = np.zeros(len(direction)), joints.T
     arm = view_arm(parameters, q1, q2, still, direction, Gripper())
-    return State(q1, q2, still, direction, *np.where(arm.a < 0, -1.0, 1.0))
+    return State(q1, q2, still, direction, *np.where(arm.lever < 0, -1.0, 1.0))
 
 
 class Rows(NamedTuple):
@@ -204,21 +199,16 @@ class Rows(NamedTuple):
 
     def step(self, left: Floats) -> Floats:
         """M⁻¹ times what is left of the rows, (2, n)."""
-        return times(self.inverse, left)
-
-
-def times(matrices: Floats, vectors: Floats) -> Floats:
-    """Matrices (2, 2, n) times vectors (2, n), touch by touch."""
-    return np.asarray(np.einsum('ijn,jn->in', matrices, vectors))
+        return np.asarray((self.inverse * left).sum(axis=1))
 
 
 def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None) -> Rows:
     """The rows of (6) and (8) at a state, and M⁻¹; `arm` saves work where that of the state is known."""
     arm = view_arm(parameters, *state[:4], gripper) if arm is None else arm
-    (compliance, backlash), mode = of_joints(parameters), np.array(state[4:])
+    mode = np.array(state[4:])
     on = mode * mode
-    weight = on * (compliance * state.magnitude) + (1.0 - on)
-    row = weight * arm.lever + on * (np.array(state[:2]) - joints.T) + backlash * mode
+    weight = on * (parameters.joint_compliances * state.magnitude) + (1.0 - on)
+    row = weight * arm.lever + on * (np.array(state[:2]) - joints.T) + parameters.joint_backlashes * mode
     m11, n12, n21 = on[0] - weight[0] * arm.turn[0], weight[0] * arm.turn[1], weight[1] * arm.turn[1]
     m22 = on[1] - n21
     inverse = np.array([[m22, n12], [n21, m11]]) / (m11 * m22 - n12 * n21)
@@ -249,23 +239,27 @@ def step_links(
 
 
 class Equations(NamedTuple):
-    """Residuals of n touches and what the derivatives are made of.
+    """Residuals of n touches and what the derivatives are made of, seen along the force.
 
     Attributes:
         rows: the joints' rows.
-        h: along n and t, (2, n), m.
-        by_rows: G, (2, 2, n), m/rad.
+        h: (n,), complex, m.
+        by_rows: G, (2, n), complex, m/rad.
         rows_by: derivatives of the rows by f and by φ, (2, n) each.
-        h_by: those of h, m/N and m/rad.
+        h_by: those of h, (n,) each, complex, m/N and m/rad.
         touch_state: the touches as effects take them; None for the base model.
     """
 
     rows: Rows
-    h: Floats
-    by_rows: Floats
+    h: Complexes
+    by_rows: Complexes
     rows_by: tuple[Floats, Floats]
-    h_by: tuple[Floats, Floats]
+    h_by: tuple[Complexes, Complexes]
     touch_state: TouchState | None = None
+
+    def moved(self, turned: Floats) -> Complexes:
+        """What a change of the rows (2, n) takes from h, (n,)."""
+        return np.asarray((self.by_rows * turned).sum(axis=0))
 
 
 def touch_equations(
@@ -292,20 +286,20 @@ def touch_equations(
         Residuals and derivatives, to first order exact wherever the rows hold.
     """
     p, f, rows = parameters, state.magnitude, joint_rows(parameters, joints, state, gripper, arm)
-    arm, reach, zero = rows.arm, radii + gripper.stretch(p, state.magnitude), np.zeros(len(radii))
-    circle = np.array([arm.b[0] + reach, -arm.a[0]])  # H(Q*) + (S - S*) + r n - S_c along n and t
-    circle += seen(np.array([[p.x0], [p.y0]]) - centers.T, arm.normal)
-    across, by_f, by_d = arm.a, np.array([zero + gripper.slope(p), zero]), np.array([zero, reach])
-    row_f = of_joints(p)[0] * rows.on * arm.lever
+    arm, reach, seen = rows.arm, radii + gripper.stretch(p, state.magnitude), rows.arm.normal.conj()
+    circle = arm.reach[0] + reach + (p.x0 + 1j * p.y0 - as_complex(centers)) * seen
+    by_f, by_d = np.asarray(gripper.slope(p), dtype=complex), np.asarray(1j * reach)
+    across = 1j * arm.reach
+    row_f, row_d = p.joint_compliances * rows.on * arm.lever, rows.weight * arm.turn
     if (skew := arm.skew) is not None:
-        stretch, turned = np.array([skew.normal, skew.tangent]), np.array([skew.normal_turn, skew.tangent_turn])
-        circle, by_f, across = circle + f * stretch, by_f + stretch, across - f * skew.normal_turn
-        by_d = by_d + f * (turned + np.array([-skew.tangent, skew.normal]))
+        stretch = skew.normal + 1j * skew.tangent
+        across = -arm.reach.imag - f * skew.normal_turn + 1j * arm.turn
+        circle, by_f = circle + f * stretch, by_f + stretch
+        by_d = by_d + f * (skew.normal_turn + 1j * skew.tangent_turn + 1j * stretch)
         row_f = row_f - rows.weight * skew.tangent
-    row_d = rows.weight * arm.turn
-    g = np.einsum('ijn,jkn->ikn', np.array([across, arm.turn]), rows.inverse)
-    h_by = by_f - times(g, row_f), by_d - times(g, row_d)
-    return Equations(rows, circle - times(g, rows.row), g, (row_f, row_d), h_by)
+    g = (across[:, None] * rows.inverse).sum(axis=0)
+    e = Equations(rows, circle, g, (row_f, row_d), (by_f, by_d))
+    return e._replace(h=circle - e.moved(rows.row), h_by=(by_f - e.moved(row_f), by_d - e.moved(row_d)))
 
 
 def parameter_derivative(state: State, equations: Equations, gripper: Gripper) -> Floats:
@@ -317,26 +311,29 @@ def parameter_derivative(state: State, equations: Equations, gripper: Gripper) -
     r, f, arm = equations.rows, state.magnitude, equations.rows.arm
     joints = LoadedJoints(
         slope=tuple(r.weight),
-        moment=(-arm.seen1[1], -arm.seen2[1]),
+        moment=tuple(-arm.links.imag),
         torque=tuple(f * arm.lever * r.on),
         sense=(state.mode1, state.mode2),
         rests=tuple(r.on),
     )
-    (nx, ny), (along, across) = arm.normal, equations.by_rows
-    pushes = (gripper.factor * f, -1.0), (0.0, 0.0)
-    parts = zip(((nx, ny), (-ny, nx)), zip(arm.seen1, arm.seen2, strict=True), (along, across), pushes, strict=True)
-    return stacked([component_by_parameters(*part, joints) for part in parts], f.shape).transpose(2, 1, 0)
+    seen = arm.normal.conj()
+    columns = component_by_parameters(
+        (seen, 1j * seen), tuple(arm.links), tuple(equations.by_rows), (gripper.factor * f, -1.0), joints
+    )
+    found = np.empty((len(columns), len(f)), dtype=complex)
+    for k, column in enumerate(columns):
+        found[k] = column
+    return found.view(float).reshape(len(columns), -1, 2).transpose(1, 2, 0)
 
 
 def excess_derivative(state: State, equations: Equations, gripper: Gripper) -> Floats:
     """∂h/∂E of n touches, f and φ held: by the entries 11, 12, 21, 22 of the gripper's excess, (n, 2, 4)."""
     arm, push = equations.rows.arm, gripper.factor * state.magnitude
-    n = np.array([arm.seen2[0], -arm.seen2[1]])  # in the frame of link 2
+    n = np.array([arm.links[1].real, -arm.links[1].imag])  # in the frame of link 2
     t = np.array([-n[1], n[0]])
-    normal, tangent = push * n[:, None] * n, push * t[:, None] * n
-    moved = times(equations.by_rows, equations.rows.weight)
-    parts = normal + moved[0] * tangent, tangent + moved[1] * tangent
-    return np.moveaxis(np.array([part.reshape(4, -1) for part in parts]), -1, 0)
+    normal, tangent = ((push * side[:, None] * n).reshape(4, -1) for side in (n, t))
+    found = normal + (1j + equations.moved(equations.rows.weight)) * tangent
+    return np.stack([found.real, found.imag]).transpose(2, 0, 1)
 
 
 def move_links(equations: Equations, state: State, change_f: Floats, change_d: Floats) -> State:

@@ -88,7 +88,7 @@ def test_derivative_by_the_excess(sign):
     def residual(entries):
         changed = Gripper(sign, ((entries[0], entries[1]), (entries[2], entries[3])))
         e = touch_equations(PAPER_ACTUAL, joints, poses.centers, poses.radii, state, changed)
-        return np.stack([e.normal, e.tangent], axis=1)
+        return np.stack([e.h.real, e.h.imag], axis=1)
 
     e = touch_equations(PAPER_ACTUAL, joints, poses.centers, poses.radii, state, gripper)
     assert_derivative(residual, np.ravel(EXCESS), excess_derivative(state, e, gripper), np.full(4, 1e-9))

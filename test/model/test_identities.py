@@ -8,7 +8,7 @@ from model.helpers import ROBOTS, random_poses
 
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, GripperSign
-from scara_kinetostatic.model.contact import contact, contact_force
+from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 
@@ -132,7 +132,7 @@ def test_grazing_contact_sets_in_continuously():
     depth = np.linspace(-1e-3, 1e-3, n)
     tip = np.array([disc.x, disc.y]) - (disc.radius - depth)[:, None] * normal
     joints = kinematics.inverse(robot, tip, 1)
-    force = contact_force(robot, joints, [[disc.x, disc.y]], [disc.radius])
+    force = contact(robot, joints, [disc.x, disc.y], disc.radius).force
     size = np.hypot(*force.T)
     first = np.flatnonzero(size)[0]
     assert 0 < first < n - 1
@@ -150,13 +150,14 @@ def test_tension_continues_the_force_smoothly():
     assert (pushed.magnitude > 0).all()
 
 
-def test_several_discs_the_pressed_one_counts():
-    robot = PAPER_ACTUAL
+def test_a_pressed_disc_has_the_force_and_the_others_none():
     centers, radii = np.array([[d.x, d.y] for d in PAPER_DISCS]), np.array([d.radius for d in PAPER_DISCS])
     normal = np.array([[np.cos(2.0), np.sin(2.0)]] * 3)
-    tips = centers - radii[:, None] * normal
-    joints, _ = inverse_kinetostatics(robot, tips, 30 * normal, 1)
-    np.testing.assert_allclose(contact_force(robot, joints, centers, radii), 30 * normal, atol=1e-9)
+    joints, _ = inverse_kinetostatics(PAPER_ACTUAL, centers - radii[:, None] * normal, 30 * normal, 1)
+    for shift in range(3):
+        order = np.roll(np.arange(3), shift)
+        force = contact(PAPER_ACTUAL, joints, centers[order], radii[order]).force
+        np.testing.assert_allclose(force, 30 * normal if shift == 0 else np.zeros((3, 2)), atol=1e-9)
     # the gripper as the paper printed it has another equilibrium with other joint angles
-    printed = contact_force(robot, joints, centers, radii, GripperSign.PAPER)
+    printed = contact(PAPER_ACTUAL, joints, centers, radii, GripperSign.PAPER).force
     assert np.abs(printed - 30 * normal).max() > 1.0
