@@ -24,7 +24,7 @@ from scara_kinetostatic.files.checksum import check_different, recording_checksu
 from scara_kinetostatic.files.tables import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet
-from scara_kinetostatic.touches.detection import UNKNOWN_SEQUENCE, Detection, find_touches, first_places, sequence_of
+from scara_kinetostatic.touches.detection import Detection, find_touches, order_in_time
 from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out, parse_left_out
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
@@ -132,11 +132,13 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         _report(progress, f'reading {path}', number / len(paths))
         part = touches_of_file(path, cell)
         parts.append(replace(part, warnings=tuple(_with_source(path, text, paths) for text in part.warnings)))
-    given, sequence = np.arange(len(parts)), sequence_of(parts)
-    first_touches = first_places(parts, given)
-    in_time = first_places(parts, given if sequence is None else sequence)
-    parts = [part.renumbered(range(part.found), first_touches[k], in_time[k], k) for k, part in enumerate(parts)]
-    _report(progress, f'{sum(part.found for part in parts)} touches found', 1.0)
+    found, sequence = np.array([part.found for part in parts]), order_in_time(parts)
+    first_touches = (np.cumsum(found) - found).tolist()
+    in_time = np.array(first_touches)
+    if sequence is not None:
+        in_time[sequence] = np.cumsum(found[sequence]) - found[sequence]
+    parts = [part.renumbered(range(part.found), first_touches[k], int(in_time[k]), k) for k, part in enumerate(parts)]
+    _report(progress, f'{found.sum()} touches found', 1.0)
     return Detection(
         held=TouchSet.concatenate([part.held for part in parts]),
         episodes=tuple(item for part in parts for item in part.episodes),
@@ -277,7 +279,8 @@ def _unknown_sequence(detection: Detection, diagnosis: Diagnosis) -> list[str]:
     """A warning where something shifted and the order in time of the recordings is not known."""
     if detection.sequence_known or not any(item.effect.is_stepwise for item in diagnosis.found):
         return []
-    return [f'{UNKNOWN_SEQUENCE}: after a shift the result is that of the last']
+    order = "the recordings' order in time is not known, that of the command is taken"
+    return [f'{order}: after a shift the result is that of the last']
 
 
 def left_out(calibration: Calibration) -> tuple[Rejection, ...]:

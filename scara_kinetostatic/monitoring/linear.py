@@ -298,10 +298,6 @@ class Evidence(NamedTuple):
         return float(self.score[where] @ change), change, std
 
 
-QUANTILE = 0.99
-"""Probability of the quantile that is stated beside the chi-square."""
-
-
 class PredictionTest(NamedTuple):
     """Chi-square of all touches, and each of them by itself.
 
@@ -309,7 +305,6 @@ class PredictionTest(NamedTuple):
         chi_square: of all.
         freedoms: two per touch.
         p_value: of the calibration being right.
-        quantile: of the distribution of `chi_square` at `QUANTILE`.
         distances: of each touch from its prediction, in standard deviations, (n,).
         p_values: of each touch, (n,).
         expected: standard deviation of the error of the tip, (n,), m.
@@ -318,7 +313,6 @@ class PredictionTest(NamedTuple):
     chi_square: float
     freedoms: int
     p_value: float
-    quantile: float
     distances: Floats
     p_values: Floats
     expected: Floats
@@ -335,7 +329,6 @@ class PredictionTest(NamedTuple):
             chi_square=chi_square,
             freedoms=freedoms,
             p_value=float(p_values(chi_square, freedoms, noise)),
-            quantile=quantile(QUANTILE, freedoms, noise),
             distances=np.sqrt(squares),
             p_values=p_values(squares, 2, noise),
             expected=np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal)),

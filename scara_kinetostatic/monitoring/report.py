@@ -15,9 +15,19 @@ from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.monitoring.comparison import LEVEL, Change
 from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.hypotheses import Causes, change_title
-from scara_kinetostatic.monitoring.linear import QUANTILE
 from scara_kinetostatic.monitoring.verification import Verification
-from scara_kinetostatic.report import NOT_DETERMINED, Block, Document, Figure, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.report import (
+    NOT_DETERMINED,
+    Block,
+    Document,
+    Figure,
+    Note,
+    Report,
+    Section,
+    Table,
+    Verdict,
+    plain,
+)
 from scara_kinetostatic.report.content import Level
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure
 from scara_kinetostatic.report.quantities import chance, count, p_equals, shown
@@ -66,25 +76,18 @@ def _change(c: Change) -> Document:
         'from': {'path': c.before.source, 'created': c.before.created},
         'to': {'path': c.after.source, 'created': c.after.created},
         'changed': c.has_changed,
-        'p_value': c.p_value,
-        'chi_square': c.chi_square,
-        'degrees_of_freedom': c.degrees_of_freedom,
+        **{key: getattr(c, key) for key in ('p_value', 'chi_square', 'degrees_of_freedom', 'notes')},
         'parameters': {
             p.name: {
                 'from': p.before,
                 'to': p.after,
-                'change': p.change,
-                'std': p.std,
-                'z': p.z,
-                'p_value': p.p_value,
-                'unit': p.unit,
+                **{key: getattr(p, key) for key in ('change', 'std', 'z', 'p_value', 'unit')},
             }
             for p in c.parameters
         },
         'tip_change': {'rms': c.tip, 'largest': c.largest_tip},
         **causes_document(c.causes),
         'effects': {'only_from': c.only_before, 'only_to': c.only_after, 'not_compared': c.not_compared},
-        'notes': c.notes,
     }
 
 
@@ -149,19 +152,10 @@ def verification_document(v: Verification) -> Document:
         'version': __version__,
         'calibration': {'path': v.record.source, 'created': v.record.created, 'grade': v.record.arm.grade},
         'recordings': [{**item._asdict(), 'part_of_calibration': item.path in v.seen} for item in v.recordings],
-        'grade': v.assessment.grade,
-        'reasons': v.assessment.reasons,
-        'actions': v.assessment.actions,
-        'tip_error': v.tip_error,
-        'expected': v.expected,
-        'p_value': v.p_value,
+        **plain(v.assessment),
+        **{key: getattr(v, key) for key in ('tip_error', 'expected', 'p_value', 'warnings')},
         'without_outlying': {'p_value': v.others.p_value, 'tip_error': v.others_tip_error} if v.few_outlie else None,
-        'chi_square': {
-            'value': v.test.chi_square,
-            'degrees_of_freedom': v.test.freedoms,
-            'quantile': v.test.quantile,
-            'probability': QUANTILE,
-        },
+        'chi_square': {'value': v.test.chi_square, 'degrees_of_freedom': v.test.freedoms},
         'touches': {
             'used': v.touches,
             'of_the_calibration': v.repeated,
@@ -173,7 +167,6 @@ def verification_document(v: Verification) -> Document:
         },
         'independent': not v.seen and not v.repeated,
         **causes_document(v.causes),
-        'warnings': v.warnings,
     }
 
 
@@ -186,7 +179,6 @@ def verification_report(v: Verification) -> Report:
         ('tip error, rms', quantity(v.tip_error, 'm')),
         ('expected from noise and uncertainty', quantity(v.expected, 'm')),
         ('chi-square', f'{v.test.chi_square:.1f}, {v.test.freedoms} degrees of freedom'),
-        (f'its {100 * QUANTILE:.0f} % quantile', f'{v.test.quantile:.1f}'),
         ('p-value', chance(v.p_value)),
         *([('p-value without the outliers', chance(v.others.p_value))] if v.few_outlie else []),
     )

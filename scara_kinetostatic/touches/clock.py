@@ -23,6 +23,8 @@ from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.arrays import Mask
 
 Stamps = NDArray[np.int64]
+Timed = tuple[Stamps, NDArray[np.float64]]
+"""Samples in the order of their stamps, each stamp once: (n,) ns and (n, 2)."""
 BestLags = dict[int, int]
 SECOND = 1_000_000_000
 TOLERANCE = SECOND // 4
@@ -51,13 +53,6 @@ class Samples(NamedTuple):
         """Whether the driver stamps its messages."""
         few = len(self.stamp) < 3 and self.stamp.all()
         return bool(few or (self.stamp != self.stamp[:1]).any())
-
-
-class Timed(NamedTuple):
-    """Samples in the order of their stamps, each stamp once: (n,) ns and (n, 2)."""
-
-    stamp: Stamps
-    values: NDArray[np.float64]
 
 
 class Clock(NamedTuple):
@@ -212,7 +207,7 @@ def _in_order(topic: str, stamp: Stamps, values: NDArray[np.float64], warnings: 
         stamp, values = stamp[~repeated], values[~repeated]
     stamp.flags.writeable = False
     values.flags.writeable = False
-    return Timed(stamp, values)
+    return stamp, values
 
 
 def _say(warnings: list[str], topic: str, number: int, what: str) -> None:
