@@ -21,6 +21,7 @@ from benchmark.marker_picture import marker_picture
 from benchmark.svg import svg_file
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.contour import figures as contour_figures
 from scara_kinetostatic.contour.figures import ModelError
 from scara_kinetostatic.contour.trace import surfaces_of, trace_contour
@@ -75,7 +76,8 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'markers', markers()
     found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
     yield 'cell', figures.cell_picture(found)
-    yield 'tip_deviation', tip_maps.deviation_picture(found, tip_maps.deviation(found, tip_maps.tip_map(found, 1)))
+    left = tip_uncertainty(found).maps[0]
+    yield 'tip_deviation', tip_maps.deviation_picture(found, left, tip_maps.deviation(found, left))
     paper = reproduce()
     yield 'figure_3', paper_pictures.trend_picture(paper)
     yield 'one_force_level', paper_pictures.unidentifiable_picture(paper)

@@ -155,4 +155,4 @@ def unnamed() -> Outcome:
 @pytest.fixture(scope='session')
 def rough() -> Outcome:
     """Friction that takes either sense and any size."""
-    return conclude_outcome(off_normal_fit(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 18), seed=1)), CELL)
+    return conclude_outcome(off_normal_fit(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12), seed=1)), CELL)

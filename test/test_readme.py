@@ -60,7 +60,7 @@ def test_the_case_is_what_the_command_prints() -> None:
     assert command == f'$ scara-kinetostatic calibrate bags/{CASE}.mcap --out result'
     printed = text_report(outcome(CASE))
     parts = [part.strip('\n') for part in shown.split('…\n')]
-    assert len(parts) == 4
+    assert len(parts) == 5
     for part in parts:
         place = words(printed).find(words(part))
         assert place >= 0, part

@@ -11,15 +11,21 @@ the contact circles (radius: disc centre to TIP centre):
 
 from __future__ import annotations
 
-import math
 import re
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from scara_kinetostatic.errors import CellError
-from scara_kinetostatic.files.yaml_file import NOT_NEGATIVE, POSITIVE, Section, Within, parse_yaml, read_text, shown
+from scara_kinetostatic.files.yaml_file import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Section,
+    Within,
+    dump_yaml,
+    parse_yaml,
+    read_text,
+    shown,
+)
 from scara_kinetostatic.model.cell import (
     Cell,
     Disc,
@@ -330,15 +336,6 @@ def _check_layout(cell: Cell, top: Section) -> None:
     raise top.error('objects', problems[0], remedy)
 
 
-class _Dumper(yaml.SafeDumper):
-    """Puts what `parse_yaml` would read as a number in quotes: 1e3 is one in YAML 1.2, and a string for PyYAML."""
-
-
-_Dumper.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9]+[eE][-+]?[0-9]+\Z'), [*'-+0123456789'])
-
-
 def _flow(value: Any) -> str:
-    text: str = yaml.dump(
-        value, Dumper=_Dumper, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True
-    )
+    text = dump_yaml(value, flow=True)
     return text.removesuffix('\n').removesuffix('\n...')

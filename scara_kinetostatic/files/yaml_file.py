@@ -125,6 +125,21 @@ def parse_yaml(text: str, where: str | Path, problem: _Problem) -> Any:
             loader.dispose()
 
 
+class _Dumper(yaml.SafeDumper):
+    """Puts what `parse_yaml` would read as a number in quotes: 1e3 is one in YAML 1.2, and a string for PyYAML."""
+
+
+_Dumper.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9]+[eE][-+]?[0-9]+\Z'), [*'-+0123456789'])
+
+
+def dump_yaml(tree: Any, flow: bool = False) -> str:
+    """Plain values as YAML, in braces and brackets on one line if `flow`."""
+    text: str = yaml.dump(
+        tree, Dumper=_Dumper, default_flow_style=flow, width=math.inf, sort_keys=False, allow_unicode=True
+    )
+    return text
+
+
 def parse_strings(text: str) -> Any:
     """The one document in a YAML text, as dicts, lists and strings.
 

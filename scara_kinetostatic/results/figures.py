@@ -1,30 +1,25 @@
-"""Figures of the report: cell, force errors, residuals and their distribution, correlations, effects, biases."""
+"""Figures of the report: the cell, the residuals, what the touches show of an effect."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PatchCollection
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.collections import LineCollection
+from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
-from scipy.special import betaincinv
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.comparison import Bias, EffectResidual
+from scara_kinetostatic.diagnosis.comparison import EffectResidual
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
-from scara_kinetostatic.results.tables import NOTABLE
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, WARN, Margins, as_svg, mark, new_figure
 
 _WIDTH, _HALF = 920.0, 450.0
 _LONGEST_ARROW = 0.14
 """Of the largest force, as a part of the arm's length."""
-_BAND = 0.95
 _FEW = 6
 """A variable with so few values is a category: its touches are drawn side by side."""
 
@@ -109,22 +104,6 @@ def _draw_touches(axes: Axes, c: Calibration, tip: Floats, arm: float) -> None:
         axes.annotate(str(c.touches.index[k]), (tip[k, 0], tip[k, 1]), (7, -4), textcoords='offset points', color=WARN)
 
 
-def error_picture(c: Calibration) -> Markup:
-    """The length of F - A(Q, L̄) per touch, nominal and calibrated, on a logarithmic scale."""
-    figure, (axes,) = new_figure(_WIDTH, 280, margins=Margins())
-    before = np.hypot(c.nominal_residual[:, 0], c.nominal_residual[:, 1])
-    after = np.hypot(c.residual[:, 0], c.residual[:, 1])
-    axes.vlines(c.touches.index, after, before, color=LINE, lw=1.0)
-    axes.plot(c.touches.index, before, 'o', ms=5, mfc=PAPER, mec=FAINT, mew=1.1)
-    _scatter(axes, c, after)
-    axes.set(xlabel='touch', ylabel='force error  [N]', yscale='log')
-    axes.minorticks_off()
-    axes.yaxis.set_major_formatter(lambda value, _: f'{value:g}')
-    axes.grid(visible=False, axis='x')
-    axes.margins(x=0.015)
-    return as_svg(figure, 'errors', 'force error of each touch before and after the calibration')
-
-
 def residual_picture(c: Calibration) -> Markup:
     """The parts of the calibrated residual along and across the force, per touch."""
     along = c.force / np.maximum(np.hypot(c.force[:, 0], c.force[:, 1]), 1e-9)[:, None]
@@ -143,58 +122,6 @@ def residual_picture(c: Calibration) -> Markup:
     second.margins(x=0.015)
     figure.align_ylabels()
     return as_svg(figure, 'residuals', 'residual force of each touch along and across the force')
-
-
-def quantile_picture(c: Calibration) -> Markup:
-    """The touches' distances against their expected quantiles, in standard deviations."""
-    figure, (axes,) = new_figure(_HALF, 400, margins=Margins())
-    used = np.flatnonzero(c.used)
-    order = used[np.argsort(c.standardized[used])]
-    rank = np.arange(1, len(order) + 1)
-    expected, low, high = (
-        np.sqrt(-2 * np.log1p(-part))  # of chi-square with 2 degrees of freedom
-        for part in (
-            (rank - 0.5) / len(order),
-            betaincinv(rank, len(order) + 1 - rank, (1 - _BAND) / 2),
-            betaincinv(rank, len(order) + 1 - rank, (1 + _BAND) / 2),
-        )
-    )
-    axes.fill_between(expected, low, high, color=SERIES[0], alpha=0.13, lw=0)
-    end = float(max(expected[-1], c.standardized[order].max(initial=0.0))) * 1.06
-    axes.plot([0, end], [0, end], color=FAINT, lw=0.9)
-    axes.plot(expected, c.standardized[order], 'o', ms=4, mfc=SERIES[0], mec=PAPER, mew=0.4)
-    axes.set(xlabel='expected  [σ]', ylabel='residual of the touch  [σ]')
-    axes.set_xlim(0, float(expected[-1]) * 1.06)
-    axes.set_ylim(0, max(end, float(high[-1]) * 1.03))
-    return as_svg(figure, 'quantiles', 'residuals of the touches against their expected quantiles')
-
-
-def correlation_picture(c: Calibration) -> Markup:
-    """Correlations of the estimated parameters."""
-    names = [name for name in NAMES if c.status[name] == 'estimated']
-    places = [NAMES.index(name) for name in names]
-    covariance = c.covariance[np.ix_(places, places)]
-    std = np.sqrt(np.diag(covariance))
-    matrix = covariance / np.where(std > 0, np.outer(std, std), 1.0)
-    figure, (axes,) = new_figure(_HALF, 400, margins=Margins(bottom=10, top=52))
-    squares, colours = [], []
-    for (row, column), value in np.ndenumerate(matrix):
-        size = 1.0 if row == column else abs(float(value))
-        side, alpha = 0.92 * np.sqrt(size), 0.12 if row == column else 0.25 + 0.6 * min(size, 1.0)
-        squares.append(Rectangle((column - side / 2, row - side / 2), side, side))
-        colours.append((INK if row == column else SERIES[0] if value > 0 else SERIES[1], alpha))
-        if row != column and size >= 0.5:
-            percent = f'{100 * value:.0f}'.replace('-', '−')
-            axes.text(column, row, percent, ha='center', va='center', fontsize=9.5, color=INK, clip_on=True)
-    axes.add_collection(PatchCollection(squares, facecolors=colours, linewidths=0))
-    axes.set(xlim=(-0.6, len(names) - 0.4), ylim=(len(names) - 0.4, -0.6), aspect='equal')
-    axes.set_xticks(range(len(names)), names, rotation=90)
-    axes.set_yticks(range(len(names)), names)
-    axes.tick_params(length=0)
-    axes.xaxis.tick_top()
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
-    return as_svg(figure, 'correlations', 'correlations of the estimated parameters')
 
 
 def _scatter(axes: Axes, c: Calibration, values: Floats) -> None:
@@ -279,26 +206,3 @@ def _side_by_side(x: Floats) -> Floats:
         # 0.3: how far aside, as a part of the distance between categories
         out[members] += apart * 0.3 * np.linspace(-1, 1, len(members) + 2)[1:-1]
     return np.asarray(out)
-
-
-def bias_picture(rows: Sequence[Bias]) -> Markup:
-    """Bias of each parameter of the base model, in standard deviations of that model."""
-    figure, (axes,) = new_figure(_WIDTH, 300)
-    places = np.arange(len(rows))
-    shifts = np.array([row.in_std for row in rows])
-    stds = np.array([row.std / row.base_std if row.base_std > 0 else np.nan for row in rows])
-    axes.axhspan(-1, 1, color=SERIES[0], alpha=0.12, lw=0)
-    axes.axhline(0, color=FAINT, lw=0.9)
-    for place, shift, std in zip(places, shifts, stds, strict=True):
-        if np.isfinite(shift):
-            colour = WARN if abs(shift) > NOTABLE else SERIES[0]
-            axes.plot([place, place], [0, shift], color=colour, lw=2.4, solid_capstyle='butt')
-            axes.plot(place, shift, 'o', ms=6, mfc=colour, mec=PAPER, mew=0.8)
-            axes.plot([place + 0.16] * 2, [shift - std, shift + std], color=FAINT, lw=1.0)
-    axes.set_xticks(places, [row.name for row in rows])
-    axes.set(ylabel='bias  [σ]')
-    largest = float(np.nanmax(np.abs(shifts) + np.minimum(stds, 3.0), initial=1.5)) * 1.1
-    axes.set_ylim(-largest, largest)
-    axes.grid(visible=False, axis='x')
-    axes.tick_params(axis='x', labelcolor=INK, length=0)
-    return as_svg(figure, 'bias', 'bias of each parameter of the base model in standard deviations')

@@ -20,7 +20,6 @@ from scara_kinetostatic.report import (
     Fact,
     Facts,
     Figure,
-    Figures,
     Items,
     Legend,
     Level,
@@ -51,27 +50,29 @@ def text_report(outcome: Outcome) -> str:
     verdict, c = messages.verdict(outcome), outcome.final
     facts = {
         'touches': f'{int(c.used.sum())} used of {outcome.found} found',
-        'force error': messages.force_errors(outcome),
-        'tip error': messages.tip_errors(outcome),
         'bias': messages.bias(outcome),
-        'chi-square': messages.fit_quality(outcome),
         'noise': messages.noise(outcome),
         'determined': ' '.join(messages.identifiability(outcome)),
     }
     blocks: list[Block | None] = [
-        Verdict(f'{verdict.headline}.', sentences=verdict.sentences),
+        verdict._replace(headline=f'{verdict.headline}.'),
         tables.parameter_table(c, SCALES),
         Section('added to the base model', tuple(tables.effect_tables(outcome.diagnosis.found))),
+        tables.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
     ]
     if DeclaredErrors.of(c.cell) is not None or c.cell.tolerance is not None:
         blocks += [' '.join(messages.tip_sentences(outcome)), tables.tip_budget(outcome, most=5)]
     if outcome.rejected:
-        lines = [f'touch {item.index}: {item.reason}' for item in outcome.rejected]
+        lines = _rejections(outcome)
         more = [f'and {len(lines) - MOST_REJECTED} more, see the report'] if len(lines) > MOST_REJECTED else []
         blocks.append(Items((*lines[:MOST_REJECTED], *more), f'Not used ({len(lines)}):'))
     blocks += [_warnings(outcome)]
     return as_text(Report('Kinetostatic calibration', _answer(outcome), _present(blocks)))
+
+
+def _rejections(outcome: Outcome) -> list[str]:
+    return [f'touch {item.index}: {item.reason}' for item in outcome.rejected]
 
 
 def html_text(outcome: Outcome) -> str:
@@ -176,7 +177,7 @@ def _mm(metres: float) -> str:
 
 def _parameters(outcome: Outcome) -> Section:
     """The twelve parameters, and the combinations that are determined instead of some."""
-    _, *combinations = messages.identifiability(outcome, PAGE_SCALES)
+    _, *combinations = messages.identifiability(outcome, PAGE_UNITS)
     title = 'Parameters' if outcome.final is outcome.calibration else 'Parameters (extended model)'
     return Section(title, (tables.parameter_table(outcome.final, PAGE_SCALES), *combinations))
 
@@ -194,8 +195,8 @@ def _maps(outcome: Outcome) -> list[Section]:
 
 def _diagnosis(outcome: Outcome) -> Section:
     d, compared = outcome.diagnosis, outcome.comparison
-    verdict = messages.model_verdict(outcome)
-    blocks: list[Block] = [Verdict(f'{verdict.headline}.', verdict.level, verdict.sentences)]
+    verdict = messages.verdict(outcome)
+    blocks: list[Block] = [verdict._replace(headline=f'{verdict.headline}.')]
     if d.verdict == 'none':
         one = ', one at a time,' if d.ranking else ''
         blocks.append(
@@ -216,9 +217,6 @@ def _diagnosis(outcome: Outcome) -> Section:
             f'{them} the parameters would be biased, and the tip displaced by {_mm(compared.tip_bias)} mm (rms over '
             f'the touches; at most {_mm(compared.largest_tip_bias)} mm).'
         )
-    if d.rivals:
-        groups = [', '.join(messages.group_names(d, [label]) for label in group) for group in d.rivals]
-        blocks.append(Items(tuple(groups), 'These touches cannot distinguish:'))
     return Section('Diagnosis', tuple(blocks))
 
 
@@ -236,11 +234,11 @@ def _appendix(outcome: Outcome) -> list[Section]:
     sections = [
         *([_effects(outcome)] if extended else []),
         _budget(outcome),
-        *([_bias(outcome)] if extended else []),
+        _errors(outcome, extended),
         _candidates(outcome),
         _limits(outcome, extended),
         _noise(outcome),
-        *_pictures(outcome, extended),
+        *_pictures(outcome),
         _touches(outcome),
     ]
     return [section for section in sections if section is not None]
@@ -267,63 +265,47 @@ def _effects(outcome: Outcome) -> Section:
 
 
 def _budget(outcome: Outcome) -> Section | None:
-    of_tip, of_parameters = tables.tip_budget(outcome), tables.parameter_budget(outcome)
+    of_tip = tables.tip_budget(outcome)
     if of_tip is None:
         return None
-    blocks: list[Block] = [
+    blocks = (
         ' '.join(messages.tip_sentences(outcome)),
         'Of the tip, where its uncertainty is largest, in its worst direction (standard uncertainties, k = 1; type A: '
         'from the touches, B: declared):',
         of_tip,
-    ]
-    if of_parameters is not None:
-        blocks += ['Of the parameters:', of_parameters]
-    return Section('Uncertainty budget', tuple(blocks), folded=True)
+    )
+    return Section('Uncertainty budget', blocks, folded=True)
 
 
-def _bias(outcome: Outcome) -> Section:
-    from scara_kinetostatic.results.figures import bias_picture
-
-    compared, folds = outcome.comparison, outcome.extended_held_out.folds
+def _errors(outcome: Outcome, extended: bool) -> Section:
     note = Note(
         'Force error: mean distance of measured and predicted force, e_f. Tip error: rms distance of the predicted tip '
-        f'from the circle of contact; {_mm(compared.extended.tip.noise)} mm is expected from noise. Held out: touches '
-        f'not used in the fit, {folds} folds for the force, one by one and to first order for the tip. All on the same '
-        'touches and with the noise of the extended model.'
+        f'from the circle of contact. Held out: touches not used in the fit, {outcome.extended_held_out.folds} folds '
+        'for the force, one by one and to first order for the tip. All on the same touches and with the noise of the '
+        'final model. Bias: estimate of the base model less that of the extended model, σ that of the former.'
     )
-    figure = Figure(
-        partial(bias_picture, compared.biases),
-        'Estimate of the base model less that of the extended model, in standard deviations of the former. Band: ± 1 '
-        'σ, the uncertainty that the base model states; thin grey lines: uncertainty of the extended model.',
-        'Bias of the base model',
-    )
-    errors = tables.error_table(compared)._replace(title='Errors of both models')
-    blocks = (errors, note, figure, tables.bias_table(compared))
-    return Section('Base model and extended model', blocks, folded=True)
+    blocks: list[Block] = [tables.error_table(outcome.comparison), note]
+    if extended:
+        blocks.append(tables.bias_table(outcome.comparison))
+    return Section('Errors of the models', tuple(blocks), folded=True)
 
 
 def _candidates(outcome: Outcome) -> Section | None:
-    """The identifiable candidates; of rejected curves only the first ones."""
+    """The identifiable candidates; of fitted curves only those that are not rejected."""
     d = outcome.diagnosis
-    if d.verdict == 'none' or not d.ranking:
+    known = [item for item in d.ranking if item.role != 'unidentifiable']
+    listed = [item for item in known if item.effect.is_physical or d.role_of(item) != 'rejected']
+    table = tables.candidate_table(d, listed)
+    if d.verdict == 'none' or table is None:
         return None
-    known = sorted((item for item in d.ranking if item.role != 'unidentifiable'), key=lambda item: -item.gain)
-    rejected = [item for item in known if d.role_of(item) == 'rejected']
-    curves = [item for item in rejected if not item.effect.is_physical][3:]
-    listed = tables.candidate_table(d, [item for item in rejected if item not in curves])
-    more = f', and {len(curves)} fitted curves more' if curves else ''
-    blocks = [
-        tables.candidate_table(d, [item for item in known if item not in rejected]),
-        None if listed is None else listed._replace(title=f'Rejected{more}'),
-        Note(
-            'Each candidate is added to the base model alone. Gain: twice the logarithm of the odds against no effect, '
-            'less the penalty for its parameters and for the length of the list. Held-out gain: the same for touches '
-            'left out one by one, without penalty. Share: part of the residual sum of squares that it explains. The '
-            'decision is between sets of effects: a large effect raises the gain of similar ones, so that a rejected '
-            'effect may have a high gain alone and none beside those found.'
-        ),
-    ]
-    return Section('Candidate effects', _present(blocks), folded=True)
+    note = Note(
+        'Each candidate is added to the base model alone. Gain: twice the logarithm of the odds against no effect, '
+        'less the penalty for its parameters and for the length of the list. Held-out gain: the same for touches '
+        'left out one by one, without penalty. Share: part of the residual sum of squares that it explains. The '
+        'decision is between sets of effects: a large effect raises the gain of similar ones, so that a rejected '
+        'effect may have a high gain alone and none beside those found.'
+    )
+    return Section('Candidate effects', (table, note), folded=True)
 
 
 def _limits(outcome: Outcome, extended: bool) -> Section:
@@ -345,29 +327,14 @@ def _limits(outcome: Outcome, extended: bool) -> Section:
 
 
 def _noise(outcome: Outcome) -> Section:
-    from scara_kinetostatic.results.figures import correlation_picture
-
-    c = outcome.final
-    lines = messages.identifiability(outcome, PAGE_SCALES)
-    lines += [f'Noise of one touch: {messages.noise(outcome)}.', f'Chi-square {messages.fit_quality(outcome)}.']
-    blocks: list[Block] = [
-        Items(tuple(lines)),
-        Items(
-            messages.NEVER_IDENTIFIABLE,
-            'Errors that touches of this kind cannot show, whatever their number, and the parameters they change:',
-        ),
-    ]
-    if sum(status == 'estimated' for status in c.status.values()) > 1:
-        caption = (
-            'Correlations of the estimates: blue positive, orange negative, area proportional to size; in per cent '
-            'from 50 % on.'
-        )
-        blocks.append(Figures((Figure(partial(correlation_picture, c), caption),)))
-    return Section('Identifiability and noise', tuple(blocks), folded=True)
+    lines = [*messages.identifiability(outcome, PAGE_UNITS), f'Noise of one touch: {messages.noise(outcome)}.']
+    never = 'Errors that touches of this kind cannot show, whatever their number, and the parameters they change:'
+    blocks = (Items(tuple(lines)), Items(messages.NEVER_IDENTIFIABLE, never))
+    return Section('Identifiability and noise', blocks, folded=True)
 
 
-def _pictures(outcome: Outcome, extended: bool) -> list[Section]:
-    """The cell; force errors and residuals."""
+def _pictures(outcome: Outcome) -> list[Section]:
+    """The cell; the residuals."""
     from scara_kinetostatic.results import figures
 
     c = outcome.final
@@ -377,26 +344,13 @@ def _pictures(outcome: Outcome, extended: bool) -> list[Section]:
         f'proportional to the force, the longest {np.hypot(*c.force.T).max():.1f} N. One arm of either posture is '
         'drawn in full (left solid, right dashed), the others faintly.',
     )
-    errors = Figure(
-        partial(figures.error_picture, c),
-        'Distance between measured and predicted force, logarithmic scale. Open grey circles: nominal parameters; '
-        f'coloured symbols: {"extended model" if extended else "calibrated"}.',
-    )
     residuals = Figure(
         partial(figures.residual_picture, c),
         'Measured less predicted force. If model and noise are right, the residuals scatter about zero without a '
         'pattern. Points beyond the scale are drawn at its edge.',
     )
-    quantiles = Figure(
-        partial(figures.quantile_picture, c),
-        'Normalised residual of each touch, in standard deviations, against the quantiles of its distribution (χ with '
-        'two degrees of freedom). Band: pointwise 95 %.',
-    )
     legend = _legend(c)
-    return [
-        Section('The cell', (legend, cell), folded=True),
-        Section('Force errors and residuals', (legend, errors, residuals, Figures((quantiles,))), folded=True),
-    ]
+    return [Section('The cell', (legend, cell), folded=True), Section('Residuals', (legend, residuals), folded=True)]
 
 
 def _legend(c: Calibration) -> Legend:
@@ -410,10 +364,10 @@ def _legend(c: Calibration) -> Legend:
 
 
 def _touches(outcome: Outcome) -> Section:
-    number, used = len(outcome.rejected), int(outcome.final.used.sum())
     blocks: list[Block | None] = [f'All {outcome.found} touches were used.']
     if outcome.rejected:
-        lines = tuple(f'touch {item.index}: {item.reason}' for item in outcome.rejected)
-        blocks = [Items(lines, f'{number} of {outcome.found} touches were not used:')]
-    blocks += [_warnings(outcome), tables.touch_table(outcome.final)]
+        title = f'{len(outcome.rejected)} of {outcome.found} touches were not used:'
+        blocks = [Items(tuple(_rejections(outcome)), title)]
+    used = int(outcome.final.used.sum())
+    blocks += [_warnings(outcome), Note('residuals.csv has all touches, one row each.')]
     return Section(f'Touches: {used} used of {outcome.found} found', _present(blocks), folded=True)

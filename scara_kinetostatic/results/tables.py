@@ -4,28 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
-
-import numpy as np
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Item
+from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
-from scara_kinetostatic.report import NOT_DETERMINED, Table
-from scara_kinetostatic.report.quantities import (
-    PAGE_SCALES,
-    PAGE_UNITS,
-    SCALES,
-    Scale,
-    chance,
-    decimals,
-    shown,
-    unsigned_zero,
-)
+from scara_kinetostatic.report import Table
+from scara_kinetostatic.report.quantities import PAGE_SCALES, PAGE_UNITS, Scale, chance, decimals, shown, unsigned_zero
 
 NOTABLE = 2.0
 """A bias of so many standard deviations is drawn in the warning colour."""
@@ -34,28 +22,11 @@ _LISTED = 8
 """So many dependences and detection limits are listed."""
 
 
-class Row(NamedTuple):
-    """One parameter, ready to print.
+def parameter_table(c: Calibration, scales: Mapping[str, Scale]) -> Table:
+    """The twelve parameters with what they are, or why they have no value.
 
-    Attributes:
-        name: as everywhere.
-        nominal: where the calibration started.
-        value: the estimate, with the digits its uncertainty allows; in brackets where the data do not determine it.
-        std: one standard deviation, two digits; empty where there is none.
-        unit: of all three.
-        status: ``estimated``, ``fixed`` or ``confounded``.
+    A value has the digits that its uncertainty allows; one that the data do not determine is in brackets.
     """
-
-    name: str
-    nominal: str
-    value: str
-    std: str
-    unit: str
-    status: str
-
-
-def parameter_rows(c: Calibration, scales: Mapping[str, Scale] = SCALES) -> list[Row]:
-    """The twelve parameters in their order, in units by name."""
     nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
     rows = []
     for name in NAMES:
@@ -64,29 +35,13 @@ def parameter_rows(c: Calibration, scales: Mapping[str, Scale] = SCALES) -> list
         digits = decimals(std)
         text = f'{value:.6g}' if digits is None else f'{value:.{digits}f}'
         if digits is None and status == 'confounded':
-            text = f'({value:.0f})' if 100 <= abs(value) < 1e6 else f'({value:.3g})'
-        std_text = '' if digits is None else f'{std:.{digits}f}'
+            text = f'({value:.3g})'
+        text = unsigned_zero(text) + ('' if digits is None else f' ± {std:.{digits}f}')
         start = unsigned_zero(f'{nominal[name] * per_si:.6g}')
-        rows.append(Row(name, start, unsigned_zero(text), std_text, unit, status))
-    return rows
-
-
-def parameter_table(c: Calibration, scales: Mapping[str, Scale]) -> Table:
-    """The twelve parameters with what they are, or why they have no value."""
-    rows = parameter_rows(c, scales)
-    cells = tuple(
-        (
-            row.name,
-            row.nominal,
-            f'{row.value} ± {row.std}' if row.std else row.value,
-            row.unit,
-            _STATUS[row.status] or DESCRIPTIONS[row.name],
-        )
-        for row in rows
-    )
+        rows.append((name, start, text, unit, _STATUS[status] or DESCRIPTIONS[name]))
     levels = {'estimated': '', 'fixed': 'faint', 'confounded': 'caution'}
     heading = ('', 'nominal', 'estimate ± 1 σ', '', '')
-    return Table(heading, ('',) * 5, cells, levels=tuple(levels[row.status] for row in rows))
+    return Table(heading, ('',) * 5, tuple(rows), levels=tuple(levels[c.status[name]] for name in NAMES))
 
 
 def base_rank(c: Calibration) -> int:
@@ -118,66 +73,36 @@ def tip_budget(outcome: Outcome, most: int | None = None) -> Table | None:
 
     Args:
         outcome: the result.
-        most: so many are listed, the others together; None for all, with the way in which each was found.
+        most: so many are listed, the others together; None for all.
     """
     items = sorted(outcome.budget, key=lambda item: -item.tip)
     total = math.hypot(*(item.tip for item in items))
     if not total > 0 or not math.isfinite(total) or not math.isfinite(outcome.tip_uncertainty.worst):
         return None
+    listed = [(item.title, item.evaluation, _declared(item), item.tip) for item in items[:most]]
+    if others := items[len(listed) :]:
+        listed.append((f'{len(others)} others', '', '', math.hypot(*(item.tip for item in others))))
+    listed.append(('combined standard uncertainty', '', '', total))
+    rows = [(*words, f'{1e3 * size:.3g}', f'{100 * (size / total) ** 2:.0f} %') for *words, size in listed]
+    heading = ('tip: source', 'type', 'declared', 'contribution', 'share of the variance')
+    return Table(heading, ('', '', '', 'mm', ''), tuple(rows))
 
-    def part(size: float, scale: Scale) -> tuple[str, str]:
-        return f'{scale.per_si * size:.3g}', _percent((size / total) ** 2)
 
-    if most is None:
-        scale = Scale('mm', 1e3)
-        full = [(item.title, item.evaluation, _declared(item, PAGE_UNITS), *part(item.tip, scale)) for item in items]
-        full.append(('combined standard uncertainty', '', '', *part(total, scale)))
-        heading = ('source', 'type', 'declared', 'contribution', 'share of the variance')
-        return Table(heading, ('', '', '', 'mm', ''), tuple(full))
-    scale = Scale('mm', 1e3) if items[0].tip >= 999.5e-6 else Scale('µm', 1e6)
+def _declared(item: Item) -> str:
     units = {**PAGE_UNITS, 'rad': Scale('mrad', 1e3)}
-    rows = [(item.title, _declared(item, units), *part(item.tip, scale)) for item in items[:most]]
-    if others := items[most:]:
-        rows.append((f'{len(others)} others', '', *part(math.hypot(*(item.tip for item in others)), scale)))
-    return Table(('tip: source', 'declared', 'contribution', 'share'), ('', '', scale.unit, ''), tuple(rows))
-
-
-def _declared(item: Item, units: Mapping[str, Scale]) -> str:
     return '' if item.declared is None else shown(item.declared, math.nan, item.unit, units).text
-
-
-def parameter_budget(outcome: Outcome) -> Table | None:
-    """Noise and the largest declared source of each parameter; None where nothing is declared."""
-    items = outcome.budget
-    declared = [item for item in items if item.label != NOISE]
-    if not declared or np.isnan(outcome.final.std).all():
-        return None
-    rows = []
-    for place, name in enumerate(NAMES):
-        parts = {item.label: float(item.parameters[place]) for item in items}
-        total = math.hypot(*parts.values())
-        if not total > 0:
-            rows.append((name, NOT_DETERMINED, '', '', '', ''))
-            continue
-        largest = max(declared, key=lambda item: parts[item.label])
-        unit, per_si = PAGE_SCALES[name]
-        sizes = f'{total * per_si:.2g}', f'{parts.get(NOISE, 0.0) * per_si:.2g}'
-        rows.append((name, *sizes, unit, largest.title, _percent((parts[largest.label] / total) ** 2)))
-    heading = ('parameter', 'std. uncertainty', 'by noise', '', 'largest declared source', 'its share of the variance')
-    return Table(heading, ('',) * 6, tuple(rows))
-
-
-def _percent(share: float) -> str:
-    return f'{100 * share:.0f} %' if share >= 0.005 or share == 0 else 'below 1 %'
 
 
 def error_table(compared: Comparison) -> Table:
     """Force and tip, fitted and held out, and chi-square, of the nominal, the base and the extended model."""
-    rows: list[tuple[str, ...]] = [('nominal parameters', f'{compared.nominal:.3g}', '', '', '', '')]
-    for name, side in (('base model', compared.base), ('extended model', compared.extended)):
-        tip = (f'{1e3 * each:.3g}' for each in (side.tip.fitted, side.tip.held_out))
+    tip = f'{1e3 * compared.nominal_tip:.3g}'
+    rows: list[tuple[str, ...]] = [('nominal parameters', f'{compared.nominal:.3g}', '', tip, '', '')]
+    sides = [('base model', compared.base), ('extended model', compared.extended)]
+    for name, side in sides[: 1 if compared.base == compared.extended else 2]:
+        tips = (f'{1e3 * each:.3g}' for each in (side.tip.fitted, side.tip.held_out))
         force = (f'{each:.3g}' for each in (side.force_error, side.held_out))
-        rows.append((name, *force, *tip, f'{side.reduced_chi_square:.2f}'))
+        rows.append((name, *force, *tips, f'{side.reduced_chi_square:.2f}'))
+    rows.append(('expected from noise', '', '', f'{1e3 * compared.extended.tip.noise:.3g}', '', '1'))
     heading = ('', 'force error', 'held out', 'tip error', 'held out', 'reduced chi-square')
     return Table(heading, ('', 'N', 'N', 'mm', 'mm', ''), tuple(rows))
 
@@ -258,27 +183,3 @@ def limit_table(outcome: Outcome) -> Table | None:
         rows.append((item.effect.title, item.biased_parameter, f'{item.undetected_bias:.1f}', size, unit))
     heading = ('undetected effect', 'parameter', 'bias up to [σ]', 'bias up to', '')
     return Table(heading, ('',) * 5, tuple(rows)) if rows else None
-
-
-def touch_table(c: Calibration) -> Table:
-    """All touches that were fitted."""
-    t = c.touches
-    force, residual = np.hypot(*c.force.T), np.hypot(*c.residual.T)
-    angle = np.degrees(np.arctan2(c.force[:, 1], c.force[:, 0]))
-    rows = tuple(
-        (
-            str(t.index[k]),
-            f'{t.time[k]:.1f}',
-            c.cell.discs[t.disc[k]].name,
-            'left' if t.posture[k] > 0 else 'right',
-            f'{force[k]:.2f}',
-            unsigned_zero(f'{angle[k]:.1f}').replace('-', '−'),
-            f'{residual[k]:.2f}',
-            f'{c.standardized[k]:.1f}',
-            '' if c.used[k] else 'not used',
-        )
-        for k in range(len(t))
-    )
-    heading = ('touch', 'time', 'disc', 'posture', 'force', 'direction', 'residual', 'residual', '')
-    levels = tuple('' if used else 'bad' for used in c.used)
-    return Table(heading, ('', 's', '', '', 'N', '°', 'N', 'σ', ''), rows, levels=levels)

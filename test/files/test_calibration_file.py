@@ -132,8 +132,8 @@ def test_anything_else_is_refused(
 def test_a_value_changed_by_hand_in_the_parameter_file_is_refused(plain: Outcome, tmp_path: Path) -> None:
     path, text = tmp_path / 'calibration.yaml', parameter_text(plain)
     value = repr(plain.final.parameters.l1)
-    assert text.count(f'l1: {value} ') == 1
-    path.write_text(text.replace(f'l1: {value} ', 'l1: 0.34 '), encoding='utf-8')
+    assert text.count(f'l1: {value}\n') == 1
+    path.write_text(text.replace(f'l1: {value}\n', 'l1: 0.34\n'), encoding='utf-8')
     with pytest.raises(CalibrationFileError, match=r'calibrated.l1 is 0.34, but the calibrated model has 0.33'):
         load_calibration(path)
 

@@ -87,7 +87,7 @@ def test_the_file_says_what_the_numbers_are_made_from_and_worth(plain: Outcome, 
             flat |= {f'{name}.{key}': item for key, item in value.items()} if isinstance(value, dict) else {name: value}
         expected = {name: value for name, value in facts(outcome).items() if value != []}
         if outcome is not plain:
-            expected['warnings'] = ['a "quoted": # one', 'b?c']
+            expected['warnings'] = ['a "quoted": # one', 'b\nc']
         np.testing.assert_equal(flat, expected)
         assert {name: type(value) for name, value in flat.items()} == {n: type(v) for n, v in expected.items()}
     assert flat['assessment'] == 'caution'
@@ -123,7 +123,7 @@ def test_a_value_that_is_no_number_is_refused(plain: Outcome, wrong: str, tmp_pa
     path = tmp_path / 'calibration.yaml'
     value = repr(plain.calibration.parameters.l1)
     text = parameter_text(plain)
-    assert f'l1: {value} ' in text
-    path.write_text(text.replace(f'l1: {value} ', f'l1: {wrong} '))
+    assert f'l1: {value}\n' in text
+    path.write_text(text.replace(f'l1: {value}\n', f'l1: {wrong}\n'))
     with pytest.raises(ParameterError, match='no result of a calibration'):
         load_result(path)

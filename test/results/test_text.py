@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from html import unescape
 
@@ -15,26 +14,30 @@ from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import Rejection
+from scara_kinetostatic.report.quantities import SCALES
 from scara_kinetostatic.results import messages
 from scara_kinetostatic.results.report import MOST_REJECTED, html_text, text_report
-from scara_kinetostatic.results.tables import parameter_rows
+from scara_kinetostatic.results.tables import parameter_table
 
 
-def test_every_parameter_with_its_uncertainty(plain: Outcome) -> None:
-    lines = {line.split()[0]: line for line in text_report(plain).splitlines() if '±' in line and 'σ' not in line}
-    rows = parameter_rows(plain.calibration)
-    assert set(lines) == {row.name for row in rows}
-    assert 'estimate ± 1 σ' in text_report(plain)
-    for row in rows:
-        assert f'{row.value} ± {row.std}' in lines[row.name]
-        assert row.unit in lines[row.name]
+def joined(outcome: Outcome) -> str:
+    return ' '.join(text_report(outcome).split())
 
 
-def test_digits_follow_the_uncertainty(plain: Outcome) -> None:
-    for row in parameter_rows(plain.calibration):
-        assert len(row.std.strip('0.').replace('.', '')) <= 2 or float(row.std) >= 100
-        assert len(row.value.partition('.')[2]) == len(row.std.partition('.')[2])
+def test_every_parameter_with_the_digits_that_its_uncertainty_allows(plain: Outcome) -> None:
+    text = text_report(plain)
+    assert 'estimate ± 1 σ' in text
+    rows = parameter_table(plain.calibration, SCALES).rows
+    assert [row[0] for row in rows] == list(NAMES)
+    for name, _, value, unit, meaning in rows:
+        (line,) = (line for line in text.splitlines() if line.startswith(f'{name} '))
+        assert ' '.join(line.split()).endswith(f'{value} {unit} {meaning}')
+        number, std = value.split(' ± ')
+        assert float(number) == pytest.approx(getattr(plain.final.parameters, name) * SCALES[name].per_si, rel=1e-2)
+        assert len(std.strip('0.').replace('.', '')) <= 2 or float(std) >= 100
+        assert len(number.partition('.')[2]) == len(std.partition('.')[2])
 
 
 def test_what_is_not_determined_has_no_uncertainty(confounded: Outcome) -> None:
@@ -44,13 +47,8 @@ def test_what_is_not_determined_has_no_uncertainty(confounded: Outcome) -> None:
     assert '(' in line
     assert 'not determined by these data' in line
     assert ' fixed' in next(line for line in text.splitlines() if line.startswith('l1 '))
-    assert 'these data do not determine every parameter' in text
-    assert 'free parameters are determined, ' in ' '.join(text.split())
-    assert 'The base model fits, but these data do not' in text
-    few = replace(confounded.calibration, degrees_of_freedom=2)
-    headline = messages.verdict(replace(confounded, calibration=few)).headline
-    assert headline.startswith('The base model fits, but nothing checks it: these data')
-    assert 'independent combinations of them (condition number' in ' '.join(text.split())
+    assert text.startswith('To be used with caution: the touches do not determine p_ee, g_ee each by itself')
+    assert '9 of 11 free parameters are determined, 10 independent combinations of all (condition' in joined(confounded)
 
 
 def test_rejected_touches_are_named_up_to_a_point(plain: Outcome) -> None:
@@ -64,42 +62,31 @@ def test_rejected_touches_are_named_up_to_a_point(plain: Outcome) -> None:
 def test_a_fit_that_did_not_converge_says_so(plain: Outcome) -> None:
     outcome = replace(plain, calibration=replace(plain.calibration, termination=Termination.ITERATION_LIMIT))
     assert text_report(outcome).startswith('Not fit for use: the fit did not converge')
-    assert '\n\nThe fit did not converge' in text_report(outcome)
 
 
 def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: Outcome) -> None:
     text = text_report(grown)
     (item,) = grown.diagnosis.found
-    compared = grown.comparison
-    joined = ' '.join(text.split())
-    assert f'added to the base model {item.effect.title} {item.effect.label} radius ' in joined
-    alone, extended = compared.base, compared.extended
-    assert f'{alone.force_error:.3g} N with the base model, {extended.force_error:.3g} N with the extended' in joined
-    assert f'{alone.held_out:.3g} N and {extended.held_out:.3g} N' in joined
-    assert f'{1e3 * alone.tip.fitted:.3g} mm from the circle' in joined
-    assert re.search(r'bias ignoring it would bias l2 by [\d.]+ σ, ', joined)
-    assert 'the force sensor is rotated about its axis (one of' in ' '.join(text_report(ambiguous).split())
-    assert 'a fitted curve (joint 1 deviates' in ' '.join(text_report(unnamed).split())
+    assert f'added to the base model {item.effect.title} {item.effect.label} radius ' in joined(grown)
+    for name, side in (('base model', grown.comparison.base), ('extended model', grown.comparison.extended)):
+        (line,) = (line for line in text.splitlines() if line.startswith(name))
+        sizes = side.force_error, side.held_out, 1e3 * side.tip.fitted, 1e3 * side.tip.held_out
+        assert line.split()[2:] == [*(f'{size:.3g}' for size in sizes), f'{side.reduced_chi_square:.2f}']
+    assert 'bias ignoring it would bias l2 by ' in joined(grown)
+    assert 'the force sensor is rotated about its axis (one of' in joined(ambiguous)
+    assert 'a fitted curve (joint 1 deviates' in joined(unnamed)
 
 
 def test_of_many_rivals_the_first_ones_are_named(plain: Outcome) -> None:
     rivals = (tuple(f'effect_{number}' for number in range(20)),)
     text = ' '.join(messages.verdict(replace(plain, diagnosis=Diagnosis('ambiguous', 1e-4, rivals=rivals))).sentences)
     assert 'effect_0 or effect_1' in text
-    assert f'or one of {20 - messages.MOST_RIVALS} more' in text
-
-
-def test_a_base_model_that_did_not_converge_says_so(ambiguous: Outcome) -> None:
-    assert 'fit of the base model did not converge' not in ' '.join(text_report(ambiguous).split())
-    lost = replace(ambiguous, calibration=replace(ambiguous.calibration, termination=Termination.ITERATION_LIMIT))
-    assert '\n\nModel error found, but these data cannot distinguish' in text_report(lost)
-    assert 'fit of the base model did not converge' in ' '.join(text_report(lost).split())
+    assert 'or one of 16 more' in text
 
 
 def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
     for which in ('plain', 'confounded', 'grown', 'ambiguous', 'unnamed'):
-        outcome = request.getfixturevalue(which)
-        assert max(map(len, text_report(outcome).splitlines())) <= 100
+        assert max(map(len, text_report(request.getfixturevalue(which)).splitlines())) <= 100
 
 
 @pytest.mark.parametrize(
@@ -107,7 +94,7 @@ def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
     [
         (Diagnosis('none', 0.5), 'good', 'No model error detected'),
         (Diagnosis('unexplained', 1e-60, advice='the residual depends on q1'), 'bad', '(p < 1e-12)'),
-        (Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)), 'caution', 'd2 has another'),
+        (Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)), 'caution', 'by what was found it does'),
         (Diagnosis('ambiguous', 1e-4, rivals=(('contact_friction', 'sensor_rotation'),)), 'caution', 'or sensor'),
     ],
 )
@@ -133,51 +120,28 @@ def test_the_headline_says_what_an_effect_means(plain: Outcome) -> None:
 
 
 @pytest.mark.parametrize(
-    ('joint', 'source', 'expected'),
+    ('noise', 'source', 'expected'),
     [
-        (1e-5, 'given', '10 µrad per joint and 0.3 N per force component, given by the cell description'),
-        (1e-5, 'estimated', '10 µrad per joint and 0.3 N per force component, estimated from the residuals'),
-        (1e-8, 'estimated', 'the joint noise is too small to be estimated'),
+        (Noise(1e-5, 0.3), 'given', '10 µrad per joint and 0.3 N per force component, given by the cell description'),
+        (Noise(1e-5, 0.3), 'estimated', '0.3 N per force component, estimated from the residuals'),
+        (Noise(1e-5, (0.4, 0.1), 0.012), 'given', '0.4 and 0.1 N per force component, in addition 1.2 % of the force'),
     ],
 )
-def test_noise_in_words(plain: Outcome, joint: float, source: str, expected: str) -> None:
-    cell = replace(plain.calibration.cell, noise=Noise(joint, 0.3) if source == 'given' else None)
-    calibration = replace(plain.calibration, cell=cell, noise=Noise(joint, 0.3), noise_source=source)
+def test_noise_in_words(plain: Outcome, noise: Noise, source: str, expected: str) -> None:
+    calibration = replace(plain.calibration, noise=noise, noise_source=source)
     assert expected in messages.noise(replace(plain, calibration=calibration))
 
 
-def test_noise_that_was_found_beside_stated_levels_in_words(plain: Outcome) -> None:
-    cell = replace(plain.calibration.cell, noise=Noise(1e-5, 0.3))
-    found = replace(plain.calibration, cell=cell, noise=Noise(1e-5, (0.4, 0.1), 0.012), noise_source='estimated')
-    assert messages.noise(replace(plain, calibration=found)) == (
-        '10 µrad per joint and 0.4 and 0.1 N per force component, in addition 1.2 % of the force; '
-        'the part that grows with the force and the ratio of the axes estimated from the residuals, the rest given'
-    )
-
-
-@pytest.mark.parametrize(
-    ('first', 'factor', 'second', 'shown'),
-    [
-        ('g1', -12.5, 'p1', 'g1 - 12.5 Nm · p1 ='),
-        ('x0', 0.33, 'theta1', 'x0 + 0.33 m/rad · theta1 ='),
-        ('l1', 1.0, 'l2', 'l1 + 1 l2 ='),
-        ('p_ee', 0.1, 'p1', 'p_ee + 0.1 (m/N)/(rad/Nm) · p1 ='),
-    ],
-)
-def test_the_factor_of_a_combination_has_its_unit(
-    confounded: Outcome, first: str, factor: float, second: str, shown: str
-) -> None:
+def test_a_combination_has_its_value(confounded: Outcome) -> None:
     c = confounded.calibration
-    known = replace(c.identifiability, combinations=(Combination(first, factor, second, 1.0, 0.1, ''),))
-    (line,) = messages.identifiability(replace(confounded, calibration=replace(c, identifiability=known)))[-1:]
-    assert shown in line
+    known = replace(c.identifiability, combinations=(Combination('g1', -12.5, 'p1', 1e-4, 1e-6, 'rad'),))
+    line = messages.identifiability(replace(confounded, calibration=replace(c, identifiability=known)))[-1]
+    assert 'g1 - 12.5 p1 (factor in SI units) = 100.0 ± 1.0 µrad' in line
 
 
 def test_a_command_in_an_action_keeps_the_labels_that_can_be_typed(grown: Outcome) -> None:
-    label = grown.diagnosis.found[0].effect.label
-    command = f"--fix '{label}.radius=VALUE'"
-    told = Assessment(Grade.CAUTION, ('the cause is open',), (f'hold it by {command}',))
+    command = f"--fix '{grown.diagnosis.found[0].effect.label}.radius=VALUE'"
     outcome = replace(grown)
-    outcome.__dict__['assessment'] = told
-    assert command in ' '.join(text_report(outcome).split())
+    vars(outcome)['assessment'] = Assessment(Grade.CAUTION, ('the cause is open',), (f'hold it by {command}',))
+    assert command in joined(outcome)
     assert command in unescape(html_text(outcome))
