@@ -94,7 +94,11 @@ def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
     [
         (Diagnosis('none', 0.5), 'good', 'No model error detected'),
         (Diagnosis('unexplained', 1e-60, advice='the residual depends on q1'), 'bad', '(p < 1e-12)'),
-        (Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)), 'caution', 'by what was found it does'),
+        (
+            Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)),
+            'caution',
+            'by what was found it does',
+        ),
         (Diagnosis('ambiguous', 1e-4, rivals=(('contact_friction', 'sensor_rotation'),)), 'caution', 'or sensor'),
     ],
 )
