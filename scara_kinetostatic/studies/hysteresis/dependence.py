@@ -38,34 +38,18 @@ from scara_kinetostatic.studies.hysteresis.record import UNLOADED_BELOW
 _BINS = 16
 
 
-class Variable(NamedTuple):
-    """A variable: its name in a table, and what is said of a residual that depends on it."""
-
-    title: str
-    sentence: str
-
-
+_OF_MOTION = ('displacement', 'displacement_sense', 'speed', 'distance_sense', 'time')
+_OF_LOAD = ('memory', 'load', 'time')
 VARIABLES = {
-    'displacement': Variable('{response}', 'depends on the {response}'),
-    'displacement_sense': Variable(
-        '{response}, by sense of motion', 'depends on the {response} and the sense of motion'
-    ),
-    'speed': Variable('speed', 'depends on the speed'),
-    'distance_sense': Variable(
-        'distance since the reversal, by sense of motion',
-        'depends on the distance since the reversal and the sense of motion',
-    ),
-    'time': Variable('time', 'depends on the time'),
-    'memory': Variable(
-        'the load before: at rest after loading it is not that at rest before',
-        'at rest after the load is not that at rest before it',
-    ),
-    'load': Variable('the load', 'depends on the load'),
+    'displacement': 'the {response}',
+    'displacement_sense': 'the {response} and the sense of motion',
+    'speed': 'the speed',
+    'distance_sense': 'the distance since the reversal and the sense of motion',
+    'time': 'the time',
+    'memory': 'the load before',
+    'load': 'the load',
 }
-_OF_MOTION, _OF_LOAD = (
-    ('displacement', 'displacement_sense', 'speed', 'distance_sense', 'time'),
-    ('memory', 'load', 'time'),
-)
+"""In words; memory: the residual at rest after the load is not that at rest before it."""
 
 
 class Dependence(NamedTuple):

@@ -167,9 +167,9 @@ def _reservations(selection: Selection) -> list[str]:
     record = study.records[0]
     if selection.needs_memory:
         sentences.append(f'With one that returns to its zero it is not ({p_equals(selection.p_without_memory)}).')
-    untested = [record.words(VARIABLES[d.variable].title) for d in selection.dependence_before if not d.is_tested]
+    untested = [record.words(VARIABLES[d.variable]) for d in selection.dependence_before if not d.is_tested]
     if untested:
-        sentences.append(f'Not tested, since no load lasts or goes off again long enough: {"; ".join(untested)}.')
+        sentences.append(f'No load lasts or stays away long enough to test the dependence on {" and ".join(untested)}.')
     total = sum(float(np.var(path.response) * len(path.time)) for path in study.blocks)
     if selection.before.whole.square > 0.9 * total:
         sentences.append(record.words('The {response} hardly follows the {load}: do the columns belong to one joint?'))
@@ -191,7 +191,7 @@ def _repeats(selection: Selection) -> list[str]:
 
 def _strongest(found: Sequence[Dependence], record: Record) -> str:
     best = min(found, key=lambda each: each.p_value)
-    return record.words(VARIABLES[best.variable].sentence)
+    return record.words(f'depends on {VARIABLES[best.variable]}')
 
 
 def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
@@ -199,11 +199,15 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
     return (
         Section('Records', (_record_table(selection), *_figures(selection, name))),
         Section('Laws compared', (_candidate_table(selection), record.words(_words(selection).errors), _COMPARED)),
-        Section('What the residual depends on', (_dependence_table(selection),)),
+        Section('What the residual depends on', (_dependence_table(selection), _DEPENDENCE)),
         Section('Parameters', (_parameter_table(selection), _parameter_note(selection))),
     )
 
 
+_DEPENDENCE = Note(
+    'Share of the square of the residual that the variable explains, and the p-value of no dependence.'
+    ' The load before: at rest after the load the residual is not that at rest before it.'
+)
 _COMPARED = Note(
     'p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), which counts the parameters. '
     'Better: the residual of law (6) shows a dependence, and the law predicts better (1 %, shared among the laws). '
@@ -292,7 +296,7 @@ def _dependence_table(selection: Selection) -> Table:
     after = {each.variable: each for each in selection.dependence_after}
     for each in selection.dependence_before:
         shown_ones = [each, after[each.variable]] if selection.selected else [each]
-        cells = [record.words(VARIABLES[each.variable].title)]
+        cells = [record.words(VARIABLES[each.variable])]
         for one in shown_ones:
             share = f'{100 * min(one.share, 1.0):.0f} %' if one.share > 0 else 'nothing'
             cells += [share, chance(one.p_value)] if one.is_tested else [NOT_DETERMINED, NOT_DETERMINED]
@@ -353,35 +357,41 @@ def _predicted_section(selection: Selection, predicted: Sequence[PredictedRecord
     )
     table = Table(('predicted', 'before', 'after', 'state at the start'), ('', scale.unit, scale.unit, ''), rows)
     note = 'What comes before the unloading gives zero and state of friction; the error counts from there on.'
-    figures = []
+    sections = []
     for k, each in enumerate(predicted):
         path = LoadPath(each.record, direction=selection.study.direction)
         after = each.after if selection.selected else None
-        figures.append(_pair(path, ~path.known, each.before, after, f'other{k}'))
-    return Section('Further records, predicted', (note, table, *figures))
+        sections.append(_pictures(path, ~path.known, each.before, after, f'other{k}'))
+    return Section('Further records, predicted', (note, table, *sections))
 
 
 def _figures(selection: Selection, name: str) -> list[Block]:
-    """Two pictures of each record, that with the largest error of law (6) first; but the first four are folded."""
-    study, pairs = selection.study, []
+    """Pictures of each record, that with the largest error of law (6) first; all but the first four are folded."""
+    study, sections = selection.study, []
     errors = record_errors(selection, selection.before)
     for k in sorted(range(len(errors)), key=lambda number: -errors[number]):
         after = selection.selected.held_out[k] if selection.selected else None
-        pairs.append(_pair(study.paths[k], study.judged[k], selection.before.held_out[k], after, f'{name}_{k}'))
-    more = Section(f'{len(pairs) - 4} more', tuple(pairs[4:]), folded=True)
-    return [*pairs[:4], *([more] if pairs[4:] else [])]
+        before = selection.before.held_out[k]
+        sections.append(_pictures(study.paths[k], study.judged[k], before, after, f'{name}_{k}'))
+    more = Section(f'{len(sections) - 4} more', tuple(sections[4:]), folded=True)
+    return [Note(_PICTURES), *sections[:4], *([more] if sections[4:] else [])]
 
 
-def _pair(path: Motion | LoadPath, judged: Mask, before: Prediction, after: Prediction | None, name: str) -> Figures:
+_PICTURES = (
+    'Left: measured, and predicted where it was held out. Right: measured less predicted; what is shaded is judged.'
+)
+
+
+def _pictures(
+    path: Motion | LoadPath, judged: Mask, before: Prediction, after: Prediction | None, name: str
+) -> Section:
     residuals = [(before.residual, SERIES[1], 'law (6)')]
     residuals += [(after.residual, SERIES[0], 'selected law')] if after else []
     pictures = (
-        Figure(partial(_loop_picture, path, residuals, name), title=path.record.name),
+        Figure(partial(_loop_picture, path, residuals, name)),
         Figure(partial(_residual_picture, path, judged, residuals, name)),
     )
-    return Figures(
-        pictures, 'Left: measured and predicted, held out. Right: measured less predicted; judged is what is shaded.'
-    )
+    return Section(path.record.name, (Figures(pictures),))
 
 
 _Residuals = list[tuple[Floats, str, str]]
@@ -400,7 +410,7 @@ def _loop_picture(path: Motion | LoadPath, residuals: _Residuals, name: str) -> 
     else:
         driver, driven, words = record.load_change, response_change(record), ('{load}', '{response}')
     scales = [
-        _scale(float(np.ptp(values)) / 10, record.load_unit if word == '{load}' else record.unit('m'))
+        _scale(float(np.ptp(values)), record.load_unit if word == '{load}' else record.unit('m'))
         for values, word in ((driver, words[0]), (driven, words[1]))
     ]
     figure, (axes,) = new_figure(450.0, 300.0, margins=_MARGINS)
