@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli.command import Result, Run
-from studies.load_records import table, torque
 
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import write_streams
@@ -250,81 +248,3 @@ def test_senseless_truth(run: Run, tmp_path: Path, text: str, word: str) -> None
 def test_wrong_command_line(run: Run, tmp_path: Path, arguments: tuple[str, ...], word: str) -> None:
     check(run(*arguments), 2, word)
     nothing_new(tmp_path)
-
-
-def rows_without(first: int, last: int) -> str:
-    """A record driven by its load, without some of its rows."""
-    heading, *rows = table().splitlines()
-    return '\n'.join([heading, *rows[:first], *rows[last:]]) + '\n'
-
-
-MANY = 'time_s,q2_rad,tau2_Nm'
-BRIEF = table(np.concatenate([np.zeros(100), np.full(10, -2.0), np.full(40, -1.0)]))
-"""A load of an eighth of a second that never goes to rest again."""
-LOAD_DRIVEN = {
-    'a column that does not exist': (table(heading=MANY), ['--response', 'q3_rad', '--load', 'tau2_Nm'], 2, 'q2_rad?'),
-    'no such load': (table(heading=MANY), ['--response', 'q2_rad', '--load', 'tau_2'], 2, 'did you mean tau2_Nm'),
-    'no columns': (table(heading='time_s,a,b'), [], 2, 'there is no column of the response'),
-    'a load without a unit': (table(heading='time_s,angle_rad,torque'), [], 2, 'no column of the load'),
-    'an angle with a force': (
-        table(heading='time_s,angle_rad,force_N'),
-        [],
-        2,
-        'angle_rad is an angle and force_N a force',
-    ),
-    'an angle with a force, chosen': (
-        table(heading='time_s,q_rad,f_N'),
-        ['--response', 'q_rad', '--load', 'f_N'],
-        2,
-        'these units do not go together',
-    ),
-    'a force as response': (
-        table(heading='time_s,q_rad,f_N'),
-        ['--response', 'f_N', '--load', 'q_rad'],
-        2,
-        'exchange --response and --load',
-    ),
-    'two joints': (
-        table(heading='time_s,q2_rad,tau4_Nm'),
-        ['--response', 'q2_rad', '--load', 'tau4_Nm'],
-        2,
-        'columns of two joints, 2 and 4',
-    ),
-    'too short': (rows_without(30, 10_000), [], 3, '6 sweeps of 8 samples each are needed'),
-    'too short, driven by load': (rows_without(30, 10_000), ['--driven', 'load'], 3, '50 or more are needed'),
-    'without unloading': (rows_without(500, 10_000), [], 3, 'never falls below 60 % of its largest for good'),
-    'without a rest': (rows_without(0, 198), ['--driven', 'load'], 3, 'not at rest at first'),
-    'a gap': (rows_without(400, 480), [], 3, 'a gap in time from 4.9875 to 6 s'),
-    'a jump': (table() + '0.5,0.7,0\n', [], 3, 'does not rise from row to row'),
-    'constant load': (table(np.zeros(400)), [], 3, 'the load is constant within its noise'),
-    'a wrong unit of time': (table(heading='time_ms,angle_rad,torque_Nm'), [], 3, 'check the unit of the time'),
-    'a load too short to test': (BRIEF, [], 3, 'for a test of law (6); record some seconds at rest'),
-    'without time': (table(heading='seconds,angle_rad,torque_Nm'), [], 3, 'add a column time_s'),
-    'no number': (table().replace('\n0.02500,', '\nsoon,', 1), [], 2, 'line 4: time_s: expected a number'),
-    'tension': (table(), ['--tension', '3'], 2, 'driven by its load'),
-    'predicted from itself': (table(), ['--predict', 'one.csv'], 2, 'is given twice'),
-}
-
-
-@pytest.mark.parametrize('what', LOAD_DRIVEN)
-def test_record_driven_by_its_load(run: Run, tmp_path: Path, what: str) -> None:
-    text, options, status, words = LOAD_DRIVEN[what]
-    (tmp_path / 'one.csv').write_text(text, encoding='utf-8')
-    result = run('hysteresis', 'one.csv', *options, '--out', 'result')
-    check(result, status, 'one.csv' if '--response' not in options or status == 3 else '', words)
-    nothing_new(tmp_path, 'one.csv')
-
-
-def test_records_of_two_joints_or_kinds_are_not_mixed(run: Run, tmp_path: Path) -> None:
-    (tmp_path / 'one.csv').write_text(table(heading='time_s,q2_rad,tau2_Nm'))
-    (tmp_path / 'two.csv').write_text(table(torque(-1.0), heading='time_s,q4_rad,tau4_Nm'))
-    (tmp_path / 'three.csv').write_text(table(heading='time_s,displacement_mm,force_N'))
-    check(run('hysteresis', 'one.csv', 'two.csv', '--out', 'x'), 2, 'two.csv', 'joint 4', 'one.csv', 'joint 2')
-    check(run('hysteresis', 'one.csv', '--predict', 'two.csv', '--out', 'x'), 2, 'two.csv', 'joint 4')
-    check(run('hysteresis', 'one.csv', 'three.csv', '--out', 'x'), 2, 'three.csv', 'its load is in N')
-    (tmp_path / 'four.csv').write_text(
-        re.sub(r',(-?[0-9.]+)$', lambda f: f',{-float(f[1])}', table(), flags=re.MULTILINE)
-    )
-    for options in (['four.csv'], ['--predict', 'four.csv']):
-        check(run('hysteresis', 'one.csv', *options, '--out', 'x'), 2, '.csv', 'in the opposite sense of the other')
-    nothing_new(tmp_path, 'one.csv', 'two.csv', 'three.csv', 'four.csv')

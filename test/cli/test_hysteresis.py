@@ -161,6 +161,8 @@ def test_an_elastic_joint_needs_nothing(run: Run, tmp_path: Path) -> None:
         ('time_s,force_N,displacement_mm\n1,1,2\n0,2,3\n', [], 3, 'one.csv: the time does not rise'),
         ('time_s,force_N,displacement_mm\n1,1,2\n2,2,3\n3,1,2\n', [], 3, 'one.csv: 2 sweeps'),
         (loops(), ['--driven', 'load'], 3, 'one.csv: the load is not at rest at first'),
+        (table(torque()[:500]), [], 3, 'one.csv: the load never falls below 60 % of its largest for good'),
+        (table(torque(), 'time_s,a,b'), [], 2, 'one.csv: there is no column of the load'),
         (loops('time_s,angle_rad,torque_Nm'), ['other.csv'], 2, 'other.csv: its load is in N, that of one.csv in Nm'),
     ],
 )
@@ -176,3 +178,20 @@ def test_what_is_wrong_is_one_line(
     assert result.err.count('\n') == 1
     assert result.out == ''
     assert not (tmp_path / 'result').exists()
+
+
+def test_records_of_two_joints_or_senses_are_not_mixed(run: Run, tmp_path: Path) -> None:
+    (tmp_path / 'one.csv').write_text(table(torque(), 'time_s,q2_rad,tau2_Nm'))
+    (tmp_path / 'two.csv').write_text(table(torque(-1.0), 'time_s,q4_rad,tau4_Nm'))
+    (tmp_path / 'turned.csv').write_text(
+        re.sub(r',(-?[0-9.]+)$', r',-\1', table(torque()), flags=re.M).replace('--', '')
+    )
+    for options, message in (
+        (['two.csv'], 'two.csv: a record of joint 4, but one.csv is one of joint 2'),
+        (['--predict', 'two.csv'], 'two.csv: a record of joint 4'),
+        (['turned.csv'], '.csv: its response follows the load in the opposite sense of the other records'),
+        (['--predict', 'turned.csv'], 'turned.csv: its response follows the load in the opposite sense'),
+    ):
+        result = run('hysteresis', 'one.csv', *options, '--out', 'result')
+        assert (result.status, message in result.err, result.err.count('\n')) == (2, True, 1), result
+        assert not (tmp_path / 'result').exists()
