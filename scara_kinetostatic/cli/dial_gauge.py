@@ -12,7 +12,7 @@ The first line of a table names its columns with their units:
   part                            gripper, joint1 or joint2
   lever_m                         of the force about the joint
   gauge_at                        where the dial gauge measures: tip or link
-  time_s                          for a continuous record of loops
+  time_s                          without cycle and direction: a continuous record of loops
 
 Example:
   scara-kinetostatic dial-gauge gripper.csv --out result
@@ -44,7 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--lever', 'M', real(0, above=True), 'lever arm of the force, m', nan),
         ('--direction', 'DEG', real(), 'direction of the positive force', nan),
         ('--gauge-at', '', ('tip', 'link'), 'place of the dial gauge (default: link for a joint)', {'default': ''}),
-        ('--kind', '', ('auto', 'points', 'loops'), 'of the tables (default: by their columns)', {'default': 'auto'}),
     )
     band = 'loads up to this share of the largest are taken for zero (default: 0.02)'
     add_options(parser, ('--zero-band', 'SHARE', real(0), band, {'default': 0.02}))
@@ -63,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.zero_band >= 1:
         raise InputError('--zero-band', f'expected a share below 1, got {args.zero_band:g}')
-    analysis = analyse_tables(_tables(args), args.kind, args.zero_band)
+    analysis = analyse_tables(_tables(args), args.zero_band)
     document = dial_gauge_document(analysis)
     report = dial_gauge_report(analysis)
     files = {'dial_gauge.json': json_text(document), 'dial_gauge.html': as_page(report)} if args.out else {}

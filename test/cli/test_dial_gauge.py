@@ -100,7 +100,6 @@ def test_options_say_what_the_table_does_not(run: Run, tmp_path: Path) -> None:
         (ONE, ['--part', 'joint2', '--lever', '330'], 2, 'it is in m, not mm: give 0.33'),
         (ONE, ['--out', 'one.csv'], 2, 'one.csv'),
         (ONE.replace('-', ''), [], 3, 'one.csv: gripper: there is no reversal'),
-        (ONE, ['--kind', 'loops'], 3, 'one.csv: loops need the time'),
         ('force_N,displacement_m\n1,0\n-1,0\n', [], 3, 'too few'),
     ],
 )

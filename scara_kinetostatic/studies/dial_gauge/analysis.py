@@ -164,36 +164,30 @@ class DialGaugeAnalysis(NamedTuple):
     sources: tuple[str, ...]
 
 
-def analyse_tables(
-    tables: Sequence[DialGaugeReadings], kind: str = 'auto', zero_band: float = ZERO_BAND
-) -> DialGaugeAnalysis:
+def analyse_tables(tables: Sequence[DialGaugeReadings], zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
     """Analyses tables.
 
     Args:
-        tables: each from one file.
-        kind: 'points', 'loops', or 'auto': loops where a table has times, and neither cycles nor directions.
+        tables: each from one file; a record of loops where it has times, and neither cycles nor directions.
         zero_band: share of the largest load of a run up to which a load counts as none.
 
     Raises:
         ParameterError: the rows of a joint have no lever.
         UnsupportedDataError: a table cannot be analysed; it is named.
     """
-    loops = [table for table in tables if kind == 'loops' or (kind == 'auto' and _is_continuous(table))]
-    points = [table for table in tables if not any(table is loop for loop in loops)]
+    continuous = [np.all(np.isfinite(t.time) & np.isnan(t.cycle) & np.isnan(t.direction)) for t in tables]
+    loops = [table for table, is_loop in zip(tables, continuous, strict=True) if is_loop]
+    points = [table for table, is_loop in zip(tables, continuous, strict=True) if not is_loop]
     found = analyse_points(join(points), zero_band) if points else DialGaugeAnalysis({}, (), (), ())
     records = tuple(analyse_loops(table) for table in loops)
     warnings = [*found.warnings, *(note for table in loops for note in table.notes)]
     level = FALSE_ALARM_LEVEL / 2 / max(1, sum(len(record.senses) for record in records))
     for record in records:
         for sense in record.senses:
-            where = f'{record.source}: {sense.name}: the reversals'
+            where = f'{record.readings.sources[0]}: {sense.name}: the reversals'
             warnings += _inconsistencies(where, {'compliance': sense.compliance, 'gap': sense.gap}, level)
-    sources = (*found.sources, *(record.source for record in records))
+    sources = (*found.sources, *(record.readings.sources[0] for record in records))
     return DialGaugeAnalysis(found.parts, records, tuple(warnings), sources)
-
-
-def _is_continuous(table: DialGaugeReadings) -> bool:
-    return bool(np.all(np.isfinite(table.time) & np.isnan(table.cycle) & np.isnan(table.direction)))
 
 
 def analyse_points(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
@@ -367,12 +361,9 @@ _MEANING = {
     'slope_difference': 'the slopes of the two senses differ by {value:.3g} ± {std:.2g} µm/N',
     'hysteresis': 'the displacement is {value:.3g} ± {std:.2g} µm larger while the load is removed: friction or creep',
     'curvature': 'the lines deviate from straight by {value:.3g} ± {std:.2g} µm: the compliance depends on the load',
-    'zero_drift': "the gauge's zero drifts by {value:.3g} ± {std:.2g} µm per cycle; "
-    'half of a steady drift is contained in the gap',
-    'gap_repeatability': 'the gap varies by {value:.3g} µm (one standard deviation) between cycles; '
-    'its uncertainty includes this',
-    'slope_repeatability': 'the slope varies by {value:.3g} µm/N (one standard deviation) between cycles; '
-    'its uncertainty includes this',
+    'zero_drift': "the gauge's zero drifts by {value:.3g} ± {std:.2g} µm per cycle; half of it is contained in the gap",
+    'gap_repeatability': 'the gap varies by {value:.3g} µm between cycles; its standard deviation includes this',
+    'slope_repeatability': 'the slope varies by {value:.3g} µm/N between cycles; its standard deviation includes this',
 }
 
 

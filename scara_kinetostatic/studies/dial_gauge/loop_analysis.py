@@ -103,11 +103,6 @@ class LoopAnalysis(NamedTuple):
     senses: tuple[Sense, ...]
     rejected: tuple[Rejected, ...]
 
-    @property
-    def source(self) -> str:
-        """Its file."""
-        return self.readings.sources[0]
-
 
 class _Sweep(NamedTuple):
     """The samples from one reversal to the next: distance since the reversal, m, and force, positive along the motion,
@@ -135,12 +130,9 @@ def analyse_loops(readings: DialGaugeReadings) -> LoopAnalysis:
     """Gap and slope at the reversals of a continuous record.
 
     Raises:
-        UnsupportedDataError: there are rows without time, the time does not increase, or no sense has two reversals
-            that can be used.
+        UnsupportedDataError: the time does not increase, or no sense has two reversals that can be used.
     """
     source, time = readings.sources[0], readings.time
-    if not np.all(np.isfinite(time)):
-        raise UnsupportedDataError(f'{source}: loops need the time of every row', 'add a column time_s')
     if len(time) < 2 or not np.all(np.diff(time) > 0):
         problem = f'{source}: the time does not rise from row to row'
         raise UnsupportedDataError(problem, 'give the rows in the order of time')
@@ -153,11 +145,9 @@ def analyse_loops(readings: DialGaugeReadings) -> LoopAnalysis:
     others = [each for window in _OTHER_WINDOWS for each in _analyse(sweeps, window)[0]]
     for k, sense in enumerate(senses):
         same = [sense, *(each for each in others if each.sense == sense.sense)]
-        gap, compliance = (
-            float(np.ptp(means)) / 2 if len(same) > 1 else np.nan
-            for means in ([each.gap.value for each in same], [each.compliance.value for each in same])
-        )
-        senses[k] = sense._replace(definitional_uncertainty=(gap, compliance))
+        means = np.array([[each.gap.value, each.compliance.value] for each in same])
+        gap, compliance = np.ptp(means, axis=0) / 2 if len(same) > 1 else (np.nan, np.nan)
+        senses[k] = sense._replace(definitional_uncertainty=(float(gap), float(compliance)))
     return LoopAnalysis(readings, tuple(senses), tuple(sorted(rejected)))
 
 

@@ -45,7 +45,7 @@ def dial_gauge_document(analysis: DialGaugeAnalysis) -> Document:
         'parts': {part.name: _part(part) for part in analysis.parts.values()},
         'loops': [
             {
-                'source': record.source,
+                'source': record.readings.sources[0],
                 'senses': {sense.name: _sense(sense) for sense in record.senses},
                 'rejected': record.rejected,
             }
@@ -139,7 +139,10 @@ def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
         note = 'gap: displacement jump at zero force; half gap: g of equations (6) and (7); ±: one standard deviation'
         blocks.append(Section('Summary', (summary_table(analysis), note)))
     blocks += [_loop_section(record, f'loop{k}') for k, record in enumerate(analysis.loops)]
-    what = [*(TITLES[name] for name in analysis.parts), *(f'loops of {record.source}' for record in analysis.loops)]
+    what = [
+        *(TITLES[name] for name in analysis.parts),
+        *(f'loops of {record.readings.sources[0]}' for record in analysis.loops),
+    ]
     return Report(
         title='Compliance and backlash by dial gauge',
         answer=Verdict(f'Compliance and backlash: {", ".join(what)}'),
@@ -222,11 +225,11 @@ def part_figures(part: Part) -> tuple[Figures, ...]:
         Figure(partial(force_picture, part.runs[k], f'{part.name}_force{k}'), title=part.runs[k].name)
         for k in dict.fromkeys((order[0], order[-1]))
     ]
-    captions = (
-        'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.',
-        'Readings, straight lines, residuals; hollow: no load, not used.',
-    )
-    return tuple(Figures(tuple(each), caption) for each, caption in zip((maps, forces), captions, strict=True) if each)
+    found = [Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')]
+    if maps:
+        dead_zone = 'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.'
+        found.insert(0, Figures(tuple(maps), dead_zone))
+    return tuple(found)
 
 
 def map_picture(each: DirectionMap, unit: str, what: str, name: str) -> Markup:
@@ -266,11 +269,9 @@ def force_picture(run: Run, name: str) -> Markup:
         rows = fit.used & (np.sign(force) == sign)
         above.plot(force[rows], displacement[rows], 'o', ms=3, color=colour, mew=0)
         below.plot(force[rows], MICRO * fit.residual[rows], 'o', ms=2.5, color=colour, mew=0)
-        lines = fit.lines[fit.lines[:, 0] == sign]  # their mean, dashed where it is extrapolated
-        offset, slope = MICRO * lines[:, 1].mean(), MICRO * lines[0, 2]
-        near, far = sign * np.abs(force[rows]).min(), sign * np.abs(force[rows]).max()
-        above.plot([near, far], [offset + slope * near, offset + slope * far], color=colour, lw=1.2)
-        above.plot([0, near], [offset, offset + slope * near], color=colour, lw=1.2, ls=(0, (2, 2)))
+        lines = fit.lines[fit.lines[:, 0] == sign]
+        offset, slope, far = MICRO * lines[:, 1].mean(), MICRO * lines[0, 2], sign * np.abs(force[rows]).max()
+        above.plot([0, far], [offset, offset + slope * far], color=colour, lw=1.2)
         offsets.append(offset)
     above.plot([0, 0], offsets, color=INK, lw=2.2, solid_capstyle='butt')
     text = f'gap {MICRO * fit.gap.value:.4g} µm'
@@ -290,30 +291,13 @@ def _loop_section(record: LoopAnalysis, name: str) -> Section:
         'The record; bars: the gap of each reversal, at the force inside the backlash. Blue: displacement rising after '
         'the reversal, orange: falling.',
     )
-    senses = []
-    for sense in record.senses:
-        forces = f'force inside the gap {sense.gap_force:.0f} N, at the plateau {sense.slip_force:.0f} N'
-        senses.append(Section(f'Displacement {sense.name}: {forces}', (_reversal_table(sense),)))
-    note = 'definitional: by the choice of the straight part of the branches, common to all reversals'
+    note = (
+        'definitional: by the choice of the straight part of the branches, common to all reversals, each of which is '
+    )
+    note += 'in dial_gauge.json'
     rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in record.rejected)
     unused = [Items(rejected, f'{count(len(rejected), "reversal")} not used:')] if rejected else []
-    return Section(f'Loops: {record.source}', (picture, _loop_table(record), note, *senses, *unused))
-
-
-def _reversal_table(sense: Sense) -> Table:
-    rows = tuple(
-        (
-            f'{each.time:.2f}',
-            f'{1e3 * each.displacement:.2f}',
-            with_std(each.gap),
-            with_std(each.compliance, 1e9),
-            with_std(each.unloading_compliance, 1e9),
-            f'{each.samples[0]} + {each.samples[1]}',
-        )
-        for each in sense.reversals
-    )
-    heading = ('time', 'at', 'gap', 'compliance', 'before the gap', 'samples')
-    return Table(heading, ('s', 'mm', 'µm', 'nm/N', 'nm/N', ''), rows)
+    return Section(f'Loops: {record.readings.sources[0]}', (picture, _loop_table(record), note, *unused))
 
 
 def _loop_table(record: LoopAnalysis) -> Table:
@@ -327,6 +311,8 @@ def _loop_table(record: LoopAnalysis) -> Table:
         ):
             values = (with_std(test.estimate, factor), f'{float(f"{factor * half:.2g}"):g}', unit)
             rows.append((sense.name, what, *values, _test(test)))
+        rows.append((sense.name, 'force inside the gap', f'{sense.gap_force:.0f}', '', 'N', ''))
+        rows.append((sense.name, 'force at the plateau', f'{sense.slip_force:.0f}', '', 'N', ''))
     heading = ('displacement', '', 'mean', 'definitional ±', '', 'consistency of the reversals')
     return Table(heading, ('',) * len(heading), tuple(rows))
 
