@@ -110,12 +110,9 @@ class History:
             Whether each was new.
 
         Raises:
-            InputError: one is of another robot than those of the same name or has no touches, or the file cannot be
-                written.
+            InputError: one is of another robot than those of the same name, or the file cannot be written.
         """
         added = []
-        for record in records:
-            _ = record.touches
         with self._open(write=True) as connection:
             for record in records:
                 name, text = robot or record.robot or 'robot', json_text(dict(record.document))
@@ -142,12 +139,10 @@ class History:
             InputError: it is damaged, or needs what is not installed here.
         """
         try:
-            record = CalibrationRecord.of_document(json.loads(document), source)
-            _ = record.touches
+            return Entry(number, robot, CalibrationRecord.of_document(json.loads(document), source))
         except (ValueError, TypeError, RecursionError, InputError) as error:
             remedy = f'`history remove {self.path} {number}` takes it out'
             raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
-        return Entry(number, robot, record)
 
     def entries(self, robot: str = '', *, replaced: bool = False) -> list[Entry]:
         """Calibrations in the order in which they were measured, of one robot or of all.

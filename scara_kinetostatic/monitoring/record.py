@@ -85,7 +85,9 @@ class CalibrationRecord:
             datetime.strptime(record.measured, '%Y-%m-%dT%H:%M:%SZ')
             if not (1 <= record.enlargement < np.inf and record.noise_freedoms > 0):
                 raise ValueError('fit: expected an enlargement from 1 on and degrees of freedom')
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            if not len(record.touches):
+                raise ValueError('there is no used touch')
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
             reason = f'there is no {error}' if isinstance(error, KeyError) else f'{error}'
             raise CalibrationFileError(where, f'is damaged or old: {reason:.200}', _REMEDY) from error
         return record
@@ -119,8 +121,7 @@ class CalibrationRecord:
 
     @property
     def _recordings(self) -> Sequence[Mapping[str, Any]]:
-        found: Sequence[Mapping[str, Any]] = self.document.get('recordings') or []
-        return found
+        return self.document.get('recordings') or ()
 
     @property
     def noise_freedoms(self) -> float:
@@ -141,18 +142,8 @@ class CalibrationRecord:
 
     @cached_property
     def touches(self) -> TouchSet:
-        """The used touches of the calibration as its sensor reported them, but for the declared errors of the sensor.
-
-        Raises:
-            CalibrationFileError: they are damaged.
-        """
-        try:
-            touches = stored_touches(self.document['touches']['fitted'], self.arm)
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-            raise CalibrationFileError(self.source, f'its touches are damaged: {error!r:.200}', _REMEDY) from error
-        if not len(touches):
-            raise CalibrationFileError(self.source, 'it has no used touch', _REMEDY)
-        return touches
+        """The used touches of the calibration as its sensor reported them, but for the declared errors of the sensor."""
+        return stored_touches(self.document['touches']['fitted'], self.arm)
 
     @cached_property
     def forces(self) -> Floats:
@@ -167,11 +158,7 @@ class CalibrationRecord:
         return np.asarray(np.linalg.norm(tips[1] - tips[0], axis=1))
 
     def place(self, name: str) -> int:
-        """Position of a value of the model or, if it has none of that name, of a declared error.
-
-        Raises:
-            ValueError: there is neither.
-        """
+        """Position of a value of the model or, if it has none of that name, of a declared error."""
         return self.names.index(name)
 
     def std_of(self, name: str) -> float:

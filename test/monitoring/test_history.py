@@ -99,12 +99,11 @@ def test_days_are_shown_where_all_dates_are_known(plain: Outcome, tmp_path: Path
         later(plain, 'yesterday')
 
 
-def test_a_calibration_without_touches_is_refused(plain: Outcome, tmp_path: Path) -> None:
-    history, good = History(tmp_path / 'a.sqlite', create=True), later(plain, '2026-01-01T00:00:00Z')
-    bad = CalibrationRecord.of_document({**good.document, 'touches': {}}, 'bad.json')
-    with pytest.raises(InputError, match='its touches are damaged'):
-        history.add([good, bad])
-    assert history.entries() == []
+def test_a_calibration_without_touches_is_refused(plain: Outcome) -> None:
+    document = later(plain, '2026-01-01T00:00:00Z').document
+    for touches in ({}, {'fitted': []}, {'fitted': [{}]}, {'fitted': 3}):
+        with pytest.raises(InputError, match='damaged or old'):
+            CalibrationRecord.of_document({**document, 'touches': touches}, 'bad.json')
 
 
 def test_processes_that_write_at_a_time(plain: Outcome, tmp_path: Path) -> None:
