@@ -142,7 +142,7 @@ class CalibrationRecord:
 
     @cached_property
     def touches(self) -> TouchSet:
-        """The used touches of the calibration as its sensor reported them, but for the declared errors of the sensor."""
+        """The used touches of the calibration as its sensor reported them, but for its declared errors."""
         return stored_touches(self.document['touches']['fitted'], self.arm)
 
     @cached_property
