@@ -161,7 +161,8 @@ class Design:
 
     Attributes:
         robot: the robot with its cell; with all discs on one plate, in the frame of that plate.
-        requirements: of the design, with the accuracy that counts.
+        requirements: of the design.
+        accuracy: largest standard deviation of the tip that counts as required, m.
         plan: the touches to make, in their order: the smallest set found that reaches the accuracy and keeps it after
             the loss of any one touch, without a leverage that is too large, and with touches on every disc.
         row: their prediction.
@@ -182,6 +183,7 @@ class Design:
 
     robot: Robot
     requirements: Requirements
+    accuracy: float
     plan: Plan
     row: Row
     without_each: Floats
@@ -195,12 +197,6 @@ class Design:
     plate: Plate | None
     least_possible: float
     in_base_frame: float | None
-
-    @property
-    def accuracy(self) -> float:
-        """Largest standard deviation of the tip that is required, m."""
-        assert self.requirements.accuracy is not None
-        return self.requirements.accuracy
 
     @property
     def tip_std(self) -> TipStd:
@@ -248,27 +244,26 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     very_many = predict(robot, every, MOST_TOUCHES)
     lowest = 0.0 if robot.declared is None else tip_std(task.tip, very_many).largest
     _check_determined(task, very_many)
-    if q.accuracy is None:
-        tolerance = robot.cell.tolerance
-        q = replace(q, accuracy=tolerance / 2 if tolerance else max(USUAL_ACCURACY, _ABOVE_LIMIT * lowest))
-        task = task._replace(requirements=q)
+    tolerance = robot.cell.tolerance
+    accuracy = q.accuracy or (tolerance / 2 if tolerance else max(USUAL_ACCURACY, _ABOVE_LIMIT * lowest))
     candidates = prepare_candidates(robot, every, _coarse_tip(task))
-    bound = find_lower_bound(candidates, q.accuracy)
-    if robot.declared and bound.variance(MOST_TOUCHES) > q.accuracy**2:
-        raise _out_of_reach(task, very_many)
-    plan, tried = _smallest_set(task, candidates, bound, very_many.rank, report)
+    bound = find_lower_bound(candidates, accuracy)
+    if robot.declared and bound.variance(MOST_TOUCHES) > accuracy**2:
+        raise _out_of_reach(task, accuracy, very_many)
+    plan, tried = _smallest_set(task, accuracy, candidates, bound, very_many.rank, report)
     report('accuracy by the number of touches', 0.6)
     curve = _curve(task, candidates, bound)
     report('force levels, postures, discs', 0.8)
     return Design(
         robot=robot,
         requirements=q,
+        accuracy=accuracy,
         plan=plan,
         row=task.row('recommended set', robot, plan),
         without_each=without_each(robot, plan, task.tip),
         held_out=held_out_ratio(robot, plan),
         tried=tried,
-        least=max(FEWEST_TOUCHES, bound.number(q.accuracy)) + 1,
+        least=max(FEWEST_TOUCHES, bound.number(accuracy)) + 1,
         curve=curve,
         tables=_tables(task),
         additional_disc=_additional_disc(task),
@@ -297,9 +292,9 @@ def _coarse_tip(task: _Task) -> Tip:
     return free_tip(robot, make_workspace(robot, q.region, 3))
 
 
-def _out_of_reach(task: _Task, very_many: Prediction) -> UnsupportedDataError:
+def _out_of_reach(task: _Task, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
     """That what the cell declares does not allow the accuracy, and what limits it."""
-    accuracy, lowest = task.requirements.accuracy or 0.0, tip_std(task.tip, very_many).largest
+    lowest = tip_std(task.tip, very_many).largest
     kind, part = max(contributions(very_many, task.tip).items(), key=lambda item: item[1])
     enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
     half = ' (half of tolerance.tip: k = 2)' if task.robot.cell.tolerance == 2 * accuracy else ''
@@ -340,7 +335,7 @@ def contributions(prediction: Prediction, tip: Tip) -> dict[str, float]:
 
 
 def _smallest_set(
-    task: _Task, candidates: CandidateTouches, bound: LowerBound, rank: int, report: Progress
+    task: _Task, accuracy: float, candidates: CandidateTouches, bound: LowerBound, rank: int, report: Progress
 ) -> tuple[Plan, dict[int, float]]:
     """The smallest set found that checks itself and keeps the accuracy on the full workspace, and what smaller ones
     reach; the search itself is for a coarse grid, and where that was too coarse, it is asked for more.
@@ -348,7 +343,7 @@ def _smallest_set(
     Raises:
         UnsupportedDataError: the accuracy is out of reach.
     """
-    accuracy, seed, tried = task.requirements.accuracy or 0.0, task.requirements.seed, dict[int, float]()
+    seed, tried = task.requirements.seed, dict[int, float]()
     effort = int(60 * min(1.0, 6000 / candidates.quadric.size))  # starts times touches: seconds for each number
     most, target = min(MOST_TOUCHES, len(candidates.plan)), accuracy
     number = max(FEWEST_TOUCHES, bound.number(target)) + 1

@@ -33,12 +33,10 @@ from scara_kinetostatic.studies.design.search import MOST_TOUCHES
 def design_document(design: Design) -> dict[str, Any]:
     """`design.json`: SI units; None where a quantity is not determined."""
     q, robot, additional = design.requirements, design.robot, design.additional_disc
-    plan, discs, leverage = design.plan, robot.cell.discs, design.row.prediction.leverage
-    touches = zip(plan.disc, np.degrees(plan.angle).round(9), plan.posture, plan.force, strict=True)
     return {
         'schema': 'scara_kinetostatic/design/1',
         'requirements': {
-            'accuracy': q.accuracy,
+            'accuracy': design.accuracy,
             'of': 'loaded tip' if q.under_load else 'free tip',
             'levels': q.levels,
             'postures': [POSTURE_NAMES[posture] for posture in q.postures],
@@ -53,21 +51,7 @@ def design_document(design: Design) -> dict[str, Any]:
             'noise_assumed': robot.assumed,
         },
         'declared_uncertainties': _declared(design),
-        'recommended': {
-            **_row(design.row),
-            'value': design.without_each.max(),
-            'lower_bound': design.least,
-            'smaller_sets': {str(number): value for number, value in sorted(design.tried.items())},
-            'largest_leverage': leverage.max(),
-            'leverage': leverage,
-            'without_each_touch': design.without_each,
-            'held_out_ratio': design.held_out,
-            'contributions': contributions(design.row.prediction, design.tip),
-            'plan': [
-                {'disc': discs[disc].name, 'angle_deg': angle, 'posture': POSTURE_NAMES[int(posture)], 'force': force}
-                for disc, angle, posture, force in touches
-            ],
-        },
+        'recommended': _recommended(design),
         'by_number': {
             'touches': design.curve.number,
             'chosen': design.curve.chosen,
@@ -81,6 +65,27 @@ def design_document(design: Design) -> dict[str, Any]:
             'without': additional.without,
             'best': additional.best and {'center': additional.best[:2], 'tip': additional.best[2]},
         },
+    }
+
+
+def _recommended(design: Design) -> dict[str, Any]:
+    """The recommended touches with their checks."""
+    plan, discs, leverage = design.plan, design.robot.cell.discs, design.row.prediction.leverage
+    touches = zip(plan.disc, np.degrees(plan.angle).round(9), plan.posture, plan.force, strict=True)
+    return {
+        **_row(design.row),
+        'value': design.without_each.max(),
+        'lower_bound': design.least,
+        'smaller_sets': {str(number): value for number, value in sorted(design.tried.items())},
+        'largest_leverage': leverage.max(),
+        'leverage': leverage,
+        'without_each_touch': design.without_each,
+        'held_out_ratio': design.held_out,
+        'contributions': contributions(design.row.prediction, design.tip),
+        'plan': [
+            {'disc': discs[disc].name, 'angle_deg': angle, 'posture': POSTURE_NAMES[int(posture)], 'force': force}
+            for disc, angle, posture, force in touches
+        ],
     }
 
 
