@@ -24,11 +24,12 @@ from benchmark.common import CELL as PAPER
 from benchmark.common import parser, save
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.contour.result import Contour
-from scara_kinetostatic.contour.trace import surfaces_of, trace_contour
+from scara_kinetostatic.contour.trace import tip_places, trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.mujoco.engine import Scene
@@ -130,6 +131,16 @@ def held_out(robot: ExtendedModel, seed: int, record: Recorder = slide_along) ->
         text = f'run {seed}, {name}: {1e6 * errors[-1]:.1f} µm, {100 * inside.mean():.1f} %'
         print(text, file=sys.stderr, flush=True)
     return found
+
+
+def surfaces_of(contour: Contour, arm: CalibratedArm) -> tuple[Floats, Floats, Floats]:
+    """The surface of a contour, (n, 2), m, by three models: rigid nominal, rigid calibrated, deformable calibrated."""
+    removed = contour.tip_radius * contour.normal
+    return (
+        forward(arm.cell.nominal, contour.joints) - removed,
+        forward(arm.model.parameters, contour.joints) - removed,
+        tip_places(arm, contour.joints, contour.force).center - removed,
+    )
 
 
 def errors_of(

@@ -9,27 +9,27 @@ this project; the first is that of the recording with which the README opens.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 from markupsafe import Markup
 
 from benchmark.common import CELL, parser
 from benchmark.contour import CELL as CONTOUR_CELL
-from benchmark.contour import MOVED_DISC, OBJECTS, calibrated, slide_along
+from benchmark.contour import MOVED_DISC, OBJECTS, calibrated, slide_along, surfaces_of
 from benchmark.marker_picture import marker_picture
 from benchmark.svg import svg_file
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
-from scara_kinetostatic.contour import figures as contour_figures
-from scara_kinetostatic.contour.figures import ModelError
-from scara_kinetostatic.contour.trace import surfaces_of, trace_contour
+from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR
 from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.report.figure import style
+from scara_kinetostatic.report.figure import FAINT, SERIES, as_svg, new_figure, style
 from scara_kinetostatic.report.markers import (
     Scales,
     SeenTouch,
@@ -125,8 +125,40 @@ def contour_errors() -> Markup:
     surfaces = [*surfaces_of(contour, CalibratedArm.of(outcome.calibration)), contour.surface]
     errors = [outline.normal_error(surface) for surface in surfaces]
     true = contour.surface - errors[-1][:, None] * contour.normal
-    labels = (*contour_figures.LABELS, 'with the effect found')
-    return contour_figures.error_picture(true, contour.normal, list(map(ModelError, labels, errors)))
+    return error_picture(true, contour.normal, errors)
+
+
+def error_picture(surface: Floats, normal: Floats, errors: Sequence[Floats], magnified: float = 5.0) -> Markup:
+    """Errors of the four models of `surfaces_of` on one slide whose true surface is known.
+
+    Left: the outline with the errors magnified; right: the errors along the slide, on a linear scale up to 10 µm,
+    beyond it logarithmic.
+
+    Args:
+        surface: true surface, (n, 2), m.
+        normal: its outward normals, (n, 2).
+        errors: of each model along the normal, outside positive, (n,), m, the largest first.
+        magnified: factor of the errors on the left.
+    """
+    figure, (left, right) = new_figure(920, 360, columns=2, width_ratios=(0.74, 1.0))
+    along = 1e3 * np.append(0.0, np.cumsum(np.hypot(*np.diff(surface, axis=0).T)))
+    left.fill(*(1e3 * surface).T, color=FAINT, alpha=0.13, lw=0)
+    labels = ('rigid, nominal', 'rigid, calibrated', 'deformable, calibrated', 'with the effect found')
+    for label, error, colour in zip(labels, errors, (SERIES[1], SERIES[3], SERIES[4], SERIES[0]), strict=True):
+        size = rms(error)
+        said = f'{1e3 * size:.3g} mm' if size >= 1e-4 else f'{1e6 * size:.1f} µm'
+        left.plot(*(1e3 * (surface + magnified * error[:, None] * normal)).T, color=colour, lw=1.3)
+        right.plot(along, 1e3 * error, color=colour, lw=1.1, label=f'{label}: {said} rms')
+    left.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', adjustable='datalim')
+    left.set_title(f'outline, errors × {magnified:g}')
+    right.set_yscale('symlog', linthresh=1e-2)
+    ticks = (-10, -1, -0.1, -0.01, 0, 0.01, 0.1, 1, 10)
+    right.set_yticks(ticks, [f'{tick:g}'.replace('-', '−') for tick in ticks])
+    right.minorticks_off()
+    right.set_ylim(-10, 10)
+    right.set(xlabel='distance along the surface  [mm]', ylabel='error along the normal  [mm]')
+    right.legend(loc='lower center', bbox_to_anchor=(0.46, 1.0), frameon=False, ncols=2, columnspacing=1.4)
+    return as_svg(figure, 'contour_errors', 'error of the surface by each model')
 
 
 def missing_effect() -> Markup:

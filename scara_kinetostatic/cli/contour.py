@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     contour = trace_contour(read_streams(args.bag, cell), arm, cell.sensor, radius)
     fits, failed = _fits(contour, arm, tuple(dict.fromkeys(args.fit)))
     contour = replace(contour, warnings=(*contour.warnings, *failed))
-    report = contour_report(contour, arm, fits, str(args.calibration))
+    report = contour_report(contour, fits, str(args.calibration))
     files = {
         CSV: csv_text(contour),
         SVG: svg_text(contour.outlines),

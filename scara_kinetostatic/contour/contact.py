@@ -47,12 +47,6 @@ class ContactSamples(NamedTuple):
     zero: Floats
     warnings: tuple[str, ...]
 
-    def select(self, which: Mask) -> ContactSamples:
-        """The instants where a mask, (n,), is true."""
-        return self._replace(
-            time=self.time[which], joints=self.joints[which], force=self.force[which], contact=self.contact[which]
-        )
-
 
 def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -> ContactSamples:
     """The instants in contact.
@@ -87,28 +81,28 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     size = np.hypot(*force.T)
     typical = float(np.median(size[number >= 0])) if (number >= 0).any() else 0.0
     later = np.clip(np.searchsorted(signals.wrench.time, time), 1, len(signals.wrench.time) - 1)
-    is_near = (
-        np.diff(signals.wrench.time)[later - 1] <= signals.wrench.gap_limit
-    )  # nothing is interpolated over a pause
+    # nothing is interpolated over a pause
+    is_near = np.diff(signals.wrench.time)[later - 1] <= signals.wrench.gap_limit
     used = (number >= 0) & (size > 0.3 * typical) & is_near
     if used.sum() < 2:
         problem = f'{source}: contact lasts for {int(used.sum())} joint states only'
         raise UnsupportedDataError(problem, 'slide for longer, or record joint states at a higher rate')
-    weak = (
-        f'the force in contact, {typical:.1f} N, is close to the {contacts.threshold:.1f} N from which on contact is '
-        'seen: parts may be missing or wrong; slide with more force',
-    )
+    warnings = list(signals.warnings)
+    if typical <= 2 * contacts.threshold:
+        warnings.append(
+            f'the force in contact, {typical:.1f} N, is close to the {contacts.threshold:.1f} N from which on contact '
+            'is seen: parts may be missing or wrong; slide with more force'
+        )
     first, last = np.flatnonzero(used)[[0, -1]]
-    between = ~used[first : last + 1]
     return ContactSamples(
         time[used],
         joints[used],
         force[used],
-        _renumbered(number, used),
+        _uninterrupted(number, used),
         force_noise=white_noise(signals.wrench.value) / float(np.sqrt(width)),
-        lost=float(between.sum() * signals.joints.period),
+        lost=float((~used[first:last]).sum() * signals.joints.period),
         zero=own,
-        warnings=(*signals.warnings, *(weak if typical <= 2 * contacts.threshold else ())),
+        warnings=tuple(warnings),
     )
 
 
@@ -123,8 +117,8 @@ def _number_of_contact(time: Floats, contacts: Contacts) -> Indices:
     return np.where(time <= ends, number, -1)
 
 
-def _renumbered(number: Indices, used: Mask) -> Indices:
-    """Number of the uninterrupted contact of the used instants: one that is lost in between counts as two."""
+def _uninterrupted(number: Indices, used: Mask) -> Indices:
+    """Number of the contact of the used instants; one that is lost in between counts as two."""
     breaks = np.append(True, ~used[:-1]) | np.append(True, np.diff(number) != 0)
     return (np.cumsum(breaks & used) - 1)[used]
 

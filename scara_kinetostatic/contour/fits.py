@@ -29,7 +29,6 @@ ends of a piece, which may belong to the next.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -41,8 +40,13 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
 from scara_kinetostatic.model.tip import DEPENDS
 
-SHAPES = ('circle', 'arc', 'line')
-"""What can be fitted."""
+_CIRCLE = (('center_x', 'm'), ('center_y', 'm'), ('radius', 'm'))
+SHAPES = {
+    'circle': _CIRCLE,
+    'arc': (*_CIRCLE, ('begin', 'rad'), ('end', 'rad')),
+    'line': (('x', 'm'), ('y', 'm'), ('normal_angle', 'rad'), ('length', 'm')),
+}
+"""What can be fitted: its parameters with their units."""
 FEWEST_POINTS = 10
 """Fewer are not fitted."""
 
@@ -173,59 +177,39 @@ def fit_shape(contour: Contour, arm: CalibratedArm, shape: str, outline: int = 0
     """
     if shape not in SHAPES:
         raise ParameterError('shape', f'expected {", ".join(SHAPES)}, got {shape!r}')
-    outline_of(contour, outline)
-    return fit_points(contour, arm, points_of(contour, outline), shape, outline)
+    return _fit(contour, arm, _points_of(contour, outline), shape, outline)
 
 
-def outline_of(contour: Contour, outline: int) -> Outline:
-    """An outline by its number.
+def _points_of(contour: Contour, outline: int) -> Mask:
+    """Which points of a contour make one of its outlines, (N,).
 
     Raises:
-        ParameterError: there is none.
+        ParameterError: there is no such outline.
     """
     count = len(contour.outlines)
     if not 0 <= outline < count:
         raise ParameterError('outline', f'expected 0 to {count - 1}, got {outline}', f'outlines found: {count}')
-    return contour.outlines[outline]
-
-
-def points_of(contour: Contour, outline: int) -> Mask:
-    """Which points of a contour make one of its outlines, (N,)."""
     return np.isin(contour.passes, contour.outlines[outline].passes)
 
 
-def fit_points(contour: Contour, arm: CalibratedArm, points: Mask, shape: str, outline: int) -> ShapeFit:
-    """The shape that fits some points of an outline best.
-
-    Args:
-        contour: the measured surface.
-        arm: the calibrated arm of the contour.
-        points: which, (N,).
-        shape: ``circle``, ``arc`` or ``line``.
-        outline: the number of their outline.
+def _fit(contour: Contour, arm: CalibratedArm, points: Mask, shape: str, outline: int) -> ShapeFit:
+    """The shape that fits some points, a mask (N,), of an outline best.
 
     Raises:
         UnsupportedDataError: too few points, or they are on a straight line where a circle is asked for.
     """
     if points.sum() < FEWEST_POINTS:
         raise UnsupportedDataError(f'{points.sum()} points are too few for a fit', 'slide for longer')
-    fit = _line if shape == 'line' else _round
-    return fit(contour, arm, points, outline, shape)
-
-
-def joined_residuals(fits: Sequence[ShapeFit]) -> ShapeFit:
-    """The points and residuals of several pieces of an outline as one; without values.
-
-    Args:
-        fits: of pieces that have no point in common, of one shape.
-    """
-    points = np.any([fit.points for fit in fits], axis=0)
-    residual = np.zeros(len(points))
-    for fit in fits:
-        residual[fit.points] = fit.residual
-    total = np.array([fit.misfit**2 for fit in fits]), np.array([fit.points.sum() for fit in fits])
-    misfit = float(np.sqrt(np.average(total[0], weights=total[1])))
-    return ShapeFit(fits[0].shape, fits[0].outline, (), residual[points], points, misfit)
+    found, residual, design = (_line if shape == 'line' else _round)(contour.surface[points], contour.normal[points])
+    std = parameter_stds(contour, arm, points, design, residual)
+    stds = (std[0], std[0], std[1], np.nan) if shape == 'line' else (*std, np.nan, np.nan)
+    values = tuple(
+        FittedValue(name, float(value), float(u), unit)
+        for (name, unit), value, u in zip(SHAPES[shape], found, stds, strict=False)
+    )
+    # those by noise where no other is known
+    u = np.where(np.isnan(contour.std_normal), contour.std_noise, contour.std_normal)[points]
+    return ShapeFit(shape, outline, values, residual, points, rms(residual / np.maximum(u, 1e-12)))
 
 
 def extent(angle: Floats) -> tuple[float, float]:
@@ -237,14 +221,15 @@ def extent(angle: Floats) -> tuple[float, float]:
     return begin, begin + 2 * np.pi - float(gaps[last])
 
 
-def _round(contour: Contour, arm: CalibratedArm, points: Mask, outline: int, shape: str) -> ShapeFit:
-    place = contour.surface[points]
+def _round(place: Floats, normal: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
+    """A circle: center, radius and the ends of the arc; residuals along the normals; their design matrix.
+
+    Raises:
+        UnsupportedDataError: the points are on no circle.
+    """
     origin = place.mean(axis=0)
     x, y = (place - origin).T
-    algebraic = np.linalg.lstsq(np.column_stack([2 * x, 2 * y, np.ones_like(x)]), x * x + y * y, rcond=None)
-    a, b, c = algebraic[0]
-    if not np.isfinite(c) or algebraic[2] < 3:
-        raise UnsupportedDataError('its points are on no circle', 'ask for a line')
+    (a, b, c), _, rank, _ = np.linalg.lstsq(np.column_stack([2 * x, 2 * y, np.ones_like(x)]), x * x + y * y, rcond=None)
     values = np.array([a, b, np.sqrt(max(c + a * a + b * b, 0.0))])
     for _ in range(50):
         away = np.hypot(x - values[0], y - values[1])
@@ -253,56 +238,22 @@ def _round(contour: Contour, arm: CalibratedArm, points: Mask, outline: int, sha
         values = values + step
         if not np.abs(step).max() > 1e-12:  # m
             break
-    away = np.hypot(x - values[0], y - values[1])
-    if not np.isfinite(values).all() or values[2] > 1e3:
+    if rank < 3 or not np.isfinite(values).all() or values[2] > 1e3:
         raise UnsupportedDataError('its points are on no circle', 'ask for a line')
-    side = np.sign(np.sum(design[:, :2] * contour.normal[points]))
-    residual = side * (away - values[2])
-    std = parameter_stds(contour, arm, points, side * design, residual)
-    found = (values[0] + origin[0], values[1] + origin[1], values[2])
-    names = ('center_x', 'center_y', 'radius')
-    fitted = [FittedValue(n, float(v), float(s), 'm') for n, v, s in zip(names, found, std, strict=True)]
-    if shape == 'arc':
-        ends = extent(np.arctan2(y - values[1], x - values[0]))
-        fitted += [FittedValue(n, v, np.nan, 'rad') for n, v in zip(('begin', 'end'), ends, strict=True)]
-    return ShapeFit(shape, outline, tuple(fitted), residual, points, _misfit(contour, points, residual))
+    away, side = np.hypot(x - values[0], y - values[1]), np.sign(np.sum(design[:, :2] * normal))
+    found = (*(values[:2] + origin), values[2], *extent(np.arctan2(y - values[1], x - values[0])))
+    return found, side * (away - values[2]), side * design
 
 
-def _line(contour: Contour, arm: CalibratedArm, points: Mask, outline: int, shape: str) -> ShapeFit:
-    place = contour.surface[points]
+def _line(place: Floats, outward: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
+    """A line: its middle, the angle of its normal, its length; residuals along the normal; their design matrix."""
     origin = place.mean(axis=0)
     along = np.linalg.svd(place - origin, full_matrices=False)[2][0]
     normal = np.array([along[1], -along[0]])
-    normal *= np.sign(np.sum(contour.normal[points] @ normal)) or 1.0
-    residual = (place - origin) @ normal
+    normal *= np.sign(np.sum(outward @ normal)) or 1.0
     distance = (place - origin) @ np.array([-normal[1], normal[0]])
-    std = parameter_stds(contour, arm, points, np.column_stack([np.ones_like(distance), distance]), residual)
-    angle = float(np.arctan2(normal[1], normal[0]))
-    values = (
-        FittedValue('x', float(origin[0]), float(std[0]), 'm'),
-        FittedValue('y', float(origin[1]), float(std[0]), 'm'),
-        FittedValue('normal_angle', angle, float(std[1]), 'rad'),
-        FittedValue('length', float(np.ptp(distance)), np.nan, 'm'),
-    )
-    return ShapeFit(shape, outline, values, residual, points, _misfit(contour, points, residual))
-
-
-def _misfit(contour: Contour, points: Mask, residual: Floats) -> float:
-    """Rms of the residuals in standard uncertainties; those by noise where no other is known."""
-    std = np.where(np.isnan(contour.std_normal), contour.std_noise, contour.std_normal)[points]
-    return rms(residual / np.maximum(std, 1e-12))
-
-
-class Piece(NamedTuple):
-    """Some of the nodes of an outline, one after the other.
-
-    Attributes:
-        nodes: their numbers, in the order along the outline.
-        is_arc: whether they are on an arc rather than on a line.
-    """
-
-    nodes: Indices
-    is_arc: bool
+    found = (*origin, np.arctan2(normal[1], normal[0]), np.ptp(distance))
+    return found, (place - origin) @ normal, np.column_stack([np.ones_like(distance), distance])
 
 
 def fit_pieces(contour: Contour, arm: CalibratedArm, outline: int = 0) -> tuple[ShapeFit, ...]:
@@ -321,41 +272,35 @@ def fit_pieces(contour: Contour, arm: CalibratedArm, outline: int = 0) -> tuple[
     Raises:
         ParameterError: there is no such outline.
     """
-    made, points = outline_of(contour, outline), np.flatnonzero(points_of(contour, outline))
+    points = np.flatnonzero(_points_of(contour, outline))
+    made = contour.outlines[outline]
     pieces = divided(made)
     label = np.full(len(made.points), -1)
-    for number, piece in enumerate(pieces):
-        label[_core(piece, made) if len(pieces) > 1 else piece.nodes] = number
+    for number, (nodes, _) in enumerate(pieces):
+        along = np.append(0.0, np.cumsum(np.hypot(*np.diff(made.points[nodes], axis=0).T)))
+        margin = min(1.5e-3, 0.2 * float(along[-1])) if len(pieces) > 1 else 0.0  # m, left out at both ends
+        label[nodes[(along >= margin) & (along <= along[-1] - margin)]] = number
     owner = label[_nearest_nodes(contour, points, made)]
     fits = []
-    for number, piece in enumerate(pieces):
+    for number, (nodes, is_arc) in enumerate(pieces):
         own = np.isin(np.arange(len(contour)), points[owner == number])
         if own.sum() >= FEWEST_POINTS:
-            shape = ('circle' if made.closed and len(pieces) == 1 else 'arc') if piece.is_arc else 'line'
-            fits.append(_of_whole(fit_points(contour, arm, own, shape, outline), made.points[piece.nodes], number))
+            shape = ('circle' if made.closed and len(pieces) == 1 else 'arc') if is_arc else 'line'
+            fits.append(_of_whole(_fit(contour, arm, own, shape, outline), made.points[nodes], number))
     return tuple(fits)
 
 
 def _of_whole(fit: ShapeFit, nodes: Floats, number: int) -> ShapeFit:
     """The fit with the length or the ends of the whole piece."""
+    known = dict[str, float]()
     if fit.shape == 'line':
         angle = fit.value('normal_angle').value
-        known = {'length': float(np.ptp(nodes @ np.array([-np.sin(angle), np.cos(angle)])))}
+        known['length'] = float(np.ptp(nodes @ np.array([-np.sin(angle), np.cos(angle)])))
     elif fit.shape == 'arc':
         offset = nodes - (fit.value('center_x').value, fit.value('center_y').value)
-        known = dict(zip(('begin', 'end'), extent(np.arctan2(offset[:, 1], offset[:, 0])), strict=True))
-    else:
-        known = {}
+        known['begin'], known['end'] = extent(np.arctan2(offset[:, 1], offset[:, 0]))
     values = tuple(item._replace(value=known.get(item.name, item.value)) for item in fit.values)
     return fit._replace(values=values, piece=number)
-
-
-def _core(piece: Piece, outline: Outline) -> Indices:
-    """The nodes of a piece without those close to its ends."""
-    step = np.hypot(*np.diff(outline.points[piece.nodes], axis=0).T)
-    along = np.append(0.0, np.cumsum(step))
-    margin = min(1.5e-3, 0.2 * float(along[-1]))  # m, left out at both ends
-    return piece.nodes[(along >= margin) & (along <= along[-1] - margin)]
 
 
 def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indices:
@@ -369,21 +314,27 @@ def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indic
     return np.concatenate(found)
 
 
-def divided(outline: Outline) -> tuple[Piece, ...]:
-    """The division of an outline into lines and arcs; of a closed one, it begins at an end of a piece."""
+def divided(outline: Outline, most: int = 500) -> list[tuple[Indices, bool]]:
+    """The division of an outline into lines and arcs; of a closed one, it begins at an end of a piece.
+
+    Args:
+        outline: the outline.
+        most: of so many of its nodes ends of pieces are chosen.
+
+    Returns:
+        Of each piece the numbers of its nodes, in their order, and whether it is an arc.
+    """
     count = len(outline.points)
-    group = np.arange(count) * min(500, count) // count  # where there are more, several are taken as one
-    size = np.bincount(group).astype(np.float64)
-    points = np.column_stack([np.bincount(group, column) / size for column in outline.points.T])
-    std = np.bincount(group, np.nan_to_num(outline.std, nan=1e-5)) / size  # m, where none is known
+    group = np.arange(count) * min(most, count) // count
+    first = np.unique(group, return_index=True)[1]
+    points, std = outline.points[first], np.nan_to_num(outline.std[first], nan=1e-5)  # m, where none is known
     pieces, shift = _division(points, std), 0
     if outline.closed and len(pieces) > 1:
         shift = pieces[len(pieces) // 2][0]
         pieces = _division(np.roll(points, -shift, axis=0), np.roll(std, -shift))
-    order = np.roll(np.arange(len(points)), -shift)
-    starts, stops = np.searchsorted(group, np.arange(len(points))), np.cumsum(size).astype(np.intp)
-    nodes = [np.arange(starts[k], stops[k]) for k in order]
-    return tuple(Piece(np.concatenate(nodes[begin:end]), is_arc) for begin, end, is_arc in pieces)
+    nodes = np.roll(np.arange(count), -first[shift])
+    ends = np.append((np.roll(first, -shift) - first[shift]) % count, count)
+    return [(nodes[ends[begin] : ends[end]], is_arc) for begin, end, is_arc in pieces]
 
 
 def _division(

@@ -1,9 +1,9 @@
 """Passes along the same surface, joined to outlines; closed ones are closed.
 
 A pass belongs to an outline where its places lie on it, no farther than they are uncertain, with the same normal. There
-both are averaged; where it goes on beyond an end of the outline, the outline grows, and may reach another one. A pass
-that begins close behind the end of an outline goes on with it. An outline whose end comes back to its own begin is
-closed there; what goes on beyond is a second turn along it.
+both are averaged; where it goes on beyond an end of the outline, the outline grows, and may reach another one. Passes
+that do not overlap stay apart. An outline whose end comes back to its own begin is closed there; what goes on beyond is
+a second turn along it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, read_only
-from scara_kinetostatic.model.kinematics import quarter_turn
 
 SPACING = 5e-4
 """Least distance of the nodes of an outline, m."""
@@ -24,7 +23,7 @@ _SAME_DISTANCE = 3e-4
 _SAME_NORMAL = 0.8
 """Least product of their normals."""
 _LONGEST_GAP = 3e-3
-"""An outline whose ends are no farther apart, m, is closed, and outlines are joined whose ends are."""
+"""An outline whose ends are no farther apart, m, is closed."""
 _FEWEST_SAME = 3
 """So many points of two passes must be the same for them to be joined."""
 
@@ -171,15 +170,6 @@ class JoinedPasses:
         """The outlines, in the order in which they were begun."""
         return tuple(Outline(*p.course[1:4], bool(p.period), tuple(sorted(p.passes))) for p in self._parts)
 
-    @property
-    def nodes(self) -> int:
-        """Nodes of all outlines."""
-        return sum(len(part.course.along) for part in self._parts)
-
-    def drop_first(self) -> None:
-        """Forgets the outline that was begun first."""
-        del self._parts[0]
-
 
 def _merged(one: _Part, other: _Part) -> _Part | None:
     """Both outlines as one; None where they do not touch."""
@@ -199,7 +189,7 @@ def _placed(part: _Course, period: float, course: _Course) -> _Course | None:
     near = _nearest(part, course, period)
     same = np.flatnonzero(np.isfinite(near))
     if len(same) < _FEWEST_SAME:
-        return None if period else _adjoining(part, course)
+        return None
     own, found = course.along, near[same]
     if period:
         found = np.unwrap(found, period=period)
@@ -213,22 +203,6 @@ def _placed(part: _Course, period: float, course: _Course) -> _Course | None:
     along[:first] = along[first] - (own[first] - own[:first])
     along[last + 1 :] = along[last] + (own[last + 1 :] - own[last])
     return course._replace(along=along % period if period else along)
-
-
-def _adjoining(part: _Course, course: _Course) -> _Course | None:
-    """The course with distances along a part, where one begins close to the end of the other; else None."""
-    for first, second in ((part, course), (course, part)):
-        chord = first.points[-1] - first.points[max(len(first.along) - 1 - _FEWEST_SAME, 0)]
-        if not chord.any():  # of a single node
-            continue
-        along = chord / float(np.hypot(*chord))
-        step = second.points[0] - first.points[-1]
-        ahead, aside = float(step @ along), float(np.abs(quarter_turn(step) @ along))
-        near = abs(ahead) < _LONGEST_GAP and aside < _SAME_DISTANCE + 0.5 * abs(ahead)
-        if near and first.normals[-1] @ second.normals[0] > _SAME_NORMAL:
-            begin = part.along[-1] + ahead if first is part else part.along[0] - ahead - _span(course)
-            return course._replace(along=begin + course.along - course.along[0])
-    return None
 
 
 def _nearest(part: _Course, course: _Course, period: float) -> Floats:
@@ -269,12 +243,9 @@ def _closed(course: _Course, passes: tuple[int, ...]) -> _Part:
     turn = float(course.along[end] - course.along[0]) + gap
     round_once = _Course(*(column[: end + 1] for column in course))
     closed = _thinned(round_once._replace(along=(round_once.along - course.along[0]) % turn).sorted(), turn)
+    part = _Part(closed, turn, passes)
     rest = _Course(*(column[end + 1 :] for column in course))
-    placed = _placed(closed, turn, rest) if len(rest.along) else None
-    if placed is not None:
-        merged = _Course(*(np.concatenate(pair) for pair in zip(closed, placed, strict=True)))
-        closed = _thinned(merged.sorted(), turn)
-    return _Part(closed, turn, passes)
+    return (_merged(part, _Part(rest, 0.0, passes)) if len(rest.along) else None) or part
 
 
 def _return(course: _Course) -> int | None:

@@ -1,8 +1,9 @@
 """The contour of an object while the tip slides along it.
 
-The latest part of both streams is traced again and again, as a recording is (`trace_signals`). What lies farther back
-along the path than `_SETTLED` does not change any more: it is joined to the outlines for good, and its samples are
-dropped. So neither memory nor work grows with the length of a slide; of outlines, `MOST_NODES` nodes are kept.
+The latest part of both streams is traced again and again, as a recording is (`trace_signals`), and its passes are shown
+joined to the outlines. When the tip leaves the object, or `_LONGEST_PATH` is exceeded, they are joined for good and
+their samples dropped but for the last `_KEPT_PATH`, by which the next part is found to be of the same outline. So
+neither memory nor work grows with the length of a slide.
 
 The zero of the force is that of the latest free motion, or the one that `tare` took since; each contact has the zero of
 the free motion right before it, as in a recording. A zero that was taken in contact, or that has drifted far, shows
@@ -12,36 +13,28 @@ itself where the tip then moves along the supposed force (`zero_if_free`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 
 import numpy as np
 
 from scara_kinetostatic.contour.contact import LARGEST_ZERO, LONGEST_SMOOTHING, force_zero, zero_if_free
 from scara_kinetostatic.contour.joining import JoinedPasses, Outline
-from scara_kinetostatic.contour.path import WINDOWS
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import JumpError, trace_signals
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.touches.contacts import AFTER_CONTACT, find_contacts
 from scara_kinetostatic.touches.online import StreamPair
 from scara_kinetostatic.touches.signals import Signals, as_signals
 
-MOST_NODES = 20_000
-"""Nodes that are kept of all outlines, 10 m; beyond, the outline that was begun first is forgotten."""
 SECOND = 1_000_000_000
 _SOURCE = 'the slide'
-_MOST = 300_000
-"""Samples of a topic that are kept at most, whatever their stamps."""
 _LONGEST = 20 * SECOND
 """Samples in contact are kept at most so long, ns, where the tip creeps or rests."""
-_SETTLED = WINDOWS[0]
-"""Farther back along the path than this, m, nothing changes any more."""
-_NEVER = -(1 << 62)
-"""Before all stamps, ns."""
+_LONGEST_PATH, _KEPT_PATH = 0.02, 0.008
+"""Length of the path, m, from which on it is joined for good, and of its end that is traced again."""
 
 
 class OnlineContour:
@@ -58,7 +51,6 @@ class OnlineContour:
         tip_radius: m.
         contour: what the last poll traced, the latest part of the slide; None without contact.
         zero: what the sensor reports without force, (2,), N; None as long as it is not known.
-        forgotten: outlines that were forgotten as there were too many.
     """
 
     def __init__(
@@ -71,25 +63,27 @@ class OnlineContour:
         self.arm, self._sensor = arm, sensor or arm.cell.sensor
         self.tip_radius = (arm.cell.tip_radius if tip_radius is None else tip_radius) or 0.0
         self._topics = topics or arm.cell.sensor.topics
+        self._shown = JoinedPasses()
         self.restart()
         self.clear()
 
     def restart(self) -> None:
         """Drops samples and zero, as where forces are turned otherwise from here on; the outlines stay."""
-        self._pair = StreamPair(self._topics, _MOST, self._sensor.time_offset)
-        self._clock_problem = ''
-        self._until = _NEVER
+        self._pair, self._joined = self._new_pair(), self._shown
         self.zero: Floats | None = None
         self.contour: Contour | None = None
-        self._forget_problems()
+        self._problem = self._event = self._clock_problem = ''
+        self._until = 0
+
+    def _new_pair(self) -> StreamPair:
+        return StreamPair(self._topics, 300_000, self._sensor.time_offset)
 
     def clear(self) -> None:
         """Forgets the outlines; what comes begins new ones."""
         self._joined = self._shown = JoinedPasses()
-        self._forget_problems()
-        self._doubt = ''
-        self._present = self.forgotten = 0
-        self._until = max(self._until, self._pair.joints.now)
+        self._problem = self._event = ''
+        self._present = 0
+        self._drop(self.now)
 
     def add_joint_state(self, stamp_ns: int, joints: Sequence[float], received: int) -> None:
         """One sample of q1, q2, rad, with its header stamp and when it was received, ns."""
@@ -117,15 +111,11 @@ class OnlineContour:
 
     @property
     def problem(self) -> str:
-        """Why the last poll traced nothing although something is touched; a jump for a while, and until the outlines
-        are forgotten that parts of them may be wrong.
+        """Why the last poll traced nothing although something is touched; a jump for 30 s, and until the outlines are
+        forgotten that parts of them may be wrong.
         """
-        event = self._event if self.now < self._happened + 30 * SECOND else ''
-        return '; '.join(filter(None, (self._doubt, event, self._problem)))
-
-    def _forget_problems(self) -> None:
-        self._problem = self._event = ''
-        self._happened = _NEVER
+        event = self._event if self.now < self._until else ''
+        return '; '.join(filter(None, (event, self._problem)))
 
     @property
     def clock_problem(self) -> str:
@@ -148,18 +138,20 @@ class OnlineContour:
         """Traces what has come; whether the outlines have changed."""
         before, self._problem, self.contour = self._shown, '', None
         signals = self._signals()
-        if signals is None:
+        if signals is None or not self._find_zero(signals):
             return False
-        if self._find_zero(signals):
-            touching = _is_touching(self._last_contact(signals), signals)
-            try:
-                self._trace(signals, touching)
-                self._drop(self.now - (_LONGEST if touching else 3 * SECOND))
-            except JumpError as jump:
-                self._event, self._happened = f'{jump.what}; {jump.remedy}', self.now
-                with suppress(JumpError):
-                    self._trace(signals.stretch(-np.inf, jump.times[0]), touching=False)
-                self._drop(signals.start + round(1e9 * jump.times[-1]))
+        last, touching = self._last_contact(signals)
+        try:
+            contour = trace_signals(signals, _SOURCE, self.arm, self._sensor, self.tip_radius, self.zero)
+        except JumpError as jump:
+            self._event, self._until = f'{jump.what}; {jump.remedy}', self.now + 30 * SECOND
+            self._joined = self._shown
+            self._drop(self.now)
+        except UnsupportedDataError as error:
+            self._problem = error.problem if touching else ''
+            self._drop(self.now - (_LONGEST if touching else 3 * SECOND))
+        else:
+            self._join(contour, signals, touching, last)
         return self._shown is not before
 
     def _signals(self) -> Signals | None:
@@ -170,7 +162,7 @@ class OnlineContour:
         if streams is None:
             if self._pair.is_refused:
                 self._clock_problem = self._pair.problem
-                self._pair = StreamPair(self._topics, _MOST, self._sensor.time_offset)
+                self._pair, self._joined = self._new_pair(), self._shown
             else:
                 self._problem = (
                     'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
@@ -178,115 +170,54 @@ class OnlineContour:
             return None
         return as_signals(streams, self.arm.cell)
 
-    def _last_contact(self, signals: Signals) -> float:
-        """End of the last contact by the zero that is known, s; minus infinity where there is none."""
+    def _last_contact(self, signals: Signals) -> tuple[float, bool]:
+        """End of the last contact by the zero that is known, s, and whether it still lasts; minus infinity for none."""
         ends = np.empty(0) if self.zero is None else find_contacts(signals, self.zero, LONGEST_SMOOTHING).end
-        return float(ends[-1]) if len(ends) else -np.inf
+        last = float(ends[-1]) if len(ends) else -np.inf
+        # s: a contact is over when the force has been back at its zero for so long
+        return last, float(signals.wrench.time[-1]) - last < 0.25
 
     def _find_zero(self, signals: Signals) -> bool:
         """Follows the zero of the force; whether there is one.
 
         What comes after the last contact is free by the zero that is known; a light contact looks like a zero.
         """
-        last = self._last_contact(signals)
-        if self.zero is not None and _is_touching(last, signals):
-            self._heal_zero(signals)
-            return True
-        try:
-            self.zero = force_zero(signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
-        except UnsupportedDataError as error:
-            self._problem = '' if self.zero is not None else error.problem
-        return self.zero is not None
+        last, touching = self._last_contact(signals)
+        if self.zero is None or not touching:
+            try:
+                self.zero = force_zero(signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
+            except UnsupportedDataError as error:
+                self._problem = '' if self.zero is not None else error.problem
+            return self.zero is not None
+        found = zero_if_free(signals, self.zero, forward(self.arm.model.parameters, signals.joints.value))
+        if found is not None:
+            wrong, self.zero = float(np.hypot(*(found - self.zero))), found
+            if wrong > LARGEST_ZERO and self.outlines:
+                event = (
+                    f'the zero of the force was wrong by {wrong:.1f} N, and so is what was traced with it: call clear'
+                )
+                self._event, self._until = event, 1 << 62
+        return True
 
-    def _heal_zero(self, signals: Signals) -> None:
-        """Corrects a zero that was taken in contact, or that has drifted, where nothing is touched."""
-        assert self.zero is not None
-        tip = forward(self.arm.model.parameters, signals.joints.value)
-        found = zero_if_free(signals, self.zero, tip)
-        if found is None:
-            return
-        wrong = float(np.hypot(*(found - self.zero)))
-        self.zero = found
-        if wrong > LARGEST_ZERO and self.outlines:
-            self._doubt = (
-                f'the zero of the force was wrong by {wrong:.1f} N, and so is what was traced with it: call clear'
-            )
-
-    def _trace(self, signals: Signals, touching: bool) -> None:
-        """Traces the samples, joins what is new, and drops what is joined for good.
-
-        Raises:
-            JumpError: the tip jumps.
-        """
-        try:
-            contour = trace_signals(signals, _SOURCE, self.arm, self._sensor, self.tip_radius, self.zero)
-        except JumpError:
-            raise
-        except UnsupportedDataError as error:
-            self._problem = error.problem if touching else ''
-        else:
-            self._join(contour, signals.start, self.now, touching)
-
-    def _join(self, contour: Contour, start: int, now: int, touching: bool) -> None:
-        """Joins the new points of a contour to the outlines, those for good that do not change any more."""
-        stamps = start + np.round(1e9 * contour.time).astype(np.int64)
-        last = np.flatnonzero(contour.passes == contour.passes.max())
-        away = np.hypot(*(contour.surface[last] - contour.surface[-1]).T)
-        settled = np.ones(len(contour), dtype=bool)
-        if touching:
-            self.contour, self.zero = contour, contour.zero
-            settled[last[_after(away > _SETTLED) :]] = False
-            settled |= stamps < now - _LONGEST // 2
-        new = settled & (stamps > self._until)
-        if new.any():
-            self._present = self._add(self._joined, contour, new)
-            self._until = int(stamps[new].max())
-            self._forget()
+    def _join(self, contour: Contour, signals: Signals, touching: bool, last: float) -> None:
+        """Joins the passes of a contour to the outlines, for good where the contact or the path is long past."""
         self._shown = self._joined.copy()
-        rest = ~settled & (stamps > self._until)
-        if rest.any():
-            self._present = self._add(self._shown, contour, rest)
-        # smoothing and the begin of a pass take some
-        keep = int(stamps[last[max(_after(away > 2 * _SETTLED) - 1, 0)]]) - 3 * SECOND // 10
-        self._drop(keep if touching else self._until)
-
-    def _add(self, joined: JoinedPasses, contour: Contour, which: Mask) -> int:
-        """Joins points, each part of a pass with some of that before it; number of the last outline."""
-        present = self._present
-        for number in np.unique(contour.passes[which]):
-            own = np.flatnonzero(contour.passes == number)
-            part = own[which[own]]
-            before = own[own < part[0]]
-            # m: by it two parts of a pass are found to be one
-            before = before[np.hypot(*(contour.surface[before] - contour.surface[part[0]]).T) < 3e-3]
-            if len(part) + len(before) > 1:
-                present = joined.add(contour.stretch(np.concatenate([before, part])))
-        return present
-
-    def _forget(self) -> None:
-        """Forgets the outlines that were begun first, where there are too many."""
-        while self._joined.nodes > MOST_NODES:
-            self._joined.drop_first()
-            self.forgotten, self._present = self.forgotten + 1, max(self._present - 1, 0)
+        for number in range(int(contour.passes.max()) + 1):
+            self._present = self._shown.add(contour.stretch(contour.passes == number))
+        if not touching:
+            self._joined = self._shown
+            self._drop(signals.start + round(1e9 * last))
+            return
+        self.contour, self.zero = contour, contour.zero
+        step = np.hypot(*np.diff(contour.surface, axis=0).T)
+        left = np.append(np.cumsum(step[::-1])[::-1], 0.0)  # path from each point to the last
+        if left[0] > _LONGEST_PATH or signals.joints.time[-1] - contour.time[0] > 1e-9 * _LONGEST:
+            self._joined = self._shown
+            kept = contour.time[max(int((left > _KEPT_PATH).sum()) - 1, 0)]
+            # s: smoothing and the begin of a pass take some
+            self._drop(max(signals.start + round(1e9 * (kept - 0.3)), self.now - _LONGEST))
 
     def _drop(self, stamp: int) -> None:
         """Drops the samples before a stamp, ns."""
         for buffer in self._pair.buffers:
             buffer.drop_before(stamp)
-
-
-def _is_touching(last: float, signals: Signals) -> bool:
-    """Whether something is touched at the end of the samples.
-
-    Args:
-        last: end of the last contact, s.
-        signals: the samples.
-    """
-    # s: a contact is over when the force has been back at its zero for so long
-    return float(signals.wrench.time[-1]) - last < 0.25
-
-
-def _after(mask: Mask) -> int:
-    """The index after the last one where a mask is true, 0 where it is nowhere."""
-    found = np.flatnonzero(mask)
-    return int(found[-1]) + 1 if len(found) else 0

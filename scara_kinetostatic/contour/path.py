@@ -49,19 +49,11 @@ def speed_of(time: Floats, places: Floats, contact: Indices) -> Floats:
     """Speed of the tip's centre, (n,), m/s: distance over 60 ms within one contact."""
     period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     half = max(1, round(0.5 * 0.06 / period))
-    first, last = _bounds(contact)
+    first, last = np.searchsorted(contact, contact, 'left'), np.searchsorted(contact, contact, 'right') - 1
     index = np.arange(len(time))
     low, high = np.maximum(index - half, first), np.minimum(index + half, last)
     elapsed = np.maximum(time[high] - time[low], 1e-9)
     return np.asarray(np.hypot(*(places[high] - places[low]).T) / elapsed)
-
-
-def _bounds(label: Indices) -> tuple[Indices, Indices]:
-    """First and last index of the run of equal labels that each is in, (n,) each."""
-    change = np.flatnonzero(np.diff(label)) + 1
-    starts, stops = np.append(0, change), np.append(change, len(label)) - 1
-    run = np.cumsum(np.append(0, np.diff(label) != 0))
-    return starts[run], stops[run]
 
 
 def moving(speed: Floats) -> Mask:
@@ -79,27 +71,19 @@ def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
     used = np.flatnonzero(slides)
     if not len(used):
         return number
-    step = np.diff(places[used], axis=0)
     new_contact = np.diff(contact[used]) != 0
     gap = np.diff(used) > 1
-    reversal = gap & np.append(False, (step[1:] * step[:-1]).sum(axis=1) < 0)
-    reversal |= gap & _turned(places, used)
+    index = np.arange(len(used))
+    back, ahead = np.maximum(index - FEWEST, 0), np.minimum(index + FEWEST, len(used) - 1)
+    before, after = places[used] - places[used[back]], places[used[ahead]] - places[used]
+    reversal = gap & ((before[:-1] * after[1:]).sum(axis=1) < 0)
     number[used] = np.cumsum(np.append(True, new_contact | reversal)) - 1
     for k in range(number.max() + 1):
         here = np.flatnonzero(number == k)
-        length = np.hypot(*np.diff(places[here], axis=0).T).sum()
-        if length < 2e-3 or len(here) < 2 * FEWEST + 1:  # m
+        if np.hypot(*np.ptp(places[here], axis=0)) < 2e-3 or len(here) < 2 * FEWEST + 1:  # m
             number[here] = -1
     kept = np.unique(number[number >= 0])
     return np.where(number >= 0, np.searchsorted(kept, number), -1)
-
-
-def _turned(places: Floats, used: Indices) -> Mask:
-    """Whether the direction after a place that is used is against the direction before it, (n - 1,)."""
-    back, ahead = np.maximum(np.arange(len(used)) - FEWEST, 0), np.minimum(np.arange(len(used)) + FEWEST, len(used) - 1)
-    before = places[used] - places[used[back]]
-    after = places[used[ahead]] - places[used]
-    return np.asarray((before[:-1] * after[1:]).sum(axis=1) < 0)
 
 
 def direction_along(time: Floats, places: Floats) -> Direction:
@@ -141,12 +125,8 @@ def _sure_curvature(fit: _LocalFit, side: float, noise: float, half: int) -> Flo
     """The largest curvature to the left (side 1) or right (-1) near each place, less its uncertainty, (n,), 1/m."""
     sure = np.maximum(side * fit.curvature - _AGREE * noise * fit.curvature_std, 0.0)
     sure[:FEWEST], sure[-FEWEST:] = sure[FEWEST], sure[-FEWEST - 1]  # at the ends the windows are one-sided
-    return _largest_near(sure, min(half, (len(sure) - 1) // 2))
-
-
-def _largest_near(values: Floats, half: int) -> Floats:
-    """The largest of the values up to `half` places away on both sides, (n,)."""
-    return np.asarray(sliding_window_view(np.pad(values, half, mode='edge'), 2 * half + 1).max(axis=1))
+    half = min(half, (len(sure) - 1) // 2)
+    return np.asarray(sliding_window_view(np.pad(sure, half, mode='edge'), 2 * half + 1).max(axis=1))
 
 
 class _LocalFit(NamedTuple):

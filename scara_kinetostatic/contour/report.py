@@ -6,27 +6,24 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from markupsafe import Markup
 
-from scara_kinetostatic.contour import figures
-from scara_kinetostatic.contour.fits import ShapeFit, joined_residuals
+from scara_kinetostatic.contour.fits import ShapeFit
 from scara_kinetostatic.contour.result import Contour, Friction
-from scara_kinetostatic.contour.trace import shifts_along_normal, surfaces_of
-from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.report.content import Figure, Report, Section, Verdict
+from scara_kinetostatic.report.figure import FAINT, SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import PAGE_UNITS, count, shown
 from scara_kinetostatic.report.table import Table
 
-_MILLI, _MICRO = 1e3, 1e6
+_MILLI, _MICRO, _WIDTH = 1e3, 1e6, 920.0
 
 
-def contour_report(contour: Contour, arm: CalibratedArm, fits: Sequence[ShapeFit], calibration: str) -> Report:
+def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str) -> Report:
     """What was measured, for the terminal and for `contour.html`.
 
     Args:
         contour: what was measured.
-        arm: with what.
         fits: shapes through its outlines.
         calibration: name of the file of the calibration.
     """
@@ -34,7 +31,7 @@ def contour_report(contour: Contour, arm: CalibratedArm, fits: Sequence[ShapeFit
         title='Contour of an object by touch',
         answer=Verdict(_headline(contour), 'caution' if contour.warnings else 'good', _sentences(contour)),
         source=f'{contour.source}, with the calibration {calibration}',
-        blocks=(*_page_sections(contour, arm), *fit_sections(contour, fits)),
+        blocks=(*_page_sections(contour), *fit_sections(fits)),
         remarks=tuple(contour.warnings),
         footer='every point in contour.csv, the outlines in contour.svg and contour.dxf',
     )
@@ -65,7 +62,7 @@ def _sentences(contour: Contour) -> tuple[str, ...]:
 
 def _friction_sentence(friction: Friction) -> str:
     value = f'{friction.coefficient:.3f} ± {friction.std:.3f}'
-    if friction.both_directions:
+    if np.isfinite(friction.rotation):
         turn = shown(friction.rotation, friction.rotation_std, 'rad', PAGE_UNITS).text
         return f'Coefficient of friction {value}, apparent rotation of the force sensor {turn} (standard uncertainty).'
     return (
@@ -74,28 +71,12 @@ def _friction_sentence(friction: Friction) -> str:
     )
 
 
-def _page_sections(contour: Contour, arm: CalibratedArm) -> list[Section]:
-    surfaces = surfaces_of(contour, arm)
-    nominal, rigid, _ = (_MILLI * rms(shift) for shift in shifts_along_normal(contour, surfaces))
+def _page_sections(contour: Contour) -> list[Section]:
     std, common = (_MICRO * float(np.nanmedian(each)) for each in (contour.std_normal, contour.std_systematic))
     outline = Figure(
-        partial(figures.outline_picture, contour),
+        partial(outline_picture, contour),
         'The surface in the base frame of the robot; arrows: force of the tip on the object. The radius of the tip, '
         f'{_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.',
-    )
-    comparison = Figure(
-        partial(figures.comparison_picture, contour, surfaces),
-        'The surface by the rigid models, relative to that of the deformable calibrated model, along the normal; '
-        'positive: outside.',
-    )
-    quality = Figure(
-        partial(figures.quality_picture, contour),
-        'Above: standard uncertainty along the normal. Below: angle from the normal to the force, towards the '
-        'direction of travel; dashed: friction angle.',
-    )
-    changed = (
-        f'Without deflection the calibrated arm would put the surface {rigid:.3f} mm off (rms), the nominal arm '
-        f'{nominal:.3f} mm.'
     )
     uncertain = (
         f'Standard uncertainty along the normal {std:.1f} µm (median), of which {common:.1f} µm are common to '
@@ -103,69 +84,39 @@ def _page_sections(contour: Contour, arm: CalibratedArm) -> list[Section]:
     )
     return [
         Section('Outline', (outline,), shown='page'),
-        Section('What the calibration and the compensation of the deflection change', (changed, comparison), 'page'),
-        Section('Uncertainty and friction', (uncertain, quality), 'page'),
+        Section('Uncertainty', (uncertain, Figure(partial(uncertainty_picture, contour))), 'page'),
     ]
 
 
-def fit_sections(contour: Contour, fits: Sequence[ShapeFit]) -> list[Section]:
-    """The fits with their residuals, those of pieces of the same kind and outline together."""
-    groups: list[tuple[tuple[ShapeFit, ...], str, Table]] = [
-        ((fit,), f'{fit.shape.capitalize()} through outline {fit.outline + 1}', fit_table(fit))
-        for fit in fits
-        if fit.piece is None or fit.shape == 'circle'
-    ]
-    pieces = [fit for fit in fits if fit.piece is not None and fit.shape != 'circle']
-    for outline, shape in dict.fromkeys((fit.outline, fit.shape) for fit in pieces):
-        own = tuple(fit for fit in pieces if (fit.outline, fit.shape) == (outline, shape))
-        groups.append((own, f'{shape.capitalize()}s of outline {outline + 1}', piece_table(own)))
-    return [
-        Section(
-            title,
-            (
-                table,
-                *(_misfit(fit) for fit in own if not fit.fits),
-                Figure(
-                    partial(figures.residual_picture, contour, joined_residuals(own), f'fit{number}'),
-                    'Distance of the points from the fit along the normal, outside positive; grey: two standard '
-                    'uncertainties of a point.',
-                ),
-            ),
+def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
+    """A table for the fits of one shape to one outline, a row for each, and what does not fit."""
+    sections = []
+    for outline, shape in dict.fromkeys((fit.outline, fit.shape) for fit in fits):
+        own = [fit for fit in fits if (fit.outline, fit.shape) == (outline, shape)]
+        table = fit_table(own)
+        remarks = (
+            f'Remark: {row[0]} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of the points '
+            '(rms); the parameters and their uncertainties do not describe it.'
+            for fit, row in zip(own, table.rows, strict=True)
+            if not fit.fits
         )
-        for number, (own, title, table) in enumerate(groups)
-    ]
+        sections.append(Section(f'Outline {outline + 1}: {shape}', (table, *remarks)))
+    return sections
 
 
-def _misfit(fit: ShapeFit) -> str:
-    what = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
-    return (
-        f'Remark: {what} is no {fit.shape}: the residuals are {fit.misfit:.0f} times the uncertainty of the points '
-        '(rms); the parameters and their uncertainties do not describe it.'
-    )
-
-
-def fit_table(fit: ShapeFit) -> Table:
-    """The parameters of a fit."""
-    rows = []
-    for item in fit.values:
-        value, std, unit = shown(item.value, item.std, item.unit, PAGE_UNITS)
-        rows.append((item.name.replace('_', ' '), f'{value} ± {std}' if std else value, unit))
-    rows.append(('residuals, rms', f'{_MICRO * fit.rms:.1f}', 'µm'))
-    rows.append(('residuals, largest', f'{_MICRO * fit.largest:.1f}', 'µm'))
-    return Table(('quantity', 'value', 'unit'), ('',) * 3, tuple(rows))
-
-
-def piece_table(fits: Sequence[ShapeFit]) -> Table:
-    """The parameters of pieces of one shape, a row for each."""
-    names = [item.name for item in fits[0].values]
-    scale = [PAGE_UNITS[item.unit].unit for item in fits[0].values]
+def fit_table(fits: Sequence[ShapeFit]) -> Table:
+    """The parameters of fits of one shape, a row for each."""
     rows = []
     for fit in fits:
-        cells = [shown(item.value, item.std, item.unit, PAGE_UNITS) for item in fit.values]
-        values = [f'{value} ± {std}' if std else f'{value}' for value, std, _ in cells]
-        rows.append((str((fit.piece or 0) + 1), *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
-    heading = ('piece', *(name.replace('_', ' ') for name in names), 'rms', 'largest')
-    return Table(heading, ('', *scale, 'µm', 'µm'), tuple(rows))
+        values = [
+            f'{value} ± {std}' if std else value
+            for value, std, _ in (shown(item.value, item.std, item.unit, PAGE_UNITS) for item in fit.values)
+        ]
+        name = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
+        rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
+    heading = ('fit', *(item.name.replace('_', ' ') for item in fits[0].values), 'rms', 'largest')
+    units = ('', *(PAGE_UNITS[item.unit].unit for item in fits[0].values), 'µm', 'µm')
+    return Table(heading, units, tuple(rows))
 
 
 def contour_document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
@@ -203,3 +154,43 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
         ],
         'warnings': contour.warnings,
     }
+
+
+def outline_picture(contour: Contour) -> Markup:
+    """The outlines from above, in the base frame, with the direction of the force at some places."""
+    points = np.concatenate([outline.points for outline in contour.outlines])
+    low, high = points.min(axis=0), points.max(axis=0)
+    span = float((high - low).max())
+    size = np.maximum(high - low, 0.2 * span) + 0.24 * span
+    height = _WIDTH * float(np.clip(size[1] / size[0], 0.3, 0.75))
+    figure, (axes,) = new_figure(_WIDTH, height, margins=Margins())
+    for outline in contour.outlines:
+        x, y = _MILLI * outline.ring.T
+        if outline.closed:
+            axes.fill(x, y, color=SERIES[0], alpha=0.1, lw=0)
+        axes.plot(x, y, color=SERIES[0], lw=1.6)
+    arrows = np.linspace(0, len(contour) - 1, 24).astype(int)
+    size_of = contour.force[arrows] / float(np.hypot(*contour.force.T).max())
+    begin = contour.surface[arrows] - 0.1 * span * size_of
+    axes.quiver(
+        *(_MILLI * begin).T, *(_MILLI * 0.1 * span * size_of).T, color=FAINT, angles='xy', scale_units='xy', scale=1,
+        width=0.0018, headwidth=5,
+    )  # fmt: skip
+    axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', adjustable='datalim')
+    return as_svg(figure, 'outline', 'the outline from above with the forces on it')
+
+
+def uncertainty_picture(contour: Contour) -> Markup:
+    """Standard uncertainty along the normal, along the path; curves are broken between two passes."""
+    figure, (axes,) = new_figure(_WIDTH, 240, margins=Margins())
+    step = np.hypot(*np.diff(contour.surface, axis=0).T) * (np.diff(contour.passes) == 0)
+    drawn = np.linspace(0, len(contour) - 1, min(1500, len(contour))).astype(np.intp)
+    along, breaks = np.append(0.0, np.cumsum(step))[drawn], np.flatnonzero(np.diff(contour.passes[drawn])) + 1
+    curves = (contour.std_normal, SERIES[0], 'all'), (contour.std_systematic, SERIES[2], 'calibration and tip alone')
+    for std, colour, label in curves:
+        x, y = (np.insert(values, breaks, np.nan) for values in (_MILLI * along, _MICRO * std[drawn]))
+        axes.plot(x, y, color=colour, lw=1.2, label=label)
+    axes.set_ylim(bottom=0)
+    axes.set(xlabel='distance along the slide  [mm]', ylabel='u normal  [µm]')
+    axes.legend(loc='best', frameon=False, ncols=2)
+    return as_svg(figure, 'uncertainty', 'uncertainty along the slide')

@@ -34,14 +34,12 @@ class Friction(NamedTuple):
         std: its standard uncertainty.
         rotation: apparent rotation of the force sensor, rad; NaN where travel is in one direction only.
         rotation_std: its standard uncertainty, rad.
-        both_directions: whether there is travel in both directions about the object.
     """
 
     coefficient: float
     std: float
     rotation: float
     rotation_std: float
-    both_directions: bool
 
 
 def off_normal_angle(force: Floats, normal: Floats, along: Floats) -> Floats:
@@ -73,10 +71,10 @@ def estimate_friction(
         ahead, back = (float(np.mean(means[way])) for way in (1, -1))
         std = 0.5 * float(np.hypot(stds[1], stds[-1]))
         turn = 0.5 * (ahead + back)
-        return Friction(float(np.tan(turn)), std / np.cos(turn) ** 2, 0.5 * (back - ahead), std, True)
+        return Friction(float(np.tan(turn)), std / np.cos(turn) ** 2, 0.5 * (back - ahead), std)
     ((way, std),) = stds.items()
     turn = float(np.mean(means[way]))
-    return Friction(float(np.tan(turn)), float(np.hypot(std, sensor_std)) / np.cos(turn) ** 2, np.nan, np.nan, False)
+    return Friction(float(np.tan(turn)), float(np.hypot(std, sensor_std)) / np.cos(turn) ** 2, np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -93,15 +91,12 @@ class Contour:
         std_noise: that of a point by the noise of the measurement and by its normal, (n,), m.
         force: F of the tip on the object, base frame, (n, 2), N.
         joints: Q, (n, 2), rad.
-        tip: centre of the tip, (n, 2), m.
         passes: number of the pass, (n,).
         by_model: change along the normal by each value of the model, (n, 12 + k).
         by_noise: change along the normal by one standard deviation of the noise of q1, q2, F_x and F_y, (n, 4), m.
         friction: what the forces say of friction.
-        off_normal: angle from the inward normal to the force, towards the direction of travel, (n,), rad.
         inner_corner: whether the surface is hollow there and hardly wider than the tip, (n,): the tip touches on both
             sides, and the outline has its radius.
-        force_noise: standard deviation of a component of the smoothed force besides the noise of a touch, N.
         tip_radius: m.
         zero: what the sensor reports without force, as it was taken for the last contact, (2,), N.
         lost: time without contact between the first and the last contact, s.
@@ -126,14 +121,11 @@ class Contour:
     std_noise: Floats
     force: Floats
     joints: Floats
-    tip: Floats
     passes: Indices
     by_model: Floats
     by_noise: Floats
     friction: Friction
-    off_normal: Floats
     inner_corner: Mask
-    force_noise: float
     tip_radius: float
     zero: Floats
     lost: float
@@ -166,22 +158,30 @@ NO_RADIUS = (
 
 def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
     """Poses beyond the calibration, uncertainties that are not known, assumptions; one sentence each."""
-    size, used, remarks = np.hypot(*contour.force.T), arm.used, []
-    beyond = float(np.mean((size < 0.5 * used.lowest_force) | (size > 1.1 * used.highest_force)))
-    if beyond > 0.05:
-        remarks.append(
-            f'{_percent(beyond)} of the points have a force outside of that of the calibration, '
-            f'{used.lowest_force:.0f} to {used.highest_force:.0f} N: there the model is extrapolated'
-        )
-    other = float(np.mean(~np.isin(posture(arm.model.parameters, contour.joints), used.postures)))
-    if other:
-        remarks.append(f'{_percent(other)} of the points have an elbow posture without a touch of the calibration')
-    unknown = float(np.mean(np.isnan(contour.std_normal)))
-    if unknown:
-        remarks.append(
-            f'{_percent(unknown)} of the points have no stated uncertainty: the touches of the calibration do not '
-            'determine the place of the tip there'
-        )
+    size, used = np.hypot(*contour.force.T), arm.used
+    rare = (
+        (
+            (size < 0.5 * used.lowest_force) | (size > 1.1 * used.highest_force),
+            0.05,
+            f'have a force outside of that of the calibration, {used.lowest_force:.0f} to {used.highest_force:.0f} N: '
+            'there the model is extrapolated',
+        ),
+        (
+            ~np.isin(posture(arm.model.parameters, contour.joints), used.postures),
+            0.0,
+            'have an elbow posture without a touch of the calibration',
+        ),
+        (
+            np.isnan(contour.std_normal),
+            0.0,
+            'have no stated uncertainty: the touches of the calibration do not determine the place of the tip there',
+        ),
+    )
+    remarks = [
+        f'{max(100 * mask.mean(), 1):.0f} % of the points {what}'
+        for mask, allowed, what in rare
+        if mask.mean() > allowed
+    ]
     step = np.hypot(*np.diff(contour.surface, axis=0).T)[np.diff(contour.passes) == 0]
     usual = float(np.median(step)) if len(step) else 0.0
     if usual > 1e-3:
@@ -197,10 +197,6 @@ def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
         )
     assumed = Predictor(arm).assumptions
     return (*remarks, *([f'taken, as no recording says it: {assumed}'] if assumed else []), *arm.reservations)
-
-
-def _percent(part: float) -> str:
-    return f'{100 * part:.0f} %' if part >= 0.01 else 'less than 1 %'
 
 
 CSV, SVG, DXF = 'contour.csv', 'contour.svg', 'contour.dxf'
@@ -250,37 +246,15 @@ def _path(points: Floats, corner: tuple[float, float], closed: bool) -> str:
 
 def dxf_text(outlines: Iterable[Outline]) -> str:
     """The outlines as polylines of a DXF file, release 12, in millimetres."""
-    outlines = tuple(outlines)
-    points = _MILLI * np.concatenate([outline.points for outline in outlines])
-    pairs = [(999, 'contour in millimetres, base frame of the robot')]
-    pairs += [*_section('HEADER', _header(points)), *_section('TABLES', _layers())]
-    pairs += _section('ENTITIES', (pair for outline in outlines for pair in _polyline(outline)))
-    pairs.append((0, 'EOF'))
+    pairs = [(999, 'contour in millimetres, base frame of the robot'), (0, 'SECTION'), (2, 'HEADER')]
+    pairs += [(9, '$ACADVER'), (1, 'AC1009'), (0, 'ENDSEC'), (0, 'SECTION'), (2, 'ENTITIES')]
+    pairs += [pair for outline in outlines for pair in _polyline(outline)]
+    pairs += [(0, 'ENDSEC'), (0, 'EOF')]
     return ''.join(f'{code:3d}\n{value}\n' for code, value in pairs)
 
 
-_Pair = tuple[int, str]
-"""A group of a DXF: its code and its value."""
-
-
-def _section(name: str, content: Iterable[_Pair]) -> list[_Pair]:
-    return [(0, 'SECTION'), (2, name), *content, (0, 'ENDSEC')]
-
-
-def _header(points: Floats) -> Iterator[_Pair]:
-    yield from ((9, '$ACADVER'), (1, 'AC1009'))
-    for name, (x, y) in (('$EXTMIN', points.min(axis=0)), ('$EXTMAX', points.max(axis=0))):
-        yield from ((9, name), (10, f'{x:.6f}'), (20, f'{y:.6f}'), (30, '0.0'))
-
-
-def _layers() -> Iterator[_Pair]:
-    yield from ((0, 'TABLE'), (2, 'LTYPE'), (70, '1'), (0, 'LTYPE'), (2, 'CONTINUOUS'), (70, '0'))
-    yield from ((3, 'Solid line'), (72, '65'), (73, '0'), (40, '0.0'), (0, 'ENDTAB'))
-    yield from ((0, 'TABLE'), (2, 'LAYER'), (70, '1'), (0, 'LAYER'), (2, LAYER), (70, '0'), (62, '7'))
-    yield from ((6, 'CONTINUOUS'), (0, 'ENDTAB'))
-
-
-def _polyline(outline: Outline) -> Iterator[_Pair]:
+def _polyline(outline: Outline) -> Iterator[tuple[int, str]]:
+    """The groups of a polyline: code and value of each."""
     yield from ((0, 'POLYLINE'), (8, LAYER), (66, '1'), (70, '1' if outline.closed else '0'))
     yield from ((10, '0.0'), (20, '0.0'), (30, '0.0'))
     for x, y in (_MILLI * outline.points).tolist():

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.contour.contact import LONGEST_SMOOTHING, ContactSamples, contact_samples
+from scara_kinetostatic.contour.contact import ContactSamples, contact_samples
 from scara_kinetostatic.contour.path import direction_along, moving, passes_of, speed_of
 from scara_kinetostatic.contour.result import NO_RADIUS, Contour, estimate_friction, off_normal_angle, remarks_on
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
@@ -28,7 +28,7 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_obje
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Sensor, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
+from scara_kinetostatic.model.kinematics import posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
 from scara_kinetostatic.model.tip import (
     Force,
@@ -40,7 +40,7 @@ from scara_kinetostatic.model.tip import (
     tip_by_values,
     tip_under_load,
 )
-from scara_kinetostatic.touches.signals import Signals, as_signals, moving_mean
+from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import Streams
 
 
@@ -118,19 +118,12 @@ LARGEST_TIP = 0.1
 
 
 class JumpError(UnsupportedDataError):
-    """The tip jumps while in contact.
+    """The tip jumps while in contact; `what` says how far, without when."""
 
-    Attributes:
-        times: of the jumps, since the start of the recording, (k,), s.
-        what: that it jumps, how far and how often.
-    """
-
-    def __init__(self, source: str, sizes: Floats, times: Floats) -> None:
-        self.times = times
-        more = f' and {len(sizes) - 1} more times' if len(sizes) > 1 else ''
-        self.what = f'the tip jumps by {1e3 * sizes[0]:.2g} mm{more}, in contact'
+    def __init__(self, source: str, size: float, time: float) -> None:
+        self.what = f'the tip jumps by {1e3 * size:.2g} mm, in contact'
         remedy = 'check that the joint states are complete and stamped right, and slide without leaping over a gap'
-        super().__init__(f'{source}: {self.what}, at {times[0]:.2f} s', remedy)
+        super().__init__(f'{source}: {self.what}, at {time:.2f} s', remedy)
 
 
 def trace_contour(
@@ -202,37 +195,13 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
     """
     contact = _split_at_gaps(samples, center, source, period)
     slides = moving(speed_of(samples.time, center, contact))
-    number = _without_free(passes_of(center, contact, slides), samples)
+    number = passes_of(center, contact, slides)
     if not (number >= 0).any():
         raise UnsupportedDataError(
-            f'{source}: the tip does not slide: {_motion_in_contact(samples.contact, center)}',
+            f'{source}: the tip does not slide',
             'record a slide of some millimetres at least; a recording of touches is for calibrate',
         )
     return number, float((~slides).sum() * period)
-
-
-def _without_free(number: Indices, samples: ContactSamples) -> Indices:
-    """The passes without those in which the tip was off the object: their mean force is that of the noise.
-
-    Contact is sought in a mean over a longer time than a short loss of contact lasts.
-    """
-    least = min(4 * samples.force_noise, 0.5 * float(np.median(np.hypot(*samples.force.T))))
-    width = 2 * round(0.5 * LONGEST_SMOOTHING / max(float(np.median(np.diff(samples.time))), 1e-6)) + 1
-    kept = []
-    for k in range(number.max() + 1):
-        force = samples.force[number == k]
-        mean = moving_mean(force, min(width, len(force) - 1 + len(force) % 2))
-        if np.median(np.hypot(*mean.T)) >= least:
-            kept.append(k)
-    return np.where(np.isin(number, kept), np.searchsorted(kept, number), -1)
-
-
-def _motion_in_contact(contact: Indices, center: Floats) -> str:
-    """How far the tip moves in each of its contacts, in words."""
-    number = int(contact.max()) + 1
-    largest = max(float(np.hypot(*np.ptp(center[contact == k], axis=0))) for k in range(number))
-    moves = f'{1e3 * largest:.2g} mm'
-    return f'in contact it moves by {moves}' if number == 1 else f'in {number} contacts it moves by {moves} at most'
 
 
 def _split_at_gaps(samples: ContactSamples, center: Floats, source: str, period: float) -> Indices:
@@ -249,7 +218,7 @@ def _split_at_gaps(samples: ContactSamples, center: Floats, source: str, period:
     speed = step * period / np.maximum(elapsed, 0.2 * period)
     jumps = np.flatnonzero(same & ~pause & (speed > max(1e-3, 8 * usual)))
     if len(jumps):
-        raise JumpError(source, step[jumps], samples.time[jumps + 1])
+        raise JumpError(source, float(step[jumps[0]]), float(samples.time[jumps[0] + 1]))
     return samples.contact + np.append(0, np.cumsum(pause & same))
 
 
@@ -339,14 +308,11 @@ def _surface(
         std_noise=np.sqrt(noise),
         force=force,
         joints=samples.joints[used],
-        tip=places.center[used],
         passes=passes,
         by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
         by_noise=np.einsum('ni,nik->nk', n, places.by_noise[used]),
         friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
-        off_normal=off_normal_angle(force, n, along),
         inner_corner=_is_inner_corner(course.hollow[used], radius),
-        force_noise=samples.force_noise,
         tip_radius=radius,
         zero=samples.zero,
         lost=samples.lost,
@@ -376,37 +342,3 @@ def _is_inner_corner(hollow: Floats, radius: float) -> Mask:
 def _along(covariance: Floats, normal: Floats) -> Floats:
     """nᵀ Σ n, (n,)."""
     return np.asarray(np.einsum('ni,nij,nj->n', normal, covariance, normal))
-
-
-class Surfaces(NamedTuple):
-    """The surface by models that take more and more into account, (n, 2) each, m.
-
-    Attributes:
-        rigid_nominal: H of the nominal parameters.
-        rigid_calibrated: H of the calibrated parameters, without deflection.
-        deformable_calibrated: H̄ of the calibrated parameters.
-    """
-
-    rigid_nominal: Floats
-    rigid_calibrated: Floats
-    deformable_calibrated: Floats
-
-
-def surfaces_of(contour: Contour, arm: CalibratedArm) -> Surfaces:
-    """The surface of a contour by each model.
-
-    Args:
-        contour: joint angles, forces and normals.
-        arm: the arm; its model with the effects that were found.
-    """
-    removed = contour.tip_radius * contour.normal
-    return Surfaces(
-        forward(arm.cell.nominal, contour.joints) - removed,
-        forward(arm.model.parameters, contour.joints) - removed,
-        tip_places(arm, contour.joints, contour.force, contour.force_noise).center - removed,
-    )
-
-
-def shifts_along_normal(contour: Contour, surfaces: Surfaces) -> tuple[Floats, ...]:
-    """How far each surface is from that of the contour along its normal, (n,) each, m; positive outside."""
-    return tuple(np.einsum('ni,ni->n', surface - contour.surface, contour.normal) for surface in surfaces)

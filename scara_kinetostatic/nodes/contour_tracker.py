@@ -3,7 +3,7 @@
 What `scara-kinetostatic contour` works out of a recording, this node works out of the running streams: deflection and
 backlash are taken out by the calibrated model, the radius of the tip along the normal of its path. On `~/path` is the
 outline along which the tip slides or slid last, on `~/markers` all outlines with their uncertainty, the known objects,
-and the tip with its force; both are latched. What is farther back than 4 mm along the path does not change any more.
+and the tip with its force; both are latched. What is farther back than 20 mm along the path does not change any more.
 
 The calibration is that of the parameter `calibration`, and with `follow` each result that the calibrator publishes;
 with another calibration the outlines begin anew. The zero of the force is that of the latest free motion; `~/tare`
@@ -132,8 +132,6 @@ class ContourTracker(CellNode):
         complaints += [online.problem, online.clock_problem, '' if self._radius else NO_RADIUS]
         if online.contour is not None:
             complaints += [*online.contour.warnings, *remarks_on(online.contour, online.arm)]
-        if online.forgotten:
-            complaints.append(f'{online.forgotten} outlines forgotten: there were too many; call ~/clear')
         return self._calibration.condition(complaints, values | _figures(online), 'tracing')
 
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from contour.slides import CELL, DISC, SQUARE, arm
 
-from scara_kinetostatic.contour.fits import divided, fit_pieces, fit_shape, joined_residuals
+from scara_kinetostatic.contour.fits import divided, fit_pieces, fit_shape
 from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.report import fit_sections
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.report.figure import style
 from scara_kinetostatic.simulation.outline import polygon
 from scara_kinetostatic.simulation.slides import Slide, simulate_slides
 
@@ -56,18 +53,9 @@ def test_a_rounded_square(square):
 def test_points_belong_to_one_piece_at_most(square):
     fits = fit_pieces(square, arm())
     assert np.sum([fit.points for fit in fits], axis=0).max() == 1
-    lines, arcs = fit_sections(square, fits)
-    assert (lines.title, arcs.title) == ('Lines of outline 1', 'Arcs of outline 1')
-    assert [row[0] for row in lines.blocks[0].rows] == ['1', '3', '5', '7']
-    joined = joined_residuals(fits[::2])
-    assert joined.points.sum() == sum(fit.points.sum() for fit in fits[::2]) == len(joined.residual)
-
-
-def test_residuals_of_pieces_are_not_joined_across_the_others(square):
-    lines, _ = fit_sections(square, fit_pieces(square, arm()))
-    with style():
-        picture = str(lines.blocks[-1].draw())
-    assert max(path.count('M') for path in re.findall(r' d="([^"]*)"', picture)) >= 4
+    lines, arcs = fit_sections(fits)
+    assert (lines.title, arcs.title) == ('Outline 1: line', 'Outline 1: arc')
+    assert [row[0] for row in lines.blocks[0].rows] == ['piece 1', 'piece 3', 'piece 5', 'piece 7']
 
 
 def test_one_shape_alone():
@@ -100,9 +88,12 @@ def test_the_division_is_that_of_least_cost():
     for shift in (0, 17):
         outline = Outline(np.roll(ring, shift, axis=0), np.ones((160, 2)), np.full(160, 5e-6), closed=True)
         pieces = divided(outline)
-        assert not any(piece.is_arc for piece in pieces)
-        assert all(39 <= len(piece.nodes) <= 41 for piece in pieces)
-        assert sorted(np.concatenate([piece.nodes for piece in pieces])) == list(range(160))
+        assert not any(is_arc for _, is_arc in pieces)
+        assert all(39 <= len(nodes) <= 41 for nodes, _ in pieces)
+        assert sorted(np.concatenate([nodes for nodes, _ in pieces])) == list(range(160))
+        coarse = divided(outline, 40)
+        assert len(coarse) == 4
+        assert sorted(np.concatenate([nodes for nodes, _ in coarse])) == list(range(160))
     bent = ring[:80] + 0.0
     bent[40:] = np.column_stack([side + 0.02, 0.0015 * side])
     whole = Outline(bent, np.ones((80, 2)), np.full(80, 1.0), closed=False)
