@@ -9,17 +9,18 @@ import numpy as np
 from scara_kinetostatic.calibration.declared_errors import without_sources
 from scara_kinetostatic.calibration.estimate import WarmStart, estimate, fewest_touches
 from scara_kinetostatic.calibration.fit_point import base_force
-from scara_kinetostatic.calibration.observations import Observations, observe
+from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
-from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
-from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters, implausible_size
-from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
+from scara_kinetostatic.model.touch import Rejection, TouchSet
 
 
 def calibrate(
@@ -54,8 +55,7 @@ def calibrate(
             touch names no disc of the cell; `start` or `warm_start` has other effects.
         UnsupportedDataError: too few touches for the free parameters, touches so much
             alike that they determine less than half of them, or a fit that diverges.
-        CellError: the forces contradict the cell's sensor sign or frame.
-        InputError: the forces of arrays point away from the discs.
+        InputError: the forces do not point at the discs.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -79,12 +79,24 @@ def calibrate(
     held = start.held.union(fixed)
     free = np.array([j for j, name in enumerate(start.names) if name not in held], dtype=np.intp)
     given = touches.index
-    touches, left_out, faint = _leave_out(touches, cell)
+    touches, left_out = _leave_out(touches, cell)
     if warm_start is not None:
         warm_start = warm_start._replace(used=warm_start.used[np.isin(given, touches.index)])
-    _check_number(len(touches), len(free), [item.reason for item in left_out], faint, cell)
+    needed = fewest_touches(len(free))
+    if len(touches) < needed:
+        problem = f'{len(touches)} touches give {2 * len(touches)} equations, too few for {len(free)} parameters'
+        remedy = f'record {needed} touches at the very least, 36 or more for a good result'
+        if left_out:
+            problem += f'; {len(left_out)} were left out, the first: {left_out[0].reason}'
+            remedy = f'check the units and the order of joint angles and forces, or {remedy}'
+        raise UnsupportedDataError(problem, remedy)
     observations = observe(touches, cell)
-    _check_plausible(observations, cell, from_recording=bool(np.any(touches.samples > 1)))
+    to_disc = observations.centers - forward(cell.nominal, observations.joints)
+    force = base_force(observations, ExtendedModel(cell.nominal))
+    cosine = (to_disc * force).sum(axis=1) / np.maximum(np.hypot(*to_disc.T) * np.hypot(*force.T), 1e-12)
+    if np.median(cosine) < 0.5:  # the right frame and sign give more than 0.8, even 20 mm and 3° off
+        problem = 'the forces do not point from the tip to the discs'
+        raise InputError('force', problem, 'give the force on the object; check sign, frame and axes of the sensor')
     try:
         found = estimate(observations, cell, start, free, warm_start)
     except np.linalg.LinAlgError as error:
@@ -159,126 +171,22 @@ def _expect_effects(effects: Sequence[EffectLaw]) -> Sequence[EffectLaw]:
     return effects
 
 
-def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection], int]:
-    """Take out touches without a force, how many there are of these, and readings that repeat an earlier one to the
-    last bit.
-    """
-    reasons: dict[int, str] = {}
+def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]]:
+    """Take out touches without a force, and readings that repeat an earlier one to the last bit."""
     magnitude = np.hypot(touches.force[:, 0], touches.force[:, 1])
     least = 3.0 * cell.noise.force_rms if cell.noise else 1e-6  # N; below it a force has no direction to speak of
-    faint = np.flatnonzero(magnitude <= least)
-    for k in faint:
-        noise = f' of {cell.noise.force_rms:.2g} N' if cell.noise else ''
-        reasons[int(k)] = f'presses with {magnitude[k]:.2g} N only: its direction is noise{noise}'
     rows = np.concatenate([touches.joints, touches.force], axis=1)
     _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     earlier = first[which.ravel()]
-    for k in np.flatnonzero(earlier != np.arange(len(touches))):
-        reasons.setdefault(int(k), f'the same reading as touch {touches.index[earlier[k]]}, to the last bit')
-    if not reasons:
-        return touches, [], 0
-    kept = np.ones(len(touches), dtype=bool)
-    kept[list(reasons)] = False
-    left_out = [Rejection(int(touches.index[k]), reason) for k, reason in sorted(reasons.items())]
-    return touches.select(kept), left_out, len(faint)
-
-
-def _check_number(touches: int, parameters: int, left_out: Sequence[str], faint: int, cell: Cell) -> None:
-    """Whether there are more equations than parameters.
-
-    Args:
-        touches: how many there are.
-        parameters: how many are free.
-        left_out: why others were left out beforehand.
-        faint: how many of these have hardly any force.
-        cell: the cell.
-
-    Raises:
-        UnsupportedDataError: too few touches.
-    """
-    needed = fewest_touches(parameters)
-    if touches >= needed:
-        return
-    problem = f'{touches} touches give {2 * touches} equations, too few for {parameters} parameters'
-    remedy = f'record {needed} touches at the very least, 36 or more for a good result'
-    number = touches + len(left_out)
-    if common := common_reason(left_out, number):
-        problem = f'{len(left_out)} of {number} touches were left out, the first: {common}; {problem}'
-    elif left_out:
-        problem += f'; {len(left_out)} were left out, the first: {left_out[0]}'
-    if 2 * faint > number:
-        remedy = 'check the units and the order of joint angles and forces'
-        remedy += ', and the noise in the cell description' if cell.noise else ''
-    elif left_out:
-        remedy = f'see what was left out, or {remedy}'
-    raise UnsupportedDataError(problem, remedy)
-
-
-def _check_plausible(observations: Observations, cell: Cell, *, from_recording: bool) -> None:
-    """Whether the measured forces point from the nominal tip to the disc.
-
-    Args:
-        observations: of the touches.
-        cell: the cell.
-        from_recording: whether the forces were given their sign by the cell, as those of a recording are; arrays hold
-            the force on the object, whatever the cell says.
-
-    Raises:
-        CellError: they point away, or every way; the message says which key to look at.
-        InputError: they point away, and are not of a recording.
-    """
-    cosine = _alignment(observations, cell.nominal)
-    better = _other_frame(observations)
-    elsewhere = _alignment(better, cell.nominal)
-    if abs(elsewhere) > 0.8 > abs(cosine):  # the right frame gives more, even 20 mm and 3° off
-        raise CellError(
-            'sensor.frame',
-            f'the forces point {"at" if elsewhere > 0 else "away from"} the discs if the frame is '
-            f'{better.frame.value}, and every way if it is {observations.frame.value}',
-            f'set it to {better.frame.value}, or check the mounting of the sensor',
-        )
-    if cosine > 0.0:
-        return
-    other = SensorSign.ON_ROBOT if cell.sensor.sign is SensorSign.ON_OBJECT else SensorSign.ON_OBJECT
-    is_opposed = cosine < -0.5
-    if is_opposed and not from_recording:
-        raise InputError(
-            'force', 'the forces point away from the discs', 'give the force on the object: change the signs of x and y'
-        )
-    if is_opposed:
-        raise CellError(
-            'sensor.sign',
-            f'the forces point away from the discs with {cell.sensor.sign.value}',
-            f'set it to {other.value}',
-        )
-    raise CellError(
-        'sensor', 'the forces point every way but at the discs', 'check frame, sign and the axes of the sensor'
-    )
-
-
-def _alignment(observations: Observations, nominal: Parameters) -> float:
-    to_disc = observations.centers - forward(nominal, observations.joints)
-    force = base_force(observations, ExtendedModel(nominal))
-    lengths = np.hypot(*to_disc.T) * np.hypot(*force.T)
-    return float(np.median((to_disc * force).sum(axis=1) / np.maximum(lengths, 1e-12)))
-
-
-def _other_frame(observations: Observations) -> Observations:
-    tool = observations.frame is SensorFrame.TOOL
-    return observations._replace(frame=SensorFrame.BASE if tool else SensorFrame.TOOL)
-
-
-_GAP_ANGLE = {1e-3: 'angles are in rad, not mrad', 1e-6: 'angles are in rad, not µrad'}
-_OTHER_UNITS: dict[tuple[str, ...], tuple[float, dict[float, str]]] = {
-    ('x0', 'y0', 'l1', 'l2'): (0.1, {1e-3: 'lengths are in m, not mm'}),
-    ('theta1', 'theta2'): (0.35, {float(np.deg2rad(1.0)): 'angles are in rad, not degrees'}),
-    ('p_ee',): (2e-3, {1e-3: 'compliances are in m/N, not mm/N', 1e-6: 'compliances are in m/N, not µm/N'}),
-    ('p1', 'p2'): (0.02, {1e-3: 'compliances are in rad/Nm, not mrad/Nm', 1e-6: 'in rad/Nm, not µrad/Nm'}),
-    ('g_ee',): (0.02, {1e-3: 'lengths are in m, not mm', 1e-6: 'lengths are in m, not µm'}),
-    ('g1', 'g2'): (0.05, _GAP_ANGLE),
-}
-"""By parameter: how far from the nominal value, in its SI unit, a value may be; factors to that unit of those in which
-it may have been given by mistake, with what to say."""
+    kept = (magnitude > least) & (earlier == np.arange(len(touches)))
+    left_out = []
+    for k in np.flatnonzero(~kept):
+        noise = f' of {cell.noise.force_rms:.2g} N' if cell.noise else ''
+        reason = f'presses with {magnitude[k]:.2g} N only: its direction is noise{noise}'
+        if magnitude[k] > least:
+            reason = f'the same reading as touch {touches.index[earlier[k]]}, to the last bit'
+        left_out.append(Rejection(int(touches.index[k]), reason))
+    return touches.select(kept), left_out
 
 
 def parse_fixed(text: str, where: str = 'fixed') -> tuple[str, float | None]:
@@ -314,20 +222,17 @@ def fixed_values(texts: Iterable[str], nominal: Parameters, where: str = 'fixed'
 
 
 def check_units(fixed: Mapping[str, float], nominal: Parameters) -> None:
-    """Check that no value is in another unit: far from the nominal one, and near it if it were in mm, say.
+    """Check that no value is as far from the nominal one as one in mm, degrees or µm would be.
 
     Raises:
         ParameterError: one is.
     """
-    limits = {name: limit for names, limit in _OTHER_UNITS.items() for name in names}
-    for name, (farthest, factors) in limits.items():
-        stated = getattr(nominal, name)
-        off = abs(fixed.get(name, stated) - stated)
-        for factor, remedy in factors.items() if off > farthest else ():
-            value = factor * fixed[name]
-            if abs(value - stated) <= farthest:
-                problem = f'is {off:.3g} {UNITS[name]} from its nominal value'
-                raise ParameterError(f'fixed parameter {name}={fixed[name]:g}', problem, f'{remedy}: give {value:g}')
+    for name, range_of_plausible in zip(NAMES, SCALES, strict=True):
+        off = abs(fixed.get(name, getattr(nominal, name)) - getattr(nominal, name))
+        if off > 10 * range_of_plausible:
+            problem = f'is {off:.3g} {UNITS[name]} from its nominal value'
+            remedy = f'give it in {UNITS[name]}, or correct the nominal value'
+            raise ParameterError(f'fixed parameter {name}={fixed[name]:g}', problem, remedy)
 
 
 def fixed_effects(fixed: Mapping[str, float], cell: Cell) -> tuple[Effect, ...]:
@@ -340,19 +245,18 @@ def fixed_effects(fixed: Mapping[str, float], cell: Cell) -> tuple[Effect, ...]:
     Raises:
         ParameterError: no such effect or parameter, or not all parameters of an effect.
     """
-    labels = dict.fromkeys(name.rpartition('.')[0] for name in fixed if '.' in name)
-    return tuple(_fixed_effect(label, fixed, cell) for label in labels)
-
-
-def _fixed_effect(label: str, fixed: Mapping[str, float], cell: Cell) -> Effect:
-    effect = find(cell, label)
-    names = [f'{label}.{p.name}' for p in effect.parameters]
-    for name in (name for name in fixed if name.rpartition('.')[0] == label and name not in names):
-        raise ParameterError(f'fixed parameter {name}', 'no such parameter', did_you_mean(name, names))
-    missing = [name for name in names if name not in fixed]
-    if missing:
-        problem = f'{missing[0]} is free: an effect is held by all of its parameters'
-        raise ParameterError(f'fixed parameters of {label}', problem, f'give {" and ".join(names)}')
-    if any(fixed[name] for name in names) and not effect.is_plausible(np.array([fixed[name] for name in names])):
-        raise ParameterError(f'fixed parameters of {label}', 'expected plausible values', 'give them in SI units')
-    return effect
+    effects = []
+    for label in dict.fromkeys(name.rpartition('.')[0] for name in fixed if '.' in name):
+        effect = find(cell, label)
+        names = [f'{label}.{p.name}' for p in effect.parameters]
+        for name in (name for name in fixed if name.rpartition('.')[0] == label and name not in names):
+            raise ParameterError(f'fixed parameter {name}', 'no such parameter', did_you_mean(name, names))
+        missing = [name for name in names if name not in fixed]
+        if missing:
+            problem = f'{missing[0]} is free: an effect is held by all of its parameters'
+            raise ParameterError(f'fixed parameters of {label}', problem, f'give {" and ".join(names)}')
+        values = np.array([fixed[name] for name in names])
+        if values.any() and not effect.is_plausible(values):
+            raise ParameterError(f'fixed parameters of {label}', 'expected plausible values', 'give them in SI units')
+        effects.append(effect)
+    return tuple(effects)

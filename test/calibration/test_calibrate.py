@@ -12,8 +12,8 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.cell import GripperSign, Noise, Sensor, SensorFrame, SensorSign
+from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.cell import GripperSign, Noise, Sensor, SensorFrame
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, Parameters
 
 ROBOTS = (PAPER_ACTUAL, PAPER_MEASURED)
@@ -81,7 +81,7 @@ def test_standard_deviations_are_right(robot, given):
 def test_noise_is_estimated():
     true = Noise(joint=2e-5, force=0.15)
     levels = []
-    for seed in range(15):
+    for seed in range(6):
         found = calibrate(touches(PAPER_ACTUAL, seed, noise=true), replace(CELL, noise=None))
         assert found.noise_source == 'estimated'
         levels.append(found.noise[:2])
@@ -100,7 +100,7 @@ def test_starts_far_off_reach_the_same_optimum():
     data = touches(PAPER_ACTUAL, 5)
     reference = calibrate(data, CELL)
     rng = np.random.default_rng(0)
-    for _ in range(25):
+    for _ in range(8):
         x = PAPER_ACTUAL.as_array() + rng.uniform(-1, 1, 12) * ([0.02, 0.02, 0.0524, 0.02, 0.0524, 0.02] + [0] * 6)
         x[6:9] *= 5 ** rng.uniform(-1, 1, 3)
         x[9:] = rng.uniform(0, 5e-4, 3)
@@ -109,7 +109,7 @@ def test_starts_far_off_reach_the_same_optimum():
 
 
 def test_one_force_level_ties_gripper_compliance_and_backlash():
-    for seed in range(10):
+    for seed in range(4):
         found = calibrate(touches(PAPER_ACTUAL, seed, levels=(40.0,), postures=(1,)), CELL)
         known = found.identifiability
         assert (known.rank, known.confounded) == (11, (('p_ee', 'g_ee'),))
@@ -195,29 +195,14 @@ def test_touches_all_alike_support_nothing():
         calibrate(same, CELL)
 
 
-def test_wrong_sign_is_told():
-    data = touches(PAPER_ACTUAL)
-    wrong = data.replace(force=-data.force, samples=np.full(len(data), 50))
-    with pytest.raises(CellError, match='on_robot'):
-        calibrate(wrong, CELL)
-    with pytest.raises(CellError, match='on_object'):
-        calibrate(wrong, replace(CELL, sensor=Sensor(sign=SensorSign.ON_ROBOT)))
-
-
-@pytest.mark.parametrize('sign', list(SensorSign))
-def test_the_sign_of_the_sensor_is_not_blamed_for_arrays(sign):
-    data = touches(PAPER_ACTUAL)
-    with pytest.raises(InputError, match='change the signs') as caught:
-        calibrate(data.replace(force=-data.force), replace(CELL, sensor=Sensor(sign=sign)))
-    assert 'sensor' not in str(caught.value)
-
-
 @pytest.mark.parametrize('frame', list(SensorFrame))
-def test_wrong_frame_is_told(frame):
+def test_a_wrong_sign_or_frame_is_refused(frame):
     other = next(item for item in SensorFrame if item is not frame)
     data = touches(PAPER_ACTUAL, cell=replace(CELL, sensor=Sensor(frame=frame)))
-    with pytest.raises(CellError, match=frame.value):
+    with pytest.raises(InputError, match='do not point from the tip to the discs'):
         calibrate(data, replace(CELL, sensor=Sensor(frame=other)))
+    with pytest.raises(InputError, match='do not point from the tip to the discs'):
+        calibrate(data.replace(force=-data.force), replace(CELL, sensor=Sensor(frame=frame)))
 
 
 def test_held_out_error_is_a_little_above_the_fitted_one():
@@ -229,7 +214,7 @@ def test_held_out_error_is_a_little_above_the_fitted_one():
 
 def test_a_noise_that_does_not_show_is_not_taken_for_none():
     """With soft joints and gripper the force error hides that of the joints."""
-    for seed in range(15):
+    for seed in range(6):
         found = calibrate(touches(PAPER_MEASURED, seed, levels=(10.0, 25.0), postures=(1,)), replace(CELL, noise=None))
         assert 2e-6 < found.noise.joint < 5e-5
         assert 0.15 < found.noise.force < 0.5
@@ -289,7 +274,7 @@ def test_touches_of_a_disc_that_is_not_there():
 
 
 def test_one_disc_one_level_without_stated_noise_ends_cleanly():
-    for seed in range(20):
+    for seed in range(6):
         data = touches(PAPER_MEASURED, seed, levels=(40.0,))
         found = calibrate(data.select(data.disc == seed % 3), replace(CELL, noise=None))
         z = (found.parameters.as_array() - PAPER_MEASURED.as_array()) / found.std
@@ -297,7 +282,7 @@ def test_one_disc_one_level_without_stated_noise_ends_cleanly():
 
 
 def test_few_touches_do_not_bend_what_is_called_estimated():
-    for seed in range(40):
+    for seed in range(15):
         chosen = np.random.default_rng(seed).permutation(72)[:9]
         found = calibrate(touches(PAPER_ACTUAL, seed).select(chosen), CELL)
         z = (found.parameters.as_array() - PAPER_ACTUAL.as_array()) / found.std
