@@ -145,9 +145,7 @@ def _evaluate(
 def _direction_variance(observations: Observations, noise: Noise) -> Floats:
     """What the error of the measured direction of the force adds to V11 where it is not adjusted, (n,), m²."""
     square = (observations.force**2).sum(axis=-1)
-    across = noise.force_rms**2 if noise.is_plain else force_covariance(noise, observations.force).across
-    variance = across / square
-    return (observations.radii * variance) ** 2
+    return (observations.radii * force_covariance(noise, observations.force).across / square) ** 2
 
 
 def last_step(point: Point, change: Floats) -> Point:

@@ -34,7 +34,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.cell import ForceCovariance, Noise, SensorFrame, force_covariance
+from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import all_derivatives, extended_equations, off_normal_derivative, solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
@@ -117,10 +117,9 @@ def linearise(
         true = _in_sensor_frame(o, model, adjusted.joints, state)
         by_force = by_force @ true_force_derivative(model, adjusted.force, true, o.metadata)
         derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, true, by_force, o.metadata)
-    misclosure = by_touch(2, len(o.joints))
-    off = _off_measured(o, adjusted)
-    misclosure[:, 0] = e.h.real + _row_times(by_joints[:, 0], by_force[:, 0], off)
-    misclosure[:, 1] = e.h.imag + _row_times(by_joints[:, 1], by_force[:, 1], off)
+    misclosure, (off_joints, off_force) = by_touch(2, len(o.joints)), _off_measured(o, adjusted)
+    for k, equation in enumerate((e.h.real, e.h.imag)):
+        misclosure[:, k] = equation + (by_joints[:, k] * off_joints + by_force[:, k] * off_force).sum(axis=1)
     by_errors = None if o.declared is None else _by_errors(o, adjusted.force, state, by_force)
     if not model.off_normal_std:
         return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_errors=by_errors)
@@ -149,23 +148,15 @@ def _by_errors(observations: Observations, force: Floats, state: State, by_force
     return out.transpose()
 
 
-def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
-    """Measured less adjusted: both joints, rad, and the force along and across the adjusted one, N; (n,) each."""
+def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats]:
+    """Measured less adjusted: the joints, (n, 2), rad, and the force along and across the adjusted one, (n, 2), N."""
     o, a = observations, adjusted
     along, across = a.force[:, 0], a.force[:, 1]
     x, y = o.force[:, 0] - along, o.force[:, 1] - across
     size = np.hypot(along, across)
-    return (
-        o.joints[:, 0] - a.joints[:, 0],
-        o.joints[:, 1] - a.joints[:, 1],
-        (x * along + y * across) / size,
-        (y * along - x * across) / size,
-    )
-
-
-def _row_times(by_joints: Floats, by_force: Floats, off: tuple[Floats, Floats, Floats, Floats]) -> Floats:
-    q1, q2, along, across = off
-    return by_joints[:, 0] * q1 + by_joints[:, 1] * q2 + by_force[:, 0] * along + by_force[:, 1] * across
+    off = by_touch(2, len(size))
+    off[:, 0], off[:, 1] = (x * along + y * across) / size, (y * along - x * across) / size
+    return o.joints - a.joints, off
 
 
 def adjust(
@@ -199,8 +190,10 @@ def adjust(
     o, b_q, b_f = observations, linear.by_joints, linear.by_force
     multiplier, close = _multiplier(whitened, step)
     first, second = multiplier[:, 0], multiplier[:, 1]
-    along, across = (b_f[:, 0, k] * first + b_f[:, 1, k] * second for k in range(2))
-    along, across = _times_covariance(noise, adjusted.force, along, across)
+    radial, tangential = (b_f[:, 0, k] * first + b_f[:, 1, k] * second for k in range(2))
+    covariance = force_covariance(noise, adjusted.force)
+    along = covariance.along * radial + covariance.crossed * tangential
+    across = covariance.crossed * radial + covariance.across * tangential
     size = np.hypot(adjusted.force[:, 0], adjusted.force[:, 1])
     x, y = adjusted.force[:, 0] / size, adjusted.force[:, 1] / size
     joints, force = by_touch(2, len(size)), by_touch(2, len(size))
@@ -216,18 +209,6 @@ def adjust(
         off_normal = -model.off_normal_std * np.where(close, (linear.by_off_normal * multiplier).sum(axis=-1), 0.0)
     state, arm = solve_links(model, o.contact_problem(joints, off_normal), state, frozen, again=True)
     return Adjusted(joints, force, state, off_normal), arm
-
-
-def _times_covariance(noise: Noise, force: Floats, along: Floats, across: Floats) -> tuple[Floats, Floats]:
-    """Σ_F times vectors of components along and across each force, (n,) each."""
-    if noise.is_plain:
-        variance = noise.force_rms**2
-        return variance * along, variance * across
-    covariance = force_covariance(noise, force)
-    return (
-        covariance.along * along + covariance.crossed * across,
-        covariance.crossed * along + covariance.across * across,
-    )
 
 
 def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, Mask]:
@@ -333,42 +314,18 @@ def by_touch(*shape: int) -> Floats:
 
 def _covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
     """V of each touch's misclosure: the entries 11, 21, 22, (n,) each, m²."""
-    v11, v21, v22 = _plain_covariance(linear, noise) if noise.is_plain else _covariance_by_axis(linear, noise)
+    q, f = linear.by_joints * noise.joint_levels, linear.by_force
+    along, crossed, across = force_covariance(noise, linear.force)
+    radial = [f[:, k, 0] * along + f[:, k, 1] * crossed for k in range(2)]
+    tangential = [f[:, k, 0] * crossed + f[:, k, 1] * across for k in range(2)]
+    v11, v21, v22 = (
+        q[:, i, 0] * q[:, j, 0] + q[:, i, 1] * q[:, j, 1] + radial[i] * f[:, j, 0] + tangential[i] * f[:, j, 1]
+        for i, j in ((0, 0), (1, 0), (1, 1))
+    )
     if linear.by_off_normal is None:
         return v11, v21, v22
-    off_normal1, off_normal2 = linear.by_off_normal[:, 0], linear.by_off_normal[:, 1]
-    return v11 + off_normal1 * off_normal1, v21 + off_normal1 * off_normal2, v22 + off_normal2 * off_normal2
-
-
-def _plain_covariance(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
-    """σ_q² h_Q h_Qᵀ + σ_f² h_F h_Fᵀ."""
-    q, f = noise.joint_rms**2, noise.force_rms**2
-    joints, force = _products(linear.by_joints), _products(linear.by_force)
-    v11, v21, v22 = (q * a + f * b for a, b in zip(joints, force, strict=True))
-    return v11, v21, v22
-
-
-def _covariance_by_axis(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
-    """h_Q diag(σ_1², σ_2²) h_Qᵀ + h_F Σ_F h_Fᵀ with Σ_F of `force_covariance`."""
-    joints = _products(linear.by_joints * noise.joint_levels)
-    force = _in_between(linear.by_force, force_covariance(noise, linear.force))
-    v11, v21, v22 = (a + b for a, b in zip(joints, force, strict=True))
-    return v11, v21, v22
-
-
-def _in_between(matrices: Floats, covariance: ForceCovariance) -> tuple[Floats, Floats, Floats]:
-    """B Σ Bᵀ of (n, 2, 2) matrices: the entries 11, 21, 22, (n,) each."""
-    b11, b12, b21, b22 = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
-    along, crossed, across = covariance
-    first1, first2 = b11 * along + b12 * crossed, b11 * crossed + b12 * across
-    second1, second2 = b21 * along + b22 * crossed, b21 * crossed + b22 * across
-    return first1 * b11 + first2 * b12, second1 * b11 + second2 * b12, second1 * b21 + second2 * b22
-
-
-def _products(matrices: Floats) -> tuple[Floats, Floats, Floats]:
-    """B Bᵀ of (n, 2, 2) matrices: the entries 11, 21, 22, (n,) each."""
-    b11, b12, b21, b22 = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
-    return b11 * b11 + b12 * b12, b11 * b21 + b12 * b22, b21 * b21 + b22 * b22
+    first, second = linear.by_off_normal[:, 0], linear.by_off_normal[:, 1]
+    return v11 + first * first, v21 + first * second, v22 + second * second
 
 
 def outer(matrices: Floats) -> Floats:
@@ -411,11 +368,6 @@ def noise_left(linear: Linearisation, root: tuple[Floats, Floats, Floats], noise
         side: 0 along the force, 1 across it.
     """
     l11, l21, l22 = root
-    if noise.is_plain:
-        sigma = noise.force_rms
-        first = linear.by_force[:, 0, side] / l11
-        second = (linear.by_force[:, 1, side] - l21 * first) / l22
-        return np.asarray(sigma * np.sqrt(np.clip(1 - sigma**2 * (first**2 + second**2), 0.0, 1.0)))
     covariance = force_covariance(noise, linear.force)
     along, across = covariance.side(side)
     moved = linear.by_force[:, :, 0] * along[:, None] + linear.by_force[:, :, 1] * across[:, None]

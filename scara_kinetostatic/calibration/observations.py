@@ -29,7 +29,7 @@ T = TypeVar('T')
 
 def blocks(count: int) -> Iterator[slice]:
     """The places of the touches of each block."""
-    return (slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK))
+    return (slice(start, min(start + BLOCK, count)) for start in range(0, max(count, 1), BLOCK))
 
 
 def in_blocks(count: int, run: Callable[[slice], T]) -> T:
@@ -39,45 +39,22 @@ def in_blocks(count: int, run: Callable[[slice], T]) -> T:
         count: of touches.
         run: from the places of some touches to arrays over these (first axis), or tuples of such, or None.
     """
-    if count <= BLOCK:
-        return run(slice(0, count))
-    whole: Any = None
-    for part in blocks(count):
-        done = run(part)
-        whole = _like(done, count) if whole is None else whole
-        _put(whole, part, done)
-    return whole
+    parts = [run(part) for part in blocks(count)]
+    return parts[0] if len(parts) == 1 else _each(lambda *arrays: np.concatenate(arrays), *parts)
 
 
 def pick(item: T, which: Any) -> T:
     """Some touches of an array, or of a tuple of such, or None."""
-    return _each(item, lambda array: array[which])
+    return _each(lambda array: array[which], item)
 
 
-def _like(item: T, count: int) -> T:
-    """Room for `count` touches, values of one kind together in memory as they are in `item`."""
-
-    def room(array: Any) -> Any:
-        order = np.argsort([-abs(stride) for stride in array.strides], kind='stable')
-        shape = np.array((count, *array.shape[1:]))
-        return np.empty(tuple(shape[order]), array.dtype).transpose(np.argsort(order))
-
-    return _each(item, room)
-
-
-def _put(whole: Any, where: slice, item: Any) -> None:
-    if isinstance(item, tuple):
-        for target, part in zip(whole, item, strict=True):
-            _put(target, where, part)
-    elif item is not None:
-        whole[where] = item
-
-
-def _each(item: Any, change: Callable[[Any], Any]) -> Any:
-    if isinstance(item, tuple):
-        parts = [_each(part, change) for part in item]
-        return type(item)(*parts) if hasattr(item, '_fields') else tuple(parts)
-    return None if item is None else change(item)
+def _each(change: Callable[..., Any], *items: Any) -> Any:
+    """A function of arrays applied to tuples of such, part by part; None stays."""
+    first = items[0]
+    if not isinstance(first, tuple):
+        return None if first is None else change(*items)
+    parts = [_each(change, *same) for same in zip(*items, strict=True)]
+    return type(first)(*parts) if hasattr(first, '_fields') else tuple(parts)
 
 
 NO_ERRORS = np.zeros(0)
