@@ -29,6 +29,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 
 
@@ -99,59 +100,35 @@ class DeclaredErrors:
         ends = np.cumsum([source.components for source in self.sources]).tolist()
         return {s.label: np.arange(end - s.components, end) for s, end in zip(self.sources, ends, strict=True)}
 
-    def _size(self, label: str, errors: Floats) -> float:
-        """The error of one source in its unit, zero where it is not declared."""
-        return float(errors[self.places[label][0]] * self._std[label]) if label in self.places else 0.0
+    def _unit(self, label: str) -> Floats:
+        """What each error changes of a source of one component, (m,), in its unit; zeros where it is not declared."""
+        return self._unit_changes(label)[0]
 
-    @cached_property
-    def _std(self) -> dict[str, float]:
-        return {source.label: source.std for source in self.sources}
+    def _unit_changes(self, label: str) -> Floats:
+        """What each error changes of the components of a source, (1 or 2, m), in its unit; zeros where not declared."""
+        if label not in self.places:
+            return np.zeros((2, self.count))
+        return np.eye(self.count)[self.places[label]] * self.units
 
     @cached_property
     def _by_disc(self) -> _ByDisc:
         discs, plates = self.cell.discs, {plate.name: plate for plate in self.cell.plates}
-        own, carried = np.zeros((2, len(discs), 2, self.count))
-        angle, radius = np.zeros((2, len(discs), self.count))
-        parts: list[tuple[str, Floats]] = []
-        for number, disc in enumerate(discs):
-            parts += [
-                (f'object_position[{disc.name}]', own[number]),
-                (f'plate_position[{disc.plate}]', carried[number]),
-                (f'plate_angle[{disc.plate}]', angle[number]),
-                (f'object_radius[{disc.name}]', radius[number]),
-                ('radius', radius[number]),
-            ]
-        for label, part in parts:
-            if label in self.places:
-                part[..., self.places[label]] = self._std[label] * (np.eye(2) if part.ndim == 2 else 1.0)
-        origins = [(plates[disc.plate].x, plates[disc.plate].y) if disc.plate else (0.0, 0.0) for disc in discs]
-        return _ByDisc(np.array(origins), own, carried, angle, radius)
+        return _ByDisc(
+            np.array([(plates[d.plate].x, plates[d.plate].y) if d.plate else (0.0, 0.0) for d in discs]),
+            np.array([self._unit_changes(f'object_position[{d.name}]') for d in discs]),
+            np.array([self._unit_changes(f'plate_position[{d.plate}]') for d in discs]),
+            np.array([self._unit(f'plate_angle[{d.plate}]') for d in discs]),
+            np.array([self._unit(f'object_radius[{d.name}]') + self._unit('radius') for d in discs]),
+        )
 
     def centers(self, errors: Floats) -> Floats:
         """Centres of the discs, (D, 2), m."""
-        if self._is_linear:
-            return np.asarray(self.cell.centers + self._unturned @ errors)
-        d, (cosine, sine) = self._by_disc, self._turns(errors)
-        return d.origin + d.carried @ errors + _turned(cosine, sine, self._from_origin(errors))
-
-    @cached_property
-    def _is_linear(self) -> bool:
-        """Whether no plate's rotation is uncertain."""
-        return not self._by_disc.angle.any()
-
-    @cached_property
-    def _unturned(self) -> Floats:
-        """Derivatives of the centres where no plate is turned, (D, 2, m), m."""
-        return self._by_disc.own + self._by_disc.carried
+        d = self._by_disc
+        return d.origin + d.carried @ errors + rotate(self._from_origin(errors), d.angle @ errors)
 
     def radii(self, errors: Floats) -> Floats:
         """Radii of the discs, (D,), m."""
         return np.asarray(self.cell.radii + self._by_disc.radius @ errors)
-
-    def _turns(self, errors: Floats) -> tuple[Floats, Floats]:
-        """Cosine and sine of the rotation of each disc's plate, (D,)."""
-        angle = self._by_disc.angle @ errors
-        return np.cos(angle), np.sin(angle)
 
     def _from_origin(self, errors: Floats) -> Floats:
         """Centres relative to the origins of the plates before these are turned, (D, 2), m."""
@@ -159,36 +136,25 @@ class DeclaredErrors:
 
     def sensor(self, errors: Floats) -> tuple[float, float]:
         """Errors of the force sensor's gain, relative, and rotation, rad."""
-        return self._size('force_gain', errors), self._size('force_rotation', errors)
+        return float(self._unit('force_gain') @ errors), float(self._unit('force_rotation') @ errors)
 
     def true_force(self, reported: Floats, errors: Floats) -> Floats:
         """Reported forces (n, 2) in N without the errors of gain and rotation."""
         gain, angle = self.sensor(errors)
-        if gain == 0 and angle == 0:
-            return reported
-        c, s = np.cos(angle) / (1 + gain), np.sin(angle) / (1 + gain)
-        return np.asarray(reported @ np.array([[c, -s], [s, c]]))
+        return reported if gain == 0 and angle == 0 else rotate(reported, -angle) / (1 + gain)
 
     def by_disc(self, errors: Floats) -> tuple[Floats, Floats]:
         """Derivatives of the centres, (D, 2, m), and of the radii, (D, m), by the errors, m."""
         d = self._by_disc
-        if self._is_linear:
-            return self._unturned, d.radius
-        cosine, sine = self._turns(errors)
-        turned = _turned(cosine[:, None], sine[:, None], d.own.swapaxes(1, 2)).swapaxes(1, 2)
-        arm = _turned(cosine, sine, self._from_origin(errors))
-        across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
-        return turned + d.carried + across[:, :, None] * d.angle[:, None, :], d.radius
+        angle = d.angle @ errors
+        own = rotate(d.own.swapaxes(1, 2), angle[:, None]).swapaxes(1, 2)
+        arm = rotate(self._from_origin(errors), angle + np.pi / 2)
+        return own + d.carried + arm[:, :, None] * d.angle[:, None, :], d.radius
 
     def by_force(self, errors: Floats) -> tuple[Floats, Floats]:
         """Relative change of a force along itself, and across, by the errors, (m,) each."""
-        along, across = np.zeros(self.count), np.zeros(self.count)
-        if 'force_gain' in self.places:
-            gain = self._size('force_gain', errors)
-            along[self.places['force_gain']] = -self._std['force_gain'] / (1 + gain)
-        if 'force_rotation' in self.places:
-            across[self.places['force_rotation']] = -self._std['force_rotation']
-        return along, across
+        gain, _ = self.sensor(errors)
+        return -self._unit('force_gain') / (1 + gain), -self._unit('force_rotation')
 
     @cached_property
     def prior(self) -> Prior:
@@ -214,27 +180,24 @@ def without_sources(cell: Cell, labels: Set[str]) -> Cell:
         cell: as stated.
         labels: of sources; others are ignored.
     """
-    if not labels:
-        return cell
-    discs, plates = list(cell.discs), list(cell.plates)
-    for k, disc in enumerate(discs):
-        if f'object_position[{disc.name}]' in labels:
-            discs[k] = discs[k]._replace(center_std=0.0)
-        if f'object_radius[{disc.name}]' in labels:
-            discs[k] = discs[k]._replace(radius_std=0.0)
-    for k, plate in enumerate(plates):
-        if f'plate_position[{plate.name}]' in labels:
-            plates[k] = plates[k]._replace(center_std=0.0)
-        if f'plate_angle[{plate.name}]' in labels:
-            plates[k] = plates[k]._replace(angle_std=0.0)
-    u = cell.uncertainty
-    uncertainty = replace(
+
+    def left(label: str, std: float) -> float:
+        return 0.0 if label in labels else std
+
+    discs, plates, u = list(cell.discs), list(cell.plates), cell.uncertainty
+    for k, d in enumerate(discs):
+        stds = left(f'object_position[{d.name}]', d.center_std), left(f'object_radius[{d.name}]', d.radius_std)
+        discs[k] = d._replace(center_std=stds[0], radius_std=stds[1])
+    for k, p in enumerate(plates):
+        stds = left(f'plate_position[{p.name}]', p.center_std), left(f'plate_angle[{p.name}]', p.angle_std)
+        plates[k] = p._replace(center_std=stds[0], angle_std=stds[1])
+    u = replace(
         u,
-        radius=0.0 if 'radius' in labels else u.radius,
-        force_gain=0.0 if 'force_gain' in labels else u.force_gain,
-        force_rotation=0.0 if 'force_rotation' in labels else u.force_rotation,
+        radius=left('radius', u.radius),
+        force_gain=left('force_gain', u.force_gain),
+        force_rotation=left('force_rotation', u.force_rotation),
     )
-    return replace(cell, discs=tuple(discs), plates=tuple(plates), uncertainty=uncertainty)
+    return replace(cell, discs=tuple(discs), plates=tuple(plates), uncertainty=u)
 
 
 class _ByDisc(NamedTuple):
@@ -253,12 +216,6 @@ class _ByDisc(NamedTuple):
     carried: Floats
     angle: Floats
     radius: Floats
-
-
-def _turned(cosine: Floats, sine: Floats, vectors: Floats) -> Floats:
-    """Vectors (…, 2) turned by angles."""
-    x, y = vectors[..., 0], vectors[..., 1]
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
 
 
 class Prior(NamedTuple):

@@ -28,7 +28,6 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.touch import Rejection
 
 _ROUNDS = 20
 """Rounds after the first at most."""
@@ -138,10 +137,20 @@ def estimate(
         if is_last or now.is_followed_by_itself(following):
             break
         if following.subspace is not now.subspace:
-            _check_rank(following.unidentifiable)
+            parameters, lost = following.unidentifiable.shape
+            if 2 * lost > parameters:
+                raise UnsupportedDataError(
+                    f'the touches are too much alike: they determine {parameters - lost} of {parameters} parameters',
+                    'touch several discs, from all sides, in both postures and at two or more force levels',
+                )
             model = following.subspace.project(model)
         now = following
-        _check_left(now.used, now.subspace.basis.shape[1], now.noise)
+        if now.used.sum() < fewest_touches(parameters := now.subspace.basis.shape[1]):
+            raise UnsupportedDataError(
+                f'{now.used.sum()} of {len(now.used)} touches fit a model at a noise of {now.noise.joint_rms:.2g} rad '
+                f'per joint and {now.noise.force_rms:.2g} N, too few for {parameters} parameters',
+                'check the noise in the cell description, the places of the discs, frame, sign and axes of the sensor',
+            )
     return Estimation(fit, now.used, now.noise, now.subspace, now.unidentifiable, distance, iterations)
 
 
@@ -181,7 +190,8 @@ def _next_round(
     good, late = find_good(distance), number >= 4
     if late:
         good &= now.used
-    directions = unidentifiable_directions(*_only(good, observations, fit.point), free, now.noise)
+    some = (observations, fit.point) if good.all() else (observations.select(good), select(fit.point, good))
+    directions = unidentifiable_directions(*some, free, now.noise)
     if late and directions.shape[1] < now.unidentifiable.shape[1]:
         directions = now.unidentifiable
     if _span_the_same(directions, now.unidentifiable, late):
@@ -194,11 +204,6 @@ def _span_the_same(now: Floats, before: Floats, late: bool) -> bool:
     if now.shape != before.shape:
         return False
     return late or float(np.abs(now - before @ (before.T @ now)).max(initial=0.0)) <= 1e-3
-
-
-def _only(good: Mask, observations: Observations, point: Point) -> tuple[Observations, Point]:
-    """The good touches; without a copy where all are."""
-    return (observations, point) if good.all() else (observations.select(good), select(point, good))
 
 
 def _update_noise(observations: Observations, point: Point, now: _Round, stated: Noise | None) -> Noise:
@@ -223,35 +228,13 @@ def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:
     return basis @ least_squares.covariance(fit.system) @ basis.T
 
 
-def _check_left(good: Mask, parameters: int, noise: Noise) -> None:
-    """Whether the touches that fit are enough."""
-    if int(good.sum()) < fewest_touches(parameters):
-        raise UnsupportedDataError(
-            f'{int(good.sum())} of {len(good)} touches fit a model at a noise of {noise.joint_rms:.2g} rad per joint '
-            f'and {noise.force_rms:.2g} N, too few for {parameters} parameters',
-            'check the noise in the cell description, the places of the discs, frame, sign and axes of the sensor',
-        )
-
-
 def fewest_touches(parameters: int) -> int:
     """Touches that give more equations than there are parameters."""
     return parameters // 2 + 1
 
 
-def _check_rank(unidentifiable: Floats) -> None:
-    """Whether at least half of the free parameters are determined; `unidentifiable` is (k, d)."""
-    parameters, lost = unidentifiable.shape
-    if 2 * lost > parameters:
-        raise UnsupportedDataError(
-            f'the touches are too much alike: they determine {parameters - lost} of {parameters} parameters',
-            'touch several discs, from all sides, in both postures and at two or more force levels',
-        )
-
-
 FALSE_REJECTIONS = 1e-3
 """Expected number of good touches rejected in one recording."""
-_LEAST_VARIANCE = 1e-3
-"""The least variance of a residual, in units of that of its observation, that is assumed."""
 
 
 def studentised(whitened: Whitened, covariance: Floats, used: Mask) -> Floats:
@@ -262,28 +245,16 @@ def studentised(whitened: Whitened, covariance: Floats, used: Mask) -> Floats:
         covariance: of all values of the model and the declared errors, (12 + k + m, 12 + k + m).
         used: which touches took part in the fit.
     """
-    return in_blocks(
-        len(used), lambda part: _studentised(pick(whitened, part), covariance, np.where(used[part], -1.0, 1.0))
-    )
 
+    def distance(part: slice) -> Floats:
+        jacobian = pick(whitened, part).jacobian
+        moved = np.where(used[part], -1.0, 1.0)[:, None, None] * (jacobian @ covariance @ jacobian.swapaxes(1, 2))
+        values, vectors = np.linalg.eigh(np.eye(2) + moved)
+        turned = np.einsum('nij,ni->nj', vectors, whitened.residual[part])
+        # a touch without which a parameter is undetermined has leverage 1: its residual is zero whatever it measured
+        return np.asarray((turned**2 / np.maximum(values, 1e-3)).sum(axis=1))
 
-def _studentised(whitened: Whitened, covariance: Floats, sign: Floats) -> Floats:
-    jacobian = whitened.jacobian
-    n, _, k = jacobian.shape
-    rows = jacobian.transpose(2, 1, 0).reshape(k, 2 * n)
-    moved, rows = (covariance @ rows).reshape(k, 2, n), rows.reshape(k, 2, n)
-    s11, s21, s22 = (sign * (moved[:, i] * rows[:, j]).sum(axis=0) for i, j in ((0, 0), (1, 0), (1, 1)))
-    s11, s22 = 1.0 + s11, 1.0 + s22
-    r1, r2 = whitened.residual[:, 0], whitened.residual[:, 1]
-    # a touch without which a parameter is undetermined has leverage 1: its residual is zero whatever it measured
-    middle = (s11 + s22) / 2
-    apart = np.hypot((s11 - s22) / 2, s21)
-    dull = middle - apart < _LEAST_VARIANCE
-    distance = (s22 * r1 * r1 - 2 * s21 * r1 * r2 + s11 * r2 * r2) / np.where(dull, 1.0, s11 * s22 - s21 * s21)
-    for i in np.flatnonzero(dull):
-        values, vectors = np.linalg.eigh([[s11[i], s21[i]], [s21[i], s22[i]]])
-        distance[i] = ((whitened.residual[i] @ vectors) ** 2 / np.maximum(values, _LEAST_VARIANCE)).sum()
-    return np.asarray(distance)
+    return in_blocks(len(used), distance)
 
 
 def find_good(distance: Floats) -> Mask:
@@ -296,12 +267,3 @@ def find_good(distance: Floats) -> Mask:
     good = distance <= bound
     # where more seem bad, the touches disagree with the model, not single ones with the rest
     return good if (~good).mean() <= 0.2 else np.ones_like(good)
-
-
-def explain(index: int, distance: float, residual: Floats) -> Rejection:
-    """The rejection of one touch, with its reason."""
-    size = float(np.hypot(*residual))
-    return Rejection(
-        index,
-        f'disagrees with the other touches: its force is {size:.2g} N off, {np.sqrt(distance):.1f} standard deviations',
-    )

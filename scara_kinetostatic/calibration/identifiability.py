@@ -274,22 +274,16 @@ def determined_pairs(directions: Floats, free: Indices, values: Floats, covarian
 
 def advise(groups: tuple[tuple[str, ...], ...], mean_force: float) -> str:
     """Which further touches would separate the groups, in one or a few sentences."""
+    cures = (
+        ({'p_ee', 'g_ee'}, f'touches at another force, {mean_force / 2:.0f} N for instance'),
+        ({'p1', 'g1', 'p2', 'g2', 'p_ee', 'g_ee'}, 'touches at other force levels and with other lever arms'),
+        (set(NAMES), 'touches on other discs, from other sides and in both postures'),
+    )
     sentences = []
     for group in groups:
-        names = ' and '.join(group)
-        if set(group) == {'p_ee', 'g_ee'}:
-            sentences.append(
-                f'{names} cannot be told apart because every touch has nearly the same force; add touches at '
-                f'another level, {mean_force / 2:.0f} N for instance'
-            )
-        elif len(group) == 1:
-            sentences.append(f'{names} is not determined by these touches; touch where it has more effect, or fix it')
-        elif set(group) <= {'p1', 'g1', 'p2', 'g2', 'p_ee', 'g_ee'}:
-            sentences.append(
-                f'{names} cannot be told apart; add touches at other force levels and with other lever arms'
-            )
+        if len(group) == 1:
+            sentences.append(f'{group[0]} is not determined; touch where it has more effect, or fix it')
         else:
-            sentences.append(
-                f'{names} cannot be told apart; add touches on other discs, from other sides and in both postures'
-            )
+            cure = next((cure for names, cure in cures if set(group) <= names), cures[-1][1])
+            sentences.append(f'{" and ".join(group)} cannot be told apart; add {cure}')
     return '. '.join(sentences)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit, explain
+from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
 from scara_kinetostatic.calibration.fit_point import (
     FINAL,
     Point,
@@ -88,7 +88,6 @@ class Calibration:
         effect_std: the same of the effects' parameters, (k,).
         errors: estimates of the declared errors of the cell, in units of their standard uncertainties, (m,).
         contributions: what each source contributes to `covariance`, type A and type B; they add up to it.
-        status: of each parameter of L̄ by name, ``estimated``, ``fixed`` or ``confounded``.
         touches: all touches, used or not.
         used: which took part in the fit, (n,).
         rejected: the others, with the reason.
@@ -126,7 +125,6 @@ class Calibration:
     effect_std: Floats
     errors: Floats
     contributions: tuple[Contribution, ...]
-    status: Mapping[str, str]
     touches: TouchSet
     used: Mask
     rejected: tuple[Rejection, ...]
@@ -171,22 +169,23 @@ class Calibration:
         return self.model.parameters
 
     @property
+    def status(self) -> dict[str, str]:
+        """Of each parameter of L̄ by name: ``estimated``, ``fixed`` or ``confounded``."""
+        stds = zip(NAMES, self.std, strict=True)
+        return {n: 'fixed' if n in self.fixed else 'confounded' if np.isnan(std) else 'estimated' for n, std in stds}
+
+    @property
     def effects(self) -> dict[str, dict[str, Estimate]]:
         """The parameters of the effects by label and name."""
-        stds = [part.tolist() for part in self.effect_stds]
-        return {
-            effect.label: {
-                p.name: self._estimate_of_effect(f'{effect.label}.{p.name}', value, std, p.unit, start)
-                for p, value, std, start in zip(effect.parameters, *columns, strict=True)
-            }
-            for effect, *columns in zip(
-                self.model.effects, self.model.effect_values, stds, self.start.effect_values, strict=True
-            )
-        }
-
-    def _estimate_of_effect(self, name: str, value: float, std: float, unit: str, start: float) -> Estimate:
-        estimate = Estimate.of_effect(value, std, unit, start)
-        return estimate._replace(status='fixed') if name in self.fixed else estimate
+        found: dict[str, dict[str, Estimate]] = {}
+        columns = self.model.effect_values, self.effect_stds, self.start.effect_values
+        for effect, *rows in zip(self.model.effects, *columns, strict=True):
+            for p, value, std, start in zip(effect.parameters, *rows, strict=True):
+                estimate = Estimate.of_effect(value, float(std), p.unit, start)
+                if f'{effect.label}.{p.name}' in self.fixed:
+                    estimate = estimate._replace(status='fixed')
+                found.setdefault(effect.label, {})[p.name] = estimate
+        return found
 
     @property
     def held_effects(self) -> frozenset[str]:
@@ -317,7 +316,6 @@ def build_result(
     identifiability = _identifiability(found, observations, covariance, std, fixed)
     confounded = {name for group in identifiability.confounded for name in group}
     std[[name in confounded for name in model.names]] = np.nan
-    status = {name: 'fixed' if name in fixed else 'confounded' if name in confounded else 'estimated' for name in NAMES}
     return Calibration(
         cell=cell,
         fixed=dict(fixed),
@@ -330,7 +328,6 @@ def build_result(
         effect_std=std[len(NAMES) :],
         errors=fit.point.errors,
         contributions=contributions,
-        status=status,
         touches=touches,
         used=used,
         rejected=_rejections(touches, found, observations, left_out),
@@ -353,13 +350,13 @@ def _rejections(
 ) -> tuple[Rejection, ...]:
     """The outliers and the touches rejected before the fit, in the order of their numbers."""
     bad = np.flatnonzero(~found.used)
-    if not len(bad):
-        return tuple(left_out)
-    residual = force_residual(observations.select(bad), found.fit.point.model)
-    rejected = [
-        explain(int(touches.index[i]), float(found.distance[i]), off) for i, off in zip(bad, residual, strict=True)
-    ]
-    return tuple(sorted((*left_out, *rejected), key=lambda item: item.index))
+    rejected = list(left_out)
+    off = force_residual(observations.select(bad), found.fit.point.model) if len(bad) else np.zeros((0, 2))
+    for k, size in zip(bad, np.hypot(*off.T), strict=True):
+        std = np.sqrt(found.distance[k])
+        reason = f'disagrees with the other touches: its force is {size:.2g} N off, {std:.1f} standard deviations'
+        rejected.append(Rejection(int(touches.index[k]), reason))
+    return tuple(sorted(rejected, key=lambda item: item.index))
 
 
 def _identifiability(

@@ -3,7 +3,7 @@
 A fit may make the changes of a `Subspace`; what is known of them beforehand is its `ActivePrior`.
 
 One step is linearisation (`evaluate`), descent (`least_squares.damped_step`), trial (`moved`) and acceptance
-(`_is_accepted`); `_Convergence` ends the run. In scaled parameters a start 20 mm and 3° off takes five or six steps.
+(a lower cost); `_Convergence` ends the run. In scaled parameters a start 20 mm and 3° off takes five or six steps.
 
 The estimation runs it in stages: coarse, with the observations as measured and Cauchy's loss; robust, with adjusted
 observations and the same loss, so that outliers have little weight; final, with the sum of squares over the used
@@ -103,29 +103,24 @@ class ActivePrior(NamedTuple):
 
 
 class Termination(Enum):
-    """How a run ended."""
+    """How a run ended; what that means for the user, and what to do about it, empty where nothing is."""
 
-    CONVERGED = 'converged'
-    STALLED = 'stalled'
-    ITERATION_LIMIT = 'iteration limit'
+    CONVERGED = 'converged', 'the estimate is at the optimum', ''
+    STALLED = (
+        'stalled',
+        'no step lowers the error any more, short of the optimum',
+        'look at the rejected touches and at the cell file',
+    )
+    ITERATION_LIMIT = 'iteration limit', 'the estimate has not converged', 'check disc places, sensor frame and sign'
 
-    @property
-    def meaning(self) -> str:
-        """What it means for the user."""
-        return {
-            Termination.CONVERGED: 'the estimate is at the optimum',
-            Termination.STALLED: 'no step lowers the error any more, short of the optimum',
-            Termination.ITERATION_LIMIT: 'the estimate has not converged',
-        }[self]
+    meaning: str
+    remedy: str
 
-    @property
-    def remedy(self) -> str:
-        """What to do about it; empty where nothing is."""
-        return {
-            Termination.CONVERGED: '',
-            Termination.STALLED: 'look at the rejected touches and at the cell file',
-            Termination.ITERATION_LIMIT: 'check disc places, sensor frame and sign',
-        }[self]
+    def __new__(cls, value: str, meaning: str, remedy: str) -> Termination:
+        """A member with its value."""
+        item = object.__new__(cls)
+        item._value_, item.meaning, item.remedy = value, meaning, remedy
+        return item
 
 
 class Fit(NamedTuple):
@@ -247,20 +242,6 @@ class _Convergence(NamedTuple):
         return step.shift < min(1e-4 * float(np.sqrt(history[-1])), 1e-3)
 
 
-def _is_accepted(step: _Step, cost: float, trial: float) -> bool:
-    """Whether a step to a trial of this cost is taken: one that raises it by no more than rounding, or is so short
-    that it changes it by no more than rounding and linearisation do.
-    """
-    return bool(np.isfinite(trial)) and (step.shift < 1e-3 or trial <= cost * (1 + 1e-9))
-
-
-def _raised(damping: float, system: least_squares.Compressed) -> float:
-    """Damping after a rejected step, ten times as large; infinite where no step is long enough to change the cost."""
-    largest = float(system.values.max(initial=0.0)) ** 2
-    damping = max(10.0 * damping, 1e-10 * largest)
-    return damping if damping <= 1e12 * largest else float('inf')
-
-
 def minimise(
     observations: Observations,
     start: ExtendedModel,
@@ -307,7 +288,9 @@ def minimise(
         # after 12 steps every joint stays on its flank: at the edge of a dead band it could else alternate
         trial = moved(observations, point, step.change, noise, stage, iteration > 12)
         cost = loss.cost(trial, scale)
-        if (last and np.isfinite(cost)) or _is_accepted(step, loss.cost(point, scale), cost):
+        # a step is taken that raises the cost by no more than rounding, or is too short to do more
+        lower = step.shift < 1e-3 or cost <= loss.cost(point, scale) * (1 + 1e-9)
+        if np.isfinite(cost) and (last or lower):
             point, damping = trial, max(stage.damping, damping / 10.0 if damping > 1e-6 else 0.0)
             history.append(cost)
             system, scale = loss.system(point, basis)
@@ -315,8 +298,9 @@ def minimise(
                 termination = Termination.CONVERGED
                 break
         else:
-            damping = _raised(damping, system)
-            if np.isinf(damping):
+            largest = float(system.values.max(initial=0.0)) ** 2
+            damping = max(10.0 * damping, 1e-10 * largest)
+            if damping > 1e12 * largest:  # no step is long enough to change the cost
                 termination = Termination.STALLED
                 break
         now = loss.cost(point, scale)
