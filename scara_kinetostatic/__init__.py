@@ -45,6 +45,8 @@ below it (`test/test_architecture.py` checks that):
 
 from __future__ import annotations
 
+import ast
+import pkgutil
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -94,44 +96,27 @@ if TYPE_CHECKING:
 
 __version__ = '0.1.0'
 
-_PUBLIC = {
-    'assessment.outcome': 'Outcome',
-    'calibration.calibrate': 'calibrate',
-    'calibration.result': 'Calibration',
-    'contour.result': 'Contour',
-    'effects.base': 'Effect',
-    'effects.registry': 'catalogue register',
-    'errors': 'InputError UnsupportedDataError',
-    'files.calibration_file': 'load_calibration',
-    'files.cell_file': 'load_cell',
-    'interface': 'compensate diagnose locate make_touches predict_force read_touches simulate trace_contour',
-    'model.arm': 'CalibratedArm JointAngles TipPosition',
-    'model.cell': 'Cell',
-    'model.touch': 'TouchSet',
-    'results.write': 'write_results',
+_HOME = {
+    alias.name: node.module
+    for node in ast.walk(ast.parse(pkgutil.get_data(__name__, '__init__.py') or b''))
+    if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith(f'{__name__}.')
+    for alias in node.names
 }
-_ALSO = {
-    'bags.reader': 'read_streams',
-    'contour.fits': 'fit_pieces fit_shape',
-    'diagnosis.result': 'Diagnosis',
-    'errors': 'ScaraKinetostaticError',
-    'model.cell': 'Disc Noise Sensor',
-    'model.parameters': 'NAMES PAPER_ACTUAL PAPER_MEASURED PAPER_NOMINAL Parameters',
-    'pipeline': 'calibrate_recordings',
-    'results.document': 'as_document',
-    'touches.detection': 'Detection find_touches',
-}
-"""Names of earlier versions and of parts of the above; they can be imported still."""
-_HOME = {name: module for table in (_PUBLIC, _ALSO) for module, names in table.items() for name in names.split()}
+"""The module of each name, as the imports above say for type checkers; they are done on first use."""
+_MORE = """
+Detection Diagnosis Disc NAMES Noise PAPER_ACTUAL PAPER_MEASURED PAPER_NOMINAL Parameters ScaraKinetostaticError Sensor
+as_document calibrate_recordings find_touches fit_pieces fit_shape read_streams
+"""
+"""Names that can be imported as well: parts of the others."""
 
-__all__ = ['__version__', *sorted(' '.join(_PUBLIC.values()).split())]
+__all__ = ['__version__', *sorted(set(_HOME) - set(_MORE.split()))]
 
 
 def __getattr__(name: str) -> Any:
     home = _HOME.get(name)
     if home is None:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    value = getattr(import_module(f'{__name__}.{home}'), name)
+    value = getattr(import_module(home), name)
     globals()[name] = value
     return value
 

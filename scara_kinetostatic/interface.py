@@ -49,7 +49,6 @@ from scara_kinetostatic.touches.streams import Streams
 from scara_kinetostatic.touches.table import press_of
 
 _LOAD = "give one, such as load_cell('cell.yaml')"
-ELBOWS = {'left': 1, 'right': -1}
 Paths = str | Path | Sequence[str | Path]
 
 
@@ -91,8 +90,8 @@ def make_touches(
     f = _pairs(force, 'force')
     if len(f) != len(q):
         raise InputError('force', f'expected shape ({len(q)}, 2), got {np.shape(force)}', 'give one row per touch')
-    moved = np.zeros_like(q) if approach is None else _rows(approach, 'approach', len(q))
-    when = np.zeros(len(q)) if time is None else _finite(time, 'time', (len(q),))
+    moved = np.zeros_like(q) if approach is None else _pairs(approach, 'approach', len(q))
+    when = _times(time, len(q))
     if objects is None:
         association = associate(q, f, cell)
         for k in np.flatnonzero(~association.known):
@@ -100,7 +99,7 @@ def make_touches(
             raise InputError(f'touch {k}', association.reason(int(k), cell), remedy)
         disc = association.disc
     else:
-        disc = _discs(objects, cell, len(q))
+        disc = _places(objects, 'objects', [one.name for one in cell.discs], len(q))
     return TouchSet(
         q,
         f,
@@ -186,17 +185,12 @@ def simulate(
         unknown = [name for name in truth if name not in NAMES]
         if unknown:
             raise ParameterError('truth', f'unknown parameter {unknown[0]!r}', did_you_mean(unknown[0], NAMES))
-    if drawn is not None:
-        _whole(drawn, 'drawn', 0)
     world = World.of(cell, None) if drawn is None else World.draw(cell, np.random.default_rng(drawn))
     if not isinstance(truth, Parameters):
         truth = world.robot(cell.nominal).replace(**truth)
-    effects = _words(effects, 'effects', "give text such as 'object_radius[disc_2]:radius=6e-5'")
-    _whole(seed, 'seed', 0)
-    _whole(per_disc, 'per_disc', 1)
-    if isinstance(preload, bool) or not isinstance(preload, (int, float)):
-        raise ParameterError('preload', f'expected a number, got {preload!r:.40}')
-    robot = with_effects(truth, [parse_effect(text, cell) for text in effects])
+    robot = with_effects(
+        truth, [parse_effect(text, cell) for text in ([effects] if isinstance(effects, str) else effects)]
+    )
     plan, noise = default_plan(cell, per_disc, preload=preload), cell.noise or USUAL_NOISE
     return world.reported(simulate_touches(world.cell, robot, plan, noise, seed))
 
@@ -277,7 +271,7 @@ def predict_force(
     joints = _pairs(touches, 'joints')
     if objects is None:
         raise InputError('objects', 'is missing', 'name the touched objects')
-    disc = _discs(objects, c.cell, len(joints))
+    disc = _places(objects, 'objects', [one.name for one in c.cell.discs], len(joints))
     sides, later = posture(c.parameters, joints), np.full(len(joints), LATER)
     place = TouchSet(joints, np.zeros_like(joints), disc, sides, order=later)
     o = observe(place, c.cell, c.errors)
@@ -331,7 +325,7 @@ def locate(
     """
     predictor = Predictor(_arm(result), nominal, rigid)
     q = _pairs(joints, 'joints')
-    f = _rows(force, 'force', len(q))
+    f = _pairs(force, 'force', len(q))
     metadata = _metadata(predictor, posture(predictor.law.model.parameters, q), time, approach)
     return predictor.locate(q, f, metadata)
 
@@ -422,11 +416,8 @@ def compensate(
     """
     predictor = Predictor(_arm(result))
     tip = _pairs(position, 'position')
-    f = _rows(force, 'force', len(tip))
-    elbows = _words(elbow, 'elbow', "give 'left' or 'right'")
-    sides = np.array([_side(name) for name in (elbows * len(tip) if isinstance(elbow, str) else elbows)])
-    if len(sides) != len(tip):
-        raise InputError('elbow', f'expected one, or {len(tip)}, got {len(sides)}')
+    f = _pairs(force, 'force', len(tip))
+    sides = 2 * _places(elbow, 'elbow', ['right', 'left'], len(tip)) - 1
     return predictor.compensate(tip, f, sides, _metadata(predictor, sides, time, approach))
 
 
@@ -444,8 +435,8 @@ def _metadata(
     if needing:
         text = f'{needing[0]} depends on the load before, which is not given; none, and no preload, is taken'
         warnings.warn(text, UserWarning, stacklevel=3)
-    when = np.zeros(n) if time is None else _finite(np.broadcast_to(np.asarray(time), (n,)), 'time', (n,))
-    moved = np.zeros((n, 2)) if approach is None else _rows(approach, 'approach', n)
+    when = _times(time, n)
+    moved = np.zeros((n, 2)) if approach is None else _pairs(approach, 'approach', n)
     return TouchMetadata(np.zeros(n, dtype=np.intp), when, moved, sides, np.zeros((n, 2)))
 
 
@@ -464,99 +455,50 @@ def _final(result: Outcome | Calibration) -> Calibration:
 
 
 def _listed(paths: Paths) -> list[str | Path]:
-    listed: list[str | Path] = [paths] if isinstance(paths, (str, Path)) else _several(paths)
+    listed: list[Any] = list(paths) if isinstance(paths, (list, tuple)) else [paths]
+    for item in listed:
+        if not isinstance(item, (str, Path)):
+            problem = f'expected touches of read_touches or make_touches, or files, got {type(item).__name__}'
+            raise InputError('source', problem, 'make touches of arrays by make_touches(joints, force, cell)')
     if not listed:
         raise InputError('paths', 'expected one or more files, got none')
     return listed
 
 
-def _several(paths: object) -> list[str | Path]:
-    """A list of paths.
-
-    Raises:
-        InputError: it is none, such as an array.
-    """
-    items: list[Any] = list(paths) if isinstance(paths, (list, tuple)) else [paths]
-    wrong = [item for item in items if not isinstance(item, (str, Path))]
-    if wrong:
-        problem = f'expected touches of read_touches or make_touches, or files, got {type(wrong[0]).__name__}'
-        raise InputError('source', problem, 'make touches of arrays by make_touches(joints, force, cell)')
-    return items
-
-
-def _rows(values: ArrayLike, name: str, n: int) -> Floats:
-    """Values as (n, 2), finite; one pair alone stands for all n."""
-    pairs = _pairs(values, name)
-    if len(pairs) not in (1, n):
-        raise InputError(name, f'expected shape ({n}, 2), got {np.shape(values)}', 'give one row per touch or pose')
-    return np.array(np.broadcast_to(pairs, (n, 2)))
-
-
-def _pairs(values: ArrayLike, name: str) -> Floats:
-    """Values as (n, 2), finite; one pair alone is one row.
-
-    Raises:
-        InputError: another shape, or a value that is not finite.
-    """
+def _numbers(values: ArrayLike, name: str) -> Floats:
+    """Values as an array, finite."""
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
-        raise InputError(name, f'expected numbers of shape (n, 2), got {values!r:.60}') from error
-    array = array[None] if array.ndim == 1 else array
-    if array.ndim != 2 or array.shape[1] != 2 or not len(array):
-        raise InputError(name, f'expected shape (n, 2), got {np.shape(values)}', 'give one row per touch or pose')
+        raise InputError(name, f'expected numbers, got {values!r:.60}') from error
     if not np.isfinite(array).all():
         raise InputError(name, f'expected finite numbers, got {array[~np.isfinite(array)][0]}')
     return array
 
 
-def _finite(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(name, f'expected numbers of shape {shape}, got {values!r:.60}') from error
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InputError(name, f'expected finite numbers of shape {shape}, got shape {array.shape}')
-    return array
+def _pairs(values: ArrayLike, name: str, n: int | None = None) -> Floats:
+    """Values as (n, 2), finite; one pair alone is one row, or where n is given stands for all."""
+    array = _numbers(values, name)
+    array = array[None] if array.ndim == 1 else array
+    if array.ndim != 2 or array.shape[1] != 2 or not len(array) or (n is not None and len(array) not in (1, n)):
+        problem = f'expected shape ({n or "n"}, 2), got {np.shape(values)}'
+        raise InputError(name, problem, 'give one row per touch or pose')
+    return np.array(np.broadcast_to(array, (n or len(array), 2)))
 
 
-def _discs(objects: str | Sequence[str], cell: Cell, n: int) -> Indices:
-    """The discs of n touches, by one name for all or n."""
-    names = _words(objects, 'objects', 'give names of objects of the cell')
-    names = names * n if isinstance(objects, str) else names
-    known = [disc.name for disc in cell.discs]
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise InputError('objects', f'the cell has no object {unknown[0]!r}', f'its objects are {", ".join(known)}')
-    if len(names) != n:
-        raise InputError('objects', f'expected {n} names, got {len(names)}')
-    return np.array([known.index(name) for name in names], dtype=np.intp)
+def _times(values: ArrayLike | None, n: int) -> Floats:
+    """Times as (n,), s; one stands for all, none is 0."""
+    array = np.zeros(n) if values is None else _numbers(values, 'time')
+    if array.shape not in ((), (1,), (n,)):
+        raise InputError('time', f'expected shape ({n},), got {array.shape}', 'give one for each touch or pose')
+    return np.array(np.broadcast_to(array, (n,)))
 
 
-def _side(elbow: str) -> int:
-    if elbow not in ELBOWS:
-        raise InputError('elbow', f"expected 'left' or 'right', got {elbow!r}")
-    return ELBOWS[elbow]
-
-
-def _words(values: object, name: str, remedy: str) -> list[str]:
-    """One text or several as a list.
-
-    Raises:
-        ParameterError: something else.
-    """
-    listed: list[Any] = [values] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
-    for value in listed:
-        if not isinstance(value, str):
-            raise ParameterError(name, f'expected text, got {value!r:.40}', remedy)
-    return listed
-
-
-def _whole(value: object, name: str, least: int) -> None:
-    """Check a whole number.
-
-    Raises:
-        ParameterError: it is none, or below `least`.
-    """
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ParameterError(name, f'expected a whole number of {least} or more, got {value!r:.40}')
+def _places(given: str | Sequence[str], name: str, known: Sequence[str], n: int) -> Indices:
+    """The places of n names among those known; one name stands for all."""
+    names = [given] * n if isinstance(given, str) else list(given)
+    unknown = [each for each in names if each not in known]
+    if unknown or len(names) != n:
+        problem = f'there is no {unknown[0]!r:.40}' if unknown else f'expected one name or {n}, got {len(names)}'
+        raise InputError(name, problem, f'the names are {", ".join(known)}')
+    return np.array([known.index(each) for each in names], dtype=np.intp)
