@@ -54,10 +54,8 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.cell_file import load_cell
 
     cell = load_cell(args.cell) if args.cell else None
-    result = run_demo(
-        _new_folder(args.out), cell, {'seed': args.seed, 'time_factor': args.time_factor}, _ProgressPrinter()
-    )
-    _print_result(result)
+    settings = {'seed': args.seed, 'time_factor': args.time_factor}
+    _print_result(run_demo(_new_folder(args.out), cell, settings, lambda step: print(f'{step} …', flush=True)))
     return 0
 
 
@@ -68,22 +66,6 @@ def _new_folder(parent: Path) -> Path:
     except OSError as error:
         raise OutputError(parent, f'cannot make a folder in it ({error.strerror})', 'choose another --out') from error
     return folder
-
-
-class _ProgressPrinter:
-    """Prints each step and, while touches are recorded, every twelfth."""
-
-    def __init__(self) -> None:
-        self._step = ''
-        self._next = 0
-
-    def __call__(self, what: str, touches: int) -> None:
-        if what != self._step:
-            print(f'{what} …', flush=True)
-            self._step, self._next = what, 12
-        elif touches >= self._next:
-            print(f'  {touches} touches recorded', flush=True)
-            self._next = touches - touches % 12 + 12
 
 
 def _print_result(result: DemoResult) -> None:

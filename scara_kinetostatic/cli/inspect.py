@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.report.table import Table
     from scara_kinetostatic.touches.detection import Detection
-    from scara_kinetostatic.touches.streams import Streams
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,35 +45,24 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.touches.table import in_base_frame
 
     cell = cell_or_recorded(args.cell, [args.bag])
-    if is_touch_table(args.bag):
-        detection = touches_of_file(args.bag, cell)
-        found = _inspection(args.bag, None, detection, in_base_frame(cell))
+    warnings: tuple[str, ...] = ()
+    found: dict[str, Any] = {'recording': str(args.bag), 'topics': [], 'streams': {}}
+    if is_touch_table(args.bag):  # it has no streams
+        detection, cell = touches_of_file(args.bag, cell), in_base_frame(cell)
     else:
         streams = read_streams(args.bag, cell)
-        found = _inspection(args.bag, streams, find_touches(streams, cell), cell)
+        detection, warnings = find_touches(streams, cell), streams.warnings
+        stamps = streams.joints.stamp, streams.wrench.stamp
+        names = streams.topics or cell.sensor.topics
+        found['topics'] = _topics(args.bag)
+        found['streams'] = {name: _stream(stamp) for name, stamp in zip(names, stamps, strict=True)}
+        found |= {'turned': streams.turned} if streams.turned else {}
+    found |= {'warnings': [*warnings, *detection.warnings], 'touches': _touches(detection, cell)}
     print_result(_as_text(found), found, args.json, None, {})
     return 0
 
 
-def _inspection(bag: Path, streams: Streams | None, detection: Detection, cell: Cell) -> dict[str, Any]:
-    """The contents as plain JSON values; times in s since the first stamp, forces in N in the base frame.
-
-    A touch table has no streams.
-    """
-    joint_states, wrench = (streams and streams.topics) or cell.sensor.topics
-    return {
-        'recording': str(bag),
-        'topics': [{'name': name, 'type': kind} for name, kind in _topics(bag)] if streams else [],
-        'streams': {joint_states: _stream(streams.joints.stamp), wrench: _stream(streams.wrench.stamp)}
-        if streams
-        else {},
-        **({'turned': streams.turned} if streams and streams.turned else {}),
-        'warnings': [*(streams.warnings if streams else ()), *detection.warnings],
-        'touches': _touches(detection, cell),
-    }
-
-
-def _topics(bag: Path) -> list[tuple[str, str]]:
+def _topics(bag: Path) -> list[dict[str, str]]:
     from scara_kinetostatic.bags.messages import reading
     from scara_kinetostatic.bags.sources import open_recording
 
@@ -83,7 +70,8 @@ def _topics(bag: Path) -> list[tuple[str, str]]:
         source = open_recording(bag)
         for _ in source.batches(()):
             pass
-        return sorted((topic.name, topic.msgtype) for topic in source.topics())
+        topics = sorted((topic.name, topic.msgtype) for topic in source.topics())
+    return [{'name': name, 'type': kind} for name, kind in topics]
 
 
 def _stream(stamp: NDArray[np.int64]) -> dict[str, float | int]:
@@ -128,44 +116,33 @@ def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:
 
 def _as_text(found: dict[str, Any]) -> str:
     from scara_kinetostatic.report.quantities import count
-
-    accepted = sum(touch['accepted'] for touch in found['touches'])
-    rejected = len(found['touches']) - accepted
-    parts = [
-        found['recording'],
-        *([_topic_table(found).text()] if found['topics'] else []),
-        _touch_table(found['touches']).text() if found['touches'] else 'no contact in the recording',
-        f'{count(len(found["touches"]), "touch", "touches")} found: {accepted} accepted, {rejected} rejected',
-    ]
-    notes = [*([found['turned']] if 'turned' in found else []), *found['warnings']]
-    return '\n'.join(['\n\n'.join(parts), *(f'note: {note}' for note in notes)])
-
-
-def _topic_table(found: dict[str, Any]) -> Table:
     from scara_kinetostatic.report.table import Table
 
-    rows = []
+    topics: list[tuple[str, ...]] = []
     for topic in found['topics']:
         stream = found['streams'].get(topic['name'])
         keys = (('messages', 'd'), ('duration', '.1f'), ('rate', '.1f'), ('longest_gap', '.3f'))
         numbers = [format(stream[key], digits) for key, digits in keys] if stream else ['–'] * len(keys)
-        rows.append((topic['name'], topic['type'], *numbers))
-    heading = ('topic', 'type', 'messages', 'duration', 'rate', 'longest gap')
-    return Table(heading, ('', '', '', 's', 'Hz', 's'), tuple(rows))
-
-
-def _touch_table(touches: list[dict[str, Any]]) -> Table:
-    from scara_kinetostatic.report.table import Table
-
-    rows: list[tuple[str, ...]] = []
-    for touch in touches:
-        start = (str(touch['index']), f'{touch["time"]:.1f}', f'{touch["hold"]:.2f}')
+        topics.append((topic['name'], topic['type'], *numbers))
+    touches: list[tuple[str, ...]] = []
+    for touch in found['touches']:
+        what: tuple[str, ...] = (f'rejected: {touch["reason"]}',)
         if touch['accepted']:
             x, y = touch['force']
-            posture = 'left' if touch['posture'] > 0 else 'right'
             force = (f'{math.hypot(x, y):.2f}', f'{math.degrees(math.atan2(y, x)):.1f}')
-            rows.append((*start, touch['object'], posture, *force))
-        else:
-            rows.append((*start, f'rejected: {touch["reason"]}'))
-    heading = ('touch', 'time', 'hold', 'object', 'posture', 'force', 'direction')
-    return Table(heading, ('', 's', 's', '', '', 'N', 'deg'), tuple(rows))
+            what = (touch['object'], 'left' if touch['posture'] > 0 else 'right', *force)
+        touches.append((str(touch['index']), f'{touch["time"]:.1f}', f'{touch["hold"]:.2f}', *what))
+    of_topics = ('topic', 'type', 'messages', 'duration', 'rate', 'longest gap'), ('', '', '', 's', 'Hz', 's')
+    of_touches = (
+        ('touch', 'time', 'hold', 'object', 'posture', 'force', 'direction'),
+        ('', 's', 's', '', '', 'N', 'deg'),
+    )
+    accepted = sum(touch['accepted'] for touch in found['touches'])
+    parts = [
+        found['recording'],
+        *([Table(*of_topics, tuple(topics)).text()] if topics else []),
+        Table(*of_touches, tuple(touches)).text() if touches else 'no contact in the recording',
+        f'{count(len(touches), "touch", "touches")} found: {accepted} accepted, {len(touches) - accepted} rejected',
+    ]
+    notes = [*([found['turned']] if 'turned' in found else []), *found['warnings']]
+    return '\n'.join(['\n\n'.join(parts), *(f'note: {note}' for note in notes)])

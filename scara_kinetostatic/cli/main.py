@@ -59,6 +59,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted by Ctrl-C; 143 by SIGTERM; 141 stdout was closed by its reader; 1 a bug.
     """
     _prepare_streams()
+    try:
+        status = _run(argv)
+        sys.stdout.flush()
+    except BrokenPipeError:  # as in `… | head`
+        _forget_stdout()
+        return 141
+    except OSError as error:  # as in `… > /dev/full`
+        _forget_stdout()
+        return _say(f'stdout cannot be written: {error.strerror}; the result files are complete', 2)
+    return status
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    """The exit status of the verb; what concerns stdout is raised."""
     debug = bool(os.environ.get('SCARA_KINETOSTATIC_DEBUG'))
     try:
         with _termination():
@@ -67,25 +81,23 @@ def main(argv: Sequence[str] | None = None) -> int:
             if args.verb is None:  # after unknown options, which are named first
                 parser.error('expected a VERB')
             debug = debug or args.debug
-            status = int(args.run(args))
-            sys.stdout.flush()
-            return status
+            return int(args.run(args))
     except SystemExit as end:  # from argparse: --help, --version, a wrong option
-        return _flushed(end.code if isinstance(end.code, int) else 2)
+        return end.code if isinstance(end.code, int) else 2
     except ScaraKinetostaticError as error:
-        return _complain(error, 3 if isinstance(error, UnsupportedDataError) else 2, debug)
+        return _say(error, 3 if isinstance(error, UnsupportedDataError) else 2, debug)
     except KeyboardInterrupt:
         return _say('interrupted', 130)
     except _TerminatedError:
         return _say('terminated', 143)
     except BrokenPipeError:
-        return _reader_gone()
+        raise
     except Exception as error:
         no_room = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-        if isinstance(error, OSError) and error.filename is None and error.errno in no_room:  # as in `… > /dev/full`
-            return _unwritable(error)
+        if isinstance(error, OSError) and error.filename is None and error.errno in no_room:
+            raise
         remedy = 'please report it with what scara-kinetostatic --debug … prints'
-        return _complain(f'internal error, {type(error).__name__}: {error}; {remedy}', 1, debug)
+        return _say(f'internal error, {type(error).__name__}: {error}; {remedy}', 1, debug)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -147,39 +159,14 @@ def _prepare_streams() -> None:
             stream.reconfigure(errors='replace')
 
 
-def _complain(error: object, status: int, debug: bool) -> int:
+def _say(what: object, status: int, debug: bool = False) -> int:
+    """One line on stderr, after the traceback where that is wanted; gives the status."""
     if debug:
         traceback.print_exc()
-    return _say(error, status)
-
-
-def _say(what: object, status: int) -> int:
     line = ' '.join(str(what).split())
     with suppress(OSError):  # a full disk behind stderr must not change the status
         print(f'scara-kinetostatic: {line}', file=sys.stderr, flush=True)
     return status
-
-
-def _flushed(status: int) -> int:
-    try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        return _reader_gone()
-    except OSError as error:
-        return _unwritable(error)
-    return status
-
-
-def _reader_gone() -> int:
-    """As in `… | head`."""
-    _forget_stdout()
-    return 141
-
-
-def _unwritable(error: OSError) -> int:
-    """As in `… > /dev/full`."""
-    _forget_stdout()
-    return _say(f'stdout cannot be written: {error.strerror}; the result files are complete', 2)
 
 
 def _forget_stdout() -> None:

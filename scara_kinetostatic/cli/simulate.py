@@ -14,8 +14,7 @@ Example:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -88,6 +87,7 @@ def run(args: argparse.Namespace) -> int:
         advice = 'leave out --per-disc, --levels and --preload'
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
+    from scara_kinetostatic.files.atomic import all_or_nothing
     from scara_kinetostatic.report.quantities import count
     from scara_kinetostatic.simulation.plan_file import holds_slides, load_slides
     from scara_kinetostatic.simulation.slides import simulate_slides
@@ -98,7 +98,10 @@ def run(args: argparse.Namespace) -> int:
     truth = with_effects(truth_named(args.truth, cell), [parse_effect(text, cell) for text in args.effect])
     slides = load_slides(args.plan, cell) if args.plan and holds_slides(args.plan) else ()
     plan = None if slides else _plan(args, cell)
-    with _beside(args.truth_file, truth_text(truth, args.seed)):
+    with ExitStack() as together:
+        if args.truth_file:
+            workshop = together.enter_context(all_or_nothing(args.truth_file))
+            (workshop / args.truth_file.name).write_text(truth_text(truth, args.seed), encoding='utf-8')
         more = {'sensors': _sensors(args, cell), 'seed': args.seed}
         streams = (
             simulate_slides(cell, truth, slides, **more)
@@ -128,19 +131,6 @@ def _list_of_effects(cell: Cell) -> str:
         for number, p in enumerate(effect.parameters)
     ]
     return Table(('effect', 'parameter', 'unit', 'meaning'), ('',) * 4, tuple(rows)).text()
-
-
-@contextmanager
-def _beside(path: Path | None, text: str) -> Iterator[None]:
-    """Writes a file if the block succeeds; none if `path` is None."""
-    from scara_kinetostatic.files.atomic import all_or_nothing
-
-    if path is None:
-        yield
-        return
-    with all_or_nothing(path) as workshop:
-        (workshop / path.name).write_text(text, encoding='utf-8')
-        yield
 
 
 def _cell(args: argparse.Namespace) -> Cell:

@@ -241,7 +241,7 @@ class DemoClient(AbstractContextManager['DemoClient']):
 
 
 def run_demo(
-    folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Callable[[str, int], None]
+    folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Callable[[str], None]
 ) -> DemoResult:
     """Simulates, records and calibrates a cell.
 
@@ -249,7 +249,7 @@ def run_demo(
         folder: where everything goes.
         cell: None for the example cell.
         settings: further parameters of the simulator.
-        progress: called with the present step and the number of touches recorded.
+        progress: called with each step.
 
     Raises:
         InputError: a node did not start or did not answer; the message says which and where its output is.
@@ -259,7 +259,7 @@ def run_demo(
     with NodeProcesses(domain, folder / 'logs') as nodes:
         description = {'cell': folder / 'cell.yaml'}
         description['cell'].write_text(dump_cell(cell or PAPER_CELL), encoding='utf-8')
-        progress('starting the nodes', 0)
+        progress('starting the nodes')
         nodes.start('calibrator', {'output': folder / 'calibration'})
         nodes.start('collector', {**description, 'output': folder, 'autostart': True})
         nodes.start('contact_simulator', {**description, 'wait_for_subscribers': 1, **settings})
@@ -267,11 +267,12 @@ def run_demo(
             client.wait('the collector to record', lambda: bool(client.recording), START_UP)
             request = GetParameters.Request(names=[f'truth.{name}' for name in NAMES])
             truth = client.call('/contact_simulator/get_parameters', GetParameters, request, START_UP).values
+            progress('touching')
             while not client.finished:
-                progress('touching', known := client.touches)
-                client.wait('a touch', lambda: client.finished or client.touches != known, 60.0)
+                known = client.touches
+                client.wait('a touch', lambda: client.finished or client.touches != known, 60.0)  # noqa: B023
             _demand(client, '/collector/stop', START_UP)
-            progress('calibrating', client.touches)
+            progress('calibrating')
             message = _demand(client, '/calibrator/calibrate', 600.0)
             estimate = load_result(folder / 'calibration' / NAME)
             values = [value.double_value for value in truth]
