@@ -23,13 +23,10 @@ from matplotlib.figure import Figure
 INK, FAINT, LINE, PAPER, WARN = '#010203', '#040506', '#070809', '#0a0b0c', '#0d0e0f'
 SERIES = ('#100001', '#100002', '#100003', '#100004', '#100005', '#100006')
 """Stand-ins of the six colours of the discs (Okabe and Ito's, safe for the colour-blind)."""
+_VARIABLES = ('ink', 'faint', 'line', 'paper', 'warn', 'c1', 'c2', 'c3', 'c4', 'c5', 'c6')
 COLOURS = {
-    INK: 'var(--ink)',
-    FAINT: 'var(--faint)',
-    LINE: 'var(--line)',
-    PAPER: 'var(--paper)',
-    WARN: 'var(--warn)',
-    **{stand_in: f'var(--c{number})' for number, stand_in in enumerate(SERIES, 1)},
+    stand_in: f'var(--{name})'
+    for name, stand_in in zip(_VARIABLES, (INK, FAINT, LINE, PAPER, WARN, *SERIES), strict=True)
 }
 MICRO = 1e6
 """Micrometres per metre."""

@@ -10,7 +10,7 @@ from studies.gauge_table import dump_readings
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.columns import parse_table
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings, load_readings, table_readings
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings, table_readings
 from scara_kinetostatic.studies.dial_gauge.simulation import LoadPlan, simulate_experiments
 
 
@@ -35,12 +35,10 @@ def test_what_is_written_is_read_back():
 @pytest.mark.parametrize(
     'text',
     [
-        'force_N,displacement_mm\n1.5,-0.2\n',
         'force_N;displacement_mm\r\n1,5;-0,2\r\n',
         'Force [N]\tDisplacement [um]\n1,5\t-200\n',
         'Load (kN), deflection (m)\n0.0015, -2e-4\n',
         '# my gauge\n\n;;\nF_N;ΔS µm\n\n;\n1,5;\N{MINUS SIGN}200\n;;\n',
-        '"force_N","displacement_µm"\n"1.5","-200"\n',
         'gauge_at,force_N,gauge_mm\ntip,1.5,-0.2\n',
     ],
 )
@@ -48,13 +46,6 @@ def test_forms_of_a_table(text):
     readings = parse(text)
     assert readings.force.tolist() == [1.5]
     assert readings.displacement == pytest.approx([-2e-4])
-
-
-@pytest.mark.parametrize('encoding', ['utf-8', 'utf-8-sig', 'utf-16', 'latin-1'])
-def test_encodings_of_spreadsheets(encoding, tmp_path):
-    path = tmp_path / 'table.csv'
-    path.write_bytes('force_N,displacement_µm\n1,2\n'.encode(encoding))
-    assert load_readings(path).displacement == pytest.approx([2e-6])
 
 
 def test_optional_columns_and_what_holds_without_them():
@@ -79,31 +70,19 @@ def test_an_unknown_column_is_mentioned():
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('\n;;\n# only this\n', 'the file is empty'),
-        ('force_N,displacement_mm\n', 'no rows below the heading'),
-        ('1,2\n3,4\n', 'expected a heading in the first line, got numbers'),
         ('force_N\n1\n', "no column 'displacement_m', got force_N; name them force_N,displacement_m"),
         ('force_N,gauge_at\n1,tip\n', "no column 'displacement_m', got force_N, gauge_at"),
         ('force,displacement_m\n1,2\n', "the column 'force' has no unit; call it one of force_N"),
         ('force_N,displacement_inch\n1,2\n', "'displacement_inch' has the unit 'inch'; convert it to one of"),
-        (
-            'force_N,displacement_m,lever_inch\n1,2,3\n',
-            "'lever_inch' has the unit 'inch'; convert it to one of lever_m, lever_mm, lever_um",
-        ),
+        ('force_N,displacement_m,lever_inch\n1,2,3\n', "'inch'; convert it to one of lever_m, lever_mm, lever_um"),
         ('force_N,load_kN,displacement_m\n1,2,3\n', "two columns of force, 'force_N' and 'load_kN'"),
         ('force_N,displacement_mm\n1,0\n2,x\n3,0\n,0\n', r"line 3: displacement_mm: .* got 'x'; also wrong: line 5;"),
-        ('force_N,displacement_mm\n1\n', 'line 2: displacement_mm: expected a number, got nothing'),
-        ('force_N,displacement_mm\nnan,1\n', "line 2: force_N: expected a number, got 'nan'"),
-        ('force_N,displacement_mm\n1_0,1\n', "got '1_0'"),
-        ('force_N;displacement_mm\n1.234,5;1\n', "got '1.234,5'"),
         ('force_N,displacement_m\n1,25.1\n', 'displacement_m: 25.1 is too large to be plausible; check the unit'),
-        ('force_N,displacement_m\n1e999,0\n', 'too large to be plausible'),
         ('force_N,displacement_mm\n1,5,0,2\n', 'line 2: expected 2 columns, got 4 .a decimal comma needs semicolons'),
         ('force_N,displacement_m,cycle\n1,0,first\n', "line 2: cycle: expected a number, got 'first'"),
         ('force_N,displacement_m,part\n1,0,elbow\n', "line 2: part: expected gripper or joint1 or joint2, got 'elbow'"),
         ('force_N,displacement_m,lever_m\n1,0,0\n', 'line 2: lever_m: expected a number above 0'),
         ('force_N,displacement_m,direction_deg\n1,0,9000\n', 'line 2: direction_deg: 9000 is too large'),
-        ('force_N,displacement_m\n1,"2\n', 'not CSV'),
         ('force_N,displacement_m\n' + 'x,0\n' * 9, 'also wrong: lines 3, 4, 5, 6, 7 and 3 more'),
     ],
 )
@@ -112,16 +91,3 @@ def test_what_is_wrong_is_said_in_one_line(text, message):
         parse(text)
     assert str(caught.value).startswith('table.csv: ')
     assert '\n' not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ('data', 'message'), [(b'PK\x03\x04', 'got a spreadsheet'), (b'\x00\x01', 'binary'), (b'\xff\xfe1', 'UTF-16')]
-)
-def test_files_that_are_no_tables(data, message, tmp_path):
-    (tmp_path / 'table.csv').write_bytes(data)
-    with pytest.raises(RecordingError, match=message):
-        load_readings(tmp_path / 'table.csv')
-    with pytest.raises(RecordingError, match='no such file'):
-        load_readings(tmp_path / 'missing.csv')
-    with pytest.raises(RecordingError, match='got a folder'):
-        load_readings(tmp_path)

@@ -3,48 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
+from studies.gauge_table import COMPLIANCE, GAP, SLIP, UNLOADING, record
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, analyse_loops
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-
-RATE, PERIOD = 512.0, 2.0
-SLIP, INSIDE, UNLOADING, COMPLIANCE, GAP = 10e3, 0.0, 2e-7, 4e-7, 2.5e-3
-
-
-def record(
-    gap: float = GAP, lag: float = 0.0, offset: float = 0.0, noise: tuple[float, float] = (1e-6, 2.0), seed: int = 0
-) -> DialGaugeReadings:
-    """Seven swings that grow, then fade, 0.5 Hz, after which nothing moves.
-
-    After each reversal: unloading to 0, the gap, loading, slip. `lag` (s) makes the gap grow with the speed.
-    """
-    time = np.arange(0, 18, 1 / RATE)
-    size = 0.025 * np.clip(np.minimum(time / 6, (16 - time) / 4), 0, 1)
-    displacement = size * np.sin(2 * np.pi * time / PERIOD)
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(displacement, append=displacement[-1]))) != 0) + 1
-    turns = turns[time[turns] < 15.9]
-    force = np.zeros_like(time)
-    edges = [0, *turns.tolist(), len(time)]
-    speed = np.abs(np.gradient(displacement, time))
-    for first, last in pairwise(edges):
-        rows = slice(first, last)
-        sense = np.sign(displacement[last - 1] - displacement[first]) or 1.0
-        distance = sense * (displacement[rows] - displacement[first])
-        crossing = np.argmax(distance >= SLIP * UNLOADING + gap / 2) if len(distance) else 0
-        width = gap + lag * (speed[rows][crossing] - 0.03)
-        knots = np.cumsum([0.0, SLIP * UNLOADING, width, SLIP * COMPLIANCE])
-        force[rows] = sense * np.interp(distance, knots, [-SLIP, -1e-3, 1e-3, SLIP])
-    force[: turns[0]] = SLIP * np.tanh(displacement[: turns[0]] / 1e-4)
-    rng = np.random.default_rng(seed)
-    displacement = displacement + noise[0] * rng.standard_normal(len(time))
-    force = force + offset + noise[1] * rng.standard_normal(len(time))
-    return DialGaugeReadings.of(force, displacement, time=time)
 
 
 def analysis(**more: object) -> LoopAnalysis:

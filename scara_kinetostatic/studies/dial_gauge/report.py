@@ -291,10 +291,7 @@ def _loop_section(record: LoopAnalysis, name: str) -> Section:
         'The record; bars: the gap of each reversal, at the force inside the backlash. Blue: displacement rising after '
         'the reversal, orange: falling.',
     )
-    note = (
-        'definitional: by the choice of the straight part of the branches, common to all reversals, each of which is '
-    )
-    note += 'in dial_gauge.json'
+    note = 'definitional: by the choice of the straight part, common to all reversals; those are in dial_gauge.json'
     rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in record.rejected)
     unused = [Items(rejected, f'{count(len(rejected), "reversal")} not used:')] if rejected else []
     return Section(f'Loops: {record.readings.sources[0]}', (picture, _loop_table(record), note, *unused))
