@@ -14,7 +14,7 @@ from scara_kinetostatic.model.contact import ContactProblem, all_derivatives, ex
 from scara_kinetostatic.model.effect_law import ForceDependence
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, P1, P2, P_EE
-from scara_kinetostatic.model.touch_equations import State
+from scara_kinetostatic.model.touch_equations import State, pairs
 
 
 def check(effect: Effect, seed: int, robot: int) -> None:
@@ -67,7 +67,7 @@ def test_what_a_compliance_scales_is_in_its_derivative(effect):
             extended_equations(robot, contact_problem, converged_state(robot, contact_problem, state, frozen=True))
             for robot in robots
         )
-        found = np.stack([up.normal - down.normal, up.tangent - down.tangent], axis=-1) / (2 * step)
+        found = pairs(up.h - down.h) / (2 * step)
         # what the turn of the force does to the effect is of second order
         assert np.abs(found - given[:, :, place]).max() < 0.01 * np.abs(given[:, :, place]).max()
 

@@ -48,5 +48,5 @@ def assert_derivative(
         change[j] = step
         numeric = (function(at + change) - function(at - change)) / (2 * step)
         scale = np.abs(numeric).max()
-        rounding = 1e-13 * size / step
+        rounding = 4e-13 * size / step
         np.testing.assert_allclose(analytic[..., j], numeric, rtol=0, atol=1e-6 * scale + rounding)
