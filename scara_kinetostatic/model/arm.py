@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
@@ -185,10 +185,6 @@ CHUNK = 4096
 """Poses that are worked out together: their derivatives fit into the cache."""
 STATUSES = ('ok', 'unloaded', 'extrapolated', 'undetermined', 'out_of_reach')
 """Of a pose; the gravest that applies, which is the last."""
-_OK, _UNLOADED, _EXTRAPOLATED, _UNDETERMINED, _OUT_OF_REACH = range(len(STATUSES))
-_NAMES = np.array(STATUSES)
-_PROBE = np.array([[0.4, 1.1]])
-"""A pose in which it is tried what effects depend on, rad."""
 
 
 class TipPosition(NamedTuple):
@@ -299,12 +295,10 @@ class Predictor:
             metadata: of the poses; None for nothing known.
             measured: whether joints and force are one measurement, whose noise is part of the covariance.
         """
-        n = len(joints)
         sides = posture_of(self.law.model.parameters, joints)
         metadata = _plain(sides) if metadata is None else metadata
-        position, covariance = np.empty((n, 2)), np.empty((n, 2, 2))
-        codes, loaded = np.empty(n, dtype=np.intp), np.empty(n, dtype=bool)
-        for rows in _chunks(n):
+
+        def some(rows: slice) -> TipPosition:
             f = Force.of(0.0 * force[rows] if self.rigid else force[rows], self.arm.noise)
             found = tip_under_load(self.law, joints[rows], f, metadata.select(rows))
             jacobian = tip_by_joints(found.loading, inverse_of_rows(found.loading, f))
@@ -312,10 +306,10 @@ class Predictor:
             if measured:
                 by_noise = tip_by_noise(self.law, jacobian, found.loading, f)
                 spread = spread + by_noise @ by_noise.swapaxes(1, 2)
-            position[rows], covariance[rows] = found.tip, spread
-            loaded[rows] = self._is_loaded(found, f)
-            codes[rows] = self._status(found, f, spread, metadata.select(rows), sides[rows])
-        return TipPosition(position, covariance, loaded, _NAMES[codes])
+            loaded, status = self._status(found, f, spread, metadata.select(rows), sides[rows])
+            return TipPosition(found.tip, spread, loaded, status)
+
+        return TipPosition(*_in_chunks(some, len(joints)))
 
     def compensate(
         self, tip: Floats, force: Floats, posture: Indices, metadata: TouchMetadata | None = None
@@ -328,27 +322,26 @@ class Predictor:
             posture: +1 or -1, (n,).
             metadata: of the poses; None for nothing known.
         """
-        n = len(tip)
         metadata = _plain(posture) if metadata is None else metadata
-        joints, torques, covariance = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2, 2))
-        codes, loaded, normal = np.empty(n, dtype=np.intp), np.empty(n, dtype=bool), np.empty(n)
-        for rows in _chunks(n):
+
+        def some(rows: slice) -> JointAngles:
             f = Force.of(force[rows], self.arm.noise)
             found = joints_under_load(self.law, tip[rows], f, posture[rows], metadata.select(rows))
             jacobian = tip_by_joints(found.loading, inverse_of_rows(found.loading, f))
             spread = self._tip_spread(found, f, jacobian)
-            joints[rows], torques[rows] = found.joints, np.array([found.loading.c1, found.loading.c2]).T
             with np.errstate(divide='ignore', invalid='ignore'):
                 (a, b), (c, d) = jacobian.transpose(1, 2, 0)
                 by_tip = (np.array([[d, -b], [-c, a]]) / (a * d - b * c)).transpose(2, 0, 1)
-                covariance[rows] = by_tip @ spread @ by_tip.swapaxes(1, 2)
+                covariance = by_tip @ spread @ by_tip.swapaxes(1, 2)
                 (xx, xy), (_, yy) = spread.transpose(1, 2, 0)
                 along = xx * f.nx**2 + yy * f.ny**2 + 2 * xy * f.nx * f.ny
                 largest = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
-                normal[rows] = np.sqrt(np.where(f.size > 0, along, largest))
-            loaded[rows] = self._is_loaded(found, f)
-            codes[rows] = self._status(found, f, spread, metadata.select(rows), posture[rows])
-        return JointAngles(joints, torques, covariance, loaded, _NAMES[codes], normal)
+                normal = np.sqrt(np.where(f.size > 0, along, largest))
+            torques = np.array([found.loading.c1, found.loading.c2]).T
+            loaded, status = self._status(found, f, spread, metadata.select(rows), posture[rows])
+            return JointAngles(found.joints, torques, covariance, loaded, status, normal)
+
+        return JointAngles(*_in_chunks(some, len(tip)))
 
     def _tip_spread(self, found: Equilibrium, force: Force, jacobian: Floats) -> Floats:
         """Covariance of the tip at Q and F, (n, 2, 2); NaN where nothing is stated."""
@@ -357,26 +350,20 @@ class Predictor:
         by_model = self._spread.tip(tip_by_values(self.law, jacobian, found.loading, force, found.state))
         return self._spread.with_dead_bands(by_model, jacobian, found.loading, force)
 
-    def _is_loaded(self, found: Equilibrium, force: Force) -> Mask:
-        """Whether no dead band is being crossed."""
-        return np.asarray(self.rigid | ~(found.loading.in_band | (force.place < 1)))
-
     def _status(
         self, found: Equilibrium, force: Force, spread: Floats, metadata: TouchMetadata, posture: Indices
-    ) -> Indices:
-        """Numbers in `STATUSES`."""
-        used, code = self.arm.used, np.full(len(force.x), _OK, dtype=np.intp)
-        code[~self._is_loaded(found, force)] = _UNLOADED
+    ) -> tuple[Mask, NDArray[Any]]:
+        """Whether no dead band is being crossed, and the status, (n,) each."""
+        used, loaded = self.arm.used, np.asarray(self.rigid | ~(found.loading.in_band | (force.place < 1)))
         beyond = force.size > used.highest_force + SIGN_KNOWN * force.std
         beyond |= ~np.isin(posture, used.postures)
         if self.depends_on_time:
             beyond |= (metadata.time < 0) | (metadata.time > used.duration)
-        if not self.nominal:
-            code[beyond] = _EXTRAPOLATED
-            code[~np.isfinite(spread[:, 0, 0] + spread[:, 1, 1])] = _UNDETERMINED
-        code[np.isnan(found.tip[:, 0])] = _UNDETERMINED
-        code[np.isnan(found.joints[:, 0])] = _OUT_OF_REACH
-        return code
+        undetermined = ~np.isfinite(spread[:, 0, 0] + spread[:, 1, 1])
+        if self.nominal:
+            beyond = undetermined = np.zeros_like(loaded)
+        cases = np.isnan(found.joints[:, 0]), undetermined | np.isnan(found.tip[:, 0]), beyond, ~loaded
+        return loaded, np.select(cases, STATUSES[:0:-1], STATUSES[0])
 
     @cached_property
     def depends_on_time(self) -> bool:
@@ -395,20 +382,18 @@ class Predictor:
 
     def effects_of(self, name: str) -> list[str]:
         """The labels of the effects in the model that depend on ``time``, ``approach`` or ``history``."""
-        still, force = TouchMetadata.plain(1), np.array([[20.0, 30.0]])
-        before = np.concatenate([_PROBE, 100.0 * force], axis=1)[:, None]
-        changed = {
+        model, law, force = self.law.model, self.law, Force.of(np.array([[20.0, 30.0]]), self.law.noise)
+        probe, still = np.array([[0.4, 1.1]]), TouchMetadata.plain(1)
+        other = {
             'time': still._replace(time=np.ones(1)),
             'approach': still._replace(approach=np.ones((1, 2))),
-            'history': still._replace(history=before),
+            'history': still._replace(history=np.array([[[0.4, 1.1, 2e3, 3e3]]])),
         }[name]
-        found, model = [], self.law.model
+        found = []
         for effect, values in zip(model.effects, model.effect_values, strict=True):
-            law = Law(ExtendedModel(model.parameters, (effect,), (values,)), self.law.gripper, self.law.noise)
-            other, tip = (
-                tip_under_load(law, _PROBE, Force.of(force, law.noise), each).tip for each in (changed, still)
-            )
-            found += [] if np.array_equal(other, tip) else [effect.label]
+            alone = replace(law, model=ExtendedModel(model.parameters, (effect,), (values,)))
+            one, two = (tip_under_load(alone, probe, force, at).tip for at in (still, other))
+            found += [] if np.array_equal(one, two) else [effect.label]
         return found
 
 
@@ -416,9 +401,10 @@ def _plain(posture: Indices) -> TouchMetadata:
     return TouchMetadata.plain(len(posture))._replace(posture=posture)
 
 
-def _chunks(n: int) -> Iterator[slice]:
-    for first in range(0, n, CHUNK):
-        yield slice(first, first + CHUNK)
+def _in_chunks(some: Callable[[slice], tuple[Any, ...]], n: int) -> Iterator[Any]:
+    """The arrays that `some` works out for n poses, chunk after chunk."""
+    parts = [some(slice(first, first + CHUNK)) for first in range(0, max(n, 1), CHUNK)]
+    return (np.concatenate(column) for column in zip(*parts, strict=True))
 
 
 def _std(covariance: Floats) -> Floats:

@@ -133,14 +133,9 @@ class ExtendedModel:
         """What of the force the shift of any effect depends on."""
         return max((effect.force_dependence for effect in self.effects), default=ForceDependence.NONE)
 
-    def shift(self, at: TouchState, robot_only: bool = False) -> tuple[Floats, Floats]:
-        """δ, rad, and d, m, of all effects together, (n, 2) each.
-
-        Args:
-            at: the touches.
-            robot_only: whether to leave out the displacements d of effects on the object.
-        """
-        total = _sum_of_shifts(at, zip(self.effects, self.effect_arrays, strict=True), robot_only)
+    def shift(self, at: TouchState) -> tuple[Floats, Floats]:
+        """δ, rad, and d, m, of all effects together, (n, 2) each."""
+        total = _sum_of_shifts(at, zip(self.effects, self.effect_arrays, strict=True))
         joints, place = (np.zeros(at.joints.shape) if part is None else part for part in total)
         return joints, place
 
@@ -193,14 +188,14 @@ class ExtendedModel:
         return found
 
 
-def _sum_of_shifts(at: TouchState, pairs: Iterable[tuple[EffectLaw, Floats]], robot_only: bool = False) -> Shift:
-    """δ and d of effects with their values, None for what none adds to; `robot_only` as in `ExtendedModel.shift`."""
+def _sum_of_shifts(at: TouchState, pairs: Iterable[tuple[EffectLaw, Floats]]) -> Shift:
+    """δ and d of effects with their values, None for what none adds to."""
     joints, place = None, None
     for effect, values in pairs:
         part = effect.shift(at, values)
         if part.joints is not None:
             joints = part.joints if joints is None else joints + part.joints
-        if part.place is not None and not (robot_only and effect.on_object):
+        if part.place is not None:
             place = part.place if place is None else place + part.place
     return Shift(joints, place)
 

@@ -73,13 +73,13 @@ class Force(NamedTuple):
     held: tuple[float, float] | None = None
 
     @classmethod
-    def of(cls, force: Floats, noise: Noise) -> Force:
-        """Forces (n, 2), N, that are known as well as those of one touch."""
+    def of(cls, force: Floats, noise: Noise | None = None) -> Force:
+        """Forces (n, 2), N, that are known as well as those of one touch; None for exactly."""
         x, y = np.ascontiguousarray(force.T)
         size = np.hypot(x, y)
         some = np.where(size > 0, size, 1.0)
-        std = np.hypot(noise.force_rms, noise.growth * size)
-        place = np.minimum(size / (SIGN_KNOWN * std), 1.0)
+        std = 0.0 * size if noise is None else np.hypot(noise.force_rms, noise.growth * size)
+        place = np.sign(size) if noise is None else np.minimum(size / (SIGN_KNOWN * std), 1.0)
         return cls(x, y, size, std, place, np.where(size > 0, x / some, 1.0), y / some)
 
 
@@ -187,12 +187,12 @@ class Law:
     Attributes:
         model: the model, with the effects that are part of H̄ and Ḡ.
         gripper: the form of (7).
-        noise: of one touch.
+        noise: of one touch; None for law (6) to the letter, without a band: s = sign(c).
     """
 
     model: ExtendedModel
     gripper: Gripper
-    noise: Noise
+    noise: Noise | None = None
 
     def offset(self, force: Force) -> tuple[Any, Any]:
         """S - H(Q*) by an isotropic gripper, m; floats, or arrays of any one shape."""
@@ -209,7 +209,12 @@ class Law:
             offset = x + normal * force.nx - tangent * force.ny, y + normal * force.ny + tangent * force.nx
             moment = -tangent * force.size
         links = p.l1 * np.cos(first), p.l1 * np.sin(first), p.l2 * np.cos(second), p.l2 * np.sin(second)
-        return load_arm(p, links, offset, force, moment)
+        if self.noise is not None:
+            return load_arm(p, links, offset, force, moment)
+        exactly = force._replace(std=1.0)  # any: the places in the bands are replaced
+        at = load_arm(p, links, offset, exactly, moment)
+        c1, c2 = (np.where(np.abs(c) <= 1e-13 * (p.l1 + p.l2) * force.size, 0.0, c) for c in (at.c1, at.c2))
+        return at._replace(c1=c1, c2=c2, s1=np.sign(c1), s2=np.sign(c2), k1=p.p1, k2=p.p2)
 
     def touch_state(self, joints: Floats, at: Loading, force: Force, metadata: TouchMetadata) -> TouchState:
         """The poses as effects take them; `joints` is Q, (n, 2), rad."""
@@ -489,6 +494,7 @@ def tip_by_noise(law: Law, jacobian: Floats, at: Loading, force: Force) -> Float
     ∂S/∂F at fixed Q is ∓p_ee I - g_ee s / f (I - n nᵀ) - G diag(k) Jᵀ, m/N; of a joint whose dead band follows a held
     force k is p.
     """
+    assert law.noise is not None
     p, (q1, q2) = law.model.parameters, law.noise.joint_levels
     if force.held is None:
         slopes, size = (at.k1, at.k2), np.where(force.size > 0, force.size, 1.0)

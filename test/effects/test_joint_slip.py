@@ -55,16 +55,6 @@ def test_without_preload_and_beyond_twice_the_slip_torque_it_is_compliance_and_b
     assert not labels(simulate_touches(CELL, small, plan, seed=2))
 
 
-def test_a_negative_backlash_points_to_it():
-    """Loaded from zero beyond twice the slip torque: g - w r below zero."""
-    plan = default_plan(CELL, 18, levels=(20.0, 30.0, 40.0))
-    tight = ExtendedModel(PAPER_ACTUAL.replace(g1=0.0, g2=0.0), (JointSlip.of(1),), ((2.5e-4, 0.5),))
-    found = diagnose(calibrate(simulate_touches(CELL, tight, plan, seed=2), CELL))
-    assert 'g2 is significantly negative, as in a joint that slips' in found.advice
-    plain = simulate_touches(CELL, PAPER_ACTUAL.replace(g1=0.0, g2=0.0), plan, seed=2)
-    assert 'negative' not in diagnose(calibrate(plain, CELL)).advice
-
-
 def test_it_is_told_from_hysteresis():
     lag = ExtendedModel(PAPER_ACTUAL, (JointHysteresis.of(0),), ((8e-5,),))
     assert labels(simulate_touches(CELL, lag, PLAN, seed=3)) == {'joint_hysteresis[joint1]'}

@@ -93,7 +93,8 @@ def test_contact_with_a_floating_joint_does_not_depend_on_it():
     unit = (tip - [robot.x0, robot.y0]) / np.hypot(*(tip - [robot.x0, robot.y0]).T)[:, None]
     force = 25 * unit
     real = tip - (robot.p_ee * 25 + robot.g_ee) * unit
-    joints, _ = inverse_kinetostatics(robot, real, force, [1, -1], slack=[0.3, 0.0])
+    joints, _ = inverse_kinetostatics(robot, real, force, [1, -1])
+    joints = joints + np.array([0.3 * robot.g1, 0.0])
     centers, radii = real + 0.08 * unit, np.full(2, 0.08)
     found = contact(robot, joints, centers, radii, warm_start=force)
     derivatives = contact_derivatives(robot, joints, centers, radii, found)
