@@ -48,7 +48,6 @@ from scara_kinetostatic.studies.hysteresis.model_selection import (
     select_model,
 )
 from scara_kinetostatic.studies.hysteresis.record import Record, load_record
-from scara_kinetostatic.studies.hysteresis.report import response_change
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'panda'
 LOADING = 'loading.csv'
@@ -233,7 +232,7 @@ def tip_displacement(halves: Sequence[Half], laws: Sequence[Fit]) -> Tip:
 def pose_picture(found: Poses, record: int) -> Markup:
     """Angle over time in one pose: measured, law (6), and the law selected, both without this pose."""
     analysis, each = found.analysis, found.analysis.study.records[record]
-    response = response_change(each)
+    response = each.response_change
     figure, (axes,) = new_figure(520.0, 300.0, margins=_MARGINS)
     axes.axvspan(each.time[each.unloaded], each.time[-1], color=LINE, lw=0, alpha=0.5)
     axes.plot(each.time, 1e3 * response, color=INK, lw=0.9, label='measured')

@@ -21,7 +21,7 @@ from scara_kinetostatic.studies.hysteresis.model_selection import (
 )
 from scara_kinetostatic.studies.hysteresis.motion import Motion, repeatability
 from scara_kinetostatic.studies.hysteresis.record import LOAD, MOTION, Record
-from scara_kinetostatic.studies.hysteresis.report import record_errors, remaining, response_change, unit_of
+from scara_kinetostatic.studies.hysteresis.report import record_errors, unit_of
 
 NAME = 'hysteresis.json'
 
@@ -168,8 +168,8 @@ def _load_records(selection: Selection, study: LoadStudy) -> list[dict[str, Any]
                 'unloaded': record.time[record.unloaded],
                 'largest_load': path.smooth[int(np.abs(path.smooth).argmax())],
                 'deflection': moved[int(np.abs(moved).argmax())],
-                'remaining': remaining(record),
-                'noise': {'load': record.load_noise, 'response': response_change(record)[record.rest].std(ddof=1)},
+                'remaining': record.remaining,
+                'noise': {'load': record.load_noise, 'response': record.response[record.rest].std(ddof=1)},
                 'response_error': {'before': before[k], 'after': after[k]},
                 'state': selected.along[k].state if selected and selected.law.has_state else None,
             }

@@ -230,6 +230,16 @@ class Record:
         return np.asarray(self.load - self.load[self.rest].mean())
 
     @cached_property
+    def response_change(self) -> Floats:
+        """Response less its mean at rest, (n,), m or rad."""
+        return np.asarray(self.response - self.response[self.rest].mean())
+
+    @property
+    def remaining(self) -> float:
+        """Response that stays after the load has gone: mean of the last half of what follows, m or rad."""
+        return float(self.response_change[(self.unloaded + len(self)) // 2 :].mean())
+
+    @cached_property
     def load_noise(self) -> float:
         """Standard deviation of the load at rest, N or Nm."""
         return float(self.load[self.rest].std(ddof=1))

@@ -128,7 +128,7 @@ def verdict(selection: Selection) -> Verdict:
     study, record, selected = selection.study, selection.study.records[0], selection.selected
     together = f', {len(study.records)} records together' if len(study.records) > 1 else ''
     chances = f'{p_equals(selection.p_value)}{together}'
-    error = _scale(selection.before.held_out_rms, _driven_unit(selection))
+    error = _error_scale(selection)
     before = _number(error.per_si * selection.before.held_out_rms)
     errors = f'{_words(selection).held_out} of law (6) is {before} {error.unit} (rms).'
     if selection.verdict == NONE:
@@ -205,8 +205,8 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
 
 
 _DEPENDENCE = Note(
-    'Share of the square of the residual that the variable explains, and the p-value of no dependence.'
-    ' The load before: at rest after the load the residual is not that at rest before it.'
+    'Share of the square of the residual that the variable explains, and the p-value of no dependence. '
+    'The load before: at rest after the load the residual is not that at rest before it.'
 )
 _COMPARED = Note(
     'p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), which counts the parameters. '
@@ -227,15 +227,16 @@ def _scale(size: float, unit: str) -> Scale:
     return Scale(prefix + unit, per_si)
 
 
-def _driven_unit(selection: Selection) -> str:
-    """SI unit of what is predicted."""
-    return selection.study.records[0].unit('N' if isinstance(selection.study, MotionStudy) else 'm')
+def _error_scale(selection: Selection) -> Scale:
+    """The unit of all errors, from that of law (6)."""
+    unit = selection.study.records[0].unit('N' if isinstance(selection.study, MotionStudy) else 'm')
+    return _scale(selection.before.held_out_rms, unit)
 
 
 def _record_table(selection: Selection) -> Table:
     """Each record: its load and response, the errors when it is predicted."""
     study, selected = selection.study, selection.selected
-    error = _scale(selection.before.held_out_rms, _driven_unit(selection))
+    error = _error_scale(selection)
     unit = study.records[0].unit('m')
     moved = _scale(max(float(np.ptp(record.response)) for record in study.records), unit)
     columns = [
@@ -244,7 +245,7 @@ def _record_table(selection: Selection) -> Table:
         ('of response', moved.unit, [_number(moved.per_si * float(np.ptp(each.response))) for each in study.records]),
     ]
     if not isinstance(study, MotionStudy):
-        stays = [f'{round(moved.per_si * remaining(record), 3) + 0.0:.3f}' for record in study.records]
+        stays = [f'{round(moved.per_si * record.remaining, 3) + 0.0:.3f}' for record in study.records]
         memory = next(each for each in selection.dependence_before if each.variable == 'memory')
         p_values = [chance(p) if np.isfinite(p) else NOT_DETERMINED for p in memory.by_record]
         columns += [('stays', moved.unit, stays), ('p of no memory', '', p_values)]
@@ -264,19 +265,9 @@ def record_errors(selection: Selection, candidate: Candidate) -> list[float]:
     return [rms(each.residual[rows]) for each, rows in pairs]
 
 
-def response_change(record: Record) -> Floats:
-    """Response less its mean at rest, (n,), m or rad."""
-    return np.asarray(record.response - record.response[record.rest].mean())
-
-
-def remaining(record: Record) -> float:
-    """Response that stays after the load has gone: mean of the last half of what follows, m or rad."""
-    return float(response_change(record)[(record.unloaded + len(record)) // 2 :].mean())
-
-
 def _candidate_table(selection: Selection) -> Table:
     """Law (6) and every candidate compared with it."""
-    error = _scale(selection.before.held_out_rms, _driven_unit(selection))
+    error = _error_scale(selection)
     notes = {each.law.name: 'better' for each in selection.candidates if each.accepted}
     notes |= {each.law.name: 'rival' for each in selection.rivals}
     notes |= {selection.selected.law.name: 'selected'} if selection.selected else {}
@@ -310,7 +301,7 @@ def _parameter_table(selection: Selection) -> Table:
     record = selection.study.records[0]
     laws = {'before': selection.before}
     if selection.needs_memory:
-        laws['gap that keeps its place'] = selection.candidates[0]
+        laws['gap that keeps its place'] = selection.candidates[0]  # it comes first
     elif selection.selected:
         laws['after'] = selection.selected
     rows = []
@@ -344,7 +335,7 @@ def _parameter_note(selection: Selection) -> str:
 
 
 def _predicted_section(selection: Selection, predicted: Sequence[PredictedRecord]) -> Section:
-    scale = _scale(selection.before.held_out_rms, _driven_unit(selection))
+    scale = _error_scale(selection)
     has_state = selection.final.law.has_state
     rows = tuple(
         (
@@ -408,7 +399,7 @@ def _loop_picture(path: Motion | LoadPath, residuals: _Residuals, name: str) -> 
     if isinstance(path, Motion):
         driver, driven, words = path.displacement, path.force, ('{response}', '{load}')
     else:
-        driver, driven, words = record.load_change, response_change(record), ('{load}', '{response}')
+        driver, driven, words = record.load_change, record.response_change, ('{load}', '{response}')
     scales = [
         _scale(float(np.ptp(values)), record.load_unit if word == '{load}' else record.unit('m'))
         for values, word in ((driver, words[0]), (driven, words[1]))
