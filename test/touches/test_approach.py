@@ -8,13 +8,11 @@ from touches.scenes import CELL, Scene
 
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
-from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.trajectory import Timing, Trajectory
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL, last_movement, resolution
-from scara_kinetostatic.touches.online import OnlineDetector
 from scara_kinetostatic.touches.signals import as_signals
 
 TRUTHS = pytest.mark.parametrize('truth', [PAPER_ACTUAL, PAPER_MEASURED], ids=['actual', 'measured'])
@@ -39,7 +37,7 @@ def test_last_movement_of_a_path_to_3(path, expected):
 
 
 @TRUTHS
-@pytest.mark.parametrize('preload', [0.0, 0.1, 0.3, 1.0])
+@pytest.mark.parametrize('preload', [0.0, 0.3])
 def test_streams_and_touches_agree(truth, preload):
     plan = default_plan(CELL, preload=preload)
     found = find_touches(simulate_streams(CELL, truth, plan, seed=2), CELL).touches
@@ -48,16 +46,8 @@ def test_streams_and_touches_agree(truth, preload):
     assert clear.sum() > 0.98 * clear.size
     np.testing.assert_array_equal(np.sign(found.approach[clear]), np.sign(made.approach[clear]))
     np.testing.assert_allclose(found.approach, made.approach, rtol=0.02, atol=8e-5)
-    turned = plan.preload > 0
-    np.testing.assert_allclose(found.approach[turned], made.approach[turned], rtol=0.05, atol=3e-6)
-
-
-@TRUTHS
-@pytest.mark.parametrize('preload', [0.0, 0.1, 0.3, 1.0])
-def test_press_is_the_part_of_the_approach_in_contact(truth, preload):
-    plan = default_plan(CELL, preload=preload)
-    found = find_touches(simulate_streams(CELL, truth, plan, seed=2), CELL).touches
-    made = simulate_touches(CELL, truth, plan, seed=2)
+    preloaded = plan.preload > 0
+    np.testing.assert_allclose(found.approach[preloaded], made.approach[preloaded], rtol=0.05, atol=3e-6)
     clear = np.abs(made.press) > 4 * SMALLEST_REVERSAL
     assert clear.mean() > 0.9
     np.testing.assert_array_equal(np.sign(found.press[clear]), np.sign(made.press[clear]))
@@ -70,24 +60,24 @@ def test_press_is_the_part_of_the_approach_in_contact(truth, preload):
         np.testing.assert_allclose(touches.press[turned], touches.approach[turned], rtol=0.02, atol=2e-5)
 
 
-@TRUTHS
-def test_press_without_preload_is_how_far_the_force_bends_the_joints(truth):
+def test_press_without_preload_is_how_far_the_force_bends_the_joints():
     plan = default_plan(CELL)
-    motion = Trajectory(CELL, truth, plan)
+    motion = Trajectory(CELL, PAPER_MEASURED, plan)
     pressed = motion.hold_joints - motion.contact_joints
     np.testing.assert_allclose(
-        simulate_touches(CELL, truth, plan, Noise(0.0, 0.0)).press, pressed, atol=SMALLEST_REVERSAL
+        simulate_touches(CELL, PAPER_MEASURED, plan, Noise(0.0, 0.0)).press, pressed, atol=SMALLEST_REVERSAL
     )
-    slow = find_touches(simulate_streams(CELL, truth, plan, sensors=SensorModel(joint_rate=20.0)), CELL).touches
+    slow = find_touches(
+        simulate_streams(CELL, PAPER_MEASURED, plan, sensors=SensorModel(joint_rate=20.0)), CELL
+    ).touches
     clear = np.abs(pressed) > 2e-5
     np.testing.assert_array_equal(np.sign(slow.press[clear]), np.sign(pressed[clear]))
 
 
-@TRUTHS
 @pytest.mark.parametrize(
     ('sensors', 'timing', 'clearly'),
     [
-        (SensorModel(joint_rate=500.0, wrench_rate=1000.0), None, 1e-5),
+        (SensorModel(joint_rate=250.0, wrench_rate=500.0), None, 1e-5),
         (SensorModel(joint_rate=20.0, wrench_rate=25.0), None, 1e-5),
         (SensorModel(joint_noise=1e-5, force_noise=0.12), None, 6e-5),
         (SensorModel(resolution=1e-5), None, 4e-5),
@@ -95,21 +85,22 @@ def test_press_without_preload_is_how_far_the_force_bends_the_joints(truth):
         (SensorModel(), Timing(ease=0.08, hold=0.25), 1e-5),
     ],
 )
-def test_sense_at_other_rates_and_noise(truth, sensors, timing, clearly):
+def test_sense_at_other_rates_and_noise(sensors, timing, clearly):
     plan = default_plan(CELL, preload=0.3)
-    found = find_touches(simulate_streams(CELL, truth, plan, sensors=sensors, timing=timing, seed=5), CELL).touches
-    made = simulate_touches(CELL, truth, plan, seed=5)
+    found = find_touches(
+        simulate_streams(CELL, PAPER_MEASURED, plan, sensors=sensors, timing=timing, seed=5), CELL
+    ).touches
+    made = simulate_touches(CELL, PAPER_MEASURED, plan, seed=5)
     clear = np.abs(made.approach) > clearly
     assert clear.sum() > 0.9 * clear.size
     np.testing.assert_array_equal(np.sign(found.approach[clear]), np.sign(made.approach[clear]))
 
 
-@TRUTHS
-def test_preload_turns_the_sense_of_every_joint_that_the_press_moves(truth):
+def test_preload_turns_the_sense_of_every_joint_that_the_press_moves():
     plan, plain = default_plan(CELL, preload=0.3), default_plan(CELL)
-    found = find_touches(simulate_streams(CELL, truth, plan), CELL).touches.approach
-    before = find_touches(simulate_streams(CELL, truth, plain), CELL).touches.approach
-    motion = Trajectory(CELL, truth, plan)
+    found = find_touches(simulate_streams(CELL, PAPER_MEASURED, plan), CELL).touches.approach
+    before = find_touches(simulate_streams(CELL, PAPER_MEASURED, plain), CELL).touches.approach
+    motion = Trajectory(CELL, PAPER_MEASURED, plan)
     moved = np.abs(motion.peak_joints - motion.hold_joints) > 1.5 * SMALLEST_REVERSAL
     assert moved[plan.preload > 0].mean() > 0.95
     assert np.all(np.sign(found[moved]) == -np.sign(before[moved]))
@@ -140,26 +131,7 @@ def test_staircase_up_and_down():
     np.testing.assert_allclose(found[2:], [pressed[2] - pressed[1], pressed[3] - pressed[2]], atol=3e-6)
 
 
-def test_online_is_offline():
-    plan = default_plan(CELL, per_disc=3, preload=0.3)
-    streams = simulate_streams(CELL, PAPER_MEASURED, plan, seed=4)
-    detector, parts = OnlineDetector(CELL), []
-    samples = [
-        *((int(s), True, q) for s, q in zip(streams.joints.stamp, streams.joints.position, strict=True)),
-        *((int(s), False, f) for s, f in zip(streams.wrench.stamp, streams.wrench.force, strict=True)),
-    ]
-    for number, (stamp, of_joints, value) in enumerate(sorted(samples, key=lambda sample: sample[0])):
-        (detector.add_joint_state if of_joints else detector.add_wrench)(stamp, value)
-        if number % 30 == 0:
-            parts.append(detector.poll().touches)
-    online = TouchSet.concatenate([*parts, detector.finish().touches])
-    offline = find_touches(streams, CELL).touches
-    assert len(online) == len(plan)
-    np.testing.assert_allclose(online.approach, offline.approach, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(online.press, offline.press, rtol=0.05, atol=1e-6)
-
-
-@pytest.mark.parametrize('rates', [(20.0, 25.0), (30.0, 98.0), (80.0, 30.0)])
+@pytest.mark.parametrize('rates', [(20.0, 25.0), (30.0, 98.0)])
 def test_the_peak_of_a_press_is_no_touch_of_its_own(rates):
     plan = default_plan(CELL, preload=0.3)
     sensors = SensorModel(joint_rate=rates[0], wrench_rate=rates[1])

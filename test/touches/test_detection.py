@@ -35,7 +35,7 @@ def check_against_plan(cell, truth, plan, sensors, seed, force=0.06, joint=2e-6,
     return found, made
 
 
-@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('seed', range(2))
 @pytest.mark.parametrize('truth', [PAPER_ACTUAL, PAPER_MEASURED, WRONG], ids=['actual', 'measured', 'wrong'])
 def test_every_touch_of_the_plan_is_found(truth, seed):
     cell = (CELL, TOOL_REACTION)[seed % 2]

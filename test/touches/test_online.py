@@ -43,7 +43,7 @@ def feed(streams, cell, every=20, end=True):
     ('cell', 'every'), [(TOOL_REACTION, 1), (CELL, 20), (CELL, 1000)], ids=['tool', 'base', 'rare']
 )
 def test_online_is_offline(cell, every):
-    plan = PLAN.select(np.arange(8 if every == 1 else len(PLAN)))
+    plan = default_plan(CELL, per_disc=3, preload=0.3).select(np.arange(8 if every == 1 else 18))
     streams = simulate_streams(cell, PAPER_MEASURED, plan, seed=4)
     offline = find_touches(streams, cell)
     detector, answers = feed(streams, cell, every)
@@ -53,6 +53,8 @@ def test_online_is_offline(cell, every):
     np.testing.assert_array_equal(online.disc, offline.touches.disc)
     np.testing.assert_allclose(online.joints, offline.touches.joints, rtol=0, atol=1e-8)
     np.testing.assert_allclose(online.force, offline.touches.force, rtol=0, atol=0.005)
+    np.testing.assert_allclose(online.approach, offline.touches.approach, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(online.press, offline.touches.press, rtol=0.05, atol=1e-6)
 
 
 def test_touches_are_reported_soon_after_the_retraction():
@@ -76,7 +78,7 @@ def test_rejected_touches_are_reported_once():
 
 def test_long_run_keeps_little():
     streams = simulate_streams(CELL, PAPER_MEASURED, PLAN)
-    detector, answers = feed(streams, CELL, 50)
+    detector, answers = feed(streams, CELL, 200)
     assert sum(answer.found for _, answer in answers) == len(PLAN)
     stamps = detector._pair.wrench.samples.stamp
     assert 1e-9 * (stamps[-1] - stamps[0]) < 45.0
