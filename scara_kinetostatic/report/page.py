@@ -5,14 +5,11 @@ from __future__ import annotations
 import re
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.report.content import Report
 from scara_kinetostatic.report.text import sentence
-
-if TYPE_CHECKING:
-    import jinja2
 
 _UNIT = r'(?<=\d) (?=(?:mm|µm|m|N|Nm|rad|mrad|µrad|°|σ|%)[\s,;.:)<])'
 """The blank between them."""
@@ -28,7 +25,7 @@ def as_page(report: Report) -> str:
 
 
 @cache
-def _template() -> jinja2.Template:
+def _template() -> Any:
     import jinja2
 
     environment = jinja2.Environment(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
+from itertools import groupby
 
 from scara_kinetostatic.report.content import Block, Facts, Items, Report, Section, Verdict
 from scara_kinetostatic.report.table import Table
@@ -31,23 +32,19 @@ def wrapped(sentences: Iterable[str], indent: str) -> list[str]:
 def _parts(blocks: Iterable[Block]) -> list[list[str]]:
     """The lines of each part; sentences that follow one another, and a title and what it stands over, are one."""
     parts: list[list[str]] = []
-    joined = False
-    for block in blocks:
-        if isinstance(block, Section):
-            inner = [] if block.shown == 'page' else _parts(block.blocks)
-            if inner and block.title:
-                inner[0] = [*wrapped([block.title], ''), *inner[0]]
-            parts += inner
-            joined = False
+    present = [block for block in blocks if isinstance(block, Section) or _lines(block)]
+    for are_sentences, group in groupby(present, lambda block: isinstance(block, str)):
+        if are_sentences:
+            parts.append([line for block in group for line in _lines(block)])
             continue
-        lines = _lines(block)
-        if not lines:
-            continue
-        if joined and isinstance(block, str):
-            parts[-1] += lines
-        else:
-            parts.append(lines)
-        joined = isinstance(block, str)
+        for block in group:
+            if isinstance(block, Section):
+                inner = [] if block.shown == 'page' else _parts(block.blocks)
+                if inner and block.title:
+                    inner[0] = [*wrapped([block.title], ''), *inner[0]]
+                parts += inner
+            else:
+                parts.append(_lines(block))
     return parts
 
 
