@@ -23,8 +23,7 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
-from scara_kinetostatic.model.parameters import NAMES, UNITS
-from scara_kinetostatic.model.quantity import displacement
+from scara_kinetostatic.model.parameters import NAMES, UNITS, displacement
 
 
 def ambiguous(evidence: Evidence) -> Iterator[Remark]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from scara_kinetostatic.model.quantity import quantity as quantity
+from scara_kinetostatic.model.parameters import quantity as quantity
 
 
 class Grade(str, Enum):

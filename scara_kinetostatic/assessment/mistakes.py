@@ -52,8 +52,8 @@ from scara_kinetostatic.model.parameters import (
     X0,
     Y0,
     Parameters,
+    quantity,
 )
-from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.model.touch import TouchSet
 
 FEWEST_TOUCHES = 8

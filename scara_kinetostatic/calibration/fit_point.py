@@ -27,10 +27,9 @@ from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations,
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import forward, rotate
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.sensor_error import true_force
 from scara_kinetostatic.model.touch_equations import Arm
 
 

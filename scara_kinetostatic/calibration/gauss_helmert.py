@@ -33,20 +33,20 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Mask, pairs
 from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import all_derivatives, extended_equations, off_normal_derivative, solve_links
-from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2
-from scara_kinetostatic.model.sensor_error import (
+from scara_kinetostatic.model.extended_model import (
+    ExtendedModel,
     has_sensor_error,
     reported_force,
     sensor_error_columns,
     true_force,
     true_force_derivative,
 )
-from scara_kinetostatic.model.touch_equations import Arm, State, free_state, pairs
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2
+from scara_kinetostatic.model.touch_equations import Arm, State, free_state
 
 
 class Adjusted(NamedTuple):

@@ -18,7 +18,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.kinematics import Gripper
 from scara_kinetostatic.model.touch import TouchSet
 
 BLOCK = 4096

@@ -12,7 +12,7 @@ from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.report.markers import TEXT, Primitive, Shape, label, object_markers, places
 from scara_kinetostatic.touches.signals import runs
 

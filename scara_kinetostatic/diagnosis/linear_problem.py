@@ -35,8 +35,8 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import extended_equations, shift_column
 from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.extended_model import along_and_across, true_force
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.model.sensor_error import along_and_across, true_force
 from scara_kinetostatic.model.touch_equations import Equations
 
 SIGNIFICANCE = 0.01

@@ -12,7 +12,7 @@ from scara_kinetostatic.effects.base import DiscEffect, Effect, LinearEffect, un
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
-from scara_kinetostatic.model.quantity import displacement, quantity
+from scara_kinetostatic.model.parameters import displacement, quantity
 
 
 @dataclass(frozen=True)

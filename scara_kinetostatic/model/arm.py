@@ -14,10 +14,9 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import posture as posture_of
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.sensor_error import true_force
 from scara_kinetostatic.model.tip import (
     SIGN_KNOWN,
     Equilibrium,

@@ -1,4 +1,4 @@
-"""Types of the arrays of the package, whose shapes and units are in the docstrings; their rms; read-only arrays."""
+"""Types of the arrays of the package, whose shapes and units are in the docstrings; rms; vectors as complex numbers."""
 
 from __future__ import annotations
 
@@ -25,3 +25,13 @@ def read_only(array: _Array) -> _Array:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def pairs(vectors: Complexes) -> Floats:
+    """Complex numbers (n,) as vectors (n, 2)."""
+    return np.ascontiguousarray(vectors).view(float).reshape(-1, 2)
+
+
+def as_complex(vectors: Floats) -> Complexes:
+    """Vectors (n, 2) as complex numbers (n,)."""
+    return np.asarray(vectors[:, 0] + 1j * vectors[:, 1])

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.gripper import GripperSign as GripperSign
+from scara_kinetostatic.model.kinematics import Gripper
+from scara_kinetostatic.model.kinematics import GripperSign as GripperSign
 from scara_kinetostatic.model.parameters import NAMES, PAPER_NOMINAL, Parameters
 
 Level: TypeAlias = float | tuple[float, float]

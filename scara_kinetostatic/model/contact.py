@@ -16,28 +16,26 @@ middle of its dead band; where the force was measured, `warm_start` picks the eq
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
-from scara_kinetostatic.model.gripper import Gripper, as_gripper
-from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinematics import Gripper, as_gripper, forward
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
 from scara_kinetostatic.model.touch_equations import (
     Arm,
     Equations,
     State,
-    as_complex,
     free_state,
     move_links,
     next_modes,
-    pairs,
     parameter_derivative,
     step_links,
     touch_equations,
@@ -106,29 +104,24 @@ class ContactProblem(NamedTuple):
         return self._replace(joints=self.joints - joints, centers=self.centers - place, off_normal=None)
 
 
-def _shift_by_magnitude(model: ExtendedModel, contact_problem: ContactProblem, state: State, arm: Arm) -> Shift:
-    """The derivatives of δ and d by f, by central differences; nothing where no effect depends on f."""
-    if model.force_dependence < ForceDependence.ALL:
-        return Shift()
-    # step of the central difference over the force, as a part of it (of 1 N at least)
-    step = 1e-4 * np.maximum(np.abs(state.magnitude), 1.0)
+def _shifts_by_force(model: ExtendedModel, contact_problem: ContactProblem, state: State, arm: Arm) -> Iterator[Shift]:
+    """The derivatives of δ and d by f, then by φ, by central differences; nothing where no effect depends on it."""
+    by_magnitude = 1e-4 * np.maximum(np.abs(state.magnitude), 1.0)  # as a part of the force, of 1 N at least
     same = arm if arm.skew is None else None
-    up, down = (
-        contact_problem.touch_state(model.parameters, state._replace(magnitude=state.magnitude + change), same)
-        for change in (step, -step)
-    )
-    return model.difference(up, down, 2 * step[:, None], ForceDependence.ALL)
-
-
-def _shift_by_direction(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> Shift:
-    """The derivatives of δ and d by φ, by central differences; nothing where no effect depends on φ."""
-    if model.force_dependence < ForceDependence.DIRECTION:
-        return Shift()
-    up, down = (
-        contact_problem.touch_state(model.parameters, state._replace(direction=state.direction + change))
-        for change in (_ANGLE_STEP, -_ANGLE_STEP)
-    )
-    return model.difference(up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION)
+    for least, part, step, known in (
+        (ForceDependence.ALL, 'magnitude', by_magnitude, same),
+        (ForceDependence.DIRECTION, 'direction', np.full(len(by_magnitude), _ANGLE_STEP), None),
+    ):
+        if model.force_dependence < least:
+            yield Shift()
+            continue
+        up, down = (
+            contact_problem.touch_state(
+                model.parameters, state._replace(**{part: getattr(state, part) + change}), known
+            )
+            for change in (step, -step)
+        )
+        yield model.difference(up, down, 2 * step[:, None], least)
 
 
 def extended_equations(
@@ -150,7 +143,7 @@ def extended_equations(
     arm = view_arm(p, *state[:4], gripper) if arm is None else arm
     at = contact_problem.touch_state(p, state, arm)
     e = touch_equations(p, *contact_problem.shifted_by(*model.shift(at))[:3], state, gripper, arm)
-    shifts = _shift_by_magnitude(model, contact_problem, state, arm), _shift_by_direction(model, contact_problem, state)
+    shifts = tuple(_shifts_by_force(model, contact_problem, state, arm))
     turns = (0.0 if shift.joints is None else shift.joints.T * e.rows.on for shift in shifts)
     row_f, row_d = (row + turn for row, turn in zip(e.rows_by, turns, strict=True))
     h_f, h_d = (h + as_complex(shift_column(shift, e)) for h, shift in zip(e.h_by, shifts, strict=True))

@@ -1,4 +1,8 @@
-"""The extended model: the base model of twelve parameters and physical effects, with the values of all of them."""
+"""The extended model: the base model of twelve parameters and physical effects, with the values of all of them.
+
+**Errors of the force sensor.** Effects may let the sensor report F + e(F), in its own frame. The equations of a touch
+hold for the true force F, the adjustment varies the reported one.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchState
+from scara_kinetostatic.model.arrays import Floats, as_complex, pairs
+from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 
 _ROBOT_STEP = 1e-6
@@ -118,6 +122,11 @@ class ExtendedModel:
         """`effect_values` as arrays, (k_i,) each."""
         return tuple(np.array(part) for part in self.effect_values)
 
+    @cached_property
+    def pairs(self) -> tuple[tuple[EffectLaw, Floats], ...]:
+        """Each effect with its values."""
+        return tuple(zip(self.effects, self.effect_arrays, strict=True))
+
     @property
     def held(self) -> frozenset[str]:
         """Those of `names` along which the model changes in steps: a fit holds them where it begins."""
@@ -135,8 +144,7 @@ class ExtendedModel:
 
     def shift(self, at: TouchState) -> tuple[Floats, Floats]:
         """δ, rad, and d, m, of all effects together, (n, 2) each."""
-        total = _sum_of_shifts(at, zip(self.effects, self.effect_arrays, strict=True))
-        joints, place = (np.zeros(at.joints.shape) if part is None else part for part in total)
+        joints, place = (np.zeros(at.joints.shape) if part is None else part for part in _sum_of_shifts(at, self.pairs))
         return joints, place
 
     def difference(self, up: TouchState, down: TouchState, step: Floats | float, least: ForceDependence) -> Shift:
@@ -148,14 +156,12 @@ class ExtendedModel:
             step: one for all touches, or (n, 1).
             least: effects that depend on less of the force are left out: they are the same in both states.
         """
-        pairs = zip(self.effects, self.effect_arrays, strict=True)
-        depending = [pair for pair in pairs if pair[0].force_dependence >= least]
+        depending = [pair for pair in self.pairs if pair[0].force_dependence >= least]
         return _per_step(_sum_of_shifts(up, depending), _sum_of_shifts(down, depending), step)
 
     def object_shift(self, at: TouchState) -> Floats:
         """The displacements d by effects on the object, (n, 2), m."""
-        pairs = zip(self.effects, self.effect_arrays, strict=True)
-        place = _sum_of_shifts(at, (pair for pair in pairs if pair[0].on_object)).place
+        place = _sum_of_shifts(at, (pair for pair in self.pairs if pair[0].on_object)).place
         return np.zeros(at.joints.shape) if place is None else place
 
     def contact_normal(self, at: TouchState) -> Floats:
@@ -169,15 +175,14 @@ class ExtendedModel:
 
     def shift_by_effects(self, at: TouchState) -> list[Shift]:
         """The derivatives of δ and d by each parameter of the effects, in the order of `names`."""
-        pairs = zip(self.effects, self.effect_arrays, strict=True)
-        return [part for effect, values in pairs for part in effect.derivative(at, values)]
+        return [part for effect, values in self.pairs for part in effect.derivative(at, values)]
 
     def shift_by_robot(self, at: TouchState) -> dict[str, Shift]:
         """The derivatives of δ and d by the parameters of L̄ that scale them, by name; central differences."""
         found = {}
         for name in dict.fromkeys(name for effect in self.effects for name in effect.scaled_by):
             value = getattr(at.parameters, name)
-            scaled = [pair for pair in zip(self.effects, self.effect_arrays, strict=True) if name in pair[0].scaled_by]
+            scaled = [pair for pair in self.pairs if name in pair[0].scaled_by]
             up, down = (
                 _sum_of_shifts(
                     at._replace(parameters=at.parameters.replace(**{name: value + sign * _ROBOT_STEP})), scaled
@@ -208,3 +213,99 @@ def _per_step(up: Shift, down: Shift, step: Floats | float) -> Shift:
 def as_model(model: ExtendedModel | Parameters) -> ExtendedModel:
     """Bare parameters are the base model without effects."""
     return model if isinstance(model, ExtendedModel) else ExtendedModel(model)
+
+
+def has_sensor_error(model: ExtendedModel) -> bool:
+    """Whether any effect of a model is an error of the sensor."""
+    return any(effect.sensor_error(np.ones((1, 2)), values) is not None for effect, values in model.pairs)
+
+
+def reported_force(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None = None) -> Floats:
+    """F + e(F) for true forces (n, 2) in the sensor's frame, N; `metadata` is that of the touches."""
+    parts = (effect.sensor_error(force, values, metadata) for effect, values in model.pairs)
+    return sum((part for part in parts if part is not None), force)
+
+
+def true_force(model: ExtendedModel, reported: Floats, metadata: TouchMetadata | None = None) -> Floats:
+    """The true forces behind reported ones, (n, 2), N, in the sensor's frame; NaN where there is none.
+
+    By Newton's method, whose derivative stays for as long as the error falls fast.
+    """
+    if not has_sensor_error(model):
+        return reported
+    force, most = reported, np.abs(reported).max(initial=0.0)
+    inverse, before = None, np.inf
+    with np.errstate(all='ignore'):
+        # Newton steps at most
+        for _ in range(12):
+            off = reported_force(model, force, metadata) - reported
+            error = np.fmax.reduce(np.abs(off), axis=None)  # of those touches whose force is a number
+            # error of the force that a true force gives, as a part of the largest one, at which the iteration ends
+            if not error > 1e-15 * most:
+                break
+            # the derivative is worked out anew where a step leaves more than this part of the error
+            if inverse is None or error > 0.1 * before:
+                inverse = _true_by_reported(model, force, metadata)
+            force, before = force - _times(inverse, off), error
+        # error, as a part of the largest force, beyond which there is no true force
+        return np.where(np.abs(off) <= 1e-9 * most, force, np.nan)
+
+
+def true_force_derivative(
+    model: ExtendedModel, reported: Floats, true: Floats, metadata: TouchMetadata | None = None
+) -> Floats:
+    """∂F/∂(reported F) at reported forces (n, 2) and the true ones behind them, (n, 2), N.
+
+    Both are in components along and across the force itself, (n, 2, 2).
+    """
+    matrix = _true_by_reported(model, true, metadata)
+    x, y = (reported / np.hypot(reported[:, 0], reported[:, 1])[:, None]).T
+    columns = [_times(matrix, np.array([x, y]).T), _times(matrix, np.array([-y, x]).T)]
+    return np.stack([along_and_across(column, true) for column in columns], axis=-1)
+
+
+def sensor_error_columns(
+    model: ExtendedModel, reported: Floats, true: Floats, by_reported: Floats, metadata: TouchMetadata | None = None
+) -> Floats:
+    """The derivatives of h by the parameters of the effects through the sensor error, (n, 2, k).
+
+    The true force behind a reported one changes by -∂F/∂(reported F) ∂e.
+
+    Args:
+        model: with k parameters of effects.
+        reported: forces, (n, 2), N.
+        true: those behind them, (n, 2), N.
+        by_reported: ∂h by the reported force, along and across it, (n, 2, 2).
+        metadata: of the touches.
+    """
+    columns = np.zeros((len(true), 2, len(model.effect_scales)))
+    first = 0
+    for effect, values in model.pairs:
+        for k, error in enumerate(effect.sensor_error_derivative(true, values, metadata), first):
+            columns[:, :, k] = -_times(by_reported, along_and_across(error, reported))
+        first += len(values)
+    return columns
+
+
+def along_and_across(vectors: Floats, force: Floats) -> Floats:
+    """Components of vectors (n, 2) along and across forces (n, 2)."""
+    across = as_complex(force)
+    return pairs(as_complex(vectors) * across.conj() / np.abs(across))
+
+
+def _times(matrices: Floats, vectors: Floats) -> Floats:
+    """Matrices (n, 2, 2) times vectors (n, 2), touch by touch."""
+    return np.asarray(np.einsum('nij,nj->ni', matrices, vectors))
+
+
+def _true_by_reported(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None) -> Floats:
+    """∂F/∂(reported F) at true forces (n, 2), (n, 2, 2): the inverse of what central differences give."""
+    # step of the central difference over a force, as a part of it (of 1 N at least)
+    step = 1e-5 * np.maximum(np.hypot(force[:, 0], force[:, 1]), 1.0)[:, None]
+    columns = [
+        (reported_force(model, force + step * unit, metadata) - reported_force(model, force - step * unit, metadata))
+        / (2 * step)
+        for unit in np.eye(2)
+    ]
+    (a, c), (b, d) = (column.T for column in columns)
+    return (np.array([[d, -b], [-c, a]]) / (a * d - b * c)).transpose(2, 0, 1)

@@ -18,7 +18,7 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
-from scara_kinetostatic.model.gripper import Gripper, GripperSign, as_gripper
+from scara_kinetostatic.model.kinematics import Gripper, GripperSign, as_gripper
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, joints_under_load, tip_by_joints, tip_by_values
 from scara_kinetostatic.model.touch_equations import State, step_links

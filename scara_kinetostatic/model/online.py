@@ -22,7 +22,7 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_obje
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
-from scara_kinetostatic.model.sensor_error import has_sensor_error
+from scara_kinetostatic.model.extended_model import has_sensor_error
 from scara_kinetostatic.model.tip import (
     SIGN_KNOWN,
     Force,

@@ -11,37 +11,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scara_kinetostatic.errors import ParameterError, did_you_mean
+from scara_kinetostatic.errors import ParameterError
 
-UNITS = {
-    'x0': 'm',
-    'y0': 'm',
-    'theta1': 'rad',
-    'l1': 'm',
-    'theta2': 'rad',
-    'l2': 'm',
-    'p_ee': 'm/N',
-    'p1': 'rad/Nm',
-    'p2': 'rad/Nm',
-    'g_ee': 'm',
-    'g1': 'rad',
-    'g2': 'rad',
-}
+_TABLE = (
+    ('x0', 'm', 'base offset along x'),
+    ('y0', 'm', 'base offset along y'),
+    ('theta1', 'rad', 'offset of joint 1'),
+    ('l1', 'm', 'length of link 1'),
+    ('theta2', 'rad', 'offset of joint 2'),
+    ('l2', 'm', 'length of link 2'),
+    ('p_ee', 'm/N', 'compliance of the gripper'),
+    ('p1', 'rad/Nm', 'compliance of joint 1'),
+    ('p2', 'rad/Nm', 'compliance of joint 2'),
+    ('g_ee', 'm', 'backlash of the gripper, half the gap'),
+    ('g1', 'rad', 'backlash of joint 1, half the gap'),
+    ('g2', 'rad', 'backlash of joint 2, half the gap'),
+)
+UNITS = {name: unit for name, unit, _ in _TABLE}
 NAMES = tuple(UNITS)
-DESCRIPTIONS = {
-    'x0': 'base offset along x',
-    'y0': 'base offset along y',
-    'theta1': 'offset of joint 1',
-    'l1': 'length of link 1',
-    'theta2': 'offset of joint 2',
-    'l2': 'length of link 2',
-    'p_ee': 'compliance of the gripper',
-    'p1': 'compliance of joint 1',
-    'p2': 'compliance of joint 2',
-    'g_ee': 'backlash of the gripper, half the gap',
-    'g1': 'backlash of joint 1, half the gap',
-    'g2': 'backlash of joint 2, half the gap',
-}
+DESCRIPTIONS = {name: description for name, _, description in _TABLE}
 _LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0}
 """Largest plausible size of a number by its unit."""
 _HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
@@ -54,6 +42,22 @@ def implausible_size(value: float, unit: str) -> tuple[str, str] | None:
         return None
     problem = f'expected at most {_LARGEST[unit]:.4g} {unit} in size, got {value!r}'
     return problem, _HINT.get(unit, 'give it in SI units')
+
+
+def quantity(value: float, unit: str) -> str:
+    """A value in SI units with a prefix that fits: `943 µm`, `-12 µm/N`, `3.1 mm`."""
+    prefixes = (('', 1.0), ('m', 1e3), ('µ', 1e6))
+    prefix, factor = next(((p, f) for p, f in prefixes if abs(value) * f >= 1.0), prefixes[-1])
+    size = value * factor
+    return f'{size:.2g} {prefix}{unit}' if abs(size) < 100 else f'{size:.0f} {prefix}{unit}'
+
+
+def displacement(x: float, y: float) -> str:
+    """A displacement in words: `75 µm further in x, 38 µm less in y`."""
+    return ', '.join(
+        f'{quantity(abs(value), "m")} {"further" if value > 0 else "less"} in {axis}'
+        for axis, value in (('x', x), ('y', y))
+    )
 
 
 @dataclass(frozen=True)
@@ -102,13 +106,11 @@ class Parameters:
         Raises:
             ParameterError: a name is missing or unknown, or a value is no finite number.
         """
-        unknown = [str(name) for name in values if name not in UNITS]
-        missing = [name for name in NAMES if name not in values]
-        if unknown:
-            raise ParameterError(where, f'unknown parameter {unknown[0]!r}', did_you_mean(unknown[0], NAMES))
-        if missing:
-            raise ParameterError(where, f'parameter {missing[0]!r} is missing', 'give all twelve')
-        return cls(**{name: values[name] for name in NAMES})
+        wrong = sorted(set(NAMES) ^ set(values), key=str)
+        if wrong:
+            problem = 'unknown parameter' if wrong[0] in values else 'missing parameter'
+            raise ParameterError(where, f'{problem} {wrong[0]!r}', f'give all of {" ".join(NAMES)}')
+        return cls(**values)
 
     def as_array(self) -> NDArray[np.float64]:
         """The 12 values in the order of `NAMES`, (12,)."""

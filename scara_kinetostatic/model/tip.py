@@ -39,8 +39,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, inverse, stacked
+from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, component_by_parameters, inverse, stacked
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, Parameters
 
 SIGN_KNOWN = 3.0

@@ -43,10 +43,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex
 from scara_kinetostatic.model.effect_law import TouchState
-from scara_kinetostatic.model.gripper import Gripper, Skew
-from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, forward
+from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, Skew, component_by_parameters, forward
 from scara_kinetostatic.model.parameters import Parameters
 
 
@@ -78,16 +77,6 @@ class Arm(NamedTuple):
         skew = None if self.skew is None else Skew(*(part[which] for part in self.skew))
         parts: list[Any] = [*(part[..., which] for part in self[:-1]), skew]
         return Arm(*parts)
-
-
-def pairs(vectors: Complexes) -> Floats:
-    """Complex numbers (n,) as vectors (n, 2)."""
-    return np.ascontiguousarray(vectors).view(float).reshape(-1, 2)
-
-
-def as_complex(vectors: Floats) -> Complexes:
-    """Vectors (n, 2) as complex numbers (n,)."""
-    return np.asarray(vectors[:, 0] + 1j * vectors[:, 1])
 
 
 def view_arm(

@@ -24,9 +24,9 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import reported_force
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
-from scara_kinetostatic.model.sensor_error import reported_force
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.document import as_document

@@ -10,8 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.model.parameters import NAMES, UNITS
-from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.model.parameters import NAMES, UNITS, quantity
 from scara_kinetostatic.monitoring.comparison import LEVEL, Change
 from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.hypotheses import Causes, change_title

@@ -24,7 +24,7 @@ from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of
 from scara_kinetostatic.monitoring.linear import Evidence, Information, PredictionTest, State, measure

@@ -20,8 +20,7 @@ from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, link_vectors, rotate
-from scara_kinetostatic.model.parameters import NAMES, Parameters
-from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.model.parameters import NAMES, Parameters, quantity
 
 FOUND: Colour = (0.84, 0.37, 0.0, 1.0)
 RESIDUAL: Colour = (0.80, 0.47, 0.65, 1.0)

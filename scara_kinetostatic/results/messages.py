@@ -12,8 +12,7 @@ from scara_kinetostatic.assessment.tolerance import advice
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Found
-from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.model.parameters import NAMES, quantity
 from scara_kinetostatic.report import Level, Verdict, sentence
 from scara_kinetostatic.report.quantities import Scale, p_equals, shown
 from scara_kinetostatic.results.tables import base_rank

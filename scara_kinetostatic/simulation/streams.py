@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model import sensor_error
+from scara_kinetostatic.model import extended_model
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -187,11 +187,10 @@ def reported_force(
     reported = in_sensor_frame(cell, model.parameters, joints, force + error)
     if model.effects:
         true = in_sensor_frame(cell, model.parameters, joints, force)
-        reported = reported + sensor_error.reported_force(model, true, metadata) - true
+        reported = reported + extended_model.reported_force(model, true, metadata) - true
         if relative_force is not None:
-            reported -= (1.0 - relative_force)[:, None] * sensor_error.reported_force(
-                model, np.zeros_like(true), metadata
-            )
+            at_rest = extended_model.reported_force(model, np.zeros_like(true), metadata)
+            reported -= (1.0 - relative_force)[:, None] * at_rest
     return reported
 
 

@@ -11,9 +11,8 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.gauss_helmert import first_guess, linearise
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force, true_force
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
-from scara_kinetostatic.model.sensor_error import reported_force, true_force
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 READING = {'sensor_nonlinearity': (6e-3,), 'sensor_rotation': (0.3,), 'sensor_bias': (3.0, -2.0)}

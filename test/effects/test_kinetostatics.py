@@ -10,7 +10,7 @@ from model.helpers import ROBOTS
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.gripper import Gripper, GripperSign
+from scara_kinetostatic.model.kinematics import Gripper, GripperSign
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 
 ROBOT = [effect for effect in EFFECTS if not effect.on_object]

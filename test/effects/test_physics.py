@@ -17,8 +17,7 @@ from scara_kinetostatic.effects.variables import STICKING, slide
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.model.kinematics import Gripper, jacobian
 
 SCENE = random_scene(5, 150)
 FIRST = SCENE.metadata.disc == 0

@@ -12,8 +12,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.effects.robot import LinkBending
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.sensor_error import true_force
+from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 
 SEEN = [effect for effect in EFFECTS if effect.label != 'link_bending[link2]']
 

@@ -13,11 +13,10 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import online
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, force_on_object, in_sensor_frame
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.online import OnlineArm
 from scara_kinetostatic.model.parameters import G_EE, P_EE
-from scara_kinetostatic.model.sensor_error import reported_force
 
 EFFECTS = ('', 'transmission_error[joint1]', 'anisotropic_backlash', 'base_compliance', 'joint_hardening[joint2]')
 

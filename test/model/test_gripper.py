@@ -10,7 +10,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.contact import contact, contact_derivatives
-from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.kinematics import Gripper
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations

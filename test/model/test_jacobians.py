@@ -9,8 +9,7 @@ from model.helpers import ROBOTS, STEPS, assert_derivative, random_poses
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.contact import contact, contact_derivatives
-from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.kinematics import LoadedJoints, forward_by_parameters, tip_by_parameters
+from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, forward_by_parameters, tip_by_parameters
 from scara_kinetostatic.model.kinetostatics import (
     direct_kinetostatics,
     inverse_kinetostatics,

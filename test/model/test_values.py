@@ -26,7 +26,7 @@ def test_parameters_refuse_what_is_no_number(value):
 
 def test_parameters_name_what_is_missing_or_unknown():
     values = PAPER_ACTUAL.as_dict()
-    with pytest.raises(ParameterError, match="'g2' is missing"):
+    with pytest.raises(ParameterError, match="missing parameter 'g2'"):
         Parameters.from_mapping({name: value for name, value in values.items() if name != 'g2'})
     with pytest.raises(ParameterError, match="unknown parameter 'g3'"):
         Parameters.from_mapping({**values, 'g3': 0.0})

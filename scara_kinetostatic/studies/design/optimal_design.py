@@ -25,7 +25,7 @@ import numpy as np
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Disc, Plate
-from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan
 from scara_kinetostatic.studies.design.candidates import (
     MOST_HELD_OUT,
