@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from time import time_ns
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
@@ -25,7 +25,7 @@ from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetosta
 from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm, read_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.monitoring.record import check_same_identification
+from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_identification
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.report.json_file import Document
@@ -161,15 +161,7 @@ class PersistentComplaints:
         return list(present.values())
 
 
-class HasDate(Protocol):
-    """A calibration that says when it was calculated."""
-
-    @property
-    def created(self) -> str:
-        """UTC; empty where it is not known."""
-
-
-Calibration = TypeVar('Calibration', bound=HasDate)
+Calibration = TypeVar('Calibration', CalibratedArm, CalibrationRecord)
 
 
 class FollowedCalibration(Generic[Calibration]):
@@ -198,13 +190,15 @@ class FollowedCalibration(Generic[Calibration]):
         read: Callable[[Document], Calibration],
         take: Callable[[Calibration], None],
     ) -> None:
-        self._logger, self._read, self._take, self._began = node.get_logger(), read, take, time_ns()
+        self._logger, self._began = node.get_logger(), time_ns()
+        self._read: Callable[[Document], Calibration] = read
+        self._take: Callable[[Calibration], None] = take
         self.present: Calibration | None = None
         self.origin, self.refused = 'none', ''
         meaning = 'calibration.json of a result; empty: from the calibrator'
         self._path = declare.parameter(node, 'calibration', '', meaning)
         follow = declare.parameter(node, 'follow', True, 'take each result that the calibrator publishes')
-        self.given = load(declare.place('calibration', self._path)) if self._path else None
+        self.given: Calibration | None = load(declare.place('calibration', self._path)) if self._path else None
         if follow:
             node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
 

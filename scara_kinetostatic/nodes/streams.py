@@ -26,7 +26,7 @@ from scara_kinetostatic.bags.cdr import decode_transforms
 from scara_kinetostatic.bags.messages import TF_STATIC
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, frame_of, joint_sample, wrench_sample
-from scara_kinetostatic.touches.streams import INTERLEAVED, FixedTransform, WrenchFrame, is_interleaved
+from scara_kinetostatic.touches.streams import INTERLEAVED, WrenchFrame, is_interleaved
 
 try:
     from tf2_msgs.msg import TFMessage as TFMessage
@@ -225,7 +225,7 @@ class FrameCheck:
         self.last = b''
         self._logger, self._stated, self._changed = node.get_logger(), stated, changed
         self._frame = WrenchFrame(stated)
-        self._known: dict[tuple[str, ...], tuple[list[FixedTransform], bytes]] = {}
+        self._known: dict[tuple[str, ...], bytes] = {}
         self._turned: tuple[str, list[list[float]] | None] | None = None
         if TFMessage is None:
             text = 'tf2_msgs is not installed: the frame_id of a wrench is judged by its name, and no force is turned'
@@ -237,7 +237,7 @@ class FrameCheck:
     @property
     def messages(self) -> list[bytes]:
         """The fixed transforms as they came, one message for each set of frames."""
-        return [message for _, message in self._known.values()]
+        return list(self._known.values())
 
     def note(self, message: bytes) -> None:
         """Takes fixed transforms in, a `tf2_msgs/TFMessage` as it came over the wire."""
@@ -247,10 +247,9 @@ class FrameCheck:
             self._logger.warning(str(error))
             return
         key = tuple(sorted(item.child for item in transforms))
-        former = self._known.get(key)
-        self._known[key] = (transforms, message)
-        if former is not None and former[0] == transforms:
+        if self._known.get(key) == message:
             return
+        self._known[key] = message
         before = self.turn(self.last) if self.last else None
         for transform in transforms:
             self._frame.add(transform)
