@@ -208,7 +208,8 @@ def test_senseless_plan(run: Run, tmp_path: Path, text: str, word: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ('text', 'word'), [('l1: 0.3', 'missing'), ('[1, 2]', 'expected a mapping'), ('x0: 0\nl9: 3', 'l9'), (': :', 'YAML')]
+    ('text', 'word'),
+    [('l1: 0.3', 'missing'), ('[1, 2]', 'expected a mapping'), ('x0: 0\nl9: 3', 'l9'), (': :', 'YAML')],
 )
 def test_senseless_truth(run: Run, tmp_path: Path, text: str, word: str) -> None:
     (tmp_path / 'truth.yaml').write_text(text)

@@ -218,7 +218,7 @@ def test_results_of_the_calibrator_are_exchanged(bench: Callable[..., Bench], ar
     before = b.poses[-1].pose.pose.position.x
     assert before == pytest.approx(OnlineArm(arm).locate(*JOINTS, *FORCE).x, abs=1e-9)
     b.result.publish(String(data=json.dumps(arm_document(moved))))
-    b.wait(lambda: b.poses[-1].pose.pose.position.x != before, b.move)
+    b.wait(lambda: abs(b.poses[-1].pose.pose.position.x - before) > 1e-3, b.move)
     assert b.poses[-1].pose.pose.position.x - before == pytest.approx(0.05 - arm.model.parameters.x0, abs=1e-6)
 
 
