@@ -45,9 +45,9 @@ ORDER = (
 """The packages from the ground up: each imports from those before it alone."""
 ANYWHERE = {'numpy'}
 KEPT_IN = {
-    'scipy': ('assessment', 'calibration', 'diagnosis', 'monitoring', 'results', 'studies'),
+    'scipy': ('assessment', 'calibration', 'diagnosis', 'monitoring', 'studies'),
     'yaml': ('files', 'simulation', 'bags'),
-    'matplotlib': ('contour', 'report', 'results', 'studies'),
+    'matplotlib': ('report', 'results', 'studies'),
     'markupsafe': ('contour', 'files', 'monitoring', 'report', 'results', 'simulation', 'studies'),
     'jinja2': ('files', 'report'),
     'rich': ('cli',),

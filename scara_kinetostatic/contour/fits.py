@@ -85,17 +85,13 @@ def _slow_noise(inverse: Floats, contour: Contour, points: Mask, residual: Float
 
 def _correlated_points(residual: Floats, passes: Indices) -> float:
     """1 + 2 Σ ρ_k over the lags up to the first whose correlation ρ_k is not above 0, at least 1."""
-    total, square = np.zeros(0), 0.0
-    for number in np.unique(passes):
-        part = residual[passes == number]
-        size = 2 * len(part)
-        lags = np.fft.irfft(np.abs(np.fft.rfft(part, size)) ** 2, size)[: len(part)]  # sums of products a lag apart
-        size = max(len(total), len(lags))
-        total = np.pad(total, (0, size - len(total))) + np.pad(lags, (0, size - len(lags)))
-        square += float(lags[0])
-    if not square > 0:
+    parts = [residual[passes == number] for number in np.unique(passes)]
+    size = 2 * max(map(len, parts))
+    power = np.sum([np.abs(np.fft.rfft(part, size)) ** 2 for part in parts], axis=0)
+    products = np.fft.irfft(power, size)[: size // 2]  # sums of products a lag apart
+    if not products[0] > 0:
         return 1.0
-    correlation = total[1:] / square
+    correlation = products[1:] / products[0]
     negative = np.flatnonzero(correlation <= 0)
     end = int(negative[0]) if len(negative) else len(correlation)
     return float(1.0 + 2.0 * correlation[:end].sum())
@@ -192,15 +188,18 @@ def _points_of(contour: Contour, outline: int) -> Mask:
     return np.isin(contour.passes, contour.outlines[outline].passes)
 
 
-def _fit(contour: Contour, arm: CalibratedArm, points: Mask, shape: str, outline: int) -> ShapeFit:
-    """The shape that fits some points, a mask (N,), of an outline best.
+def _fit(
+    contour: Contour, arm: CalibratedArm, points: Mask, shape: str, outline: int, whole: Floats | None = None
+) -> ShapeFit:
+    """The shape that fits some points, a mask (N,), of an outline best; length and ends are those of the whole, (k, 2).
 
     Raises:
         UnsupportedDataError: too few points, or they are on a straight line where a circle is asked for.
     """
     if points.sum() < FEWEST_POINTS:
         raise UnsupportedDataError(f'{points.sum()} points are too few for a fit', 'slide for longer')
-    found, residual, design = (_line if shape == 'line' else _round)(contour.surface[points], contour.normal[points])
+    place, fit = contour.surface[points], _line if shape == 'line' else _round
+    found, residual, design = fit(place, contour.normal[points], place if whole is None else whole)
     std = parameter_stds(contour, arm, points, design, residual)
     stds = (std[0], std[0], std[1], np.nan) if shape == 'line' else (*std, np.nan, np.nan)
     values = tuple(
@@ -221,7 +220,7 @@ def extent(angle: Floats) -> tuple[float, float]:
     return begin, begin + 2 * np.pi - float(gaps[last])
 
 
-def _round(place: Floats, normal: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
+def _round(place: Floats, normal: Floats, whole: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
     """A circle: center, radius and the ends of the arc; residuals along the normals; their design matrix.
 
     Raises:
@@ -241,18 +240,20 @@ def _round(place: Floats, normal: Floats) -> tuple[tuple[float, ...], Floats, Fl
     if rank < 3 or not np.isfinite(values).all() or values[2] > 1e3:
         raise UnsupportedDataError('its points are on no circle', 'ask for a line')
     away, side = np.hypot(x - values[0], y - values[1]), np.sign(np.sum(design[:, :2] * normal))
-    found = (*(values[:2] + origin), values[2], *extent(np.arctan2(y - values[1], x - values[0])))
+    center = values[:2] + origin
+    found = (*center, values[2], *extent(np.arctan2(*(whole - center).T[::-1])))
     return found, side * (away - values[2]), side * design
 
 
-def _line(place: Floats, outward: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
+def _line(place: Floats, outward: Floats, whole: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
     """A line: its middle, the angle of its normal, its length; residuals along the normal; their design matrix."""
     origin = place.mean(axis=0)
     along = np.linalg.svd(place - origin, full_matrices=False)[2][0]
     normal = np.array([along[1], -along[0]])
     normal *= np.sign(np.sum(outward @ normal)) or 1.0
-    distance = (place - origin) @ np.array([-normal[1], normal[0]])
-    found = (*origin, np.arctan2(normal[1], normal[0]), np.ptp(distance))
+    across = np.array([-normal[1], normal[0]])
+    distance = (place - origin) @ across
+    found = (*origin, np.arctan2(normal[1], normal[0]), np.ptp(whole @ across))
     return found, (place - origin) @ normal, np.column_stack([np.ones_like(distance), distance])
 
 
@@ -286,21 +287,8 @@ def fit_pieces(contour: Contour, arm: CalibratedArm, outline: int = 0) -> tuple[
         own = np.isin(np.arange(len(contour)), points[owner == number])
         if own.sum() >= FEWEST_POINTS:
             shape = ('circle' if made.closed and len(pieces) == 1 else 'arc') if is_arc else 'line'
-            fits.append(_of_whole(_fit(contour, arm, own, shape, outline), made.points[nodes], number))
+            fits.append(_fit(contour, arm, own, shape, outline, made.points[nodes])._replace(piece=number))
     return tuple(fits)
-
-
-def _of_whole(fit: ShapeFit, nodes: Floats, number: int) -> ShapeFit:
-    """The fit with the length or the ends of the whole piece."""
-    known = dict[str, float]()
-    if fit.shape == 'line':
-        angle = fit.value('normal_angle').value
-        known['length'] = float(np.ptp(nodes @ np.array([-np.sin(angle), np.cos(angle)])))
-    elif fit.shape == 'arc':
-        offset = nodes - (fit.value('center_x').value, fit.value('center_y').value)
-        known['begin'], known['end'] = extent(np.arctan2(offset[:, 1], offset[:, 0]))
-    values = tuple(item._replace(value=known.get(item.name, item.value)) for item in fit.values)
-    return fit._replace(values=values, piece=number)
 
 
 def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indices:
@@ -308,10 +296,9 @@ def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indic
     weight = 5e-3  # m: points with opposite normals are taken to be farther apart by twice this length
     nodes = np.column_stack([outline.points, weight * outline.normals])
     wanted = np.column_stack([contour.surface[points], weight * contour.normal[points]])
-    square, found = (nodes**2).sum(axis=1), []
-    for first in range(0, len(wanted), 512):  # worked out together
-        found.append((square - 2.0 * wanted[first : first + 512] @ nodes.T).argmin(axis=1))
-    return np.concatenate(found)
+    square = (nodes**2).sum(axis=1)
+    parts = np.array_split(wanted, len(wanted) // 512 + 1)  # worked out together
+    return np.concatenate([(square - 2.0 * part @ nodes.T).argmin(axis=1) for part in parts])
 
 
 def divided(outline: Outline, most: int = 500) -> list[tuple[Indices, bool]]:

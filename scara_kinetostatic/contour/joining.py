@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats, read_only
+from scara_kinetostatic.model.arrays import Floats, Indices, read_only
 
 SPACING = 5e-4
 """Least distance of the nodes of an outline, m."""
@@ -69,39 +69,38 @@ class Stretch(NamedTuple):
         normals: outward unit vectors, (n, 2).
         std: standard uncertainty along the normal, (n,), m; NaN where it is not known.
         noise: the part of it by noise, (n,), m.
+        along: distance along an outline, (n,), m; nothing for a pass of which that is not known.
     """
 
     points: Floats
     normals: Floats
     std: Floats
     noise: Floats
+    along: Floats = np.empty(0)
 
-
-class _Course(NamedTuple):
-    """Places along an outline with their distance along it; (n, ...) each, as in `Stretch`."""
-
-    along: Floats
-    points: Floats
-    normals: Floats
-    std: Floats
-    noise: Floats
-
-    @classmethod
-    def of(cls, stretch: Stretch) -> _Course:
-        """The course of a pass, with the object on its left: counter-clockwise about it."""
-        step = np.gradient(stretch.points, axis=0)
-        turn = step[:, 0] * stretch.normals[:, 1] - step[:, 1] * stretch.normals[:, 0]
-        ordered = stretch if np.sum(np.sign(turn)) <= 0 else Stretch(*(column[::-1] for column in stretch))
-        return cls(_lengths(ordered.points), *ordered)
+    def select(self, which: slice | Indices) -> Stretch:
+        """The places at some positions."""
+        return Stretch(*(column[which] for column in self))
 
     @property
     def weighing(self) -> Floats:
         """Standard uncertainties by which points are weighed; that by noise where no other is known, (n,), m."""
         return np.where(np.isnan(self.std), self.noise, self.std)
 
-    def sorted(self) -> _Course:
-        order = np.argsort(self.along, kind='stable')
-        return _Course(*(column[order] for column in self))
+
+def _with_object_on_left(stretch: Stretch) -> Stretch:
+    """A pass counter-clockwise about the object, with the distance along it."""
+    step = np.gradient(stretch.points, axis=0)
+    turn = step[:, 0] * stretch.normals[:, 1] - step[:, 1] * stretch.normals[:, 0]
+    way = 1 if np.sum(np.sign(turn)) <= 0 else -1
+    points, normals, std, noise = (column[::way] for column in stretch[:4])
+    return Stretch(points, normals, std, noise, _lengths(points))
+
+
+def _joined(one: Stretch, other: Stretch) -> Stretch:
+    """The places of both in their order along the outline."""
+    both = Stretch(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))
+    return both.select(np.argsort(both.along, kind='stable'))
 
 
 class _Part(NamedTuple):
@@ -113,7 +112,7 @@ class _Part(NamedTuple):
         passes: numbers of its passes.
     """
 
-    course: _Course
+    course: Stretch
     period: float
     passes: tuple[int, ...]
 
@@ -151,7 +150,7 @@ class JoinedPasses:
         Returns:
             The number of the outline among `outlines`.
         """
-        return self._join(_closed(_Course.of(stretch), (number,)))
+        return self._join(_closed(_with_object_on_left(stretch), (number,)))
 
     def _join(self, part: _Part) -> int:
         """Joins an outline to those that it touches; the number of the result."""
@@ -168,7 +167,7 @@ class JoinedPasses:
     @property
     def outlines(self) -> tuple[Outline, ...]:
         """The outlines, in the order in which they were begun."""
-        return tuple(Outline(*p.course[1:4], bool(p.period), tuple(sorted(p.passes))) for p in self._parts)
+        return tuple(Outline(*p.course[:3], bool(p.period), tuple(sorted(p.passes))) for p in self._parts)
 
 
 def _merged(one: _Part, other: _Part) -> _Part | None:
@@ -178,13 +177,12 @@ def _merged(one: _Part, other: _Part) -> _Part | None:
     placed = _placed(base.course, base.period, added.course)
     if placed is None:
         return None
-    columns = zip(base.course, placed, strict=True)
-    merged = _Course(*(np.concatenate(pair) for pair in columns)).sorted()
+    merged = _joined(base.course, placed)
     passes = tuple(dict.fromkeys((*one.passes, *other.passes)))
     return _Part(_thinned(merged, base.period), base.period, passes) if base.period else _closed(merged, passes)
 
 
-def _placed(part: _Course, period: float, course: _Course) -> _Course | None:
+def _placed(part: Stretch, period: float, course: Stretch) -> Stretch | None:
     """The course with distances along a part; None where the two do not touch."""
     near = _nearest(part, course, period)
     same = np.flatnonzero(np.isfinite(near))
@@ -205,7 +203,7 @@ def _placed(part: _Course, period: float, course: _Course) -> _Course | None:
     return course._replace(along=along % period if period else along)
 
 
-def _nearest(part: _Course, course: _Course, period: float) -> Floats:
+def _nearest(part: Stretch, course: Stretch, period: float) -> Floats:
     """Distance along a part of the place nearest to each point of a course, (n,), m; NaN where it is not the same."""
     points = np.concatenate([part.points, part.points[:1]]) if period else part.points
     along = np.append(part.along, part.along[0] + period) if period else part.along
@@ -232,7 +230,7 @@ def _nearest(part: _Course, course: _Course, period: float) -> Floats:
     return found
 
 
-def _closed(course: _Course, passes: tuple[int, ...]) -> _Part:
+def _closed(course: Stretch, passes: tuple[int, ...]) -> _Part:
     """The outline of a course: closed where it comes back to its begin, what is beyond joined to it; thinned."""
     end = _return(course)
     if end is None:
@@ -241,14 +239,13 @@ def _closed(course: _Course, passes: tuple[int, ...]) -> _Part:
     chord = course.points[min(_FEWEST_SAME, end)] - first
     gap = float((first - last) @ chord) / max(float(np.hypot(*chord)), 1e-12)
     turn = float(course.along[end] - course.along[0]) + gap
-    round_once = _Course(*(column[: end + 1] for column in course))
-    closed = _thinned(round_once._replace(along=(round_once.along - course.along[0]) % turn).sorted(), turn)
+    round_once, rest = course.select(slice(end + 1)), course.select(slice(end + 1, None))
+    closed = _thinned(round_once._replace(along=(round_once.along - course.along[0]) % turn), turn)
     part = _Part(closed, turn, passes)
-    rest = _Course(*(column[end + 1 :] for column in course))
     return (_merged(part, _Part(rest, 0.0, passes)) if len(rest.along) else None) or part
 
 
-def _return(course: _Course) -> int | None:
+def _return(course: Stretch) -> int | None:
     """Where a course comes back to its begin for the first time, an index; None where it does not."""
     apart, alike = np.hypot(*(course.points - course.points[0]).T), course.normals @ course.normals[0]
     left = np.flatnonzero((apart > 2 * _LONGEST_GAP) | (alike < -_SAME_NORMAL))  # round a thin pin: its other side
@@ -264,11 +261,11 @@ def _return(course: _Course) -> int | None:
     return int(stay[apart[stay].argmin()])
 
 
-def _span(course: _Course) -> float:
+def _span(course: Stretch) -> float:
     return float(course.along[-1] - course.along[0])
 
 
-def _thinned(course: _Course, period: float) -> _Course:
+def _thinned(course: Stretch, period: float) -> Stretch:
     """Means over cells of `SPACING` along the course.
 
     The cells are those of before where a course has grown: means are not taken again of two of them.
@@ -287,7 +284,7 @@ def _thinned(course: _Course, period: float) -> _Course:
     points = np.column_stack([mean(column) for column in course.points.T])
     normals = np.column_stack([mean(column) for column in course.normals.T])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    return _Course(mean(course.along), points, normals, mean(course.std), mean(course.noise))
+    return Stretch(points, normals, mean(course.std), mean(course.noise), mean(course.along))
 
 
 def _lengths(points: Floats) -> Floats:

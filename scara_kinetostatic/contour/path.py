@@ -24,25 +24,27 @@ _AGREE = 3.0
 """Directions agree where they differ by at most this many standard deviations."""
 
 
-class Direction(NamedTuple):
-    """Direction of travel at n places.
+class Course(NamedTuple):
+    """The course of the tip along a surface at n instants.
 
     Attributes:
-        along: unit vectors, (n, 2).
-        std: standard uncertainty of the angle, (n,), rad.
-        place: the places smoothed by the same fit, (n, 2), m.
-        left: the largest curvature of the path to the left within the shortest window, less three standard deviations,
-            not below 0, (n,), 1/m.
-        right: that to the right.
-        white_noise: standard deviation of one component of a place without smoothing, m.
+        normal: of the surface, outward unit vectors, (n, 2).
+        along: direction of travel, unit vectors, (n, 2).
+        angle_std: standard uncertainty of their angle, (n,), rad.
+        convex: the largest curvature of the path about the object within the shortest window, less three standard
+            deviations, not below 0, (n,), 1/m.
+        hollow: that away from the object, as in a hole.
+        white: standard deviation of one component of a place without smoothing, (n,), m.
+        end: whether it is the begin or the end of a pass, where the direction is known from one side, (n,).
     """
 
+    normal: Floats
     along: Floats
-    std: Floats
-    place: Floats
-    left: Floats
-    right: Floats
-    white_noise: float
+    angle_std: Floats
+    convex: Floats
+    hollow: Floats
+    white: Floats
+    end: Mask
 
 
 def speed_of(time: Floats, places: Floats, contact: Indices) -> Floats:
@@ -54,12 +56,6 @@ def speed_of(time: Floats, places: Floats, contact: Indices) -> Floats:
     low, high = np.maximum(index - half, first), np.minimum(index + half, last)
     elapsed = np.maximum(time[high] - time[low], 1e-9)
     return np.asarray(np.hypot(*(places[high] - places[low]).T) / elapsed)
-
-
-def moving(speed: Floats) -> Mask:
-    """Where the tip slides rather than sticks, (n,)."""
-    usual = float(np.quantile(speed, 0.75))
-    return np.asarray(speed > 0.1 * usual)
 
 
 def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
@@ -86,31 +82,36 @@ def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
     return np.where(number >= 0, np.searchsorted(kept, number), -1)
 
 
-def direction_along(time: Floats, places: Floats) -> Direction:
-    """Direction of travel of one pass.
+def course_of(time: Floats, places: Floats, force: Floats) -> Course:
+    """The course of one pass; the force tells on which side of the path the object is.
 
     Args:
         time: (n,), s, increasing; of the motion alone.
-        places: (n, 2), m.
+        places: of the tip's centre, (n, 2), m.
+        force: F on the object, (n, 2), N.
     """
+    count = len(places)
     steps = np.diff(time)
     period = float(np.median(steps))
     clock = np.append(0.0, np.cumsum(np.minimum(steps, 3 * period)))
-    length = float(np.hypot(*np.diff(places, axis=0).T).sum()) / max(len(places) - 1, 1)
+    length = float(np.hypot(*np.diff(places, axis=0).T).sum()) / max(count - 1, 1)
     halves = _halves(length)
-    fits = [_local_fit(clock, places, min(half, (len(places) - 1) // 2)) for half in halves]
+    fits = [_local_fit(clock, places, min(half, (count - 1) // 2)) for half in halves]
     noise = 1.4826 * float(np.median(np.abs(fits[-1].residual)))
-    angle, std, place = fits[-1].angle, fits[-1].slope_std * noise, fits[-1].place
-    agreed, doubt = np.ones(len(places), dtype=bool), np.zeros(len(places))
+    angle, std = fits[-1].angle, fits[-1].slope_std * noise
+    agreed, doubt = np.ones(count, dtype=bool), np.zeros(count)
     for fit in fits[-2::-1]:
         off = np.abs(np.angle(np.exp(1j * (fit.angle - angle))))
         doubt = np.where(agreed, off, doubt)  # the error of a fit to a bend grows with the window
         agreed &= off <= _AGREE * std + 3e-3  # rad; covers errors that change slowly along the path
         angle, std = np.where(agreed, fit.angle, angle), np.where(agreed, fit.slope_std * noise, std)
-        place = np.where(agreed[:, None], fit.place, place)
     along = np.column_stack([np.cos(angle), np.sin(angle)])
-    left, right = (_sure_curvature(fits[-1], side, noise, halves[-1]) for side in (1.0, -1.0))
-    return Direction(along, np.hypot(std, doubt), place, left, right, noise)
+    left = quarter_turn(along)
+    side = 1.0 if np.median((force * left).sum(axis=1)) > 0 else -1.0
+    convex, hollow = (_sure_curvature(fits[-1], way, noise, halves[-1]) for way in (side, -side))
+    index = np.arange(count)
+    end = np.minimum(index, index[::-1]) < 3
+    return Course(-side * left, along, np.hypot(std, doubt), convex, hollow, np.full(count, noise), end)
 
 
 def _halves(length: float) -> list[int]:
@@ -135,7 +136,6 @@ class _LocalFit(NamedTuple):
     Attributes:
         angle: of the derivative, (n,), rad.
         slope_std: standard deviation of that angle per metre of white noise, (n,), rad/m.
-        place: value of the fit, (n, 2), m.
         curvature: positive to the left, (n,), 1/m.
         curvature_std: standard deviation of it per metre of white noise, (n,), 1/m².
         residual: of the places across the path, (n,), m.
@@ -143,7 +143,6 @@ class _LocalFit(NamedTuple):
 
     angle: Floats
     slope_std: Floats
-    place: Floats
     curvature: Floats
     curvature_std: Floats
     residual: Floats
@@ -189,7 +188,7 @@ def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _Local
     angle, slope_std = np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed
     curvature = 2.0 * (value[:, 2] * across).sum(axis=1) / speed**2
     curvature_std = 2.0 * np.sqrt(inverse[:, 2, 2]) / speed**2
-    return _LocalFit(angle, slope_std, center + value[:, 0], curvature, curvature_std, residual)
+    return _LocalFit(angle, slope_std, curvature, curvature_std, residual)
 
 
 def _window_sums(values: Floats, start: Indices, width: int) -> Floats:

@@ -23,7 +23,6 @@ from scara_kinetostatic.contour.joining import Outline, Stretch, join_passes
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.touches.signals import runs
 
 
 class Friction(NamedTuple):
@@ -62,19 +61,17 @@ def estimate_friction(
     """
     angle = off_normal_angle(force, normal, along)
     sense = np.sign(normal[:, 0] * along[:, 1] - normal[:, 1] * along[:, 0])
-    means: dict[int, list[float]] = {1: [], -1: []}
-    for number in np.unique(passes):
-        here = passes == number
-        means[1 if sense[here].sum() > 0 else -1].append(float(np.median(angle[here])))
-    stds = {way: angle_std / np.sqrt(len(found)) for way, found in means.items() if found}
-    if len(stds) == 2:
-        ahead, back = (float(np.mean(means[way])) for way in (1, -1))
-        std = 0.5 * float(np.hypot(stds[1], stds[-1]))
-        turn = 0.5 * (ahead + back)
-        return Friction(float(np.tan(turn)), std / np.cos(turn) ** 2, 0.5 * (back - ahead), std)
-    ((way, std),) = stds.items()
-    turn = float(np.mean(means[way]))
-    return Friction(float(np.tan(turn)), float(np.hypot(std, sensor_std)) / np.cos(turn) ** 2, np.nan, np.nan)
+    each = [passes == number for number in np.unique(passes)]
+    turns = np.array([np.median(angle[here]) for here in each])
+    is_ahead = np.array([sense[here].sum() > 0 for here in each])
+    ahead, back = turns[is_ahead], turns[~is_ahead]
+    if len(ahead) and len(back):
+        turn, rotation = (float(0.5 * (back.mean() + sign * ahead.mean())) for sign in (1, -1))
+        std = rotation_std = 0.5 * angle_std * float(np.sqrt(1 / len(ahead) + 1 / len(back)))
+    else:
+        turn, rotation, rotation_std = float(turns.mean()), np.nan, np.nan
+        std = float(np.hypot(angle_std / np.sqrt(len(turns)), sensor_std))
+    return Friction(float(np.tan(turn)), std / np.cos(turn) ** 2, rotation, rotation_std)
 
 
 @dataclass(frozen=True)
@@ -159,28 +156,17 @@ NO_RADIUS = (
 def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
     """Poses beyond the calibration, uncertainties that are not known, assumptions; one sentence each."""
     size, used = np.hypot(*contour.force.T), arm.used
-    rare = (
-        (
-            (size < 0.5 * used.lowest_force) | (size > 1.1 * used.highest_force),
-            0.05,
-            f'have a force outside of that of the calibration, {used.lowest_force:.0f} to {used.highest_force:.0f} N: '
-            'there the model is extrapolated',
-        ),
-        (
-            ~np.isin(posture(arm.model.parameters, contour.joints), used.postures),
-            0.0,
-            'have an elbow posture without a touch of the calibration',
-        ),
-        (
-            np.isnan(contour.std_normal),
-            0.0,
-            'have no stated uncertainty: the touches of the calibration do not determine the place of the tip there',
-        ),
-    )
+    beyond = (size < 0.5 * used.lowest_force) | (size > 1.1 * used.highest_force)
+    other = ~np.isin(posture(arm.model.parameters, contour.joints), used.postures)
+    range_of = f'{used.lowest_force:.0f} to {used.highest_force:.0f} N'
     remarks = [
-        f'{max(100 * mask.mean(), 1):.0f} % of the points {what}'
-        for mask, allowed, what in rare
-        if mask.mean() > allowed
+        f'{max(100 * part, 1):.0f} % of the points have {what}'
+        for part, allowed, what in (
+            (beyond.mean(), 0.05, f'a force beyond that of the calibration, {range_of}: the model is extrapolated'),
+            (other.mean(), 0.0, 'an elbow posture without a touch of the calibration'),
+            (np.isnan(contour.std_normal).mean(), 0.0, 'no stated uncertainty: the calibration does not determine it'),
+        )
+        if part > allowed
     ]
     step = np.hypot(*np.diff(contour.surface, axis=0).T)[np.diff(contour.passes) == 0]
     usual = float(np.median(step)) if len(step) else 0.0
@@ -189,11 +175,10 @@ def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
             f'the points are {1e3 * usual:.1f} mm apart: what lies between is not seen, and edges are cut off; slide '
             'slower or record joint states at a higher rate'
         )
-    begins, _ = runs(contour.inner_corner)
-    if len(begins):
-        where = 'an inner corner' if len(begins) == 1 else f'{len(begins)} inner corners'
+    if contour.inner_corner.any():
         remarks.append(
-            f'{where} hardly wider than the tip: there the outline has the radius of the tip, the object may be sharper'
+            'an inner corner is hardly wider than the tip: there the outline has the radius of the tip, the object may '
+            'be sharper'
         )
     assumed = Predictor(arm).assumptions
     return (*remarks, *([f'taken, as no recording says it: {assumed}'] if assumed else []), *arm.reservations)

@@ -21,14 +21,14 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.contour.contact import ContactSamples, contact_samples
-from scara_kinetostatic.contour.path import direction_along, moving, passes_of, speed_of
+from scara_kinetostatic.contour.path import Course, course_of, passes_of, speed_of
 from scara_kinetostatic.contour.result import NO_RADIUS, Contour, estimate_friction, off_normal_angle, remarks_on
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Sensor, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import posture, quarter_turn
+from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import motion_senses
 from scara_kinetostatic.model.tip import (
     Force,
@@ -180,8 +180,12 @@ def trace_signals(
             'see the assessment in its report, and calibrate with the touches that it asks for',
         )
     number, stuck = _passes(samples, places.center, source, signals.joints.period)
-    course = _course(samples, places.center, force, number)
-    used, left_out = _usable(course, force, number, source)
+    passes = [np.flatnonzero(number == k) for k in range(number.max() + 1)]
+    parts = [course_of(samples.time[here], places.center[here], force[here]) for here in passes]
+    course, inside = Course._make(map(np.concatenate, zip(*parts, strict=True))), np.concatenate(passes)
+    across = _across(course, force[inside], number[inside], source)
+    left_out = int((~course.end & ~across).sum())
+    course, used = Course._make(column[across] for column in course), inside[across]
     contour = _surface(samples, places, force, number, course, used, arm, radius)
     cut = (f'{left_out} points left out: the force is not across the motion of the tip',) if left_out else ()
     return replace(contour, source=source, stuck=stuck, warnings=(*samples.warnings, *cut))
@@ -194,7 +198,8 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
         UnsupportedDataError: the tip jumps, or does not slide at all.
     """
     contact = _split_at_gaps(samples, center, source, period)
-    slides = moving(speed_of(samples.time, center, contact))
+    speed = speed_of(samples.time, center, contact)
+    slides = speed > 0.1 * np.quantile(speed, 0.75)  # rather than sticks
     number = passes_of(center, contact, slides)
     if not (number >= 0).any():
         raise UnsupportedDataError(
@@ -222,61 +227,20 @@ def _split_at_gaps(samples: ContactSamples, center: Floats, source: str, period:
     return samples.contact + np.append(0, np.cumsum(pause & same))
 
 
-class _Course(NamedTuple):
-    """The course of the tip along the surface at n instants; zeros outside of passes.
-
-    Attributes:
-        normal: outward unit vectors, (n, 2).
-        along: direction of travel, unit vectors, (n, 2).
-        angle_std: standard uncertainty of their angle, (n,), rad.
-        convex: curvature of the path about the object, (n,), 1/m.
-        hollow: curvature of the path away from it, as in a hole, (n,), 1/m.
-        white: standard deviation of the white noise of a place, (n,), m.
-        end: whether it is the begin or the end of a pass, (n,).
-    """
-
-    normal: Floats
-    along: Floats
-    angle_std: Floats
-    convex: Floats
-    hollow: Floats
-    white: Floats
-    end: Mask
-
-
-def _course(samples: ContactSamples, center: Floats, force: Floats, number: Indices) -> _Course:
-    """The course, pass by pass; the force tells on which side of the path the object is."""
-    count = len(samples.time)
-    normal, along = np.zeros((count, 2)), np.zeros((count, 2))
-    angle_std, convex, hollow, white = np.zeros((4, count))
-    end = np.zeros(count, dtype=bool)
-    for k in range(number.max() + 1):
-        here = np.flatnonzero(number == k)
-        found = direction_along(samples.time[here], center[here])
-        along[here], angle_std[here], white[here] = found.along, found.std, found.white_noise
-        left = quarter_turn(found.along)
-        is_left = np.median((force[here] * left).sum(axis=1)) > 0
-        normal[here] = -left if is_left else left
-        convex[here], hollow[here] = (found.left, found.right) if is_left else (found.right, found.left)
-        end[here[:3]] = end[here[-3:]] = True  # there the direction is known from one side
-    return _Course(normal, along, angle_std, convex, hollow, white, end)
-
-
-def _usable(course: _Course, force: Floats, number: Indices, source: str) -> tuple[Mask, int]:
-    """The instants of passes without their ends, (n,), and how many are left out as the force is not across.
+def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask:
+    """Where the force is across the motion, (n,); without the ends of passes.
 
     Raises:
         UnsupportedDataError: the force is nowhere across, or at many points not.
     """
-    inside = (number >= 0) & ~course.end
-    off = np.where(inside, off_normal_angle(force, course.normal, course.along), np.inf)
-    across = np.abs(off) < 1.2  # rad; beyond, the path is not that of a tip on a surface
-    part = float((inside & ~across).sum() / max(int(inside.sum()), 1))
+    # rad; beyond, the path is not that of a tip on a surface
+    across = ~course.end & (np.abs(off_normal_angle(force, course.normal, course.along)) < 1.2)
+    part = 1 - float(across.sum() / max(int((~course.end).sum()), 1))
     across &= np.bincount(number[across], minlength=number.max() + 1)[number] > 1  # one point has no direction
     if part > 0.5 or not across.any():
         problem = f'{source}: the force is not across the motion of the tip at {100 * part:.0f} % of the points'
         raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
-    return across, int((inside & ~across).sum())
+    return across
 
 
 def _surface(
@@ -284,18 +248,18 @@ def _surface(
     places: TipPlaces,
     force: Floats,
     number: Indices,
-    course: _Course,
-    used: Mask,
+    course: Course,
+    used: Indices,
     arm: CalibratedArm,
     radius: float,
 ) -> Contour:
     """The surface at the instants that are used."""
-    n, along, force = course.normal[used], course.along[used], force[used]
+    n, along, force = course.normal, course.along, force[used]
     passes = np.unique(number[used], return_inverse=True)[1]
-    across, aside = (_along(places.noise[used], way) + course.white[used] ** 2 for way in (n, along))
-    angle_std = course.angle_std[used]
+    across, aside = (_along(places.noise[used], way) + course.white**2 for way in (n, along))
+    angle_std = course.angle_std
     aside = np.sqrt(aside + (radius * angle_std) ** 2)
-    by_normal = _error_by_normal(angle_std, aside, course.convex[used], course.hollow[used], radius)
+    by_normal = _error_by_normal(angle_std, aside, course.convex, course.hollow, radius)
     noise = across + by_normal**2
     common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
     force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
@@ -312,7 +276,7 @@ def _surface(
         by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
         by_noise=np.einsum('ni,nik->nk', n, places.by_noise[used]),
         friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
-        inner_corner=_is_inner_corner(course.hollow[used], radius),
+        inner_corner=_is_inner_corner(course.hollow, radius),
         tip_radius=radius,
         zero=samples.zero,
         lost=samples.lost,

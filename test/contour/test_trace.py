@@ -104,7 +104,7 @@ def test_an_inner_corner_hardly_wider_than_the_tip_is_said():
     corner = polygon([[0.10, 0.36], [0.18, 0.36], [0.18, 0.28]], 0.0051, closed=False)
     contour = trace_contour(slide_along(corner, speed=0.03), arm())
     assert contour.warnings == (
-        'an inner corner hardly wider than the tip: there the outline has the radius of the tip, the object may be '
+        'an inner corner is hardly wider than the tip: there the outline has the radius of the tip, the object may be '
         'sharper',
     )
     assert np.all(np.hypot(*(contour.surface[contour.inner_corner] - (0.18, 0.36)).T) < 8e-3)
