@@ -102,18 +102,18 @@ def test_measured_records_are_driven_by_their_load(path: Path) -> None:
     assert 8.0 < found.time[found.unloaded] < 20.0
 
 
-def loops(rest: int) -> Record:
+def loops(rest: int, zero: float = 0.0) -> Record:
     """A motion to and fro of a spring, after a rest."""
     time, moved = sine()
     moved = np.concatenate([np.zeros(rest), moved])
-    force = 1e6 * moved + 20 * np.random.default_rng(0).standard_normal(len(moved))
+    force = zero + 1e6 * moved + 20 * np.random.default_rng(0).standard_normal(len(moved))
     return Record('loops.csv', time[1] * np.arange(len(moved)), force, moved, 'N')
 
 
 def test_what_drives_is_seen() -> None:
     one = record(torque())
     assert what_drives([one]) == what_drives([record(np.tile(torque(), 5))]) == LOAD
-    assert what_drives([loops(0)]) == what_drives([loops(100)]) == MOTION
+    assert what_drives([loops(0)]) == what_drives([loops(100)]) == what_drives([loops(100, 5e4)]) == MOTION
     with pytest.raises(InputError, match=r'loops\.csv: driven by its motion, but 0\.csv by its load'):
         what_drives([one, loops(0)])
 
