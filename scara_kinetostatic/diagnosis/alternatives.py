@@ -24,16 +24,7 @@ import numpy as np
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import ALTERNATIVES, Calibration, Contribution
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.candidates import (
-    Candidate,
-    Scan,
-    ScannedTrial,
-    as_fitted,
-    explained,
-    gains,
-    refined,
-    scan_trials,
-)
+from scara_kinetostatic.diagnosis.candidates import Candidate, Scan, as_fitted, explained, gains, refined, scan_trials
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
     DISTINCT,
@@ -130,7 +121,7 @@ def _credible_trials(problem: Problem, found: list[Candidate], place: int, scale
     gained = gains(problem, scan, beside)
     best = max(float(gained.max()), _explained_beside(problem, found[place], beside))
     near = np.flatnonzero(gained > best - CREDIBLE * scale)
-    candidates = [ScannedTrial(scan, k).candidate(problem) for k in near.tolist()]
+    candidates = [scan.candidate(problem, k) for k in near.tolist()]
     return [candidate for candidate in candidates if candidate.unit.shape[1]]
 
 
@@ -164,8 +155,7 @@ def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -
     tops = np.flatnonzero((gained >= padded[:-2]) & (gained >= padded[2:]))
     # so much of what a wave explains may be lost at the nearest frequency of the grid, with a margin
     least = (1 - 0.2) * float(gained.max()) - CREDIBLE * scale
-    found_at = [ScannedTrial(scan, k) for k in tops.tolist() if gained[k] > least]
-    peaks = [refined(problem, top, float(gained[top.k]), beside).candidate(problem) for top in found_at]
+    peaks = [refined(problem, scan, k, gained, beside) for k in tops.tolist() if gained[k] > least]
     return sorted(peaks, key=lambda peak: -explained(problem, peak))[:4]
 
 
@@ -346,7 +336,7 @@ def _at_better_moment(
 ) -> Calibration | None:
     """The fit with the likeliest moment of one effect; None if it does not converge."""
     scan, gained, _ = scanned
-    other = ScannedTrial(scan, int(np.argmax(gained))).candidate(problem)
+    other = scan.candidate(problem, int(np.argmax(gained)))
     fit = fit_again(extended, calibrate, model=_start_with(problem, found, place, other), errors=None)
     if fit is None or fit.termination is not Termination.CONVERGED:
         return None
@@ -404,7 +394,7 @@ def _scatter(
     here = start_from(problem, found)[0].as_array()
     scatter, total = np.zeros((len(own), len(own))), float(weight.sum())
     for k in np.flatnonzero(weight > 1e-3):
-        candidate = ScannedTrial(scan, int(k)).candidate(problem)
+        candidate = scan.candidate(problem, int(k))
         if not candidate.unit.shape[1]:
             continue
         off = _start_with(problem, found, place, candidate).as_array() - here

@@ -8,20 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.linear_problem import (
-    INDEPENDENT_PART,
-    INDEPENDENT_PART_CAUTIOUS,
-    Problem,
-    fitted_effects,
-)
+from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.model.arrays import Floats
-
-_NEGLIGIBLE_GAIN = 0.3
-"""Part of the residual variance that a finer grid must explain to be followed by another one."""
 
 
 class Candidate(NamedTuple):
@@ -78,27 +69,10 @@ class Scan(NamedTuple):
     gram: Floats
     projected: Floats
 
-
-class ScannedTrial(NamedTuple):
-    """One trial of a scan.
-
-    Attributes:
-        scan: the effect and its trials.
-        k: index of the trial.
-    """
-
-    scan: Scan
-    k: int
-
-    @property
-    def trial(self) -> Trial:
-        """The trial."""
-        return self.scan.trials[self.k]
-
-    def candidate(self, problem: Problem) -> Candidate:
-        """The effect at this trial."""
-        unit, _ = independent_part(problem, self.scan.columns[:, self.k])
-        return Candidate(self.scan.effect, self.trial, unit, self.scan.tried)
+    def candidate(self, problem: Problem, k: int) -> Candidate:
+        """The effect at one of the trials."""
+        unit, _ = problem.independent_part(self.columns[:, k])
+        return Candidate(self.effect, self.trials[k], unit, self.tried)
 
 
 class CandidateSet(NamedTuple):
@@ -146,19 +120,23 @@ def gather(
             else:
                 unidentifiable.append(Unidentifiable(effect, scan.independent_part))
             continue
-        unit, part = independent_part(problem, *problem.columns_and_noise(effect, trials[0]))
+        unit, part = problem.independent_part(*problem.columns_and_noise(effect, trials[0]))
         if effect.label in fitted and not effect.is_linear:
             found.append(as_fitted(problem, effect, fitted[effect.label], 1))
         elif unit.shape[1]:
             found.append(Candidate(effect, trials[0], unit, 1))
         else:
             unidentifiable.append(Unidentifiable(effect, part))
-    best = [_best_trial(problem, scan) for scan in scans]
-    alone = [trial.candidate(problem) for trial in best]
+    alone = [_best_trial(problem, scan) for scan in scans]
     partners = sorted(found + alone, key=lambda c: -explained(problem, c))[: 12 if together else 0]
-    for scan, first, candidate in zip(scans, best, alone, strict=True):
+    for scan, first in zip(scans, alone, strict=True):
         beside = [_best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect]
-        found += [candidate, *(trial.candidate(problem) for trial in _distinct([first, *beside])[1:])]
+        # each trial once; steps within four touches are compared as one: the fit refines the moment
+        distinct: dict[float, Candidate] = {}
+        for candidate in (first, *beside):
+            place = float(round(candidate.trial.place / 4.0)) if scan.effect.is_stepwise else float(id(candidate.trial))
+            distinct.setdefault(place, candidate)
+        found += distinct.values()
         if scan.effect.label in fitted:
             found.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
     labels = {candidate.effect.label for candidate in found}
@@ -166,23 +144,12 @@ def gather(
     return CandidateSet(tuple(found), tuple(others.values()))
 
 
-def _distinct(trials: Sequence[ScannedTrial]) -> list[ScannedTrial]:
-    """One effect at several trials, each once; of steps that are a few touches apart only the first."""
-    kept: dict[float, ScannedTrial] = {}
-    for scanned in trials:
-        trial = scanned.trial
-        # steps within four touches are compared as one; the fit refines the moment
-        key = float(round(trial.place / 4.0)) if scanned.scan.effect.is_stepwise else float(id(trial))
-        kept.setdefault(key, scanned)
-    return list(kept.values())
-
-
 def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
     """A nonlinear effect linearised at fitted values."""
     at, reported = problem.touch_state, problem.force
     errors = effect.sensor_error_derivative(reported, values, at.metadata)
     trial = Trial(effect.derivative(at, values), errors, lambda _: values)
-    return Candidate(effect, trial, independent_part(problem, problem.columns(trial))[0], tried)
+    return Candidate(effect, trial, problem.independent_part(problem.columns(trial))[0], tried)
 
 
 def explained(problem: Problem, candidate: Candidate) -> float:
@@ -190,70 +157,39 @@ def explained(problem: Problem, candidate: Candidate) -> float:
     return float(np.sum((candidate.unit.T @ problem.left) ** 2))
 
 
-def independent_part(problem: Problem, columns: Floats, noise: Floats | None = None) -> tuple[Floats, float]:
-    """Orthonormal basis of what columns add to those of the base model, and their largest independent part.
-
-    Args:
-        problem: the touches.
-        columns: of an effect, (2n, m).
-        noise: their change by one standard deviation of the noise of the forces, (2n, m); None for nothing. A direction
-            of which this makes more than `NOISE_SHARE` does not count.
-
-    Returns:
-        The basis, (2n, r), and the largest part of a unit column that is independent of the base model.
-    """
-    scale = np.linalg.norm(columns, axis=0)
-    nonzero = scale > 0
-    columns = columns[:, nonzero] / scale[nonzero]
-    if not columns.size:
-        return np.empty((len(columns), 0)), 0.0
-    left = columns - problem.base @ (problem.base.T @ columns)
-    u, values, vt = np.linalg.svd(left, full_matrices=False)
-    independent = values > _least_independent_part(problem)
-    if noise is not None:
-        made = np.linalg.norm(noise[:, nonzero] / scale[nonzero] @ vt.T, axis=0)
-        independent &= made**2 <= NOISE_SHARE * values**2
-    return u[:, independent], min(1.0, float(values[0]))
-
-
-def _least_independent_part(problem: Problem) -> float:
-    return INDEPENDENT_PART_CAUTIOUS if problem.one_level else INDEPENDENT_PART
-
-
-def _best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> ScannedTrial:
+def _best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Candidate:
     """The trial that explains most, by itself or beside an orthonormal basis (2n, r), refined on finer grids."""
     gained = gains(problem, scan, beside)
-    k = int(np.argmax(gained))
-    return refined(problem, ScannedTrial(scan, k), float(gained[k]), beside)
+    return refined(problem, scan, int(np.argmax(gained)), gained, beside)
 
 
-def refined(problem: Problem, best: ScannedTrial, most: float, beside: Floats | None = None) -> ScannedTrial:
+def refined(problem: Problem, scan: Scan, k: int, gained: Floats, beside: Floats | None = None) -> Candidate:
     """The best trial near one of a grid.
 
-    It is looked for on ever finer grids, until a step changes what is explained by less than `_NEGLIGIBLE_GAIN` of the
-    residual variance.
+    It is looked for on ever finer grids, until a step changes what is explained by less than 0.3 of the residual
+    variance.
 
     Args:
         problem: the touches.
-        best: the trial of the grid.
-        most: decrease of the sum of squares by it.
+        scan: the grid.
+        k: the trial of the grid.
+        gained: decrease of the sum of squares by each.
         beside: orthonormal basis beside which it is compared, (2n, r); None for none.
     """
     taken = 0.0 if beside is None else float(np.sum((beside.T @ problem.left) ** 2))
-    total = float(problem.left @ problem.left) - taken
-    effect, width = best.scan.effect, 1.0
+    total, most, width = float(problem.left @ problem.left) - taken, float(gained[k]), 1.0
     for _ in range(4):
-        finer = effect.finer(problem.touch_state, best.trial, width)
+        finer = scan.effect.finer(problem.touch_state, scan.trials[k], width)
         if not finer:
             break
-        before, scan = most, scan_trials(problem, effect, finer, best.scan.tried)
+        scan = scan_trials(problem, scan.effect, finer, scan.tried)
         gained = gains(problem, scan, beside)
-        best = ScannedTrial(scan, int(np.argmax(gained)))
-        most = float(gained[best.k])
-        if most - before < _NEGLIGIBLE_GAIN * max(total - most, 0.0) / problem.freedoms:
+        k, before = int(np.argmax(gained)), most
+        most = float(gained[k])
+        if most - before < 0.3 * max(total - most, 0.0) / problem.freedoms:
             break
         width *= 2 / (len(finer) - 1)
-    return best
+    return scan.candidate(problem, k)
 
 
 def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
@@ -281,7 +217,7 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
     flat = flat - problem.base @ (problem.base.T @ flat)
     part = np.divide(np.linalg.norm(flat, axis=0), size, out=np.zeros_like(size), where=size > 0)
     if shape[2] == 1:
-        flat = flat * (part > _least_independent_part(problem))
+        flat = flat * (part > problem.least_independent_part)
     by_trial = flat.transpose().reshape(*shape[1:], len(flat))
     gram = by_trial @ by_trial.transpose(0, 2, 1)
     left = (problem.left @ flat).reshape(shape[1:])

@@ -29,7 +29,6 @@ from scipy import special
 
 from scara_kinetostatic.calibration.fit_point import Point, augmented, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, outer, whiten_by
-from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.noise_estimation import growing, whiten_matrix
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
@@ -37,10 +36,11 @@ from scara_kinetostatic.diagnosis.candidates import CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import (
     FORCE_LEVELS,
     INDEPENDENT_PART_CAUTIOUS,
-    ROUNDING,
     SIGNIFICANCE,
     Problem,
+    f_test,
     fitted_effects,
+    independent_part,
     orthonormal,
 )
 from scara_kinetostatic.diagnosis.model_selection import significance
@@ -88,17 +88,17 @@ def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:
     q1, q2 = point.adjusted.joints.T
     link2 = q1 + q2 + point.parameters.theta1 + point.parameters.theta2
     larger = f + noise_left(point.linear, point.whitened.root, calibration.noise, 0)
-    larger_by_noise = {
-        'the torque of joint 1': _powers(f * arm.lever[0], larger * arm.lever[0]),
-        'the torque of joint 2': _powers(f * arm.lever[1], larger * arm.lever[1]),
-        'the size of the force': _powers(f, larger),
+    by_force = {
+        'the torque of joint 1': (f * arm.lever[0], larger * arm.lever[0]),
+        'the torque of joint 2': (f * arm.lever[1], larger * arm.lever[1]),
+        'the size of the force': (f, larger),
     }
+    if np.std(f) < FORCE_LEVELS * calibration.noise.force_at(float(np.mean(f))):
+        del by_force['the size of the force']  # its differences are noise
     smooth = {
         'the angle of joint 1': _waves(q1, 2),
         'the angle of joint 2': _waves(q2, 2),
-        'the torque of joint 1': _powers(f * arm.lever[0]),
-        'the torque of joint 2': _powers(f * arm.lever[1]),
-        'the size of the force': _powers(f),
+        **{name: _powers(values) for name, (values, _) in by_force.items()},
         'the direction of the force': _waves(phi, 2),
         'the direction of the force relative to link 2': _waves(phi - link2, 2),
         'the touched disc': (touches.disc[:, None] == np.unique(touches.disc)).astype(float),
@@ -106,14 +106,9 @@ def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:
         'the direction of approach': np.sign(touches.approach),
         'time': _powers(touches.time)[:, :2],
     }
-    if np.std(f) < FORCE_LEVELS * calibration.noise.force_at(float(np.mean(f))):
-        del smooth['the size of the force']  # its differences are noise
+    noise = {name: _powers(*values) - smooth[name] for name, values in by_force.items()}
     one_side = [
-        _Family(
-            f'{name} ({side} the force)',
-            _on_side(columns, k),
-            _on_side(larger_by_noise[name] - columns, k) if name in larger_by_noise else None,
-        )
+        _Family(f'{name} ({side} the force)', _on_side(columns, k), _on_side(noise[name], k) if name in noise else None)
         for name, columns in smooth.items()
         for k, side in enumerate(('along', 'across'))
     ]
@@ -189,41 +184,12 @@ def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
     dependences = []
     for family in _families(c, point):
         noise = None if family.noise is None else family.noise.reshape(2 * n, -1)
-        dependence = _test(residual, base, marginal.apply(family.columns.reshape(2 * n, -1)), noise, uninformative)
-        if dependence is not None:
-            dependences.append(Dependence(family.name, *dependence))
+        columns = marginal.apply(family.columns.reshape(2 * n, -1))
+        unit, _ = independent_part(base, columns, INDEPENDENT_PART_CAUTIOUS, noise)
+        tested = f_test(unit, residual, 2 * n - uninformative - base.shape[1])
+        if tested is not None:
+            dependences.append(Dependence(family.name, *tested))
     return tuple(sorted(dependences, key=lambda dependence: dependence.p_value))
-
-
-def _test(
-    residual: Floats, base: Floats, columns: Floats, noise: Floats | None, uninformative: int
-) -> tuple[float, float] | None:
-    """p-value and share of the residual that further columns explain; None if they add nothing testable.
-
-    Args:
-        residual: (m,).
-        base: orthonormal basis of the fit's columns, (m, r).
-        columns: to be tested, (m, k).
-        noise: their change by one standard deviation of the noise of the forces, (m, k); directions that consist
-            mostly of that do not count.
-        uninformative: how many rows of the residual are zero by construction.
-    """
-    scale = np.linalg.norm(columns, axis=0)
-    visible = scale > 0
-    columns = columns[:, visible] / scale[visible]
-    left = columns - base @ (base.T @ columns)
-    u, values, vt = np.linalg.svd(left, full_matrices=False)
-    independent = values > INDEPENDENT_PART_CAUTIOUS
-    if noise is not None:
-        independent &= np.linalg.norm(noise[:, visible] / scale[visible] @ vt.T, axis=0) ** 2 <= NOISE_SHARE * values**2
-    u = u[:, independent]
-    q, freedoms = u.shape[1], len(residual) - uninformative - base.shape[1] - u.shape[1]
-    total = float(residual @ residual)
-    if q == 0 or freedoms < 1 or total < ROUNDING * len(residual):
-        return None
-    explained = float(((u.T @ residual) ** 2).sum())
-    ratio = (explained / q) / (max(total - explained, 1e-300) / freedoms)
-    return float(special.fdtrc(q, freedoms, ratio)), explained / total
 
 
 JOINT, FORCE, GROWING, OFF_NORMAL = 'joint', 'force', 'growing', 'off_normal'

@@ -22,11 +22,12 @@ from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from scara_kinetostatic.calibration.declared_errors import Marginal
 from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, whiten_by
-from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
+from scara_kinetostatic.calibration.identifiability import NOISE_SHARE, scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Subspace
@@ -128,6 +129,15 @@ class Problem(NamedTuple):
     def freedoms(self) -> int:
         """Degrees of freedom: rows less the rank of J."""
         return len(self.left) - self.base.shape[1]
+
+    def independent_part(self, columns: Floats, noise: Floats | None = None) -> tuple[Floats, float]:
+        """`independent_part` of columns of an effect beside the base model."""
+        return independent_part(self.base, columns, self.least_independent_part, noise)
+
+    @property
+    def least_independent_part(self) -> float:
+        """Part of a unit column that must be independent of the base model."""
+        return INDEPENDENT_PART_CAUTIOUS if self.one_level else INDEPENDENT_PART
 
     def is_declared(self, effect: Effect) -> bool:
         """Whether an effect is the error of something whose uncertainty is declared: it is then larger than stated."""
@@ -274,6 +284,49 @@ def orthonormal(columns: Floats, beside: Floats | None = None) -> Floats:
     u, values, _ = np.linalg.svd(columns, full_matrices=False)
     # a direction with less adds no rank
     return np.asarray(u[:, values > 1e-9])
+
+
+def independent_part(base: Floats, columns: Floats, least: float, noise: Floats | None = None) -> tuple[Floats, float]:
+    """Orthonormal basis of what columns add to a fit, and their largest independent part.
+
+    Args:
+        base: orthonormal basis of the fit's columns, (m, r).
+        columns: of what is added, (m, k).
+        least: part of a unit column that must be independent of the fit.
+        noise: their change by one standard deviation of the noise of the forces, (m, k); None for nothing. A direction
+            of which this makes more than `NOISE_SHARE` does not count.
+
+    Returns:
+        The basis, (m, ≤ k), and the largest part of a unit column that is independent of the fit.
+    """
+    scale = np.linalg.norm(columns, axis=0)
+    nonzero = scale > 0
+    columns = columns[:, nonzero] / scale[nonzero]
+    if not columns.size:
+        return np.empty((len(columns), 0)), 0.0
+    u, values, vt = np.linalg.svd(columns - base @ (base.T @ columns), full_matrices=False)
+    independent = values > least
+    if noise is not None:
+        made = np.linalg.norm(noise[:, nonzero] / scale[nonzero] @ vt.T, axis=0)
+        independent &= made**2 <= NOISE_SHARE * values**2
+    return u[:, independent], min(1.0, float(values[0]))
+
+
+def f_test(unit: Floats, residual: Floats, freedoms: int) -> tuple[float, float] | None:
+    """p-value of "the columns explain nothing", and the part of the sum of squares that they explain; None if they add
+    nothing testable.
+
+    Args:
+        unit: orthonormal basis of what they add to the fit, (m, r).
+        residual: of the fit, (m,).
+        freedoms: degrees of freedom without them.
+    """
+    rank, total = unit.shape[1], float(residual @ residual)
+    if rank == 0 or freedoms <= rank or total < ROUNDING * len(residual):
+        return None
+    explained = float(np.sum((unit.T @ residual) ** 2))
+    ratio = (explained / rank) / (max(total - explained, 1e-300) / (freedoms - rank))
+    return float(special.fdtrc(rank, freedoms - rank, ratio)), explained / total
 
 
 class FittedEffect(NamedTuple):

@@ -28,14 +28,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, independent_part
+from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
     INDEPENDENT_PART,
     NONCENTRALITY,
-    ROUNDING,
     STRICT_SIGNIFICANCE,
     Problem,
+    f_test,
 )
 from scara_kinetostatic.model.arrays import Floats, Indices
 
@@ -324,7 +324,7 @@ def score_singles(
         (candidate,) = scored_subsets.members(subset)
         if candidate.effect.label not in found:
             found.add(candidate.effect.label)
-            part = independent_part(problem, problem.columns(candidate.trial))[1]
+            part = problem.independent_part(problem.columns(candidate.trial))[1]
             gain = scored_subsets.empty.score - subset.score
             yield candidate, (*significance(problem, candidate), gain, part)
 
@@ -358,11 +358,5 @@ def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
 
     A fitted effect may add nothing that is independent of the base model; then it is not significant.
     """
-    total = float(problem.left @ problem.left)
-    rank = candidate.unit.shape[1]
-    freedoms = problem.freedoms - rank
-    if rank == 0 or freedoms < 1 or total < ROUNDING * len(problem.left):
-        return 1.0, 0.0
-    explained = float(np.sum((candidate.unit.T @ problem.left) ** 2))
-    ratio = (explained / rank) / (max(total - explained, 1e-300) / freedoms)
-    return min(1.0, candidate.tried * float(special.fdtrc(rank, freedoms, ratio))), explained / total
+    p_value, share = f_test(candidate.unit, problem.left, problem.freedoms) or (1.0, 0.0)
+    return min(1.0, candidate.tried * p_value), share

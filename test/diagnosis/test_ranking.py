@@ -100,15 +100,16 @@ def test_a_fit_that_does_not_predict_the_forces_is_no_result(monkeypatch):
     calibration = calibrate(simulate(), CELL)
     problem = pose_problem(calibration)
     subsets = score_subsets(problem, gather(problem, [effect('base_compliance')]))
-    selection = search._Selection(Effort(), calibration, calibration, problem, subsets)
-    assert selection.fit(subsets.candidate_set.candidates) is not None
+    (one,) = (subset for subset in subsets.subsets if subset.members)
+    found = search.Search(problem, subsets._replace(credible=(one,)), None)
+    assert len(search.fit_rivals(found, calibration, Effort())) == 1
 
     def astray(*args):
         fit = fit_with(*args)
         return replace(fit, model=fit.model.replace(g_ee=0.02))
 
     monkeypatch.setattr(search, 'fit_with', astray)
-    assert selection.fit(subsets.candidate_set.candidates) is None
+    assert search.fit_rivals(found, calibration, Effort()) == []
 
 
 def test_trials_that_the_base_model_explains_gain_nothing() -> None:
