@@ -8,7 +8,6 @@ another one that leaves out what is done.
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import signal
@@ -20,12 +19,11 @@ from typing import NamedTuple
 from scara_kinetostatic import __version__
 from scara_kinetostatic.bags.reader import recorded_cell
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
-from scara_kinetostatic.files.calibration_file import cell_entry
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.checksum import recording_checksum
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.document import NAME
 from scara_kinetostatic.results.report import NAME as PAGE_NAME
 from scara_kinetostatic.results.write import write_results
@@ -106,14 +104,13 @@ def recalibrate(task: Task) -> Done:
 def _grade_before(task: Task, cell: Cell) -> str:
     """Grade of the result in the folder, if it is of this recording, cell description and version; empty if not."""
     try:
-        document = json.loads((Path(task.folder) / NAME).read_text(encoding='utf-8'))
-        made_of = [item['sha256'] for item in document['recordings']]
-        of_this = (document['version'], document['cell']) == (__version__, json.loads(json_text(cell_entry(cell))))
-        is_same = of_this and made_of == [recording_checksum(task.recording)]
-        is_same &= not task.report or (Path(task.folder) / PAGE_NAME).is_file()
-        return str(document['assessment']['grade']) if is_same else ''
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        before = CalibrationRecord.load(Path(task.folder) / NAME)
+    except InputError:
         return ''
+    is_same = before.arm.cell == cell and before.document.get('version') == __version__
+    is_same &= before.checksums == {recording_checksum(task.recording)}
+    is_same &= not task.report or (Path(task.folder) / PAGE_NAME).is_file()
+    return before.arm.grade if is_same else ''
 
 
 def in_processes(tasks: Sequence[Task], number: int) -> Iterator[Done]:

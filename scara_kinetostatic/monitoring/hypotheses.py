@@ -87,17 +87,22 @@ def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[H
         state: what may be off.
         objects: numbers of the objects that can have changed; None for all.
     """
-    found = [_hypothesis(name, (k,), state) for k, name in enumerate(NAMES)]
-    found += [_hypothesis(part, tuple(map(NAMES.index, names)), state) for part, names in _PARTS.items()]
+    named: dict[str, tuple[int, ...]] = {name: (k,) for k, name in enumerate(NAMES)}
+    named |= {part: tuple(map(NAMES.index, names)) for part, names in _PARTS.items()}
+    touched = [disc for number, disc in enumerate(state.cell.discs) if objects is None or number in objects]
+    shown_by = {'object': {disc.name for disc in touched}, 'plate': {disc.plate for disc in touched}}
     cell = _by_label(state.names, range(state.values, len(state.names)))
-    found += [_hypothesis(label, places, state) for label, places in cell.items() if _is_touched(label, state, objects)]
     effects = _by_label(state.names, range(len(NAMES), state.values))
-    return (*found, *(_hypothesis(label, places, state) for label, places in effects.items() if label not in cell))
-
-
-def _hypothesis(name: str, places: tuple[int, ...], state: State) -> Hypothesis:
-    values = tuple(state.names[place].removeprefix(f'{name}.') for place in places)
-    return Hypothesis(name, places, values, tuple(state.units[place] for place in places))
+    for label, places in cell.items():
+        kind, _, target = label.rstrip(']').partition('[')
+        if target in shown_by.get(kind.partition('_')[0], {target}):
+            named[label] = places
+    named |= {label: places for label, places in effects.items() if label not in cell}
+    found = []
+    for name, places in named.items():
+        values = tuple(state.names[place].removeprefix(f'{name}.') for place in places)
+        found.append(Hypothesis(name, places, values, tuple(state.units[place] for place in places)))
+    return tuple(found)
 
 
 def _by_label(names: Sequence[str], where: Iterable[int]) -> dict[str, tuple[int, ...]]:
@@ -107,15 +112,6 @@ def _by_label(names: Sequence[str], where: Iterable[int]) -> dict[str, tuple[int
         label = names[place].partition('].')[0] + ']' if '].' in names[place] else names[place].partition('.')[0]
         labels[label] = (*labels.get(label, ()), place)
     return labels
-
-
-def _is_touched(label: str, state: State, objects: Sequence[int] | None) -> bool:
-    """Whether touches of these objects show a source of the cell."""
-    kind, _, target = label.rstrip(']').partition('[')
-    discs = [disc for number, disc in enumerate(state.cell.discs) if objects is None or number in objects]
-    if kind.startswith('object'):
-        return target in (disc.name for disc in discs)
-    return not kind.startswith('plate') or target in (disc.plate for disc in discs)
 
 
 class Explanation(NamedTuple):
