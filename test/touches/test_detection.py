@@ -214,3 +214,5 @@ def test_episodes_tell_where_the_touches_lie():
         assert episode.hold[0] == pytest.approx(hold[2], abs=0.05)
         assert episode.hold[1] == pytest.approx(hold[3], abs=0.05)
     np.testing.assert_allclose(detection.touches.force, find_touches(scene.streams(), CELL).touches.force, atol=0.05)
+    middles = [sum(episode.hold) / 2 for episode in detection.episodes]
+    np.testing.assert_allclose(detection.touches.time, middles, rtol=0, atol=0.08)
