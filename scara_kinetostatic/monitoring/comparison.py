@@ -86,7 +86,11 @@ class Fit(NamedTuple):
         """That of a calibration; `held` are places of values that count as held, besides those that were."""
         state = State.of(record).of_stored_forces()
         jacobian = measure(record.touches, record, state).jacobian.reshape(-1, len(state.names))
-        prior = _prior_information(record, state)
+        prior = np.full(len(state.names), np.inf)  # Λ: infinite for errors that are not declared
+        prior[: state.values] = 0.0
+        for name, std in stated_uncertainties(record.arm.cell).items():
+            place = state.stated_place(name)
+            prior[place] = (state.scale[place] / std) ** 2 / record.enlargement
         prior[[NAMES.index(name) for name in record.fixed]] = np.inf
         prior[[record.place(name) for name in record.arm.model.held]] = np.inf
         prior[[] if held is None else held] = np.inf
@@ -106,16 +110,6 @@ class Fit(NamedTuple):
             size = sign * self.state.scale[place] / (std * np.sqrt(record.enlargement))
             found[name] = self.state.scale * self.knowledge[:, place] * size
         return found
-
-
-def _prior_information(record: CalibrationRecord, state: State) -> Floats:
-    """Λ, (p,): that of declared errors and trusted values; infinite for errors that are not declared."""
-    prior = np.full(len(state.names), np.inf)
-    prior[: state.values] = 0.0
-    for name, std in stated_uncertainties(record.arm.cell).items():
-        place = state.stated_place(name)
-        prior[place] = (state.scale[place] / std) ** 2 / record.enlargement
-    return prior
 
 
 def is_comparable(effect: EffectLaw, one: Cell, other: Cell) -> bool:

@@ -211,9 +211,8 @@ class DriftMonitor:
 
     def _evaluate(self, named: bool) -> Alarm | None:
         best, self.statistic = None, 0.0
-        single = sorted(
-            {place for h in self.hypotheses for place in h.places}
-        )  # parts add what further values must pay
+        # parts add to the largest statistic of single values only what further values must pay
+        single = sorted({place for h in self.hypotheses for place in h.places})
         for start in (self._from_calibration, *self._starts):
             if self.count - start.touch < FEWEST:
                 continue
@@ -238,7 +237,9 @@ class DriftMonitor:
         while True:
             evidence = start.evidence(Information.of(latest, weight))
             ranking = explanations(evidence, self.state, self.hypotheses)
-            left = np.where(weight > 0, self._left(start, ranking[0], latest), 0.0)
+            mean, places = start.mean.copy(), list(ranking[0].hypothesis.places)
+            mean[places] += np.array(ranking[0].change) / self.state.scale[places]
+            left = np.where(weight > 0, latest.chi_squares(start.covariance, mean), 0.0)
             usual = float(np.median(left[weight > 0]))
             bad = np.argsort(-left)[: int((weight > 0).sum() - fewest)]
             bad = bad[left[bad] > max(BAD, BAD * usual)]
@@ -248,13 +249,6 @@ class DriftMonitor:
         before = float(np.median(latest.chi_squares(start.covariance, start.mean)[weight > 0]))
         explained = usual < max(MOST_REMAINING, LINEAR * before)
         return Alarm(self._raised, start.touch, self.statistic, ranking[0], rivals(ranking), explained)
-
-    def _left(self, start: _Start, change: Explanation, touches: Measured) -> Floats:
-        """Chi-square that a change leaves each of some touches."""
-        places = list(change.hypothesis.places)
-        mean = start.mean.copy()
-        mean[places] += np.array(change.change) / self.state.scale[places]
-        return touches.chi_squares(start.covariance, mean)
 
 
 class SinceTouch(NamedTuple):

@@ -104,7 +104,10 @@ class State(NamedTuple):
         """
         arm = record.arm
         cell = arm.cell if cell is None else cell
-        probe = DeclaredErrors.of(_with_unit_uncertainties(cell))
+        discs = tuple(disc._replace(center_std=1.0, radius_std=1.0) for disc in cell.discs)
+        plates = tuple(plate._replace(center_std=1.0, angle_std=1.0) for plate in cell.plates)
+        unit = Uncertainty(1.0, 1.0, 1.0)
+        probe = DeclaredErrors.of(replace(cell, discs=discs, plates=plates, uncertainty=unit))
         assert probe is not None
         names = (*arm.model.names, *probe.names)
         of_cell = [unit for source in probe.sources for unit in [source.unit] * source.components]
@@ -141,12 +144,6 @@ class State(NamedTuple):
         for name in ('force_gain', 'force_rotation'):
             errors[self.error_place(name) - self.values] = 0.0
         return self._replace(errors=errors)
-
-
-def _with_unit_uncertainties(cell: Cell) -> Cell:
-    discs = tuple(disc._replace(center_std=1.0, radius_std=1.0) for disc in cell.discs)
-    plates = tuple(plate._replace(center_std=1.0, angle_std=1.0) for plate in cell.plates)
-    return replace(cell, discs=discs, plates=plates, uncertainty=Uncertainty(1.0, 1.0, 1.0))
 
 
 def _prior(record: CalibrationRecord, cell: Cell, names: Sequence[str]) -> tuple[Floats, Floats]:
