@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import scara_kinetostatic as sk
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.files.tables import TouchTable, dump_touch_table
+from scara_kinetostatic.pipeline import calibrate_recordings
 
 ROOT = Path(__file__).parents[2]
 EFFECT = 'object_radius[disc_2]:radius=6e-5'
@@ -32,6 +35,19 @@ def example_files(tmp_path_factory) -> Path:
     slide = ['--out', str(folder / 'slide.mcap'), '--cell', str(folder / 'cell.yaml'), '--plan', str(plan)]
     assert main(['simulate', *slide]) == 0
     return folder
+
+
+@pytest.fixture(scope='session')
+def calibrated() -> Callable[..., Outcome]:
+    """`calibrate_recordings`, once for all examples: their files are the same."""
+    outcomes: dict[str, Outcome] = {}
+
+    def calibrate(paths: list[str], cell: sk.Cell, fixed: None = None) -> Outcome:
+        if str(paths) not in outcomes:
+            outcomes[str(paths)] = calibrate_recordings(paths, cell, fixed=fixed)
+        return outcomes[str(paths)]
+
+    return calibrate
 
 
 @pytest.fixture

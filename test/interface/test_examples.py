@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
+from scara_kinetostatic import interface
 
 NAMES = [name for name in sk.__all__ if not name.startswith('__')]
 
@@ -20,7 +21,8 @@ def examples(name: str) -> list[doctest.DocTest]:
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_an_example_runs(name, in_example_files):
+def test_an_example_runs(name, in_example_files, calibrated, monkeypatch):
+    monkeypatch.setattr(interface, 'calibrate_recordings', calibrated)
     (found,) = examples(name)
     assert found.examples, f'{name} has no example'
     assert 'import scara_kinetostatic as sk' in found.examples[0].source

@@ -15,7 +15,7 @@ from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse
 FORCE = np.array([[-20.0, 5.0], [0.0, 30.0], [12.0, -9.0], [3.0, 4.0]])
 POSITION = np.array([[0.3, 0.2], [-0.25, 0.3], [0.1, 0.4], [-0.1, -0.35]])
 ELBOW = ['left', 'right', 'left', 'right']
-SAMPLES = 3000
+SAMPLES = 1000
 CELL = sk.load_cell(Path(__file__).parents[2] / 'config' / 'cell.yaml')
 
 

@@ -65,19 +65,19 @@ def test_touches_that_slide_are_not_used(tmp_path):
 
 
 def test_two_recordings_are_calibrated_together(tmp_path):
-    plan = default_plan(CELL)
-    halves = (plan.select(np.arange(36)), plan.select(np.arange(36, 72)))
+    plan = default_plan(CELL, 6)
+    halves = (plan.select(np.arange(18)), plan.select(np.arange(18, 36)))
     for number, half in enumerate(halves):
         write_streams(tmp_path / str(number), simulate_streams(CELL, PAPER_ACTUAL, half, seed=number), CELL)
     outcome = calibrate_recordings([tmp_path / '0', tmp_path / '1'], CELL)
-    assert outcome.found == 72
-    assert outcome.calibration.touches.index.tolist() == list(range(72))
+    assert outcome.found == 36
+    assert outcome.calibration.touches.index.tolist() == list(range(36))
     errors = outcome.calibration.parameters.as_array() - PAPER_ACTUAL.as_array()
     assert np.abs(errors / outcome.calibration.std).max() < 5
 
 
 def test_touches_from_elsewhere_give_the_same_outcome_as_those_of_a_recording(tmp_path):
-    write_streams(tmp_path / 'one', simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
+    write_streams(tmp_path / 'one', simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL, 6)), CELL)
     detection = gather_touches([tmp_path / 'one'], CELL)
     recorded = calibrate_touches(detection, CELL, sources=[tmp_path / 'one'])
     given = calibrate_touches(detection.touches, CELL)
@@ -105,17 +105,12 @@ def test_too_few_touches_from_elsewhere_name_no_file():
         calibrate_touches(few.select(np.arange(0)), CELL, sources=['empty.csv'])
 
 
-@pytest.mark.parametrize(
-    ('label', 'values'), [('object_position[disc_2]', (5e-3, 2e-3)), ('encoder_gain[joint2]', (0.01,))]
-)
-def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise(label, values, tmp_path, monkeypatch):
-    diagnosed = []
+def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise(monkeypatch):
+    diagnosed, label = [], 'object_position[disc_2]'
     monkeypatch.setattr(pipeline, 'diagnose', lambda c: diagnosed.append(c) or diagnose(c))
-    cell = replace(CELL, noise=None)
-    robot = ExtendedModel(PAPER_ACTUAL, (find(CELL, label),), (values,))
-    streams = simulate_streams(CELL, robot, default_plan(CELL, per_disc=14), seed=4)
-    write_streams(tmp_path / 'large.mcap', streams, cell)
-    outcome = calibrate_recordings([tmp_path / 'large.mcap'], cell)
+    robot = ExtendedModel(PAPER_ACTUAL, (find(CELL, label),), ((5e-3, 2e-3),))
+    touches = simulate_touches(CELL, robot, default_plan(CELL, per_disc=14), CELL.noise, 4)
+    outcome = calibrate_touches(touches, replace(CELL, noise=None))
     assert len(diagnosed) == 1
     assert outcome.diagnosis.verdict == 'explained'
     assert [item.effect.label for item in outcome.diagnosis.found] == [label]
@@ -124,7 +119,7 @@ def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise
     assert np.abs(off / outcome.final.std).max() < 4
 
 
-@pytest.mark.parametrize('factor', [0.1, 0.01, 10.0])
+@pytest.mark.parametrize('factor', [0.1, 10.0])
 def test_a_noise_that_is_stated_wrong_is_what_the_actions_name(factor: float) -> None:
     touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL), Noise(1e-5, 0.3), 3)
     outcome = calibrate_touches(touches, replace(CELL, noise=Noise(1e-5 * factor, 0.3 * factor)))
@@ -134,5 +129,5 @@ def test_a_noise_that_is_stated_wrong_is_what_the_actions_name(factor: float) ->
 
 def test_a_noise_above_every_force_is_named() -> None:
     touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL), Noise(1e-5, 0.3), 3)
-    with pytest.raises(UnsupportedDataError, match='joint angles and forces, and the noise in the cell description'):
+    with pytest.raises(UnsupportedDataError, match='its direction is noise of 30 N'):
         calibrate_touches(touches, replace(CELL, noise=Noise(1e-3, 30.0)))

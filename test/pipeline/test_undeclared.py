@@ -22,7 +22,6 @@ from scara_kinetostatic.pipeline import calibrate_recordings
 
 LARGEST = 1_000_000
 RECORDINGS = pytest.mark.parametrize('name', [one.name for one in ALL])
-LISTED = pytest.mark.parametrize('name', ['undeclared_a', 'undeclared_b'])
 
 
 def path_of(name: str) -> Path:
@@ -38,13 +37,6 @@ def outcome_of(name: str) -> Outcome:
     return calibrate_recordings([path_of(name)], cell_of(name))
 
 
-def deviations(outcome: Outcome, name: str) -> np.ndarray:
-    """Of the base parameters of the extended model from the truth, in standard deviations."""
-    truth = true_robot(name, cell_of(name)).parameters.as_array()
-    assert np.isfinite(outcome.final.std).all()
-    return (outcome.final.parameters.as_array() - truth) / outcome.final.std
-
-
 @RECORDINGS
 def test_nothing_declares_the_effect(name: str) -> None:
     effects = true_robot(name, cell_of(name)).effects
@@ -57,15 +49,17 @@ def test_nothing_declares_the_effect(name: str) -> None:
 
 
 @RECORDINGS
-def test_every_touch_is_used_and_the_base_model_is_not_complete(name: str) -> None:
-    outcome = outcome_of(name)
+def test_the_base_parameters_are_right_with_the_effect(name: str) -> None:
+    outcome, truth = outcome_of(name), true_robot(name, cell_of(name)).parameters.as_array()
     assert outcome.found == 108
     assert outcome.calibration.noise_source == ('estimated' if name == 'undeclared_b' else 'given')
     assert outcome.final.used.sum() >= 107
     assert outcome.diagnosis.p_value < 1e-6
+    assert np.abs((outcome.final.parameters.as_array() - truth) / outcome.final.std).max() < 4
+    assert outcome.extended_held_out.force_error < 0.7 * outcome.held_out.force_error
 
 
-@LISTED
+@pytest.mark.parametrize('name', ['undeclared_a', 'undeclared_b'])
 def test_the_effect_is_named_with_its_values(name: str) -> None:
     outcome, truth = outcome_of(name), true_robot(name, cell_of(name))
     (true,), (true_values,) = truth.effects, truth.effect_values
@@ -74,6 +68,8 @@ def test_the_effect_is_named_with_its_values(name: str) -> None:
     assert found.effect.label == true.label
     for value, expected in zip(found.values, true_values, strict=True):
         assert abs(value.value - expected) < 4 * value.std
+    best = calibrate(outcome.calibration.touches, cell_of(name), start=truth)
+    assert outcome.final.force_error == pytest.approx(best.force_error, rel=0.05)
 
 
 def test_an_effect_outside_the_catalogue_is_unexplained() -> None:
@@ -82,26 +78,6 @@ def test_an_effect_outside_the_catalogue_is_unexplained() -> None:
     (found,) = outcome.diagnosis.found
     assert isinstance(found.effect, Unnamed)
     assert 'disc_3' in found.effect.label
-
-
-@RECORDINGS
-def test_the_base_parameters_are_right_with_the_effect(name: str) -> None:
-    outcome = outcome_of(name)
-    assert np.abs(deviations(outcome, name)).max() < 4
-
-
-@RECORDINGS
-def test_touches_not_used_are_predicted_better_with_the_effect(name: str) -> None:
-    outcome = outcome_of(name)
-    before, after = outcome.held_out.force_error, outcome.extended_held_out.force_error
-    assert after < 0.7 * before
-
-
-@LISTED
-def test_the_prediction_is_as_good_as_with_the_effect_known_beforehand(name: str) -> None:
-    outcome, truth = outcome_of(name), true_robot(name, cell_of(name))
-    best = calibrate(outcome.calibration.touches, cell_of(name), start=truth)
-    assert outcome.final.force_error == pytest.approx(best.force_error, rel=0.05)
 
 
 @RECORDINGS
