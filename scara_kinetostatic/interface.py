@@ -426,15 +426,13 @@ def _metadata(
 ) -> TouchMetadata:
     """What effects need to know of n poses; warns where it is not given, and an effect needs it."""
     n = len(sides)
-    for name, given in (('time', time), ('approach', approach)):
-        needing = [] if given is not None else predictor.effects_of(name)
-        if needing:
-            text = f'{needing[0]} depends on {name}, which is not given; its value at {name} 0 is taken'
-            warnings.warn(text, UserWarning, stacklevel=3)
-    needing = predictor.effects_of('history')
-    if needing:
-        text = f'{needing[0]} depends on the load before, which is not given; none, and no preload, is taken'
-        warnings.warn(text, UserWarning, stacklevel=3)
+    for name, given, absent in (
+        ('time', time, 'time, which is not given; its value at time 0 is taken'),
+        ('approach', approach, 'approach, which is not given; its value at approach 0 is taken'),
+        ('history', None, 'the load before, which is not given; none, and no preload, is taken'),
+    ):
+        if given is None and (needing := predictor.effects_of(name)):
+            warnings.warn(f'{needing[0]} depends on {absent}', UserWarning, stacklevel=3)
     when = _times(time, n)
     moved = np.zeros((n, 2)) if approach is None else _pairs(approach, 'approach', n)
     return TouchMetadata(np.zeros(n, dtype=np.intp), when, moved, sides, np.zeros((n, 2)))

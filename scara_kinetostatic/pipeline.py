@@ -131,7 +131,9 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
     for number, path in enumerate(paths):
         _report(progress, f'reading {path}', number / len(paths))
         part = touches_of_file(path, cell)
-        parts.append(replace(part, warnings=tuple(_with_source(path, text, paths) for text in part.warnings)))
+        source = f'{path}: ' if len(paths) > 1 else ''
+        told = (text if text.startswith(str(path)) else source + text for text in part.warnings)
+        parts.append(replace(part, warnings=tuple(told)))
     found, sequence = np.array([part.found for part in parts]), order_in_time(parts)
     first_touches = (np.cumsum(found) - found).tolist()
     in_time = np.array(first_touches)
@@ -142,25 +144,13 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
     return Detection(
         held=TouchSet.concatenate([part.held for part in parts]),
         episodes=tuple(item for part in parts for item in part.episodes),
-        warnings=(*(text for part in parts for text in part.warnings), *_unknown_histories(paths, parts)),
+        warnings=tuple(text for part in parts for text in part.warnings),
         start=parts[0].start,
         starts=tuple(part.start for part in parts),
         first_touches=tuple(first_touches),
         turned=tuple(text for part in parts for text in part.turned or ('',)),
         sequence_known=sequence is not None,
     )
-
-
-def _unknown_histories(paths: Sequence[str | Path], parts: Sequence[Detection]) -> list[str]:
-    """A warning for each table among recordings: only these tell the load before a touch."""
-    if all(map(is_touch_table, paths)):
-        return []
-    return [
-        f'{path}: does not say how the load came and went before each touch; where a joint slips with memory, it is '
-        'taken as relaxed before each: calibrate the recordings alone'
-        for path, part in zip(paths, parts, strict=True)
-        if is_touch_table(path) and len(part.touches)
-    ]
 
 
 def touches_of_file(path: str | Path, cell: Cell) -> Detection:
@@ -175,10 +165,6 @@ def touches_of_file(path: str | Path, cell: Cell) -> Detection:
     detection = find_touches(streams, cell)
     warnings = (*streams.warnings, *detection.warnings)
     return replace(detection, warnings=warnings, turned=(streams.turned,))
-
-
-def _with_source(path: str | Path, text: str, paths: Sequence[str | Path]) -> str:
-    return text if len(paths) == 1 or text.startswith(str(path)) else f'{path}: {text}'
 
 
 def calibrate_touches(

@@ -107,7 +107,7 @@ def test_without_an_effect_nothing_is_found() -> None:
 
 @pytest.mark.parametrize(('name', 'estimated'), BOTH)
 def test_the_effect_is_named_and_the_base_parameters_are_right(name: str, estimated: bool) -> None:
-    outcome = outcome_of(name, estimated)
+    outcome = outcome_of(name, True) if estimated else outcome_of(name)
     assert outcome.verdict == 'explained'
     assert outcome.diagnosis.p_value < (1e-3 if estimated and name in TOUCHES else 1e-6)
     assert [item.effect.label for item in outcome.diagnosis.found] == [built_effect(name)[0]]

@@ -87,16 +87,6 @@ def test_touches_from_elsewhere_give_the_same_outcome_as_those_of_a_recording(tm
     assert given.diagnosis.verdict == recorded.diagnosis.verdict == 'none'
 
 
-def test_a_table_among_recordings_does_not_tell_the_load_before(tmp_path):
-    write_streams(tmp_path / 'one', simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL, 3)), CELL)
-    table = tmp_path / 'touches.csv'
-    table.write_text('q1_rad,q2_rad,fx_N,fy_N\n0.8355,2.1317,-9.8,-0.1\n')
-    both = gather_touches([tmp_path / 'one', table], CELL)
-    assert both.warnings[-1].startswith(f'{table}: does not say how the load came and went')
-    assert 'came and went' not in ' '.join(gather_touches([table, table], CELL).warnings)
-    assert not both.touches.history[-1, :, 2:].any()
-
-
 def test_too_few_touches_from_elsewhere_name_no_file():
     few = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL).select(np.arange(4)), CELL.noise)
     with pytest.raises(UnsupportedDataError, match=r'^these touches: 4 touches'):
