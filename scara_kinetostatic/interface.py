@@ -36,9 +36,8 @@ from scara_kinetostatic.pipeline import (
     calibrate_recordings,
     calibrate_touches,
     gather_touches,
-    gross_mistake,
     left_out,
-    no_touches,
+    usable_touches,
 )
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -136,13 +135,7 @@ def read_touches(paths: Paths, cell: Cell) -> TouchSet:
     if tables and cell.sensor.frame is SensorFrame.TOOL:
         problem = "a table has its forces in the base frame, the cell's sensor in the tool frame"
         raise InputError(tables[0], problem, 'give a cell with sensor.frame base')
-    detection = gather_touches(listed, cell)
-    mistake = gross_mistake(detection, cell, listed)
-    if mistake is not None:
-        raise mistake.error(', '.join(map(str, listed)))
-    if not len(detection.touches):
-        raise no_touches(detection, ', '.join(map(str, listed)))
-    return detection.touches
+    return usable_touches(gather_touches(listed, cell), cell, listed)
 
 
 def simulate(

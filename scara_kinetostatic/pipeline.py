@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Mistake, Origin, check_touches, wrong_unit
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Origin, check_touches, wrong_unit
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import other_descriptions, read_streams, recorded_cell
@@ -132,8 +132,8 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         _report(progress, f'reading {path}', number / len(paths))
         part = touches_of_file(path, cell)
         source = f'{path}: ' if len(paths) > 1 else ''
-        told = (text if text.startswith(str(path)) else source + text for text in part.warnings)
-        parts.append(replace(part, warnings=tuple(told)))
+        warnings = (text if text.startswith(str(path)) else source + text for text in part.warnings)
+        parts.append(replace(part, warnings=tuple(warnings)))
     found, sequence = np.array([part.found for part in parts]), order_in_time(parts)
     first_touches = (np.cumsum(found) - found).tolist()
     in_time = np.array(first_touches)
@@ -212,10 +212,19 @@ def calibrate_touches(
     return replace(outcome, check=check, sources=tuple(map(str, sources)))
 
 
-def gross_mistake(detection: Detection, cell: Cell, sources: Sequence[str | Path]) -> Mistake | None:
-    """The mistake with which the touches have hardly anything to do with the cell; None if there is none."""
-    found = check_touches(detection.held, cell, origin=_origin(sources)).found
-    return found if found is not None and found.is_gross else None
+def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Path]) -> TouchSet:
+    """The touches of a detection.
+
+    Raises:
+        InputError: a mistake with which they have hardly anything to do with the cell.
+        UnsupportedDataError: there is none.
+    """
+    names, mistake = ', '.join(map(str, sources)), check_touches(detection.held, cell, origin=_origin(sources)).found
+    if mistake is not None and mistake.is_gross:
+        raise mistake.error(names)
+    if not len(detection.touches):
+        raise _no_touches(detection, names)
+    return detection.touches
 
 
 def _origin(sources: Sequence[str | Path]) -> Origin:
@@ -234,7 +243,7 @@ def _calibrate_touches(
 ) -> Outcome:
     """`calibrate_touches` without a name for the mistake behind a failure."""
     if not len(detection.touches):
-        raise no_touches(detection, names)
+        raise _no_touches(detection, names)
     if calibration is None:
         calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
     else:
@@ -343,7 +352,7 @@ def _check_converged(final: Calibration, detection: Detection, names: str) -> No
         raise _with_rejections(error, detection, names)
 
 
-def no_touches(detection: Detection, names: str) -> UnsupportedDataError:
+def _no_touches(detection: Detection, names: str) -> UnsupportedDataError:
     """The error of a detection without a touch that can be used; `names` of its files."""
     problem = 'no contact found'
     if detection.found:
