@@ -193,9 +193,7 @@ class OnlineContour:
         if found is not None:
             wrong, self.zero = float(np.hypot(*(found - self.zero))), found
             if wrong > LARGEST_ZERO and self.outlines:
-                event = (
-                    f'the zero of the force was wrong by {wrong:.1f} N, and so is what was traced with it: call clear'
-                )
+                event = f'the zero of the force was wrong by {wrong:.1f} N, and what was traced with it: call clear'
                 self._event, self._until = event, 1 << 62
         return True
 

@@ -95,7 +95,9 @@ def course_of(time: Floats, places: Floats, force: Floats) -> Course:
     period = float(np.median(steps))
     clock = np.append(0.0, np.cumsum(np.minimum(steps, 3 * period)))
     length = float(np.hypot(*np.diff(places, axis=0).T).sum()) / max(count - 1, 1)
-    halves = _halves(length)
+    halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, 400)) for half in WINDOWS]
+    # where the samples are sparse, a further window of two: its difference tells how far the others may be wrong
+    halves = list(dict.fromkeys([*halves, 2] if FEWEST * length > WINDOWS[1] else halves))
     fits = [_local_fit(clock, places, min(half, (count - 1) // 2)) for half in halves]
     noise = 1.4826 * float(np.median(np.abs(fits[-1].residual)))
     angle, std = fits[-1].angle, fits[-1].slope_std * noise
@@ -112,14 +114,6 @@ def course_of(time: Floats, places: Floats, force: Floats) -> Course:
     index = np.arange(count)
     end = np.minimum(index, index[::-1]) < 3
     return Course(-side * left, along, np.hypot(std, doubt), convex, hollow, np.full(count, noise), end)
-
-
-def _halves(length: float) -> list[int]:
-    """Samples on each side of the windows, the longest first, for samples so far apart, m."""
-    halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, 400)) for half in WINDOWS]
-    # where the samples are sparse, a further window of two: its difference tells how far the others may be wrong
-    sparse = [2] if FEWEST * length > WINDOWS[1] else []
-    return list(dict.fromkeys(halves + sparse))
 
 
 def _sure_curvature(fit: _LocalFit, side: float, noise: float, half: int) -> Floats:

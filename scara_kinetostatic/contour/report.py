@@ -31,7 +31,7 @@ def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str)
         title='Contour of an object by touch',
         answer=Verdict(_headline(contour), 'caution' if contour.warnings else 'good', _sentences(contour)),
         source=f'{contour.source}, with the calibration {calibration}',
-        blocks=(*_page_sections(contour), *fit_sections(fits)),
+        blocks=(_page_section(contour), *fit_sections(fits)),
         remarks=tuple(contour.warnings),
         footer='every point in contour.csv, the outlines in contour.svg and contour.dxf',
     )
@@ -71,21 +71,19 @@ def _friction_sentence(friction: Friction) -> str:
     )
 
 
-def _page_sections(contour: Contour) -> list[Section]:
+def _page_section(contour: Contour) -> Section:
     std, common = (_MICRO * float(np.nanmedian(each)) for each in (contour.std_normal, contour.std_systematic))
     outline = Figure(
         partial(outline_picture, contour),
         'The surface in the base frame of the robot; arrows: force of the tip on the object. The radius of the tip, '
         f'{_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.',
     )
-    uncertain = (
-        f'Standard uncertainty along the normal {std:.1f} µm (median), of which {common:.1f} µm are common to '
-        'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.'
+    uncertainty = Figure(
+        partial(uncertainty_picture, contour),
+        f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
+        'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.',
     )
-    return [
-        Section('Outline', (outline,), shown='page'),
-        Section('Uncertainty', (uncertain, Figure(partial(uncertainty_picture, contour))), 'page'),
-    ]
+    return Section('Outline', (outline, uncertainty), shown='page')
 
 
 def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:

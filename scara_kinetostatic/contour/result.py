@@ -207,26 +207,20 @@ def svg_text(outlines: Iterable[Outline]) -> str:
     frame = 0.05 * float((high - low).max()) or 1.0  # blank border
     width, height = high - low + 2 * frame
     corner = (low[0] - frame, high[1] + frame)
-    paths = [f'<path d="{_path(_MILLI * outline.points, corner, outline.closed)}"/>' for outline in outlines]
-    return '\n'.join(
-        (
-            '<?xml version="1.0" encoding="UTF-8"?>',
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.4f}mm" height="{height:.4f}mm" '
-            f'viewBox="0 0 {width:.4f} {height:.4f}">',
-            f'<desc>Contour in millimetres; the upper left corner is at x = {corner[0]:.4f}, y = {corner[1]:.4f} in '
-            'the base frame, y upwards.</desc>',
-            f'<g fill="none" stroke="#000000" stroke-width="{max(width, height) / 500:.4f}" stroke-linejoin="round">',
-            *paths,
-            '</g>',
-            '</svg>',
-            '',
-        )
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.4f}mm" height="{height:.4f}mm" '
+        f'viewBox="0 0 {width:.4f} {height:.4f}">\n'
+        f'<desc>Contour in millimetres; the upper left corner is at x = {corner[0]:.4f}, y = {corner[1]:.4f} in '
+        'the base frame, y upwards.</desc>\n'
+        f'<g fill="none" stroke="#000000" stroke-width="{max(width, height) / 500:.4f}" stroke-linejoin="round">\n'
+        f'{"".join(_path(_MILLI * outline.points, corner, outline.closed) for outline in outlines)}</g>\n</svg>\n'
     )
 
 
 def _path(points: Floats, corner: tuple[float, float], closed: bool) -> str:
     pairs = (f'{x - corner[0]:.4f} {corner[1] - y:.4f}' for x, y in points.tolist())
-    return 'M' + ' L'.join(pairs) + (' Z' if closed else '')
+    return f'<path d="M{" L".join(pairs)}{" Z" if closed else ""}"/>\n'
 
 
 def dxf_text(outlines: Iterable[Outline]) -> str:

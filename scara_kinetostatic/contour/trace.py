@@ -44,20 +44,6 @@ from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import Streams
 
 
-def measured_force(arm: CalibratedArm, sensor: Sensor, joints: Floats, reported: Floats) -> Floats:
-    """F on the object in the base frame, (n, 2), N, from what the sensor reports less its zero.
-
-    Args:
-        arm: with the errors of the sensor that were found.
-        sensor: its frame and sign.
-        joints: Q, (n, 2), rad.
-        reported: (n, 2), N.
-    """
-    turned = -reported if sensor.sign is SensorSign.ON_ROBOT else reported
-    arm = replace(arm, cell=replace(arm.cell, sensor=sensor))
-    return force_on_object(arm, turned, joints, metadata_of(arm, joints))
-
-
 def metadata_of(arm: CalibratedArm, joints: Floats) -> TouchMetadata:
     """What is known of poses that follow each other besides Q and F: posture and motion; they are after all touches.
 
@@ -170,7 +156,9 @@ def trace_signals(
         UnsupportedDataError: as `trace_contour`.
     """
     samples = contact_samples(signals, source, zero)
-    force = measured_force(arm, sensor, samples.joints, samples.force)
+    reported = -samples.force if sensor.sign is SensorSign.ON_ROBOT else samples.force
+    measured = replace(arm, cell=replace(arm.cell, sensor=sensor))
+    force = force_on_object(measured, reported, samples.joints, metadata_of(arm, samples.joints))
     places = tip_places(arm, samples.joints, force, samples.force_noise)
     if not np.isfinite(places.center).all():
         raise UnsupportedDataError(f'{source}: there is no place of the tip for its joint angles and forces')
@@ -257,9 +245,10 @@ def _surface(
     n, along, force = course.normal, course.along, force[used]
     passes = np.unique(number[used], return_inverse=True)[1]
     across, aside = (_along(places.noise[used], way) + course.white**2 for way in (n, along))
-    angle_std = course.angle_std
-    aside = np.sqrt(aside + (radius * angle_std) ** 2)
-    by_normal = _error_by_normal(angle_std, aside, course.convex, course.hollow, radius)
+    aside = np.sqrt(aside + (radius * course.angle_std) ** 2)
+    # the path turns away from the object within less than a part of the tip's radius
+    inner_corner = 0.25 * course.hollow * radius > 1.0
+    by_normal = _error_by_normal(course, aside, inner_corner, radius)
     noise = across + by_normal**2
     common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
     force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
@@ -276,7 +265,7 @@ def _surface(
         by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
         by_noise=np.einsum('ni,nik->nk', n, places.by_noise[used]),
         friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
-        inner_corner=_is_inner_corner(course.hollow, radius),
+        inner_corner=inner_corner,
         tip_radius=radius,
         zero=samples.zero,
         lost=samples.lost,
@@ -285,22 +274,17 @@ def _surface(
     )
 
 
-def _error_by_normal(angle_std: Floats, aside: Floats, convex: Floats, hollow: Floats, radius: float) -> Floats:
+def _error_by_normal(course: Course, aside: Floats, inner_corner: Mask, radius: float) -> Floats:
     """Standard uncertainty across the surface by that of the normal, δ, and along the surface, t, (n,), m.
 
     P moves by r δ²/√2 against the normal. Along the surface it moves by t, of which r δ is a part; this leaves a
     surface of radius ρ by t²/(2 ρ), and a sharp edge by t: here t²/(2 ρ + t), with ρ = 1/κ - r about the object and
     1/κ + r in a hollow. In an inner corner the tip touches on both sides and turns on the spot: ρ = 0.
     """
-    about = np.maximum(1.0 / np.maximum(convex, 1e-9) - radius, 0.0)
-    within = np.where(_is_inner_corner(hollow, radius), 0.0, 1.0 / np.maximum(hollow, 1e-9) + radius)
+    about = np.maximum(1.0 / np.maximum(course.convex, 1e-9) - radius, 0.0)
+    within = np.where(inner_corner, 0.0, 1.0 / np.maximum(course.hollow, 1e-9) + radius)
     across = aside**2 / np.maximum(2.0 * np.minimum(about, within) + aside, 1e-12)
-    return np.hypot(radius * angle_std**2 / np.sqrt(2.0), across)
-
-
-def _is_inner_corner(hollow: Floats, radius: float) -> Mask:
-    """Where the path turns away from the object within less than a part of the tip's radius, (n,)."""
-    return np.asarray(0.25 * hollow * radius > 1.0)
+    return np.hypot(radius * course.angle_std**2 / np.sqrt(2.0), across)
 
 
 def _along(covariance: Floats, normal: Floats) -> Floats:
