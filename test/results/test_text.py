@@ -74,7 +74,8 @@ def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: O
         assert line.split()[2:] == [*(f'{size:.3g}' for size in sizes), f'{side.reduced_chi_square:.2f}']
     assert 'bias ignoring it would bias l2 by ' in joined(grown)
     assert 'the force sensor is rotated about its axis (one of' in joined(ambiguous)
-    assert 'a fitted curve (joint 1 deviates' in joined(unnamed)
+    assert 'a fitted curve (joint 1 deviates by an angle, depending on the angle of joint 2)' in joined(unnamed)
+    assert 'cos1' not in joined(unnamed), 'coefficients say nothing by themselves'
 
 
 def test_of_many_rivals_the_first_ones_are_named(plain: Outcome) -> None:
