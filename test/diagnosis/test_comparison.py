@@ -92,7 +92,7 @@ def test_friction_is_shown_across_the_contact_normal_over_the_slide_by_which_it_
 
 def test_the_residual_of_a_curve_is_over_its_variable(unnamed: Outcome) -> None:
     (found,) = unnamed.effect_residuals
-    assert found.x_label == 'the angle of joint 2  [°]'
+    assert found.x_label == 'angle of joint 2  [rad]'
     assert found.y_label == 'deviation of joint 1  [µrad]'
     assert np.corrcoef(found.before, found.expected)[0, 1] > 0.8
 
