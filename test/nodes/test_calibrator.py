@@ -12,7 +12,6 @@ import pytest
 import yaml
 from nodes.waiting import WAIT
 from rcl_interfaces.srv import SetParameters
-from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
@@ -24,10 +23,11 @@ from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.nodes import calibration_job as module
 from scara_kinetostatic.nodes.calibrator import Calibrator
-from scara_kinetostatic.nodes.cell_node import ERROR, OK
+from scara_kinetostatic.nodes.cell_node import ERROR
 from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.results.write import write_results
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 
@@ -81,90 +81,31 @@ def values(node: Node, group: str) -> list[float]:
     return [node.get_parameter(f'{group}.{name}').value for name in NAMES]
 
 
-def test_a_calibration_becomes_parameters_and_files(
-    spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
-) -> None:
-    node = spin(Calibrator, '--ros-args', '-p', f'recording:={recording}', '-p', f'output:={tmp_path}')
-    with pytest.raises(ParameterNotDeclaredException):
-        node.get_parameter('calibrated.l1')
-
-    answer = calibrate(client)
-    assert answer.success, answer.message
-    assert len(answer.message.splitlines()) == 1
-    assert '72 of 72 touches used' in answer.message
-    assert str(tmp_path) in answer.message
-    assert node._condition.level == OK
-
-    expected = calibrate_recordings([recording], PAPER_CELL).calibration
-    assert values(node, 'calibrated') == list(expected.parameters.as_array())
-    assert values(node, 'calibrated_std') == list(expected.std)
-    parameters = yaml.safe_load((tmp_path / 'calibration.yaml').read_text())['/**']['ros__parameters']
-    assert list(parameters['calibrated'].values()) == values(node, 'calibrated')
-    assert (tmp_path / 'report.html').is_file()
-
-    assert 'read-only' in set_parameter(client, 'calibrated.l1', 1.0)
-    assert 'read-only' in set_parameter(client, 'calibrated_std.l1', 1.0)
-    assert values(node, 'calibrated') == list(expected.parameters.as_array())
-
-
-def test_a_parameter_file_of_results_can_be_loaded_again(
-    spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
-) -> None:
-    from scara_kinetostatic.results.write import write_results
-
-    outcome = calibrate_recordings([recording], PAPER_CELL, fixed={'g_ee': 1e-4})
-    files = write_results(outcome, tmp_path / 'results')
-    node = spin(Calibrator, '--ros-args', '--params-file', str(files.parameters))
-    np.testing.assert_array_equal(values(node, 'calibrated'), outcome.calibration.parameters.as_array())
-    np.testing.assert_array_equal(values(node, 'calibrated_std'), outcome.calibration.std)
-    assert 'read-only' in set_parameter(client, 'calibrated.g_ee', 1.0)
-
-
-def test_an_unfit_result_is_no_success(
-    spin: Callable[..., Node], client: DemoClient, recording: Path, cell_file: Path, tmp_path: Path
-) -> None:
-    strict = tmp_path / 'strict.yaml'
-    strict.write_text(cell_file.read_text() + 'tolerance: {tip: 1.0e-6}\n')
-    where = ('-p', f'recording:={recording}', '-p', f'output:={tmp_path / "result"}')
-    node = spin(Calibrator, '--ros-args', '-p', f'cell:={strict}', *where)
-    answer = calibrate(client)
-    assert not answer.success
-    assert answer.message.startswith('unfit: the expanded uncertainty of the tip')
-    assert node._condition.level == ERROR
-    assert node._condition.values['assessment'] == 'unfit'
-    assert node._condition.message == answer.message
-    assert (tmp_path / 'result' / 'unfit' / 'calibration.json').is_file()
-    assert set_parameter(client, 'cell', str(cell_file)) == ''
-    answer = calibrate(client)
-    assert answer.success
-    assert answer.message.startswith('fit: 72 touches')
-    assert node._condition.level == OK
-
-
-@pytest.fixture(scope='module')
-def grown_outcome(grown: Path) -> Outcome:
-    return calibrate_recordings([grown], PAPER_CELL)
-
-
 def effects(node: Node) -> dict[str, float]:
     """The parameters of effects that the node has, by name."""
     groups = ('effects', 'effects_std')
     return {f'{group}.{name}': p.value for group in groups for name, p in node.get_parameters_by_prefix(group).items()}
 
 
-def test_effects_come_and_go_with_the_calibration_that_finds_them(
-    spin: Callable[..., Node], client: DemoClient, recording: Path, grown: Path, grown_outcome: Outcome, tmp_path: Path
+def test_a_calibration_becomes_parameters_and_files_and_a_failure_leaves_them(
+    spin: Callable[..., Node], client: DemoClient, grown: Path, grown_outcome: Outcome, tmp_path: Path
 ) -> None:
-    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}', '-p', f'recording:={grown}')
-    assert effects(node) == {}
+    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}')
+    answer = calibrate(client)
+    assert not answer.success and 'no recording is named' in answer.message
+    assert not node.has_parameter('calibrated.l1') and effects(node) == {}
+
+    assert set_parameter(client, 'recording', str(grown)) == ''
     answer = calibrate(client)
     assert answer.success, answer.message
+    assert len(answer.message.splitlines()) == 1
     label = f'object_radius[{PAPER_CELL.discs[1].name}]'
-    assert f'missing effects: explained, {label}; with them' in answer.message
-    assert node._condition.values['effects'] == label
-    assert float(node._condition.values['held_out_force_error.extended']) < 0.5 * float(
-        node._condition.values['held_out_force_error.calibrated']
-    )
+    for part in ('72 of 72 touches used', f'missing effects: explained, {label}; with them', str(tmp_path)):
+        assert part in answer.message
+    figures = node._condition.values
+    assert figures['effects'] == label
+    held_out = 'held_out_force_error'
+    assert float(figures[f'{held_out}.extended']) < 0.5 * float(figures[f'{held_out}.calibrated'])
     name = f'object_radius.{PAPER_CELL.discs[1].name}.radius'
     found = effects(node)
     assert list(found) == [f'effects.{name}', f'effects_std.{name}']
@@ -172,51 +113,46 @@ def test_effects_come_and_go_with_the_calibration_that_finds_them(
     final = grown_outcome.final
     assert values(node, 'calibrated') == list(final.parameters.as_dict().values())
     assert values(node, 'calibrated_std') == list(final.std)
-    assert 'read-only' in set_parameter(client, f'effects.{name}', 1.0)
+    stored = yaml.safe_load((tmp_path / 'calibration.yaml').read_text())['/**']['ros__parameters']
+    assert list(stored['calibrated'].values()) == values(node, 'calibrated')
+    assert (tmp_path / 'report.html').is_file()
+    for guarded in ('calibrated.l1', 'calibrated_std.l1', f'effects.{name}'):
+        assert 'read-only' in set_parameter(client, guarded, 1.0)
 
-    assert set_parameter(client, 'recording', str(recording)) == ''
+    files = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    assert set_parameter(client, 'recording', '/no/such/bag') == ''
     answer = calibrate(client)
-    assert 'missing effects: none' in answer.message
-    assert effects(node) == {}
+    assert not answer.success and '/no/such/bag' in answer.message
+    assert node._condition.level == ERROR
+    assert values(node, 'calibrated') == list(final.parameters.as_dict().values())
+    assert effects(node) == found
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == files
 
 
-def test_a_parameter_file_with_effects_can_be_loaded_again(
+@pytest.fixture(scope='module')
+def grown_outcome(grown: Path) -> Outcome:
+    return calibrate_recordings([grown], PAPER_CELL)
+
+
+def test_results_can_be_loaded_again_and_effects_come_and_go_with_them(
     spin: Callable[..., Node], client: DemoClient, recording: Path, grown_outcome: Outcome, tmp_path: Path
 ) -> None:
-    from scara_kinetostatic.results.write import write_results
-
-    outcome = grown_outcome
-    files = write_results(outcome, tmp_path / 'results')
-    arguments = ('--params-file', str(files.parameters), '-p', f'recording:={recording}', '-p', f'output:={tmp_path}')
-    node = spin(Calibrator, '--ros-args', *arguments)
-    ((value,),) = ([v.value for v in item.values] for item in outcome.diagnosis.found)
+    first = write_results(grown_outcome, tmp_path / 'grown', report=False)
+    plain = calibrate_recordings([recording], PAPER_CELL, fixed={'g_ee': 1e-4})
+    write_results(plain, tmp_path / 'plain', report=False)
+    node = spin(Calibrator, '--ros-args', '--params-file', str(first.parameters), '-p', f'output:={tmp_path}')
+    ((value,),) = ([v.value for v in item.values] for item in grown_outcome.diagnosis.found)
     name, deviation = effects(node)
     assert effects(node)[name] == value
     assert 'read-only' in set_parameter(client, deviation, 1.0)
-    assert calibrate(client).success
-    assert effects(node) == {}, 'a calibration that finds none takes them back'
-
-
-def test_a_failure_says_why_and_leaves_the_results(
-    spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
-) -> None:
-    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}')
-    answer = calibrate(client)
-    assert not answer.success
-    assert 'no recording is named' in answer.message
-
-    assert set_parameter(client, 'recording', str(recording)) == ''
-    assert calibrate(client).success
-    former = values(node, 'calibrated')
-    files = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
-
-    assert set_parameter(client, 'recording', '/no/such/bag') == ''
-    answer = calibrate(client)
-    assert not answer.success
-    assert '/no/such/bag' in answer.message
-    assert node._condition.level == ERROR
-    assert values(node, 'calibrated') == former
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == files
+    for loaded in ('plain', 'grown', 'plain'):
+        assert set_parameter(client, 'name', loaded) == ''
+        answer = client.call('/calibrator/load', Trigger, Trigger.Request(), WAIT)
+        assert answer.success, answer.message
+        assert list(effects(node)) == ([name, deviation] if loaded == 'grown' else [])
+    np.testing.assert_array_equal(values(node, 'calibrated'), plain.final.parameters.as_array())
+    np.testing.assert_array_equal(values(node, 'calibrated_std'), plain.final.std)
+    assert 'read-only' in set_parameter(client, 'calibrated.g_ee', 1.0)
 
 
 @pytest.mark.parametrize(
@@ -291,16 +227,6 @@ def test_a_calibration_that_does_not_end_is_killed(
     assert client.call('/calibrator/cancel', Trigger, Trigger.Request(), WAIT).success
     client.wait('the end', answer.done, WAIT)
     assert 'cancelled' in answer.result().message
-
-
-def test_a_recording_is_taken_from_the_collector(
-    spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
-) -> None:
-    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}')
-    publisher = node.create_publisher(String, '/collector/recording', LATCHED)
-    publisher.publish(String(data=str(recording)))
-    client.wait('the announcement', lambda: node._announced.chosen('last') == [str(recording)], WAIT)
-    assert calibrate(client).success
 
 
 def test_a_wrong_cell_is_refused_by_name(
