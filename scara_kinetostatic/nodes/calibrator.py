@@ -116,10 +116,10 @@ class Calibrator(CellNode):
             raise RefusedError('a calibration is running; call again when it is done, or ~/cancel')
         folder = self._settings.stored
         stored = load_result(folder / parameter_file.NAME)
-        if stored.facts.get('assessment') == UNFIT and not self._settings.publishes_unfit:
+        if stored.facts.get('assessment') == UNFIT and not self._settings['publish_unfit']:
             raise ParameterError(folder, 'the result is unfit for use', 'publish_unfit:=true takes it all the same')
         message = _loaded(stored.facts, str(folder))
-        self._publish(stored, folder, self._settings.name, True, message)
+        self._publish(stored, folder, self._settings['name'], True, message)
         return message
 
     def _poll(self) -> None:

@@ -59,26 +59,18 @@ _INPUTS: dict[str, tuple[Any, str]] = {
 """Default and description of the parameters that are text, or lists of texts."""
 _EFFECTS = (f'{parameter_file.EFFECTS}.', f'{parameter_file.EFFECTS_STD}.')
 """How the names of effects' parameters begin."""
-_NUMBERS = {
-    **{f'calibrated.{name}': f'{DESCRIPTIONS[name]}, {UNITS[name]}' for name in NAMES},
-    **{f'calibrated_std.{name}': f'{DESCRIPTIONS[name]}, standard deviation, {UNITS[name]}' for name in NAMES},
+_TYPES = {
+    str: Parameter.Type.STRING,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    list: Parameter.Type.STRING_ARRAY,
 }
-"""First the values, then their standard deviations, each in the order of `NAMES`."""
-_OF_EFFECT = (Parameter.Type.DOUBLE, 'of an effect')
-
-
-def _declared() -> dict[str, tuple[Parameter.Type, str]]:
-    """Type and description of every parameter of a result, but those of effects."""
-    types = {
-        str: Parameter.Type.STRING,
-        int: Parameter.Type.INTEGER,
-        float: Parameter.Type.DOUBLE,
-        list: Parameter.Type.STRING_ARRAY,
-    }
-    return {
-        **{name: (Parameter.Type.DOUBLE, meaning) for name, meaning in _NUMBERS.items()},
-        **{f'{GROUP}.{name}': (types[fact.kind], fact.meaning) for name, fact in FACTS.items()},
-    }
+_RESULT = {
+    **{f'calibrated.{name}': (float, f'{DESCRIPTIONS[name]}, {UNITS[name]}') for name in NAMES},
+    **{f'calibrated_std.{name}': (float, f'standard deviation of {name}, {UNITS[name]}') for name in NAMES},
+    **{f'{GROUP}.{name}': (fact.kind, fact.meaning) for name, fact in FACTS.items()},
+}
+"""Type and description of parameters of a result, but those of effects: values, their standard deviations, facts."""
 
 
 class Announced:
@@ -145,15 +137,10 @@ class CalibratorSettings:
         declare.parameter(node, 'publish_unfit', False, unfit, read_only=False)
         node.add_on_set_parameters_callback(_check_parameters)
 
-    @property
-    def name(self) -> str:
-        """Of the result; empty where it has none."""
-        return self._text('name')
-
-    @property
-    def publishes_unfit(self) -> bool:
-        """Whether a result that is not fit for use replaces an earlier one."""
-        return bool(self._node.get_parameter('publish_unfit').value)
+    def __getitem__(self, name: str) -> Any:
+        """The value of a parameter; of a list, the texts that are not empty."""
+        value = self._node.get_parameter(name).value
+        return _listed(value) if isinstance(value, (list, tuple)) else value
 
     @property
     def folder(self) -> Path:
@@ -162,10 +149,10 @@ class CalibratorSettings:
         Raises:
             ParameterError: it is not named, nor is a recording.
         """
-        if named := self._text('output'):
-            return declare.place('output', named) / self.name
+        if named := self['output']:
+            return declare.place('output', named) / self['name']
         last = declare.place('recording', self._recordings()[-1]).absolute()
-        return last.with_name(f'{last.name}_calibration') / self.name
+        return last.with_name(f'{last.name}_calibration') / self['name']
 
     @property
     def stored(self) -> Path:
@@ -177,9 +164,9 @@ class CalibratorSettings:
         folder = self.folder
         if (folder / parameter_file.NAME).is_file():
             return folder
-        home = folder.parent if self.name else folder
+        home = folder.parent if self['name'] else folder
         names = sorted(path.parent.name for path in home.glob(f'*/{parameter_file.NAME}') if path.parent.name != UNFIT)
-        problem = f'there is no result {self.name!r} in {home}' if self.name else f'there is no result in {home}'
+        problem = f'there is no result {self["name"]!r} in {home}'
         raise ParameterError('parameter name', problem, f'there are {", ".join(names)}' if names else 'calibrate first')
 
     def job(self) -> Job:
@@ -192,32 +179,25 @@ class CalibratorSettings:
         for path in paths:
             if not path.exists():
                 raise RecordingError(path, 'there is no such recording', 'check the path')
-        cell = self._text('cell')
         return Job(
             recordings=list(map(str, paths)),
-            cell=str(declare.place('cell', cell)) if cell else '',
-            fixed=self._texts('fixed'),
-            left_out=self._texts('leave_out'),
+            cell=str(declare.place('cell', self['cell'])) if self['cell'] else '',
+            fixed=self['fixed'],
+            left_out=self['leave_out'],
             output=str(self.folder),
-            publish_unfit=self.publishes_unfit,
-            name=self.name,
+            publish_unfit=self['publish_unfit'],
+            name=self['name'],
         )
 
     def _recordings(self) -> list[str]:
         """Those named, else those that a collector has announced."""
-        named = [*filter(None, [self._text('recording')]), *self._texts('recordings')]
-        chosen = named or self._announced.chosen(self._text('announced'))
+        named = [*filter(None, [self['recording']]), *self['recordings']]
+        chosen = named or self._announced.chosen(self['announced'])
         if not chosen:
             raise ParameterError(
                 'parameter recording', 'no recording is named, and no collector has announced one', 'set it'
             )
-        return chosen
-
-    def _text(self, name: str) -> str:
-        return str(self._node.get_parameter(name).value)
-
-    def _texts(self, name: str) -> list[str]:
-        return _listed(self._node.get_parameter(name).value)
+        return list(chosen)
 
 
 def _listed(value: Any) -> list[str]:
@@ -273,8 +253,8 @@ class ResultParameters:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._writing, self._declared = False, _declared()
-        for full in self._declared:
+        self._writing = False
+        for full in _RESULT:
             self._declare(full)
             given = node.get_parameter_or(full)
             if given.type_ == Parameter.Type.NOT_SET:
@@ -298,7 +278,7 @@ class ResultParameters:
 
     def publish(self, result: StoredResult) -> None:
         """Sets all of them at once; those of effects that are no longer found are removed."""
-        named: dict[str, Value] = dict(zip(_NUMBERS, [*result.values, *result.deviations], strict=True))
+        named: dict[str, Value] = dict(zip(_RESULT, [*result.values, *result.deviations], strict=False))  # facts follow
         named |= {f'{GROUP}.{name}': value for name, value in result.facts.items()}
         for item in result.effects:
             named |= {
@@ -307,30 +287,27 @@ class ResultParameters:
             }
         self._writing = True
         try:
-            for full in {*self._effects, *self._declared}.difference(named):
+            for full in {*self._effects, *_RESULT}.difference(named):
                 if self._node.has_parameter(full):
                     self._node.undeclare_parameter(full)
             for full in named:
                 if not self._node.has_parameter(full):
                     self._declare(full)
-            self._effects = [full for full in named if full not in self._declared]
-            parameters = [Parameter(full, self._kind(full), value) for full, value in named.items()]
+            self._effects = [full for full in named if full not in _RESULT]
+            parameters = [Parameter(full, _TYPES[type(value)], value) for full, value in named.items()]
             self._node.set_parameters_atomically(parameters)
         finally:
             self._writing = False
 
-    def _kind(self, full: str) -> Parameter.Type:
-        return self._declared.get(full, _OF_EFFECT)[0]
-
     def _declare(self, full: str) -> None:
-        kind, description = self._declared.get(full, _OF_EFFECT)
+        kind, description = _RESULT.get(full, (float, 'of an effect'))
         descriptor = ParameterDescriptor(
             description=description, additional_constraints='read-only, the result of ~/calibrate'
         )
-        self._node.declare_parameter(full, kind, descriptor)
+        self._node.declare_parameter(full, _TYPES[kind], descriptor)
 
     def _guard(self, parameters: list[Parameter]) -> SetParametersResult:
-        taken = [p.name for p in parameters if p.name in self._declared or p.name.startswith(_EFFECTS)]
+        taken = [p.name for p in parameters if p.name in _RESULT or p.name.startswith(_EFFECTS)]
         if taken and not self._writing:
             return SetParametersResult(
                 successful=False, reason=f'{taken[0]} is read-only, the result of a calibration; call ~/calibrate'
