@@ -110,9 +110,8 @@ def linearise(
         derivative[:, :, THETA1] += turned
         derivative[:, :, THETA2] += turned
     by_force = by_touch(2, 2, len(o.joints))
-    per_force = h_d / state.magnitude
     by_force[:, 0, 0], by_force[:, 1, 0] = h_f.real, h_f.imag
-    by_force[:, 0, 1], by_force[:, 1, 1] = per_force.real, per_force.imag
+    by_force[:, 0, 1], by_force[:, 1, 1] = h_d.real / state.magnitude, h_d.imag / state.magnitude
     if has_sensor_error(model):
         true = _in_sensor_frame(o, model, adjusted.joints, state)
         by_force = by_force @ true_force_derivative(model, adjusted.force, true, o.metadata)

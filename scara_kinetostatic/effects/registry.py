@@ -147,7 +147,7 @@ def find(cell: Cell, label: str) -> Effect:
     name = label.partition('[')[0]
     same = [effect.label for effect in effects.values() if effect.name == name]
     if same:
-        remedy = f'give {" or ".join(difflib.get_close_matches(label, same, 3, cutoff=0.0))}'
+        remedy = f'give {" or ".join(same[:5])}'
         raise ParameterError(f'effect {label!r}', f'{name} has no such target in this cell', remedy)
     close = difflib.get_close_matches(label, effects, 3)
     remedy = f'did you mean {" or ".join(close)}? ' if close else ''

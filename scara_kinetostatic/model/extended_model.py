@@ -289,8 +289,8 @@ def sensor_error_columns(
 
 def along_and_across(vectors: Floats, force: Floats) -> Floats:
     """Components of vectors (n, 2) along and across forces (n, 2)."""
-    across = as_complex(force)
-    return pairs(as_complex(vectors) * across.conj() / np.abs(across))
+    along = force / np.hypot(force[:, 0], force[:, 1])[:, None]
+    return pairs(as_complex(vectors) * as_complex(along).conj())
 
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:

@@ -58,8 +58,8 @@ def test_truth_file_plays_the_same_again(run: Run, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('options', 'status', 'words'),
     [
-        (('--effect', 'object_radius[disc_9]:radius=1e-4'), 2, ("no target 'disc_9'", 'object_radius[disc_3]')),
-        (('--effect', 'object_radius[disc_2]:size=1e-4'), 2, ("'size'", 'radius (m; ')),
+        (('--effect', 'object_radius[disc_9]:radius=1e-4'), 2, ('no such target', 'object_radius[disc_3]')),
+        (('--effect', 'object_radius[disc_2]:size=1e-4'), 2, ('expected radius once each', 'radius (m; ')),
         (('--effect', RADIUS, '--effect', RADIUS), 2, ('object_radius[disc_2]', 'twice')),
         (('--effect', 'object_position[disc_2]:x=0.4,y=0.4'), 3, ('touch', 'disc_2')),
         (('--effect', RADIUS, '--truth-file', 'taken'), 2, ('taken', 'exists')),

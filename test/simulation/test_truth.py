@@ -57,7 +57,7 @@ def test_disc_of_any_name():
     ('text', 'message'),
     [
         ('gravity:g=1', r"effect 'gravity': no such effect.*simulate --list-effects"),
-        ('object_radius:radius=1', r'object_radius needs a target; give object_radius\[disc_1\]'),
+        ('object_radius:radius=1', r'no such target in this cell; give object_radius\[disc_1\]'),
         ('', 'no such effect'),
         ('sensor_bias', r'expected x, y once each; the parameters of sensor_bias are x \(N; .*\), y \(N; '),
         ('sensor_bias:x=1', 'x, y once each'),
