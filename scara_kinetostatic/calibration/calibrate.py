@@ -71,7 +71,8 @@ def calibrate(
     expect(cell, Cell, 'cell', "read it by load_cell('cell.yaml')")
     fixed = _checked(fixed)
     start = _start(cell, _expect_effects(effects), start, fixed)
-    cell = without_sources(cell, _held_sources(start, fixed))
+    if sources := _held_sources(start, fixed):
+        cell = without_sources(cell, sources)
     if warm_start is not None:
         if warm_start.model.effects != start.effects:
             raise ParameterError('warm start', 'its effects are not those of the fit', 'give the same effects')
@@ -175,10 +176,14 @@ def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]
     """Take out touches without a force, and readings that repeat an earlier one to the last bit."""
     magnitude = np.hypot(touches.force[:, 0], touches.force[:, 1])
     least = 3.0 * cell.noise.force_rms if cell.noise else 1e-6  # N; below it a force has no direction to speak of
-    rows = np.concatenate([touches.joints, touches.force], axis=1)
-    _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    earlier = first[which.ravel()]
-    kept = (magnitude > least) & (earlier == np.arange(len(touches)))
+    earlier = numbers = np.arange(len(touches))
+    if len(np.unique(touches.joints[:, 0])) < len(touches):  # as hardly ever
+        rows = np.concatenate([touches.joints, touches.force], axis=1).view('V32')[:, 0].tolist()
+        first: dict[bytes, int] = {}
+        earlier = np.array([first.setdefault(row, k) for k, row in enumerate(rows)])
+    kept = (magnitude > least) & (earlier == numbers)
+    if kept.all():
+        return touches, []
     left_out = []
     for k in np.flatnonzero(~kept):
         noise = f' of {cell.noise.force_rms:.2g} N' if cell.noise else ''

@@ -25,7 +25,7 @@ from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stat
 from scara_kinetostatic.calibration.observations import Observations, in_blocks, pick
 from scara_kinetostatic.calibration.solver import ActivePrior, Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
@@ -247,12 +247,15 @@ def studentised(whitened: Whitened, covariance: Floats, used: Mask) -> Floats:
     """
 
     def distance(part: slice) -> Floats:
-        jacobian = pick(whitened, part).jacobian
-        moved = np.where(used[part], -1.0, 1.0)[:, None, None] * (jacobian @ covariance @ jacobian.swapaxes(1, 2))
-        values, vectors = np.linalg.eigh(np.eye(2) + moved)
-        turned = np.einsum('nij,ni->nj', vectors, whitened.residual[part])
+        here, sign = pick(whitened, part), np.where(used[part], -1.0, 1.0)
+        jacobian = here.jacobian.T
+        moved = np.tensordot(covariance, jacobian, 1)
+        s11, s21, s22 = (sign * (moved[:, i] * jacobian[:, j]).sum(axis=0) for i, j in ((0, 0), (1, 0), (1, 1)))
+        mean, half = 1.0 + (s11 + s22) / 2, (s11 - s22) / 2
+        turned = as_complex(here.residual) * np.exp(-0.5j * np.arctan2(s21, half))  # along the principal axes
         # a touch without which a parameter is undetermined has leverage 1: its residual is zero whatever it measured
-        return np.asarray((turned**2 / np.maximum(values, 1e-3)).sum(axis=1))
+        first, second = np.maximum(mean + np.multiply.outer((1.0, -1.0), np.hypot(half, s21)), 1e-3)
+        return np.asarray(turned.real**2 / first + turned.imag**2 / second)
 
     return in_blocks(len(used), distance)
 

@@ -23,7 +23,7 @@ from scara_kinetostatic.calibration.gauss_helmert import (
     squared_distance,
     whiten,
 )
-from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, in_blocks, pick
+from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observations, in_blocks, pick
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import contact
@@ -121,7 +121,7 @@ def evaluate(
     """
 
     def part(where: slice) -> tuple[Linearisation, Whitened, Floats]:
-        arm_there = None if arm is None else arm.select(where)
+        arm_there = arm if arm is None or where is EVERY else arm.select(where)
         return _evaluate(observations.select(where), model, pick(adjusted, where), noise, stage, arm_there)
 
     return Point(model, adjusted, *in_blocks(len(observations.joints), part), observations.errors)
@@ -187,7 +187,7 @@ def select(point: Point, which: Mask | Indices | slice) -> Point:
         adjusted=pick(point.adjusted, which),
         linear=pick(point.linear, which),
         whitened=pick(point.whitened, which),
-        distance=point.distance[which],
+        distance=pick(point.distance, which),
     )
 
 

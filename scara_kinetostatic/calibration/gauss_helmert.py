@@ -116,9 +116,10 @@ def linearise(
         true = _in_sensor_frame(o, model, adjusted.joints, state)
         by_force = by_force @ true_force_derivative(model, adjusted.force, true, o.metadata)
         derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, true, by_force, o.metadata)
-    misclosure, (off_joints, off_force) = by_touch(2, len(o.joints)), _off_measured(o, adjusted)
-    for k, equation in enumerate((e.h.real, e.h.imag)):
-        misclosure[:, k] = equation + (by_joints[:, k] * off_joints + by_force[:, k] * off_force).sum(axis=1)
+    misclosure = by_touch(2, len(o.joints))
+    misclosure[:, 0], misclosure[:, 1] = e.h.real, e.h.imag
+    for by, off in zip((*by_joints.T, *by_force.T), _off_measured(o, adjusted), strict=True):
+        misclosure += (by * off).T
     by_errors = None if o.declared is None else _by_errors(o, adjusted.force, state, by_force)
     if not model.off_normal_std:
         return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_errors=by_errors)
@@ -147,15 +148,14 @@ def _by_errors(observations: Observations, force: Floats, state: State, by_force
     return out.transpose()
 
 
-def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats]:
-    """Measured less adjusted: the joints, (n, 2), rad, and the force along and across the adjusted one, (n, 2), N."""
+def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
+    """Measured less adjusted: both joints, rad, and the force along and across the adjusted one, N; (n,) each."""
     o, a = observations, adjusted
     along, across = a.force[:, 0], a.force[:, 1]
     x, y = o.force[:, 0] - along, o.force[:, 1] - across
     size = np.hypot(along, across)
-    off = by_touch(2, len(size))
-    off[:, 0], off[:, 1] = (x * along + y * across) / size, (y * along - x * across) / size
-    return o.joints - a.joints, off
+    first, second = o.joints.T - a.joints.T
+    return first, second, (x * along + y * across) / size, (y * along - x * across) / size
 
 
 def adjust(
@@ -313,14 +313,12 @@ def by_touch(*shape: int) -> Floats:
 
 def _covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
     """V of each touch's misclosure: the entries 11, 21, 22, (n,) each, m²."""
-    q, f = linear.by_joints * noise.joint_levels, linear.by_force
     along, crossed, across = force_covariance(noise, linear.force)
-    radial = [f[:, k, 0] * along + f[:, k, 1] * crossed for k in range(2)]
-    tangential = [f[:, k, 0] * crossed + f[:, k, 1] * across for k in range(2)]
-    v11, v21, v22 = (
-        q[:, i, 0] * q[:, j, 0] + q[:, i, 1] * q[:, j, 1] + radial[i] * f[:, j, 0] + tangential[i] * f[:, j, 1]
-        for i, j in ((0, 0), (1, 0), (1, 1))
-    )
+    by = np.concatenate([linear.by_joints.T, linear.by_force.T])  # (4, 2, n): by q1, q2, along and across the force
+    moved = np.empty_like(by)
+    np.multiply(by[:2], np.square(noise.joint_levels)[:, None, None], out=moved[:2])
+    moved[2], moved[3] = by[2] * along + by[3] * crossed, by[2] * crossed + by[3] * across
+    (v11, _), (v21, v22) = np.einsum('kin,kjn->ijn', moved, by)
     if linear.by_off_normal is None:
         return v11, v21, v22
     first, second = linear.by_off_normal[:, 0], linear.by_off_normal[:, 1]
@@ -369,9 +367,10 @@ def noise_left(linear: Linearisation, root: tuple[Floats, Floats, Floats], noise
     l11, l21, l22 = root
     covariance = force_covariance(noise, linear.force)
     along, across = covariance.side(side)
-    moved = linear.by_force[:, :, 0] * along[:, None] + linear.by_force[:, :, 1] * across[:, None]
-    first = moved[:, 0] / l11
-    second = (moved[:, 1] - l21 * first) / l22
+    by_along, by_across = linear.by_force.T
+    moved = by_along * along + by_across * across
+    first = moved[0] / l11
+    second = (moved[1] - l21 * first) / l22
     before = covariance.along if side == 0 else covariance.across
     return np.asarray(np.sqrt(np.clip(before - first**2 - second**2, 0.0, before)))
 

@@ -24,12 +24,17 @@ from scara_kinetostatic.model.touch import TouchSet
 BLOCK = 4096
 """Touches per block: 32 KiB per array of numbers."""
 
+EVERY = slice(None)
+"""The place of the only block: nothing is copied."""
+
 T = TypeVar('T')
 
 
 def blocks(count: int) -> Iterator[slice]:
     """The places of the touches of each block."""
-    return (slice(start, min(start + BLOCK, count)) for start in range(0, max(count, 1), BLOCK))
+    if count <= BLOCK:
+        return iter([EVERY])
+    return (slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK))
 
 
 def in_blocks(count: int, run: Callable[[slice], T]) -> T:
@@ -45,6 +50,8 @@ def in_blocks(count: int, run: Callable[[slice], T]) -> T:
 
 def pick(item: T, which: Any) -> T:
     """Some touches of an array, or of a tuple of such, or None."""
+    if which is EVERY:
+        return item
     return _each(lambda array: array[which], item)
 
 
@@ -108,6 +115,8 @@ class Observations(NamedTuple):
 
     def select(self, which: Any) -> Observations:
         """The touches that a mask, a slice or an array of positions picks."""
+        if which is EVERY:
+            return self
         metadata = None if self.metadata is None else self.metadata.select(which)
         return self._replace(
             joints=self.joints[which],

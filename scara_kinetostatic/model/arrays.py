@@ -32,6 +32,14 @@ def pairs(vectors: Complexes) -> Floats:
     return np.ascontiguousarray(vectors).view(float).reshape(-1, 2)
 
 
+def unit_vectors(angles: Floats) -> Complexes:
+    """exp(i angle), rad, of the shape of the angles."""
+    out = np.empty(angles.shape, dtype=complex)
+    np.cos(angles, out=out.real)
+    np.sin(angles, out=out.imag)
+    return out
+
+
 def as_complex(vectors: Floats) -> Complexes:
     """Vectors (n, 2) as complex numbers (n,)."""
-    return np.asarray(vectors[:, 0] + 1j * vectors[:, 1])
+    return np.ascontiguousarray(vectors).view(complex)[:, 0]

@@ -121,13 +121,16 @@ class Noise(NamedTuple):
 
 
 class ForceCovariance(NamedTuple):
-    """Covariance of the forces of n touches along and across each of them: the entries 11, 21, 22, (n,) each, N²."""
+    """Covariance of the forces of n touches along and across each of them: the entries 11, 21, 22, N².
 
-    along: Floats
-    crossed: Floats
-    across: Floats
+    (n,) each; one number where the covariance is the same for all forces.
+    """
 
-    def side(self, side: int) -> tuple[Floats, Floats]:
+    along: Floats | float
+    crossed: Floats | float
+    across: Floats | float
+
+    def side(self, side: int) -> tuple[Floats | float, Floats | float]:
         """One column: 0 for along the force, 1 for across it."""
         return (self.along, self.crossed) if side == 0 else (self.crossed, self.across)
 
@@ -139,14 +142,15 @@ def force_covariance(noise: Noise, force: Floats) -> ForceCovariance:
         noise: of a touch.
         force: F in the sensor's frame, (n, 2), N.
     """
-    x, y = force[:, 0], force[:, 1]
-    square_x, square_y = x * x, y * y
-    square = square_x + square_y
     by_x, by_y = (level**2 for level in noise.force_levels)
-    grown = noise.growth**2 * square
-    along = (by_x * square_x + by_y * square_y) / square + grown
-    across = (by_x * square_y + by_y * square_x) / square + grown
-    return ForceCovariance(along, (by_y - by_x) * x * y / square, across)
+    if by_x == by_y and not noise.growth:
+        return ForceCovariance(by_x, 0.0, by_x)
+    x, y = force[:, 0], force[:, 1]
+    square_y = y * y
+    square = x * x + square_y
+    grown, more = noise.growth**2 * square, (by_y - by_x) / square
+    turned = more * square_y
+    return ForceCovariance(by_x + turned + grown, more * x * y, by_y - turned + grown)
 
 
 def _entry(level: Level, as_stated: bool) -> float | list[float]:

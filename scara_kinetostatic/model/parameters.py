@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import inf, isfinite, pi
 from typing import Any
 
@@ -120,12 +119,12 @@ class Parameters:
         """The values by name, in the order of `NAMES`."""
         return {name: getattr(self, name) for name in NAMES}
 
-    @cached_property
+    @property
     def joint_compliances(self) -> NDArray[np.float64]:
         """p1 and p2, (2, 1), rad/Nm."""
         return np.array([[self.p1], [self.p2]])
 
-    @cached_property
+    @property
     def joint_backlashes(self) -> NDArray[np.float64]:
         """g1 and g2, (2, 1), rad."""
         return np.array([[self.g1], [self.g2]])

@@ -43,7 +43,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex
+from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, unit_vectors
 from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, Skew, component_by_parameters, forward
 from scara_kinetostatic.model.parameters import Parameters
@@ -97,10 +97,10 @@ def view_arm(
     """
     first = link1 + parameters.theta1
     second = first + link2 + parameters.theta2
-    units = np.exp(1j * np.array([first, second, direction]))
+    units = unit_vectors(np.array([first, second, direction]))
     links = units[:2] * units[2].conj()
-    reach = parameters.l2 * links[[1, 1]]
-    reach[0] += parameters.l1 * links[0]
+    outer = parameters.l2 * links[1]
+    reach = np.array([parameters.l1 * links[0] + outer, outer])
     lever, turn, skew = -reach.imag, reach.real, gripper.skew(direction - second)
     if skew is not None:
         lever, turn = lever - magnitude * skew.tangent, turn - magnitude * skew.tangent_turn
@@ -154,8 +154,8 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     """
     compliance, backlash = parameters.joint_compliances, parameters.joint_backlashes
     pointer = joints.T - np.array(state[:2]) + (1.0 - compliance * state.magnitude) * arm.lever
-    floating = np.sign(pointer) * (np.abs(pointer) > backlash)
-    mode1, mode2 = np.where(backlash <= 0, np.where(arm.lever < 0, -1.0, 1.0), floating)
+    pointer = np.where(backlash <= 0, arm.lever, pointer)
+    mode1, mode2 = np.copysign(np.abs(pointer) >= backlash, pointer)
     return state._replace(mode1=mode1, mode2=mode2)
 
 
@@ -188,7 +188,7 @@ class Rows(NamedTuple):
 
     def step(self, left: Floats) -> Floats:
         """M⁻¹ times what is left of the rows, (2, n)."""
-        return np.asarray((self.inverse * left).sum(axis=1))
+        return self.inverse[:, 0] * left[0] + self.inverse[:, 1] * left[1]
 
 
 def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None) -> Rows:
@@ -248,7 +248,7 @@ class Equations(NamedTuple):
 
     def moved(self, turned: Floats) -> Complexes:
         """What a change of the rows (2, n) takes from h, (n,)."""
-        return np.asarray((self.by_rows * turned).sum(axis=0))
+        return self.by_rows[0] * turned[0] + self.by_rows[1] * turned[1]
 
 
 def touch_equations(
@@ -286,7 +286,7 @@ def touch_equations(
         circle, by_f = circle + f * stretch, by_f + stretch
         by_d = by_d + f * (skew.normal_turn + 1j * skew.tangent_turn + 1j * stretch)
         row_f = row_f - rows.weight * skew.tangent
-    g = (across[:, None] * rows.inverse).sum(axis=0)
+    g = across[0] * rows.inverse[0] + across[1] * rows.inverse[1]
     e = Equations(rows, circle, g, (row_f, row_d), (by_f, by_d))
     return e._replace(h=circle - e.moved(rows.row), h_by=(by_f - e.moved(row_f), by_d - e.moved(row_d)))
 
@@ -309,10 +309,10 @@ def parameter_derivative(state: State, equations: Equations, gripper: Gripper) -
     columns = component_by_parameters(
         (seen, 1j * seen), tuple(arm.links), tuple(equations.by_rows), (gripper.factor * f, -1.0), joints
     )
-    found = np.empty((len(columns), len(f)), dtype=complex)
-    for k, column in enumerate(columns):
-        found[k] = column
-    return found.view(float).reshape(len(columns), -1, 2).transpose(1, 2, 0)
+    found = np.empty((len(columns), 2, len(f)))
+    for out, column in zip(found, columns, strict=True):
+        out[0], out[1] = column.real, column.imag
+    return found.transpose(2, 1, 0)
 
 
 def excess_derivative(state: State, equations: Equations, gripper: Gripper) -> Floats:
