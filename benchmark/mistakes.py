@@ -112,10 +112,9 @@ def cases() -> Iterator[Case]:
             lambda cell, i=i, j=j: _swapped(cell, i, j, 'center'),
             named=True,
         )
-    for factor, what in ((180 / np.pi, 'joints in degrees'),):
-        for per in (4, 8, 12):
-            yield Case(what, f'{per} a disc', ('in degrees, not in rad',), joints=lambda q: factor * q, per_disc=per)  # noqa: B023
     for per in (4, 8, 12):
+        degrees = 'not in degrees', 'in degrees, not in rad'
+        yield Case('joints in degrees', f'{per} a disc', degrees, joints=np.degrees, per_disc=per)
         yield Case('kilonewtons', f'{per} a disc', ('in kN, not in N',), force=lambda f: 1e-3 * f, per_disc=per)
     for name, value in (('x0', 2.5), ('g_ee', 0.095), ('l1', 330.2)):
         yield Case('--fix in mm', f'{name}={value:g}', ('in m, not mm',), fixed={name: value})

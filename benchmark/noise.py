@@ -13,8 +13,7 @@ Student's t with 4 degrees of freedom is simulated with the stated levels as its
 as its scale: then its standard deviation is 1.41 times the stated one.
 
 Reported: false alarms (a verdict other than none), the z-score of each of the twelve parameters (error / standard
-uncertainty), root mean square over the recordings, and how often noise that grows, or differs from axis to axis, was
-noticed.
+uncertainty), root mean square over the recordings, and how often noise that grows with the force was noticed.
 """
 
 from __future__ import annotations
@@ -121,16 +120,6 @@ def runs(number: int, first: int, only: str | None) -> Iterator[Recording]:
                 yield run(simulated, described, list(SETUPS)[k % len(SETUPS)], first + k)
 
 
-def _is_noticed(recording: Recording) -> bool:
-    """Whether the final noise has the component that was simulated."""
-    grown, noise = recording.noise.get('force_relative', 0.0), recording.noise
-    by_axis = [isinstance(noise[key], list) for key in ('joint', 'force')]
-    simulated = recording.simulated
-    if simulated in ('joint axes', 'force axes'):
-        return by_axis[simulated == 'force axes']
-    return bool(grown) if simulated == 'growing' else any(by_axis) or (simulated != 'all axes' and bool(grown))
-
-
 def summary(recordings: list[Recording]) -> list[dict[str, object]]:
     """One row per noise and description."""
     rows: list[dict[str, object]] = []
@@ -148,7 +137,7 @@ def summary(recordings: list[Recording]) -> list[dict[str, object]]:
                 'least_z': float(rms.min()),
                 'largest_z': float(rms.max()),
                 'beyond_5': int((np.abs(z) > 5).sum()),
-                'noticed': sum(map(_is_noticed, part)) if described != 'full' else None,
+                'noticed': sum(bool(r.noise.get('force_relative')) for r in part) if described != 'full' else None,
                 'rejected': sum(r.rejected for r in part) / len(part),
             }
         )

@@ -135,8 +135,9 @@ def _on_small_disk(disk: Path, size: int, domain: int, log: Path) -> Iterator[in
     isolate = ['unshare', '--mount'] if os.geteuid() == 0 else ['unshare', '--map-root-user', '--mount']
     if subprocess.run([*isolate, 'sh', '-c', mount, 'sh', str(disk)], check=False).returncode:
         raise OSError('no file system can be mounted here')
-    collector = 'exec "$2" -m scara_kinetostatic.nodes.collector --ros-args -p autostart:=true -p output:="$1"'
-    command = [*isolate, 'sh', '-c', f'{mount} && {collector}', 'sh', str(disk), sys.executable]
+    code = 'import sys; from scara_kinetostatic.nodes import executables; sys.exit(executables.collector())'
+    collector = 'exec "$2" -c "$3" --ros-args -p autostart:=true -p output:="$1"'
+    command = [*isolate, 'sh', '-c', f'{mount} && {collector}', 'sh', str(disk), sys.executable, code]
     environment = os.environ | THIS_MACHINE | {'ROS_DOMAIN_ID': str(domain)}
     with log.open('wb') as stream, subprocess.Popen(command, env=environment, stdout=stream, stderr=stream) as process:
         try:

@@ -7,8 +7,6 @@ few turning points, not a whole stream.
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -215,17 +213,3 @@ class Rejection:
     index: int
     reason: str
     kind: str = ''
-
-
-def common_reason(reasons: Sequence[str], touches: int) -> str:
-    """The first reason of the kind for which more than half of the touches are rejected; empty if there is none.
-
-    Args:
-        reasons: of the touches rejected; those that differ in numbers and names alone are of one kind.
-        touches: how many there are, with those rejected.
-    """
-    kinds = [re.split(r"[\d']", reason)[0] for reason in reasons]
-    if not kinds:
-        return ''
-    kind, number = Counter(kinds).most_common(1)[0]
-    return reasons[kinds.index(kind)] if 2 * number > touches else ''

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections import deque
+from collections import Counter, deque
 from contextlib import suppress
 from math import hypot
 from pathlib import Path
@@ -40,7 +40,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from scara_kinetostatic.bags.writer import BagWriter, fresh_folder
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import common_reason
+from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.nodes.conversion import Sample, stamp_of
 from scara_kinetostatic.nodes.streams import Stream
 from scara_kinetostatic.touches.detection import DISCARDED, Detection
@@ -159,7 +159,7 @@ class Session:
         self.folder = self._writer.folder
         self._detector = OnlineDetector(cell, topics=topics)
         self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
-        self._reasons: deque[str] = deque(maxlen=1000)
+        self._reasons: deque[Rejection] = deque(maxlen=1000)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
 
     def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:
@@ -278,7 +278,10 @@ class Session:
         judged = self.touches + self.rejected
         if not self._reasons or len(self._reasons) <= 0.2 * judged:
             return ''
-        reason = common_reason(self._reasons, judged) or f'the last: {self._reasons[-1]}'
+        kind, number = Counter(each.kind for each in self._reasons).most_common(1)[0]
+        common = kind and 2 * number > judged
+        last = next(each.reason for each in reversed(self._reasons) if not common or each.kind == kind)
+        reason = last if common else f'the last: {last}'
         return f'{len(self._reasons)} of {judged} touches rejected, {reason}'
 
     def _secure(self, new: Detection) -> list[JudgedTouch]:
@@ -291,7 +294,7 @@ class Session:
             touch._replace(received=self._detector.received(touch.stamp)) for touch in judged_touches(new, self._cell)
         ]
         self._accepted += [touch for touch in judged if not touch.reason]
-        self._reasons += [touch.reason for touch in judged if touch.reason]
+        self._reasons += new.rejected
         self.news = judged[-1].line
         return judged
 
