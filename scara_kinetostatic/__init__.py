@@ -45,8 +45,7 @@ below it (`test/test_architecture.py` checks that):
 
 from __future__ import annotations
 
-import ast
-import pkgutil
+from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -96,24 +95,31 @@ if TYPE_CHECKING:
 
 __version__ = '0.1.0'
 
-_HOME = {
-    alias.name: node.module
-    for node in ast.walk(ast.parse(pkgutil.get_data(__name__, '__init__.py') or b''))
-    if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith(f'{__name__}.')
-    for alias in node.names
-}
-"""The module of each name, as the imports above say for type checkers; they are done on first use."""
 _MORE = """
 Detection Diagnosis Disc NAMES Noise PAPER_ACTUAL PAPER_MEASURED PAPER_NOMINAL Parameters ScaraKinetostaticError Sensor
 as_document calibrate_recordings find_touches fit_pieces fit_shape read_streams
 """
 """Names that can be imported as well: parts of the others."""
 
-__all__ = ['__version__', *sorted(set(_HOME) - set(_MORE.split()))]
+
+@cache
+def _homes() -> dict[str, str]:
+    """The module of each name, as the imports above say for type checkers; they are done on first use."""
+    import ast
+    import pkgutil
+
+    return {
+        alias.name: node.module
+        for node in ast.walk(ast.parse(pkgutil.get_data(__name__, '__init__.py') or b''))
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith(f'{__name__}.')
+        for alias in node.names
+    }
 
 
 def __getattr__(name: str) -> Any:
-    home = _HOME.get(name)
+    if name == '__all__':
+        return ['__version__', *sorted(set(_homes()) - set(_MORE.split()))]
+    home = _homes().get(name)
     if home is None:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
     value = getattr(import_module(home), name)
@@ -122,4 +128,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(set(__all__) | set(globals()))
+    return sorted({*__getattr__('__all__'), *globals()})

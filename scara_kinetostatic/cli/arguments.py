@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -37,6 +36,8 @@ class Parser(argparse.ArgumentParser):
         if not isinstance(action, argparse._SubParsersAction) or value in action.choices:
             super()._check_value(action, value)
             return
+        import difflib
+
         close = difflib.get_close_matches(value, action.choices, 1)
         remedy = f'did you mean {close[0]!r}?' if close else f'the verbs are {", ".join(action.choices)}'
         raise argparse.ArgumentError(None, f'there is no verb {value!r}; {remedy}')
