@@ -21,7 +21,7 @@ def analysis(**more: object) -> LoopAnalysis:
 def test_gap_and_slope_come_back_at_every_reversal():
     found = analysis()
     assert sum(len(sense.reversals) for sense in found.senses) >= 12
-    assert {sense.sense for sense in found.senses} == {1, -1}
+    assert {sense.name: sense.sense for sense in found.senses} == {'rising': 1, 'falling': -1}
     for sense in found.senses:
         assert sense.gap.p_value > 1e-3
         assert sense.gap_force == pytest.approx(0, abs=30)

@@ -114,6 +114,13 @@ def test_a_gauge_set_anew_in_each_cycle_does_not_touch_slope_or_gap():
     assert (fit.compliance.value, fit.gap.value) == pytest.approx((P, GAP), rel=1e-9)
 
 
+def test_loads_that_are_not_removed_say_nothing_about_hysteresis():
+    force = np.array([1.0, 2, 3, -1, -2, -3] * 2)
+    fit = fit_run(DialGaugeReadings.of(force, P * force + GAP / 2 * np.sign(force)))
+    assert 'hysteresis' not in {check.name for check in fit.checks}
+    assert fit.gap.value == pytest.approx(GAP)
+
+
 def test_rows_without_load_are_not_used():
     """Inside its backlash the part stays anywhere."""
     anywhere = np.where(FORCE == 0, np.random.default_rng(2).uniform(-1, 1, len(FORCE)) * GAP, 0)
