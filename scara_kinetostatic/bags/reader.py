@@ -34,7 +34,7 @@ from scara_kinetostatic.bags.messages import (
 from scara_kinetostatic.bags.sources import ZSTD_MAGIC, open_recording
 from scara_kinetostatic.errors import CellError, InputError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
-from scara_kinetostatic.files.tables import is_touch_table
+from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
 from scara_kinetostatic.touches import clock
 from scara_kinetostatic.touches.clock import counted

@@ -25,9 +25,10 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.touches.contacts import AFTER_CONTACT, find_contacts
+from scara_kinetostatic.touches.contacts import find_contacts
 from scara_kinetostatic.touches.online import StreamPair
 from scara_kinetostatic.touches.signals import Signals, as_signals
+from scara_kinetostatic.touches.tare import AFTER_CONTACT
 
 SECOND = 1_000_000_000
 _SOURCE = 'the slide'
