@@ -357,7 +357,10 @@ def _no_touches(detection: Detection, names: str) -> UnsupportedDataError:
     problem = 'no contact found'
     if detection.found:
         problem = f'none of {detection.found} touches can be used: {detection.rejected[0].reason}'
-    remedy = 'see what `inspect` says about the recording, and whether the topics have one clock (`sensor.time_offset`)'
+    kinds = {rejection.kind for rejection in detection.rejected}
+    remedy = 'keep some' if kinds == {'request'} else 'see what `inspect` says about the recording'
+    if kinds <= {'gap', 'unsteady'}:
+        remedy += ', and whether the topics have one clock (`sensor.time_offset`)'
     return UnsupportedDataError(f'{names}: {problem}', remedy)
 
 

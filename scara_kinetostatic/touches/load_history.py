@@ -30,7 +30,7 @@ from scara_kinetostatic.touches.signals import SMOOTHING, Signals, Topic, median
 from scara_kinetostatic.touches.tare import Tare
 
 SMALLEST_REVERSAL = 5e-6
-"""A movement back by less than this is not a reversal, rad,"""
+"""A movement back by less than this is not a reversal, rad."""
 
 
 def last_movement(path: ArrayLike, hold: ArrayLike, least: ArrayLike = SMALLEST_REVERSAL) -> Floats:

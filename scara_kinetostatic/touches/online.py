@@ -147,6 +147,9 @@ class StreamPair:
             self._has_stepped = isinstance(error, ClockStepError)
             return None
         self.is_refused = False
+        for lags in self._best:
+            while len(lags) > 3600:  # seconds: a drift shows within an hour
+                del lags[next(iter(lags))]
         if not (at_end or clock.is_sure):
             return None
         self.problem = clock.warning
