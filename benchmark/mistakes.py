@@ -117,7 +117,7 @@ def cases() -> Iterator[Case]:
         yield Case('joints in degrees', f'{per} a disc', degrees, joints=np.degrees, per_disc=per)
         yield Case('kilonewtons', f'{per} a disc', ('in kN, not in N',), force=lambda f: 1e-3 * f, per_disc=per)
     for name, value in (('x0', 2.5), ('g_ee', 0.095), ('l1', 330.2)):
-        yield Case('--fix in mm', f'{name}={value:g}', ('in m, not mm',), fixed={name: value})
+        yield Case('--fix in mm', f'{name}={value:g}', ('in m, not mm', 'in m, not in mm'), fixed={name: value})
 
 
 def _exchanges(per: int) -> Iterator[Case]:
