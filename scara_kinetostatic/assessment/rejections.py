@@ -116,7 +116,8 @@ def rejected(evidence: Evidence) -> Iterator[Remark]:
     elif bad.sum() > LIMITS.most_rejected * len(bad):
         yield Remark(
             Grade.CAUTION,
-            f'{bad.sum()} of {len(bad)} touches disagree with the others and are not used; so many are rarely single mistakes',
+            f'{bad.sum()} of {len(bad)} touches disagree with the others and are not used; so many are rarely '
+            'single mistakes',
             'find the reason in the list of rejected touches, and record again',
         )
 
