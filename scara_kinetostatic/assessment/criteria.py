@@ -305,9 +305,10 @@ def places(evidence: Evidence) -> Iterator[Remark]:
     first, second = (axis.ravel() for axis in np.meshgrid(*angles, indexing='ij'))
     postures = np.unique(c.touches.posture[c.used])
     joints = np.concatenate([np.stack([first, posture * second], axis=-1) for posture in postures])
+    joints = joints[c.cell.region.holds(forward(c.parameters, joints))]
     touched, std = float(np.median(_tip_std(c, c.touches.joints[c.used]))), _tip_std(c, joints)
-    worst = int(np.argmax(std))
-    if touched > 0 and std[worst] > LIMITS.extrapolation * touched:
+    worst = int(np.argmax(std)) if len(std) else -1
+    if touched > 0 and worst >= 0 and std[worst] > LIMITS.extrapolation * touched:
         x, y = forward(c.parameters, joints[worst])
         yield Remark(
             Grade.CAUTION,

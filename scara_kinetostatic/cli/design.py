@@ -16,6 +16,7 @@ Example:
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import (
@@ -57,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             '--region',
             _REGION,
             real(),
-            'workspace that is required, base frame, m (default: within reach)',
+            'where the accuracy is required, base frame, m (default: that of the cell)',
             {'nargs': 4},
         ),
     )
@@ -95,11 +96,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _requirements(args: argparse.Namespace) -> Requirements:
     from scara_kinetostatic.studies.design.optimal_design import Requirements
-    from scara_kinetostatic.studies.design.prediction import Region
 
-    for low, high in zip((args.region or [])[::2], (args.region or [])[1::2], strict=True):
-        if low >= high:
-            raise InputError('--region', f'expected the lower limit first, got {low:g} {high:g}')
     return Requirements(
         accuracy=args.accuracy,
         levels=tuple(dict.fromkeys(args.levels)),
@@ -107,18 +104,22 @@ def _requirements(args: argparse.Namespace) -> Requirements:
         per_disc=args.per_disc,
         load=args.load or max(args.levels),
         under_load=args.under_load,
-        region=Region(*args.region) if args.region else Region(),
         number=args.touches,
         seed=args.seed,
     )
 
 
 def _robot(args: argparse.Namespace) -> Robot:
+    from scara_kinetostatic.model.cell import Region
     from scara_kinetostatic.simulation.streams import TYPICAL_NOISE
     from scara_kinetostatic.simulation.truth import truth_named
     from scara_kinetostatic.studies.design.prediction import Robot
 
     cell = cell_or_paper(args.cell)
+    for low, high in zip((args.region or [])[::2], (args.region or [])[1::2], strict=True):
+        if low >= high:
+            raise InputError('--region', f'expected the lower limit first, got {low:g} {high:g}')
+    cell = replace(cell, region=Region(*args.region)) if args.region else cell
     usual = cell.noise or TYPICAL_NOISE
     given = {'joint': args.noise_joint, 'force': args.noise_force}
     noise = usual._replace(**{name: level for name, level in given.items() if level})

@@ -31,7 +31,7 @@ from scara_kinetostatic.report.content import Level
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure
 from scara_kinetostatic.report.quantities import chance, count, p_equals, shown
 from scara_kinetostatic.report.text import sentence
-from scara_kinetostatic.results.messages import ANSWERS
+from scara_kinetostatic.results.messages import answer
 
 
 def causes_document(causes: Causes) -> Document:
@@ -184,11 +184,16 @@ def verification_report(v: Verification) -> Report:
     summary = Table(('error of the tip: distance of the predicted tip from the circle', ''), ('', ''), rows)
     caption = (
         'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
-        'Red: outliers, which may be by the direction of the force.'
+        'Red: outliers; a touch can be one by the direction of its force alone.'
     )
     return Report(
         'Verification of a calibration',
-        Verdict(f'{ANSWERS[a.grade]}: {a.reasons[0]}.', level, tuple(map(sentence, a.reasons[1:])), a.actions),
+        Verdict(
+            f'{answer(a.grade, v.tolerance, "Confirmed")}: {a.reasons[0]}.',
+            level,
+            tuple(map(sentence, a.reasons[1:])),
+            a.actions,
+        ),
         (summary, *_causes(v.causes), Figure(partial(_touch_picture, v), caption)),
         source=f'{v.record.source}, verified with {", ".join(item.path for item in v.recordings)}',
         remarks=v.warnings,

@@ -17,8 +17,6 @@ from scara_kinetostatic.report import Level, Verdict, sentence
 from scara_kinetostatic.report.quantities import Scale, p_equals, shown
 from scara_kinetostatic.results.tables import base_rank
 
-ANSWERS = {Grade.FIT: 'Fit for use', Grade.CAUTION: 'To be used with caution', Grade.UNFIT: 'Not fit for use'}
-"""The grades in words: the first thing in text and page."""
 NEVER_IDENTIFIABLE = (
     'An error common to all radii, such as that of the radius of the tip: exactly equivalent to backlash of the '
     'gripper, g_ee.',
@@ -30,6 +28,12 @@ NEVER_IDENTIFIABLE = (
     'Friction in a transmission that is always approached from the same side: equivalent to backlash.',
 )
 """Errors that touches of this kind cannot show, whatever their number, and the parameters they change."""
+
+
+def answer(grade: Grade, tolerance: float | None, checked: str = 'Determined and checked') -> str:
+    """A grade in words: the first thing in text and page."""
+    fit = 'Fit for use' if tolerance else f'{checked}, no tolerance stated'
+    return {Grade.FIT: fit, Grade.CAUTION: 'To be used with caution', Grade.UNFIT: 'Not fit for use'}[grade]
 
 
 def verdict(outcome: Outcome) -> Verdict:
@@ -115,10 +119,11 @@ def tip_sentences(outcome: Outcome) -> list[str]:
     largest = max(outcome.budget, key=lambda item: item.tip)
     share = largest.tip**2 / sum(item.tip**2 for item in outcome.budget)
     at = f'x {tip.at.tip[0]:.2f} m, y {tip.at.tip[1]:.2f} m'
+    where = outcome.final.cell.region.title
     sizes = f'at most {quantity(tip.worst, "m")}, at {at}, median {quantity(tip.median, "m")}.'
     help_most = advice(outcome)
     found = [
-        f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the workspace: {sizes}',
+        f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the {where}: {sizes}',
         f'Largest contribution there: {largest.title}, {100 * share:.0f} % of the variance.',
     ]
     return [*found, f'What would help most: {help_most}.'] if help_most else found

@@ -105,7 +105,7 @@ def _present(blocks: Iterable[Block | None]) -> tuple[Block, ...]:
 def _answer(outcome: Outcome) -> Verdict:
     """The assessment."""
     a = outcome.assessment
-    headline = f'{messages.ANSWERS[a.grade]}: {a.reasons[0]}.'
+    headline = f'{messages.answer(a.grade, outcome.final.cell.tolerance)}: {a.reasons[0]}.'
     return Verdict(headline, _LEVELS[a.grade], tuple(map(sentence, a.reasons[1:])), a.actions)
 
 
@@ -160,7 +160,7 @@ def _uncertainty(outcome: Outcome) -> Fact:
     allowed = 'no tolerance is stated' if tolerance is None else f'tolerance {_mm(tolerance)} mm'
     if not np.isfinite(tip.worst):
         return Fact(title, 'not determined', '', f'by these touches; {allowed}')
-    parts = [f'largest expanded uncertainty (k = {COVERAGE_FACTOR:g}) in the workspace']
+    parts = [f'largest expanded uncertainty (k = {COVERAGE_FACTOR:g}) in the {outcome.final.cell.region.title}']
     if np.isfinite(tip.worst_touched):
         parts[0] += f', {_mm(tip.worst_touched)} mm between the touches'
     if tip.undetermined > 0:

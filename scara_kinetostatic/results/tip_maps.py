@@ -24,6 +24,7 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, UncertaintyMap
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
@@ -53,7 +54,7 @@ def uncertainty_figures(outcome: Outcome) -> Figures | None:
     c, tip = outcome.final, outcome.tip_uncertainty
     maps = [each for each in tip.maps if np.isfinite(each.expanded).any()]
     figures = tuple(Figure(partial(uncertainty_picture, c, each)) for each in maps)
-    return Figures(figures, _uncertainty_caption(tip, c.cell.tolerance)) if figures else None
+    return Figures(figures, _uncertainty_caption(tip, c.cell)) if figures else None
 
 
 def deviation_figures(outcome: Outcome) -> Figures | None:
@@ -72,7 +73,8 @@ def deviation_figures(outcome: Outcome) -> Figures | None:
     return Figures(tuple(Figure(partial(deviation_picture, c, places, each)) for places, each in pairs), caption)
 
 
-def _uncertainty_caption(tip: TipUncertainty, tolerance: float | None) -> str:
+def _uncertainty_caption(tip: TipUncertainty, cell: Cell) -> str:
+    tolerance = cell.tolerance
     parts = [
         f'Expanded uncertainty (k = {COVERAGE_FACTOR:g}) of the tip in the worst direction, without load or under the '
         f'mean force of the touches in any direction, mm; median {_MILLI * tip.median:.3g} mm'
@@ -83,7 +85,7 @@ def _uncertainty_caption(tip: TipUncertainty, tolerance: float | None) -> str:
     if tolerance is not None and tip.worst > tolerance:
         parts.append(f'Thick line: the tolerance, {_MILLI * tolerance:.3g} mm')
     if tip.undetermined > 0:
-        parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the workspace')
+        parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the {cell.region.title}')
     parts.append(f'The play of the joints without load, up to {_MILLI * tip.lost_motion:.3g} mm, is not contained')
     return '. '.join([*parts, _FADED])
 

@@ -113,7 +113,7 @@ def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level
     assert ('Do not rely on the standard deviations' in text) == (diagnosis.verdict == 'unexplained')
     assert ('The base model explains' in verdict.headline) == (level == 'good')
     shown = text_report(outcome).split('\n\n')
-    assert shown[0].startswith(messages.ANSWERS[outcome.assessment.grade])
+    assert shown[0].startswith(messages.answer(outcome.assessment.grade, None))
     assert ' '.join(shown[1].split()).startswith(verdict.headline)
 
 

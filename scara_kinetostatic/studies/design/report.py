@@ -41,7 +41,7 @@ def design_document(design: Design) -> dict[str, Any]:
             'levels': q.levels,
             'postures': [POSTURE_NAMES[posture] for posture in q.postures],
             'load': q.load,
-            'region': list(q.region),
+            'region': list(robot.cell.region),
             'touches_compared': q.number,
             'seed': q.seed,
         },
