@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.studies.design.optimal_design import optimal_design
     from scara_kinetostatic.studies.design.report import design_document, design_files, design_report
 
-    with progress() as show_progress:
+    with progress(lines=True) as show_progress:
         design = optimal_design(robot, requirements, show_progress)
         files = design_files(design) if args.out else {}
     print_result(as_text(design_report(design)), design_document(design), args.json, args.out, files)

@@ -28,7 +28,7 @@ from scara_kinetostatic.report import (
     plain,
 )
 from scara_kinetostatic.report.content import Level
-from scara_kinetostatic.report.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure
+from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, WARN, as_svg, new_figure
 from scara_kinetostatic.report.quantities import chance, count, p_equals, shown
 from scara_kinetostatic.report.text import sentence
 from scara_kinetostatic.results.messages import answer
@@ -259,8 +259,8 @@ def _trend_picture(trend: Trend, name: str) -> Markup:
         for key, width, colour in (('std', 0.8, FAINT), ('std_noise', 2.4, INK)):
             stds = 2 * MICRO * np.array([np.nan if row[key] is None else row[key] for row in rows])
             axes.errorbar(days, values, stds, fmt='none', ecolor=colour, elinewidth=width)
-        axes.plot(days, values, 'o', color=INK, markersize=3)
-        axes.plot(days[moved], values[moved], 'o', color=WARN, markersize=4)
+        axes.plot(days, values, 'o', color=INK, markerfacecolor=PAPER, markersize=6, zorder=3)
+        axes.plot(days[moved], values[moved], 'o', color=WARN, markersize=6, zorder=3)
         axes.set_title(f'{parameter} [µ{UNITS[parameter]}]')
     for axes in panels[-3:]:
         axes.set_xlabel('days since the first')

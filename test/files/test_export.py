@@ -209,7 +209,7 @@ def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> Non
         header_text(other, facts(other, 'header'))
     (note,) = facts(other, 'urdf').notes(is_rigid=True)
     assert 'encoder_gain[joint1]' in note
-    assert 'mm of the unloaded tip' in urdf_text(other, facts(other, 'urdf'))
+    assert 'Not contained: encoder_gain[joint1], up to ' in urdf_text(other, facts(other, 'urdf'))
     assert not facts(arm, 'urdf').notes(is_rigid=True)
 
 

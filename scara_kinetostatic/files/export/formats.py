@@ -68,7 +68,7 @@ class ExportFacts(NamedTuple):
         )
         miss = rigid_miss(arm) if effects else 0.0
         if miss:
-            lines += (f'Up to {1e3 * miss:.3g} mm of the unloaded tip are by {", ".join(effects)}.',)
+            lines += (f'Not contained: {", ".join(effects)}, up to {1e3 * miss:.3g} mm at the unloaded tip.',)
         cleaned = tuple(map(_as_comment, lines))
         return cls(cleaned, _stds(arm), effects, miss, arm.reservations)
 

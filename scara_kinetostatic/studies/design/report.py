@@ -150,8 +150,8 @@ def noise_sentences(design: Design) -> list[str]:
         ]
     if robot.declared is None:
         sentences.append(
-            'Every standard deviation is proportional to the noise, the number of touches for an accuracy to its '
-            'square. Discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
+            'Half the noise halves every standard deviation, and needs a quarter of the touches for the same '
+            'accuracy. Discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
         )
     else:
         parts = sorted(contributions(design.row.prediction, design.tip).items(), key=lambda item: -item[1])
@@ -292,8 +292,10 @@ def _touches(design: Design) -> tuple[Block, ...]:
         ),
         plan_table(design),
         Note(
-            'In the order of plan.yaml. Leverage: the share of a touch’s measurement that its own fitted value '
-            'follows; at 100 % no other touch checks it, and an error in it is not detected.'
+            'In the order of plan.yaml. Every other touch of a disc and posture is pressed 30 % beyond its force and '
+            'released to it (preload): friction and hysteresis are detectable only then. Leverage: the share of a '
+            'touch’s measurement that its own fitted value follows; at 100 % no other touch checks it, and an error in '
+            'it is not detected.'
         ),
         Figure(partial(figures.tip_picture, design), 'Predicted standard deviation of the tip after a calibration.'),
     )
