@@ -8,11 +8,13 @@ from datetime import datetime, timezone
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.model.cell import Identification
 from scara_kinetostatic.results.report import html_text, numbers
+from scara_kinetostatic.results.tip_maps import _smooth
 
 VOID = {'meta', 'br', 'img', 'hr', 'input', 'link'}
 
@@ -174,6 +176,21 @@ def test_of_a_scatter_it_is_said_that_nothing_predicts_it(rough: Outcome) -> Non
 
 
 FOLDED = ('Limits of this diagnosis', 'Identifiability and noise', 'The cell', 'Residuals', 'Touches:')
+
+
+def test_a_picture_is_as_wide_as_a_narrow_screen(page: str) -> None:
+    narrow = page[page.index('@media screen and (max-width: 720px)') : page.index('@page')]
+    assert 'svg' not in narrow
+
+
+def test_maps_have_no_steps(plain: Outcome) -> None:
+    for places in plain.tip_uncertainty.maps:
+        fine = _smooth(places.expanded)
+        assert fine.shape == tuple(4 * n for n in places.expanded.shape)
+        assert np.isfinite(fine).all()
+        assert np.nanmin(places.expanded) <= fine.min() <= fine.max() <= np.nanmax(places.expanded)
+        steps = [np.nanmax(np.abs(np.diff(each, axis=0))) for each in (fine, places.expanded)]
+        assert steps[0] < 0.5 * steps[1]
 
 
 def test_what_is_folded_is_open_on_paper(page: str) -> None:

@@ -125,6 +125,15 @@ def test_the_set_reaches_the_accuracy_after_every_loss_and_checks_itself(design)
     assert (design.curve.chosen < design.curve.even).all()
 
 
+def test_every_other_touch_of_a_disc_and_posture_has_a_preload(design):
+    plan = design.plan
+    sides = [(plan.disc == disc) & (plan.posture == side) for disc in np.unique(plan.disc) for side in (1, -1)]
+    for chosen in filter(np.any, sides):
+        count = int((plan.preload[chosen] == 0.3).sum())
+        assert count == -(-chosen.sum() // 2)
+        assert (plan.preload[chosen] == 0.0).sum() == chosen.sum() - count
+
+
 def test_what_the_accuracy_depends_on(design):
     rows = {row.label: row for name in design.tables for row in design.tables[name]}
     assert rows['40 N'].prediction.confounded == (('p_ee', 'g_ee'),)
