@@ -16,7 +16,6 @@ Example:
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import (
@@ -30,7 +29,6 @@ from scara_kinetostatic.cli.arguments import (
     real,
     whole,
 )
-from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.studies.design.optimal_design import Requirements
@@ -38,7 +36,6 @@ if TYPE_CHECKING:
 
 
 _positive = real(0, above=True)
-_REGION = ('XMIN', 'XMAX', 'YMIN', 'YMAX')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,13 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--noise-force', 'S', _positive, 'force noise of one touch, N'),
         ('--load', 'F', _positive, 'on the loaded tip, N (default: top level)'),
         ('--under-load', '', bool, 'the accuracy is required of the loaded tip'),
-        (
-            '--region',
-            _REGION,
-            real(),
-            'where the accuracy is required, base frame, m (default: that of the cell)',
-            {'nargs': 4},
-        ),
     )
     group = parser.add_argument_group('candidate touches')
     levels = {'nargs': '+', 'default': [10.0, 25.0, 40.0]}
@@ -110,16 +100,11 @@ def _requirements(args: argparse.Namespace) -> Requirements:
 
 
 def _robot(args: argparse.Namespace) -> Robot:
-    from scara_kinetostatic.model.cell import Region
     from scara_kinetostatic.simulation.streams import TYPICAL_NOISE
     from scara_kinetostatic.simulation.truth import truth_named
     from scara_kinetostatic.studies.design.prediction import Robot
 
     cell = cell_or_paper(args.cell)
-    for low, high in zip((args.region or [])[::2], (args.region or [])[1::2], strict=True):
-        if low >= high:
-            raise InputError('--region', f'expected the lower limit first, got {low:g} {high:g}')
-    cell = replace(cell, region=Region(*args.region)) if args.region else cell
     usual = cell.noise or TYPICAL_NOISE
     given = {'joint': args.noise_joint, 'force': args.noise_force}
     noise = usual._replace(**{name: level for name, level in given.items() if level})

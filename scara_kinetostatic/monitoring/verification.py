@@ -163,12 +163,7 @@ def _remarks(v: Verification) -> Iterator[tuple[object, Grade, str, str]]:
     yield v.largest_force > 1.5 * highest, Grade.CAUTION, reason, 'calibrate with the forces of the use'
     grade = v.record.arm.grade
     if grade in (Grade.CAUTION.value, Grade.UNFIT.value):
-        yield (
-            True,
-            Grade(grade),
-            f'the calibration itself was graded {grade}',
-            'do first what the report of the calibration advises',
-        )
+        yield True, Grade(grade), f'the calibration itself was graded {grade}', 'follow the advice in its report'
 
 
 def verify_recordings(paths: Sequence[str | Path], record: CalibrationRecord, cell: Cell | None = None) -> Verification:
