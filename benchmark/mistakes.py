@@ -19,7 +19,7 @@ import numpy as np
 from benchmark.common import parser, print_targets, save
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.errors import ScaraKinetostaticError
-from scara_kinetostatic.files.tables import TouchTable, dump_touch_table
+from scara_kinetostatic.files.touch_table import TouchTable, dump_touch_table
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc, Noise, Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL, Parameters
@@ -117,7 +117,7 @@ def cases() -> Iterator[Case]:
         yield Case('joints in degrees', f'{per} a disc', degrees, joints=np.degrees, per_disc=per)
         yield Case('kilonewtons', f'{per} a disc', ('in kN, not in N',), force=lambda f: 1e-3 * f, per_disc=per)
     for name, value in (('x0', 2.5), ('g_ee', 0.095), ('l1', 330.2)):
-        yield Case('--fix in mm', f'{name}={value:g}', ('in m, not mm',), fixed={name: value})
+        yield Case('--fix in mm', f'{name}={value:g}', ('in m, not mm', 'in m, not in mm'), fixed={name: value})
 
 
 def _exchanges(per: int) -> Iterator[Case]:

@@ -40,7 +40,7 @@ from scara_kinetostatic.report.markers import (
     uncertainty_markers,
 )
 from scara_kinetostatic.results import figures, tip_maps
-from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects

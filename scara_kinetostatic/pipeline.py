@@ -21,12 +21,12 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.checksum import check_different, recording_checksum
-from scara_kinetostatic.files.tables import is_touch_table, load_touch_table
+from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.touches.detection import Detection, find_touches, order_in_time
 from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out, parse_left_out
-from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
+from scara_kinetostatic.touches.of_table import cell_of_files, touches_of_table
 
 Progress = Callable[[str, float], None]
 """Called with the step that begins and the part of the work that is done, 0 to 1."""
@@ -357,7 +357,10 @@ def _no_touches(detection: Detection, names: str) -> UnsupportedDataError:
     problem = 'no contact found'
     if detection.found:
         problem = f'none of {detection.found} touches can be used: {detection.rejected[0].reason}'
-    remedy = 'see what `inspect` says about the recording, and whether the topics have one clock (`sensor.time_offset`)'
+    kinds = {rejection.kind for rejection in detection.rejected}
+    remedy = 'keep some' if kinds == {'request'} else 'see what `inspect` says about the recording'
+    if kinds <= {'gap', 'unsteady'}:
+        remedy += ', and whether the topics have one clock (`sensor.time_offset`)'
     return UnsupportedDataError(f'{names}: {problem}', remedy)
 
 

@@ -31,7 +31,7 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.results.parameter_file import parameter_text
 from scara_kinetostatic.results.report import html_text, text_report
 from scara_kinetostatic.simulation.plan import default_plan

@@ -34,7 +34,7 @@ from scara_kinetostatic.bags.messages import (
 from scara_kinetostatic.bags.sources import ZSTD_MAGIC, open_recording
 from scara_kinetostatic.errors import CellError, InputError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
-from scara_kinetostatic.files.tables import is_touch_table
+from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
 from scara_kinetostatic.touches import clock
 from scara_kinetostatic.touches.clock import counted
@@ -178,12 +178,17 @@ def embedded_cell(path: str | Path) -> Cell | None:
         RecordingError: there is no such recording, or it cannot be read.
         CellError: the message on that topic is not a valid cell description.
     """
-    with reading(path), closing(open_recording(path).batches({CELL_TOPIC})) as batches:
+    return _embedded(path)[0]
+
+
+def _embedded(path: str | Path) -> tuple[Cell | None, list[str]]:
+    """The same, and what is wrong with the recording."""
+    with reading(path), closing((source := open_recording(path)).batches({CELL_TOPIC})) as batches:
         for batch in batches:
             if batch.topic.msgtype == STRING and batch.topic.encoding == 'cdr':
                 text = decode_string(next(_decompressed(batch)).payload(0))
-                return parse_cell(text, f'{path}: {CELL_TOPIC}')
-    return None
+                return parse_cell(text, f'{path}: {CELL_TOPIC}'), source.warnings
+    return None, source.warnings
 
 
 def _nothing_usable(
@@ -291,13 +296,15 @@ def recorded_cell(paths: Sequence[Path], option: str) -> Cell:
         RecordingError: a recording has no cell description or another one than the first, or all are tables.
         CellError: it is not valid.
     """
-    cells = {path: embedded_cell(path) for path in paths if not is_touch_table(path)}
+    found = {path: _embedded(path) for path in paths if not is_touch_table(path)}
+    cells = {path: cell for path, (cell, _) in found.items()}
     if not cells:
         raise RecordingError(paths[0], 'a table contains no cell description', f'give one by {option}')
     first = next(iter(cells))
     for path, cell in cells.items():
         if cell is None:
-            raise RecordingError(path, 'contains no cell description', f'give one by {option}')
+            problem = '; '.join(['contains no cell description', *found[path][1][:1]])
+            raise RecordingError(path, problem, f'give one by {option}')
         if cell != cells[first]:
             raise RecordingError(path, f'contains another cell description than {first}', f'choose one by {option}')
     common = cells[first]

@@ -236,7 +236,8 @@ def check_units(fixed: Mapping[str, float], nominal: Parameters) -> None:
         off = abs(fixed.get(name, getattr(nominal, name)) - getattr(nominal, name))
         if off > 10 * range_of_plausible:
             problem = f'is {off:.3g} {UNITS[name]} from its nominal value'
-            remedy = f'give it in {UNITS[name]}, or correct the nominal value'
+            usual = {'rad': ', not in degrees', 'm': ', not in mm'}.get(UNITS[name], '')
+            remedy = f'give it in {UNITS[name]}{usual}, or correct the nominal value'
             raise ParameterError(f'fixed parameter {name}={fixed[name]:g}', problem, remedy)
 
 

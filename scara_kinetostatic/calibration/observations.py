@@ -2,7 +2,6 @@
 
 Everything that is done to single touches is done to one block after the other: the intermediate results of a
 block, some hundred arrays, never leave the cache, and memory holds the final ones alone.
-
 """
 
 from __future__ import annotations

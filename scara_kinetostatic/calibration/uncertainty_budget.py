@@ -138,21 +138,18 @@ def improvements(c: Calibration, area: Workspace | None = None) -> list[Improvem
     return sorted(found, key=lambda each: each.worst)
 
 
-def best_improvement(
-    found: list[Improvement], worst: float, tolerance: float | None = None, touches: bool = True
-) -> Improvement | None:
+def best_improvement(found: list[Improvement], worst: float, tolerance: float | None = None) -> Improvement | None:
     """The action to advise: the smallest that meets the tolerance or, where none does, is nearly as good as the best.
 
     Args:
         found: all actions.
         worst: expanded uncertainty of the tip now, m.
         tolerance: of it; None for none.
-        touches: whether more touches count as an action.
 
     Returns:
         The action; None where none is worth naming.
     """
-    useful = [each for each in found if each.worst <= 0.97 * worst and (touches or each.labels != ('noise',))]
+    useful = [each for each in found if each.worst <= 0.97 * worst]
     if not useful:
         return None
     # a smaller action that is nearly as good is preferred

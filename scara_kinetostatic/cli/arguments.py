@@ -65,14 +65,18 @@ def add_verb(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], mo
     return f'  {name:12}{summary[:1].lower()}{summary[1:].rstrip(".")}\n'
 
 
-def real(lowest: float = float('-inf'), *, above: bool = False) -> Callable[[str], float]:
-    """A type for `add_argument`: a finite number of `lowest` or more, or, with `above`, above it."""
+def real(
+    lowest: float = float('-inf'), most: float = sys.float_info.max, *, above: bool = False
+) -> Callable[[str], float]:
+    """A type for `add_argument`: a finite number from `lowest`, with `above` from above it, to `most`."""
 
     def convert(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
             raise argparse.ArgumentTypeError(f'expected a number, got {text!r}') from None
+        if value > most < sys.float_info.max:
+            raise argparse.ArgumentTypeError(f'expected at most {most:g}, in SI units, got {text}')
         if not lowest <= value < float('inf') or (above and value == lowest):
             wanted = 'a finite number' if lowest == float('-inf') else f'{"above" if above else "at least"} {lowest:g}'
             raise argparse.ArgumentTypeError(f'expected {wanted}, got {text}')

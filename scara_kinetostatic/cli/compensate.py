@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from scara_kinetostatic.files.tables import PoseTable
+    from scara_kinetostatic.files.pose_table import PoseTable
     from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.arrays import Indices
     from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
     from scara_kinetostatic.errors import UnsupportedDataError
     from scara_kinetostatic.files.calibration_file import load_calibration
-    from scara_kinetostatic.files.tables import POSES, load_pose_table
+    from scara_kinetostatic.files.pose_table import POSES, load_pose_table
     from scara_kinetostatic.model.arm import Predictor
 
     check_file(args.out, [args.calibration, args.table], suffix='.csv')
@@ -110,7 +110,7 @@ def metadata_of(table: PoseTable, sides: Indices) -> TouchMetadata:
 
 def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predictor: Predictor) -> None:
     """Writes the table, and says what is to be known of it."""
-    from scara_kinetostatic.files.tables import write_pose_table
+    from scara_kinetostatic.files.pose_table import write_pose_table
     from scara_kinetostatic.report.quantities import count
 
     write_pose_table(path, table, results)

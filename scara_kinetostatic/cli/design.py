@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
     add_cell(parser)
     accuracy = 'largest standard deviation of the tip, m (default: half the tolerance of the cell, or 1e-5)'
-    add_options(parser, ('--accuracy', 'S', _positive, accuracy))
+    add_options(parser, ('--accuracy', 'S', real(0, 5e-3, above=True), accuracy))
     add_results(parser, files='plan.yaml, design.json, design.html')
     add_options(
         parser.add_argument_group('robot'),

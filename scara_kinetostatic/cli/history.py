@@ -68,7 +68,7 @@ def _add(args: argparse.Namespace) -> int:
 def _extract(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.atomic import write_texts, writing
     from scara_kinetostatic.monitoring.history import History
-    from scara_kinetostatic.results.document import NAME
+    from scara_kinetostatic.results.calibration_json import NAME
     from scara_kinetostatic.results.write import dated_names
 
     document = History(args.file).document(*_numbers(args))

@@ -39,10 +39,10 @@ def run(args: argparse.Namespace) -> int:
         InputError: the recording or the cell cannot be read or is invalid.
     """
     from scara_kinetostatic.bags.reader import read_streams
-    from scara_kinetostatic.files.tables import is_touch_table
+    from scara_kinetostatic.files.touch_table import is_touch_table
     from scara_kinetostatic.pipeline import touches_of_file
     from scara_kinetostatic.touches.detection import find_touches
-    from scara_kinetostatic.touches.table import in_base_frame
+    from scara_kinetostatic.touches.of_table import in_base_frame
 
     cell = cell_or_recorded(args.cell, [args.bag])
     warnings: tuple[str, ...] = ()

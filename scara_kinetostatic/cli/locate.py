@@ -29,7 +29,7 @@ from scara_kinetostatic.cli.arguments import add_options, check_file, note
 from scara_kinetostatic.cli.compensate import add_files, metadata_of, write
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.files.tables import PoseTable
+    from scara_kinetostatic.files.pose_table import PoseTable
     from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.arrays import Floats
 
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from scara_kinetostatic.files.calibration_file import load_calibration
-    from scara_kinetostatic.files.tables import STATES, load_pose_table
+    from scara_kinetostatic.files.pose_table import STATES, load_pose_table
     from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.kinematics import posture
 

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.monitoring.archive import in_processes, on_cluster, tasks_of
     from scara_kinetostatic.monitoring.history import History
     from scara_kinetostatic.monitoring.record import CalibrationRecord
-    from scara_kinetostatic.results.document import NAME
+    from scara_kinetostatic.results.calibration_json import NAME
 
     check_different(args.bags)
     if args.cell:

@@ -3,7 +3,7 @@
 Holds touches that a calibration has not seen against its prediction. The grade
 says whether the calibration still holds: the error of the tip, what noise and
 the uncertainty of the calibration let expect, and a chi-square of all touches
-with its quantile and p-value. Where they contradict, the likeliest changes are
+with its p-value. Where they contradict, the likeliest changes are
 listed. Writes verification.json and verification.html into DIR.
 
 A recording that was part of the calibration verifies nothing; that is said.

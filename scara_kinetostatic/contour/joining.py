@@ -19,7 +19,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, read_only
 SPACING = 5e-4
 """Least distance of the nodes of an outline, m."""
 _SAME_DISTANCE = 3e-4
-"""and this distance, m."""
+"""Points of two passes that are so near to each other, m, or within six standard uncertainties, are the same."""
 _SAME_NORMAL = 0.8
 """Least product of their normals."""
 _LONGEST_GAP = 3e-3

@@ -25,9 +25,10 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.touches.contacts import AFTER_CONTACT, find_contacts
+from scara_kinetostatic.touches.contacts import find_contacts
 from scara_kinetostatic.touches.online import StreamPair
 from scara_kinetostatic.touches.signals import Signals, as_signals
+from scara_kinetostatic.touches.tare import AFTER_CONTACT
 
 SECOND = 1_000_000_000
 _SOURCE = 'the slide'
@@ -81,7 +82,7 @@ class OnlineContour:
     def clear(self) -> None:
         """Forgets the outlines; what comes begins new ones."""
         self._joined = self._shown = JoinedPasses()
-        self._problem = self._event = ''
+        self._problem = self._event = self._doubt = self._clock_problem = ''
         self._present = 0
         self._drop(self.now)
 
@@ -115,7 +116,7 @@ class OnlineContour:
         forgotten that parts of them may be wrong.
         """
         event = self._event if self.now < self._until else ''
-        return '; '.join(filter(None, (event, self._problem)))
+        return '; '.join(filter(None, (self._doubt, event, self._problem)))
 
     @property
     def clock_problem(self) -> str:
@@ -168,6 +169,7 @@ class OnlineContour:
                     'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
                 )
             return None
+        self._clock_problem = ''
         return as_signals(streams, self.arm.cell)
 
     def _last_contact(self, signals: Signals) -> tuple[float, bool]:
@@ -193,8 +195,9 @@ class OnlineContour:
         if found is not None:
             wrong, self.zero = float(np.hypot(*(found - self.zero))), found
             if wrong > LARGEST_ZERO and self.outlines:
-                event = f'the zero of the force was wrong by {wrong:.1f} N, and what was traced with it: call clear'
-                self._event, self._until = event, 1 << 62
+                self._doubt = (
+                    f'the zero of the force was wrong by {wrong:.1f} N, and what was traced with it: call clear'
+                )
         return True
 
     def _join(self, contour: Contour, signals: Signals, touching: bool, last: float) -> None:

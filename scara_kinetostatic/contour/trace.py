@@ -224,7 +224,10 @@ def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask
     # rad; beyond, the path is not that of a tip on a surface
     across = ~course.end & (np.abs(off_normal_angle(force, course.normal, course.along)) < 1.2)
     part = 1 - float(across.sum() / max(int((~course.end).sum()), 1))
-    across &= np.bincount(number[across], minlength=number.max() + 1)[number] > 1  # one point has no direction
+    passes = number.max() + 1
+    total, bad = (np.bincount(number[some], minlength=passes) for some in (~course.end, ~course.end & ~across))
+    across &= (bad <= 0.25 * total)[number]  # such a pass is none on a surface
+    across &= np.bincount(number[across], minlength=passes)[number] > 1  # one point has no direction
     if part > 0.5 or not across.any():
         problem = f'{source}: the force is not across the motion of the tip at {100 * part:.0f} % of the points'
         raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')

@@ -24,7 +24,7 @@ from scara_kinetostatic.files.checksum import recording_checksum
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.results.document import NAME
+from scara_kinetostatic.results.calibration_json import NAME
 from scara_kinetostatic.results.report import NAME as PAGE_NAME
 from scara_kinetostatic.results.write import write_results
 

@@ -29,7 +29,6 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.hypotheses import (
     Explanation,
@@ -121,8 +120,6 @@ class DriftMonitor:
 
     Args:
         record: the calibration.
-        cell: in which the touches are made; by default its own.
-        threshold: of G; None: `THRESHOLD`, or more where the noise was estimated.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -136,11 +133,11 @@ class DriftMonitor:
         True
     """
 
-    def __init__(self, record: CalibrationRecord, cell: Cell | None = None, threshold: float | None = None) -> None:
+    def __init__(self, record: CalibrationRecord) -> None:
         self.record = record
-        self.state = State.of(record, cell)
+        self.state = State.of(record)
         rare = 1.0 - float(p_values(THRESHOLD, 1, np.inf))
-        self.threshold = quantile(rare, 1, record.noise_freedoms) if threshold is None else threshold
+        self.threshold = quantile(rare, 1, record.noise_freedoms)
         self.reset()
 
     def reset(self) -> None:

@@ -20,7 +20,7 @@ from scara_kinetostatic.bags.reader import other_descriptions
 from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.files.tables import is_touch_table
+from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
@@ -31,7 +31,7 @@ from scara_kinetostatic.monitoring.linear import Evidence, Information, Predicti
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.pipeline import gather_touches, recording_of
 from scara_kinetostatic.touches.detection import Detection
-from scara_kinetostatic.touches.table import cell_of_files
+from scara_kinetostatic.touches.of_table import cell_of_files
 
 LEVEL = 1e-3
 """p-value below which the touches contradict the calibration. Source: of a thousand sound ones, one is refused."""

@@ -26,8 +26,7 @@ from scara_kinetostatic.nodes.calibrator_parameters import Announced, Calibrator
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.results import document as document_file
-from scara_kinetostatic.results import parameter_file
+from scara_kinetostatic.results import calibration_json, parameter_file
 from scara_kinetostatic.results.parameter_file import StoredResult, load_result
 
 
@@ -170,13 +169,13 @@ class Calibrator(CellNode):
         Raises:
             CalibrationFileError: `calibration.json` cannot be read, or is damaged.
         """
-        document = read_document(folder / document_file.NAME)
+        document = read_document(folder / calibration_json.NAME)
         own = {'name': name, 'published': published, 'message': message, 'files': {'folder': str(folder.absolute())}}
         try:
             text = json.dumps(_summary(document) | own, ensure_ascii=False)
         except (LookupError, TypeError) as error:
             raise CalibrationFileError(
-                folder / document_file.NAME, f'is damaged: {error!r}', 'calibrate again'
+                folder / calibration_json.NAME, f'is damaged: {error!r}', 'calibrate again'
             ) from error
         if published:
             self._results.publish(stored)

@@ -29,7 +29,7 @@ from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_i
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.results.document import NAME
+from scara_kinetostatic.results.calibration_json import NAME
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 

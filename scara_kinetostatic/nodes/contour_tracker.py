@@ -129,7 +129,7 @@ class ContourTracker(CellNode):
         online = self._online
         if online is None:
             return self._calibration.condition(complaints, values, '')
-        complaints += [online.problem, online.clock_problem, '' if self._radius else NO_RADIUS]
+        complaints += [online.problem, online.clock_problem, '' if online.tip_radius else NO_RADIUS]
         if online.contour is not None:
             complaints += [*online.contour.warnings, *remarks_on(online.contour, online.arm)]
         return self._calibration.condition(complaints, values | _figures(online), 'tracing')

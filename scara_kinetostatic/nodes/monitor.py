@@ -20,7 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
-from scara_kinetostatic.files.tables import LARGEST
+from scara_kinetostatic.files.touch_table import LARGEST
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.touch import TouchSet

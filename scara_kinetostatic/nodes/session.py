@@ -159,7 +159,7 @@ class Session:
         self.folder = self._writer.folder
         self._detector = OnlineDetector(cell, topics=topics)
         self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
-        self._reasons: deque[Rejection] = deque(maxlen=1000)
+        self._judged: deque[Rejection | None] = deque(maxlen=1000)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
 
     def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:
@@ -274,15 +274,15 @@ class Session:
         return self._detector.clock_warning
 
     def rejections(self) -> str:
-        """How many touches are rejected and why, where they are many; else empty."""
-        judged = self.touches + self.rejected
-        if not self._reasons or len(self._reasons) <= 0.2 * judged:
+        """How many of the last thousand touches are rejected and why, where they are many; else empty."""
+        rejected = [each for each in self._judged if each is not None]
+        if len(rejected) <= 0.2 * len(self._judged):
             return ''
-        kind, number = Counter(each.kind for each in self._reasons).most_common(1)[0]
-        common = kind and 2 * number > judged
-        last = next(each.reason for each in reversed(self._reasons) if not common or each.kind == kind)
+        kind, number = Counter(each.kind for each in rejected).most_common(1)[0]
+        common = kind and 2 * number > len(self._judged)
+        last = next(each.reason for each in reversed(rejected) if not common or each.kind == kind)
         reason = last if common else f'the last: {last}'
-        return f'{len(self._reasons)} of {judged} touches rejected, {reason}'
+        return f'{len(rejected)} of {len(self._judged)} touches rejected, {reason}'
 
     def _secure(self, new: Detection) -> list[JudgedTouch]:
         if not new.found:
@@ -294,7 +294,8 @@ class Session:
             touch._replace(received=self._detector.received(touch.stamp)) for touch in judged_touches(new, self._cell)
         ]
         self._accepted += [touch for touch in judged if not touch.reason]
-        self._reasons += new.rejected
+        self._judged += [None] * len(new.touches)
+        self._judged += new.rejected
         self.news = judged[-1].line
         return judged
 

@@ -18,12 +18,11 @@ from scara_kinetostatic.errors import ParameterError, expect
 from scara_kinetostatic.files.atomic import write_texts, writing
 from scara_kinetostatic.files.columns import csv_lines, quoted
 from scara_kinetostatic.report.json_file import json_text, utc
-from scara_kinetostatic.results import document as json_file
-from scara_kinetostatic.results import parameter_file
+from scara_kinetostatic.results import calibration_json, parameter_file
 from scara_kinetostatic.results import report as page
 
 RESIDUALS = 'residuals.csv'
-RESULTS = (parameter_file.NAME, json_file.NAME, page.NAME, RESIDUALS)
+RESULTS = (parameter_file.NAME, calibration_json.NAME, page.NAME, RESIDUALS)
 """The files of a result."""
 _LARGEST_DOCUMENT = 1 << 28
 """A document beyond this is not searched for its date, bytes."""
@@ -91,7 +90,7 @@ def write_results(outcome: Outcome, folder: str | Path, *, report: bool = True) 
     folder = Path(folder)
     contents = {
         parameter_file.NAME: parameter_file.parameter_text(outcome),
-        json_file.NAME: json_text(json_file.as_document(outcome)),
+        calibration_json.NAME: json_text(calibration_json.as_document(outcome)),
         **({page.NAME: page.html_text(outcome)} if report else {}),
         RESIDUALS: residual_table(outcome),
     }
@@ -129,7 +128,7 @@ def _date(folder: Path) -> str:
     Raises:
         OSError: a file cannot be read.
     """
-    document = folder / json_file.NAME
+    document = folder / calibration_json.NAME
     if document.is_file() and document.stat().st_size < _LARGEST_DOCUMENT:
         try:
             created = json.loads(document.read_text(encoding='utf-8')).get('created')

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.touches.contacts import AFTER_CONTACT, SHORTEST_FREE, Contacts, Tare, tare_before
+from scara_kinetostatic.touches.contacts import Contacts
 from scara_kinetostatic.touches.signals import Signals, Topic, median, robust_mean, runs, steps_of_mean, white_noise
+from scara_kinetostatic.touches.tare import AFTER_CONTACT, SHORTEST_FREE, Tare, tare_before
 
 _BEGIN_OMITTED, _END_OMITTED = 0.25, 0.1
 """Parts of a hold, less half of `SETTINGS.shortest_hold`, that are not averaged: at first the force may creep."""

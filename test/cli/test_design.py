@@ -103,6 +103,7 @@ def test_a_plan_survives_the_round_trip():
     ('options', 'status', 'said'),
     [
         (['--accuracy', '0'], 2, 'above 0'),
+        (['--accuracy', '5'], 2, 'at most 0.005, in SI units'),
         (['--expected', 'nowhere.yaml'], 2, 'nowhere.yaml'),
         (['--accuracy', '1e-8', '--per-disc', '6'], 3, 'out of reach'),
     ],

@@ -12,7 +12,7 @@ from cli.command import Run
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.calibration_json import as_document
 
 
 @pytest.fixture

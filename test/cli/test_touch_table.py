@@ -13,7 +13,7 @@ from diagnosis.simulated import CELL, NOISE, PLAN, effect, simulate
 
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.files.tables import TouchTable, dump_touch_table, load_touch_table
+from scara_kinetostatic.files.touch_table import TouchTable, dump_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
@@ -254,3 +254,5 @@ def test_touches_are_left_out_on_request(folder, tmp_path, capsys):
     assert rejected == [{'index': k, 'reason': 'left out on request'} for k in (3, 5, 6)]
     assert run('calibrate', folder / 'touches.csv', *options, '--leave-out', '9-7') == 2
     assert '--leave-out: 9-7: expected a range of touches such as 10-14' in capsys.readouterr().err
+    assert run('calibrate', folder / 'touches.csv', *options, '--leave-out', '0-107') == 3
+    assert 'touches can be used: left out on request; keep some\n' in capsys.readouterr().err

@@ -133,6 +133,8 @@ def test_a_tare_in_contact_is_corrected_and_said() -> None:
             online.tare(10**9 // 2)
     assert 'the zero of the force was wrong by 1' in online.problem
     assert rms(DISC.normal_error(online.outlines[-1].points)) < 2e-5
+    online.restart()  # the outlines stay, and so does what is said of them
+    assert 'the zero of the force was wrong by 1' in online.problem
     online.clear()
     assert not online.problem
 

@@ -9,7 +9,8 @@ import pytest
 from contour.slides import CELL, DISC, OBJECTS, SQUARE, arm
 
 from scara_kinetostatic.contour.fits import fit_shape
-from scara_kinetostatic.contour.trace import trace_contour
+from scara_kinetostatic.contour.path import Course
+from scara_kinetostatic.contour.trace import _across, trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
@@ -305,3 +306,13 @@ def test_what_is_no_slide_is_refused():
     still = slide_along(polygon([[0.2, 0.3], [0.2003, 0.3]], closed=False), speed=0.01)
     with pytest.raises(UnsupportedDataError, match='does not slide'):
         trace_contour(still, arm())
+
+
+@pytest.mark.parametrize(('bad', 'kept'), [(0, 100), (10, 90), (20, 50)])
+def test_a_pass_whose_forces_are_not_across_its_motion_is_left_out(bad, kept):
+    """Two passes of 50 points; at some of the second the force is along the motion."""
+    normal, flat = np.tile([0.0, 1.0], (100, 1)), np.zeros(100)
+    course = Course(normal, np.tile([1.0, 0.0], (100, 1)), flat, flat, flat, flat, flat.astype(bool))
+    force = -10.0 * normal
+    force[50 : 50 + bad] = [10.0, 0.0]
+    assert _across(course, force, np.repeat([0, 1], 50), 'here').sum() == kept

@@ -15,7 +15,7 @@ from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.results.report import text_report
 
 SHIFTS = {

@@ -166,7 +166,7 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
             'noise: force is missing; joint and force are given together',
         ),
         (changed('{joint: 1.0e-5, force: 0.3}', '3'), 'noise: expected a mapping'),
-        (changed('[0.20, 0.40]', '[-0.20, 0.40]'), "discs 'disc_1' and 'disc_2' overlap"),
+        (changed('[0.20, 0.40]', '[-0.20, 0.40]'), "discs 'disc_1' and 'disc_2' overlap by 0.0882 m"),
         (changed('[0.20, 0.40]', '[0.70, 0.40]'), "disc 'disc_2' is out of reach"),
         (
             changed('radius: 0.15', 'radius: 0.3').replace('radius: 0.08', 'radius: 0.16').replace('0.05}', '0.1}'),

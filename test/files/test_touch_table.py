@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.files.tables import dump_touch_table, is_touch_table, load_touch_table, parse_touch_table
+from scara_kinetostatic.files.touch_table import dump_touch_table, is_touch_table, load_touch_table, parse_touch_table
 
 HEADING = 'q1_rad,q2_rad,fx_N,fy_N'
 ROW = '0.5,1.5,-10,0.25'

@@ -25,7 +25,7 @@ from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import history_report
 from scara_kinetostatic.report import as_page
 from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.calibration_json import as_document
 
 assert recordings and run  # fixtures
 

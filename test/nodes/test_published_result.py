@@ -31,7 +31,7 @@ from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.results.parameter_file import FACTS, facts, parameter_text
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches

@@ -31,7 +31,7 @@ from scara_kinetostatic.nodes.session import JudgedTouch
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM
 from scara_kinetostatic.nodes.visualizer import Visualizer
 from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.calibration_json import as_document
 
 TOUCH = JudgedTouch(0, 10**9, '', 'disc_2', (0.0, 20.0), (0.8, 2.1))
 

@@ -28,7 +28,7 @@ from scara_kinetostatic.report.markers import (
     touch_markers,
     uncertainty_markers,
 )
-from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

@@ -14,7 +14,7 @@ from conftest import GROWN, NASTY
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, UNITS
 from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.calibration_json import as_document
 
 REAL = (int, float)
 CONTRACT = {

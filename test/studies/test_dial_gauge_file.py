@@ -49,7 +49,7 @@ def test_forms_of_a_table(text):
 
 
 def test_optional_columns_and_what_holds_without_them():
-    heading = 'force_N,displacement_m,direction_deg,cycle,Joint,lever_mm,seat,time_s'
+    heading = 'force_N,displacement_m,direction_deg,cycle,Joint,lever_mm,gauge_at,time_s'
     text = f'{heading}\n1,2e-6,90,3.0,Joint 2,330,TIP,0.5\n1,2e-6\n'
     readings = parse(text, part='joint1', lever=0.66, direction=math.pi, gauge_at='link')
     assert readings.part.tolist() == ['joint2', 'joint1']

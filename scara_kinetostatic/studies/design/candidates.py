@@ -247,8 +247,8 @@ def _larger_eigenvalue(a: Floats, b: Floats, c: Floats) -> Floats:
 
 
 MOST_HELD_OUT = LIMITS.held_out_caution / 1.15
-"""Largest error of touches not seen, in that of the fit, in a set that checks itself. A result above `HELD_OUT_CAUTION`
-is not fit for use; the factor leaves room for the scatter of that error. Source: with twenty touches the simulated
+"""Largest error of touches not seen, in that of the fit, in a set that checks itself. A result above the limit is
+not fit without caution; the factor leaves room for the scatter of that error. Source: with twenty touches the simulated
 error is 0.85 times the predicted one, and scatters by a sixth.
 """
 

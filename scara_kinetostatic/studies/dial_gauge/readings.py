@@ -126,7 +126,7 @@ COLUMNS = {
             'part', ('part', 'joint'), blank=True,
             parse=one_of({GRIPPER: GRIPPER, 'joint1': JOINT1, 'joint2': JOINT2, '1': JOINT1, '2': JOINT2}),
         ),
-        Column('gauge_at', ('gauge_at', 'seat'), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
+        Column('gauge_at', ('gauge_at',), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
     )
 }  # fmt: skip
 """Those of a table of readings, by name."""

@@ -42,8 +42,6 @@ FORCE_ERROR = 4.491026e-5
 """e_f without noise, N."""
 FORCE_ERROR_FROM_NOISE = 1.312684
 """e_f of the column with noise, N."""
-FORCE_ERROR_RANGE = (1.25, 1.35)
-"""e_f with noise in the text, N."""
 FORCE = 40.0
 """f of figure 3, N."""
 

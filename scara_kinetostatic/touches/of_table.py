@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from scara_kinetostatic.errors import InputError, RecordingError
-from scara_kinetostatic.files.tables import TouchTable
+from scara_kinetostatic.files.touch_table import TouchTable
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import posture

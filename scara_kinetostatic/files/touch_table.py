@@ -12,28 +12,18 @@ columns and as cells:
 
 Unknown columns, and rows without joint angles and force, are named in a note and not used, so that a table of residuals
 can be read as a table of touches. See `columns` for headings, units, separators, decimal commas and encodings.
-
-Tables of poses and of states of an arm have one row each and are extended by columns of results.
-
-`compensate` reads `x_m, y_m, fx_N, fy_N` and optional `elbow` (``left`` or ``right``), `locate` reads
-`q1_rad, q2_rad, fx_N, fy_N`; both may have `time_s`, and `approach1, approach2`, as a table of touches. Other columns
-are handed on as they are, unless a result has their name; numbers that are read, with a decimal
-point.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.files.atomic import write_texts
-from scara_kinetostatic.files.columns import Column, Table, csv_lines, load_table, one_of, parse_table, plain, quoted
+from scara_kinetostatic.files.columns import Column, Table, csv_lines, load_table, parse_table, quoted
 from scara_kinetostatic.model.arrays import Floats
 
 SUFFIX = '.csv'
@@ -154,108 +144,3 @@ def dump_touch_table(table: TouchTable) -> str:
 def _texts(values: Floats) -> list[str]:
     """Numbers in the shortest form that gives them back."""
     return [repr(value) for value in values.tolist()]
-
-
-_PLACE = tuple(
-    Column(f'{axis}_m', (axis,), {'m': 1.0}, required=True, largest=100.0, hint='give lengths in m') for axis in 'xy'
-)
-POSES = (*_PLACE, *FORCE)
-STATES = (*JOINTS, *FORCE)
-_BESIDES = (Column('elbow', ('elbow',), parse=one_of({'left': 'left', 'right': 'right'})), TIME, *APPROACH)
-
-
-@dataclass(frozen=True, eq=False)
-class PoseTable:
-    """The rows of a table.
-
-    Attributes:
-        source: the file.
-        values: the numbers by column, (n,) each.
-        elbows: of each row, ``left`` or ``right``; None where the table does not say.
-        heading: names of all its columns, in their order, without those that are empty throughout.
-        cells: text of all cells, row by row; numbers that were read have a decimal point.
-    """
-
-    source: Path
-    values: Mapping[str, Floats]
-    elbows: tuple[str, ...] | None
-    heading: tuple[str, ...]
-    cells: tuple[tuple[str, ...], ...]
-
-    def __len__(self) -> int:
-        return len(self.cells)
-
-    def pair(self, first: str, second: str) -> Floats:
-        """Two columns, (n, 2)."""
-        return np.stack([self.values[first], self.values[second]], axis=-1)
-
-    @property
-    def force(self) -> Floats:
-        """F, (n, 2), N."""
-        return self.pair('fx_N', 'fy_N')
-
-    @property
-    def time(self) -> Floats | None:
-        """(n,), s; None where the table does not say."""
-        return self.values.get('time_s')
-
-    @property
-    def approach(self) -> Floats | None:
-        """Last movement of each joint, (n, 2), rad or its sense; None where the table does not say."""
-        return self.pair('approach1', 'approach2') if 'approach1' in self.values else None
-
-    def replaced(self, results: Sequence[str]) -> list[str]:
-        """Names of columns, beside those that are read, in whose place a result is written."""
-        return [name for name in self.heading if name in results]
-
-    def text_with(self, results: Mapping[str, NDArray[Any]]) -> str:
-        """The table with columns of results, (n,) each, behind its own."""
-        kept = [place for place, name in enumerate(self.heading) if name not in results]
-        heading = [*(quoted(self.heading[place]) for place in kept), *results]
-        texts = zip(*([_text(value) for value in column.tolist()] for column in results.values()), strict=True)
-        rows = zip(self.cells, texts, strict=True)
-        lines = [','.join((*(quoted(cells[place]) for place in kept), *text)) for cells, text in rows]
-        return '\n'.join([','.join(heading), *lines, ''])
-
-
-def _text(value: object) -> str:
-    return repr(value) if isinstance(value, float) else str(value)
-
-
-def load_pose_table(path: Path, needed: Sequence[Column]) -> PoseTable:
-    """Read a table.
-
-    Args:
-        path: the file.
-        needed: `POSES` or `STATES`.
-
-    Raises:
-        RecordingError: the file cannot be read, or a column or a row of it is wrong.
-    """
-    table = load_table(path, ','.join(column.name for column in needed))
-    places = table.find((*needed, *_BESIDES))
-    if ('approach1' in places) != ('approach2' in places):
-        raise RecordingError(path, 'there is one of approach1 and approach2', 'give both, or none')
-    numbers, others = table.read(places)
-    width = len(table.heading)
-    texts = [[*cells[:width], *[''] * (width - len(cells))] for _, cells in table.rows]
-    for name in numbers:
-        for row in texts:
-            row[places[name].number] = plain(row[places[name].number]).replace(',', '.')
-    kept = [k for k, heading in enumerate(table.heading) if heading or any(row[k].strip() for row in texts)]
-    return PoseTable(
-        path,
-        numbers,
-        tuple(others['elbow']) if 'elbow' in others else None,
-        tuple(table.heading[k] for k in kept),
-        tuple(tuple(row[k] for k in kept) for row in texts),
-    )
-
-
-def write_pose_table(path: Path, table: PoseTable, results: Mapping[str, NDArray[Any]]) -> None:
-    """Write a table with its results, in one step.
-
-    Raises:
-        OutputError: it cannot be written; a former file stays.
-    """
-    write_texts(path.parent, {path.name: table.text_with(results)})
