@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from scipy.special import chdtrc
+
 from scara_kinetostatic.assessment.criteria import rivals_in_words
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
@@ -45,7 +47,13 @@ def verdict(outcome: Outcome) -> Verdict:
     level: Level
     if d.verdict == 'none':
         level, headline = 'good', 'The base model explains these touches'
-        sentences = [f'No model error detected ({p} for the base model).']
+        c = outcome.calibration
+        alone = f', {p_equals(chdtrc(c.degrees_of_freedom, c.chi_square))} by itself'
+        sentences = [
+            f'No model error detected ({p} for the base model, corrected for the number of tests; reduced chi-square '
+            f'{c.reduced_chi_square:.2f} of {c.degrees_of_freedom} degrees of freedom'
+            f'{alone if c.noise_source == "given" else ", to which the noise was fitted"}).'
+        ]
     elif d.verdict == 'explained':
         level, headline = 'caution', f'Model error found and corrected: {"; ".join(i.effect.title for i in d.found)}'
         sentences = [f'{lack}; extended by what was found it does.']
