@@ -275,8 +275,9 @@ def _taken_out(problem: Problem, final: Calibration, found: Sequence[Found], ite
     amplitudes = [effect.amplitudes(part) for effect, part in zip(final.model.effects, parts, strict=True)]
     out = {f.effect.label: f.effect == item.effect or not (f.in_every_model or item.in_every_model) for f in found}
     sizes = [len(part) for part in parts]
+    # Effects that are held are in neither.
     gone = np.repeat([out.get(effect.label, False) for effect in final.model.effects], sizes)
-    kept = np.repeat([not out.get(effect.label, True) for effect in final.model.effects], sizes)  # those held are neither
+    kept = np.repeat([not out.get(effect.label, True) for effect in final.model.effects], sizes)
     fitted = np.concatenate([problem.jacobian, columns[:, kept]], axis=1)
     basis = orthonormal(augmented(problem.point, fitted))
     lost = np.zeros(len(basis))
