@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from scipy.special import chdtrc
-
 from scara_kinetostatic.assessment.criteria import rivals_in_words
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
@@ -48,7 +46,7 @@ def verdict(outcome: Outcome) -> Verdict:
     if d.verdict == 'none':
         level, headline = 'good', 'The base model explains these touches'
         c = outcome.calibration
-        alone = f', {p_equals(chdtrc(c.degrees_of_freedom, c.chi_square))} by itself'
+        alone = f', {p_equals(c.p_value)} by itself'
         sentences = [
             f'No model error detected ({p} for the base model, corrected for the number of tests; reduced chi-square '
             f'{c.reduced_chi_square:.2f} of {c.degrees_of_freedom} degrees of freedom'
