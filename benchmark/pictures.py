@@ -1,6 +1,6 @@
 """The pictures of the README and the documentation, drawn from the code.
 
-    python -m benchmark.pictures [--out docs/pictures]
+    python -m benchmark.pictures [--out docs/pictures] [--first N]
 
 Every picture is that of a report, with the colours of its light page written in. All of them show data simulated by
 this project; the first is that of the recording with which the README opens.
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -60,10 +61,12 @@ def main() -> int:
     """Draw and write."""
     options_of = parser(__doc__, json_file=False)
     options_of.add_argument('--out', type=Path, default=Path('docs/pictures'))
-    out = options_of.parse_args().out
+    options_of.add_argument('--first', type=int, metavar='N', help='only the first ones')
+    options = options_of.parse_args()
+    out = options.out
     out.mkdir(parents=True, exist_ok=True)
     with style():
-        for name, picture in pictures():
+        for name, picture in islice(pictures(), options.first):
             (out / f'{name}.svg').write_text(svg_file(picture), encoding='utf-8')
             print(out / f'{name}.svg')
     return 0

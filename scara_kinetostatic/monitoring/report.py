@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from functools import partial
 
@@ -14,6 +14,7 @@ from scara_kinetostatic.model.parameters import NAMES, UNITS, quantity
 from scara_kinetostatic.monitoring.comparison import LEVEL, Change
 from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.hypotheses import Causes, change_title
+from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import Verification
 from scara_kinetostatic.report import (
     NOT_DETERMINED,
@@ -78,8 +79,9 @@ def _change(c: Change) -> Document:
         **{key: getattr(c, key) for key in ('p_value', 'chi_square', 'degrees_of_freedom', 'notes')},
         'parameters': {
             p.name: {
-                'from': p.before,
-                'to': p.after,
+                'from': _stated(c.before, p.name),
+                'to': _stated(c.after, p.name),
+                'joint_fit': {'from': p.before, 'to': p.after},
                 **{key: getattr(p, key) for key in ('change', 'std', 'z', 'p_value', 'unit')},
             }
             for p in c.parameters
@@ -98,7 +100,7 @@ def comparison_report(changes: Sequence[Change]) -> Report:
     )
     sections = []
     for change in changes:
-        blocks: tuple[Block, ...] = (_answer(change), parameter_table(change), *_causes(change.causes), Note(common))
+        blocks: tuple[Block, ...] = (_answer(change), *_values(change), *_causes(change.causes), Note(common))
         sections.append(Section(f'{change.before.source} → {change.after.source}', blocks))
     changed = [change for change in changes if change.has_changed]
     level: Level = 'caution' if any(_answer(change).level == 'caution' for change in changes) else 'good'
@@ -131,6 +133,26 @@ def _answer(change: Change) -> Verdict:
             found.append(f'Only the {which} calibration has {", ".join(effects)}.')
     level: Level = 'caution' if change.has_changed or change.not_compared else 'good'
     return Verdict(f'{verdict(change)}.', level, (*found, *map(sentence, change.notes)))
+
+
+def _stated(record: CalibrationRecord, name: str) -> float | None:
+    """The value in the file of a calibration; None of an effect that it has not."""
+    return float(record.values[record.place(name)]) if name in record.arm.model.names else None
+
+
+def _values(change: Change) -> Iterable[Block]:
+    """The values in the files and, where the effects of both had to be added to compare them, those of that fit."""
+    stated = [(_stated(change.before, p.name), _stated(change.after, p.name)) for p in change.parameters]
+    if stated == [(p.before, p.after) for p in change.parameters]:
+        return [parameter_table(change)]
+    rows = []
+    for p, pair in zip(change.parameters, stated, strict=True):
+        values = ('' if v is None else '{0.value} {0.unit}'.format(shown(v, p.std, p.unit)) for v in pair)
+        rows.append((p.name, *values))
+    return [
+        Section('As the files have it', (Table(('', 'from', 'to'), ('',) * 3, tuple(rows)),)),
+        Section('Both fitted with the effects of both', (parameter_table(change),)),
+    ]
 
 
 def parameter_table(change: Change) -> Table:

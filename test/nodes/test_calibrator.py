@@ -155,6 +155,17 @@ def test_results_can_be_loaded_again_and_effects_come_and_go_with_them(
     assert 'read-only' in set_parameter(client, 'calibrated.g_ee', 1.0)
 
 
+def test_a_calibrator_that_is_started_again_takes_its_result(
+    spin: Callable[..., Node], grown_outcome: Outcome, recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_results(grown_outcome, recording.with_name('touches_calibration'), report=False)
+    monkeypatch.chdir(recording.parent)
+    node = spin(Calibrator, '--ros-args', '-p', 'restore:=true', '-p', 'recording:=touches')
+    np.testing.assert_array_equal(values(node, 'calibrated'), grown_outcome.final.parameters.as_array())
+    assert 'result loaded from' in node._report().message
+    assert node._settings.job().recordings == [str(recording)]
+
+
 @pytest.mark.parametrize(
     ('code', 'message'),
     [
