@@ -16,14 +16,10 @@ class Scale(NamedTuple):
     per_si: float
 
 
-_MILLI_METRE = Scale('mm', 1e3)
 SCALES = {name: Scale(f'm{unit}', 1e3) if name in NAMES[:6] else Scale(f'µ{unit}', 1e6) for name, unit in UNITS.items()}
-"""The unit in which each of the twelve parameters is shown on a terminal."""
-_DEGREE = Scale('°', 180 / math.pi)
-PAGE_SCALES = SCALES | dict.fromkeys(('theta1', 'theta2', 'g1', 'g2'), _DEGREE) | {'g_ee': _MILLI_METRE}
-"""The same on a page: lengths in millimetres, angles in degrees."""
-PAGE_UNITS = {'m': _MILLI_METRE, 'rad': _DEGREE}
-"""Fixed units of a page by SI unit; others have the prefix that fits."""
+"""The unit in which each of the twelve parameters is shown."""
+FIT_UNITS = {'m': Scale('mm', 1e3), 'rad': Scale('°', 180 / math.pi)}
+"""Of shapes fitted to a contour, by SI unit."""
 
 
 class Shown(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from scara_kinetostatic.assessment.criteria import rivals_in_words
 from scara_kinetostatic.assessment.grade import Grade
@@ -14,7 +14,7 @@ from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.model.parameters import NAMES, quantity
 from scara_kinetostatic.report import Level, Verdict, sentence
-from scara_kinetostatic.report.quantities import Scale, p_equals, shown
+from scara_kinetostatic.report.quantities import p_equals, shown
 from scara_kinetostatic.results.tables import base_rank
 
 NEVER_IDENTIFIABLE = (
@@ -100,7 +100,7 @@ def noise(outcome: Outcome) -> str:
     return f'{levels}, {source[outcome.final.noise_source]}'
 
 
-def identifiability(outcome: Outcome, units: Mapping[str, Scale] | None = None) -> list[str]:
+def identifiability(outcome: Outcome) -> list[str]:
     """Which parameters the data determine; the assessment says which touches would determine the others."""
     c, found = outcome.final, outcome.final.identifiability
     free = sum(status != 'fixed' for status in c.status.values())
@@ -112,7 +112,7 @@ def identifiability(outcome: Outcome, units: Mapping[str, Scale] | None = None) 
         names = ['all twelve parameters', *(n for n in group if n not in NAMES)] if set(NAMES) <= set(group) else group
         lines.append(f'Not determined: {", ".join(names)}; other values fit as well.')
     for item in found.combinations:
-        value = shown(item.value, item.std, item.unit, units).text
+        value = shown(item.value, item.std, item.unit).text
         lines.append(f'Only the combination {item.text} (factor in SI units) = {value} is determined.')
     return lines
 

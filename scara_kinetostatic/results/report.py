@@ -30,7 +30,7 @@ from scara_kinetostatic.report import (
     as_page,
     as_text,
 )
-from scara_kinetostatic.report.quantities import PAGE_SCALES, PAGE_UNITS, SCALES, count, p_equals
+from scara_kinetostatic.report.quantities import count, p_equals
 from scara_kinetostatic.report.text import sentence
 from scara_kinetostatic.results import messages, tables
 
@@ -56,7 +56,7 @@ def text_report(outcome: Outcome) -> str:
     }
     blocks: list[Block | None] = [
         verdict._replace(headline=f'{verdict.headline}.'),
-        tables.parameter_table(c, SCALES),
+        tables.parameter_table(c),
         Section('added to the base model', tuple(tables.effect_tables(outcome.diagnosis.found))),
         tables.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
@@ -177,9 +177,9 @@ def _mm(metres: float) -> str:
 
 def _parameters(outcome: Outcome) -> Section:
     """The twelve parameters, and the combinations that are determined instead of some."""
-    _, *combinations = messages.identifiability(outcome, PAGE_UNITS)
+    _, *combinations = messages.identifiability(outcome)
     title = 'Parameters' if outcome.final is outcome.calibration else 'Parameters (extended model)'
-    return Section(title, (tables.parameter_table(outcome.final, PAGE_SCALES), *combinations))
+    return Section(title, (tables.parameter_table(outcome.final), *combinations))
 
 
 def _maps(outcome: Outcome) -> list[Section]:
@@ -207,7 +207,7 @@ def _diagnosis(outcome: Outcome) -> Section:
             )
         )
     if outcome.final is not outcome.calibration:
-        for table, item in zip(tables.effect_tables(d.found, PAGE_UNITS), d.found, strict=True):
+        for table, item in zip(tables.effect_tables(d.found), d.found, strict=True):
             blocks.append(table._replace(title=table.title.strip()))
             if item.effect.off_normal_std:
                 blocks.append(Note(_OFF_NORMAL))
@@ -327,7 +327,7 @@ def _limits(outcome: Outcome, extended: bool) -> Section:
 
 
 def _noise(outcome: Outcome) -> Section:
-    lines = [*messages.identifiability(outcome, PAGE_UNITS), f'Noise of one touch: {messages.noise(outcome)}.']
+    lines = [*messages.identifiability(outcome), f'Noise of one touch: {messages.noise(outcome)}.']
     never = 'Errors that touches of this kind cannot show, whatever their number, and the parameters they change:'
     blocks = (Items(tuple(lines)), Items(messages.NEVER_IDENTIFIABLE, never))
     return Section('Identifiability and noise', blocks, folded=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
@@ -13,7 +13,7 @@ from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.report import Table
-from scara_kinetostatic.report.quantities import PAGE_SCALES, PAGE_UNITS, Scale, chance, decimals, shown, unsigned_zero
+from scara_kinetostatic.report.quantities import SCALES, chance, decimals, shown, unsigned_zero
 
 NOTABLE = 2.0
 """A bias of so many standard deviations is drawn in the warning colour."""
@@ -22,7 +22,7 @@ _LISTED = 8
 """So many dependences and detection limits are listed."""
 
 
-def parameter_table(c: Calibration, scales: Mapping[str, Scale]) -> Table:
+def parameter_table(c: Calibration) -> Table:
     """The twelve parameters with what they are, or why they have no value.
 
     A value has the digits that its uncertainty allows; one that the data do not determine is in brackets.
@@ -30,7 +30,7 @@ def parameter_table(c: Calibration, scales: Mapping[str, Scale]) -> Table:
     nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
     rows = []
     for name in NAMES:
-        unit, per_si = scales[name]
+        unit, per_si = SCALES[name]
         value, std, status = values[name] * per_si, c.std_of(name) * per_si, c.status[name]
         digits = decimals(std)
         text = f'{value:.6g}' if digits is None else f'{value:.{digits}f}'
@@ -53,7 +53,7 @@ def base_rank(c: Calibration) -> int:
     return free - sum(bool(set(group) & set(NAMES)) for group in c.identifiability.confounded)
 
 
-def effect_tables(found: Sequence[Found], units: Mapping[str, Scale] | None = None) -> list[Table]:
+def effect_tables(found: Sequence[Found]) -> list[Table]:
     """Each effect of the extended model with its values; those of a fitted curve have no meaning by themselves."""
     tables = []
     for item in found:
@@ -63,7 +63,7 @@ def effect_tables(found: Sequence[Found], units: Mapping[str, Scale] | None = No
         rows: tuple[tuple[str, ...], ...] = ()
         if item.effect.is_physical:
             title += f'  {item.effect.label}'
-            rows = tuple((f'    {v.name}', shown(v.value, v.std, v.unit, units).text, v.meaning) for v in item.values)
+            rows = tuple((f'    {v.name}', shown(v.value, v.std, v.unit).text, v.meaning) for v in item.values)
         tables.append(Table(('',) * 3, ('',) * 3, rows, title=f'  {title}'))
     return tables
 
@@ -89,8 +89,7 @@ def tip_budget(outcome: Outcome, most: int | None = None) -> Table | None:
 
 
 def _declared(item: Item) -> str:
-    units = {**PAGE_UNITS, 'rad': Scale('mrad', 1e3)}
-    return '' if item.declared is None else shown(item.declared, math.nan, item.unit, units).text
+    return '' if item.declared is None else shown(item.declared, math.nan, item.unit).text
 
 
 def error_table(compared: Comparison) -> Table:
@@ -111,7 +110,7 @@ def bias_table(compared: Comparison) -> Table:
     """Each parameter by the base and by the extended model, and their difference."""
     rows, levels = [], []
     for bias in compared.biases:
-        unit, per_si = PAGE_SCALES[bias.name]
+        unit, per_si = SCALES[bias.name]
         digits = decimals(bias.std * per_si)
         places = 3 if digits is None else digits
 
@@ -177,7 +176,7 @@ def limit_table(outcome: Outcome) -> Table | None:
     ]
     rows = []
     for item in sorted(items, key=lambda item: -item.undetected_bias)[:_LISTED]:
-        unit, per_si = PAGE_SCALES[item.biased_parameter]
+        unit, per_si = SCALES[item.biased_parameter]
         bias = item.undetected_bias * c.std_of(item.biased_parameter) * per_si
         size = f'{float(f"{bias:.2g}"):g}' if math.isfinite(bias) else ''
         rows.append((item.effect.title, item.biased_parameter, f'{item.undetected_bias:.1f}', size, unit))

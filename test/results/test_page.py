@@ -127,7 +127,7 @@ def test_what_is_not_determined_is_marked(confounded: Outcome) -> None:
     page = html_text(confounded)
     text = words_of(page)
     assert 'the touches do not determine p_ee' in text
-    assert re.search(r'Only the combination g_ee \+ [\d.]+ p_ee .* mm is determined', text)
+    assert re.search(r'Only the combination g_ee \+ [\d.]+ p_ee .* µm is determined', text)
     assert page.count('<tr class="caution"><td>p_ee<') == page.count('<tr class="caution"><td>g_ee<') == 1
     assert page.count('<tr class="faint"><td>l1<') == 1
 
@@ -150,7 +150,7 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     for side in (compared.base, compared.extended):
         cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e3 * side.tip.fitted:.3g}')
         assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
-    assert f'{1e3 * item.values[0].value:.4f} ± {1e3 * item.values[0].std:.4f} mm' in text
+    assert f'{1e6 * item.values[0].value:.1f} ± {1e6 * item.values[0].std:.1f} µm' in text
     assert page.count('<svg') == 2 + 1 + 4
     assert re.search(r'<tr class="good"><td>[^<]* has another radius', page)
     assert '>rejected<' in page

@@ -29,7 +29,7 @@ def joined(outcome: Outcome) -> str:
 def test_every_parameter_with_the_digits_that_its_uncertainty_allows(plain: Outcome) -> None:
     text = text_report(plain)
     assert 'estimate ± 1 σ' in text
-    rows = parameter_table(plain.calibration, SCALES).rows
+    rows = parameter_table(plain.calibration).rows
     assert [row[0] for row in rows] == list(NAMES)
     for name, _, value, unit, meaning in rows:
         (line,) = (line for line in text.splitlines() if line.startswith(f'{name} '))
