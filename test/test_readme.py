@@ -96,7 +96,7 @@ def test_errors_before_and_after(name: str) -> None:
     found = outcome(name).comparison
     sides = (found.base, found.extended) if '→' in force else (found.extended,)
     assert ('→' in force) == (outcome(name).diagnosis.extended is not None)
-    values = [[side.held_out for side in sides], [1e3 * side.tip.held_out for side in sides]]
+    values = [[side.held_out for side in sides], [1e6 * side.tip.held_out for side in sides]]
     for cell, expected in zip((force, tip), values, strict=True):
         for shown, value, rounding in zip(figures(cell), expected, half_places(cell), strict=True):
             assert abs(shown - value) <= rounding + OF_ERRORS * value

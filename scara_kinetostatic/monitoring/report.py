@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 from functools import partial
@@ -11,7 +12,7 @@ from markupsafe import Markup
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.parameters import NAMES, UNITS, quantity
-from scara_kinetostatic.monitoring.comparison import LEVEL, Change
+from scara_kinetostatic.monitoring.comparison import LEVEL, Change, ParameterChange
 from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.hypotheses import Causes, change_title
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -30,7 +31,7 @@ from scara_kinetostatic.report import (
 )
 from scara_kinetostatic.report.content import Level
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, WARN, as_svg, new_figure
-from scara_kinetostatic.report.quantities import chance, count, p_equals, shown
+from scara_kinetostatic.report.quantities import SCALES, chance, count, p_equals, shown
 from scara_kinetostatic.report.text import sentence
 from scara_kinetostatic.results.messages import answer
 
@@ -145,24 +146,28 @@ def _values(change: Change) -> Iterable[Block]:
     stated = [(_stated(change.before, p.name), _stated(change.after, p.name)) for p in change.parameters]
     if stated == [(p.before, p.after) for p in change.parameters]:
         return [parameter_table(change)]
-    rows = []
-    for p, pair in zip(change.parameters, stated, strict=True):
-        values = ('' if v is None else '{0.value} {0.unit}'.format(shown(v, p.std, p.unit)) for v in pair)
-        rows.append((p.name, *values))
+    rows = [(p.name, *(_shown(v, p) for v in pair)) for p, pair in zip(change.parameters, stated, strict=True)]
     return [
         Section('As the files have it', (Table(('', 'from', 'to'), ('',) * 3, tuple(rows)),)),
         Section('Both fitted with the effects of both', (parameter_table(change),)),
     ]
 
 
+def _shown(value: float | None, p: ParameterChange, std: float = math.nan) -> str:
+    """A value with the digits of its change, in the unit of its parameter; with the deviation where it is given."""
+    if value is None:
+        return ''
+    text = shown(value, p.std, p.unit, {p.unit: SCALES[p.name]} if p.name in SCALES else None)
+    return text.text if math.isfinite(std) else f'{text.value} {text.unit}'
+
+
 def parameter_table(change: Change) -> Table:
     """One row per value."""
     rows = []
     for p in change.parameters:
-        difference = shown(p.change, p.std, p.unit)
-        values = (f'{item.value} {item.unit}' for item in (shown(v, p.std, p.unit) for v in (p.before, p.after)))
+        values = _shown(p.before, p), _shown(p.after, p), _shown(p.change, p, p.std)
         z, p_value = (f'{p.z:+.1f}', chance(p.p_value)) if np.isfinite(p.z) else (NOT_DETERMINED,) * 2
-        rows.append((p.name, *values, difference.text, z, p_value))
+        rows.append((p.name, *values, z, p_value))
     return Table(('', 'from', 'to', 'change ± 1 σ', 'z', 'p'), ('',) * 6, tuple(rows))
 
 

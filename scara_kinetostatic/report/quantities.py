@@ -66,6 +66,12 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
     return Shown(unsigned_zero(number), deviation, scale.unit)
 
 
+def micrometres(metres: float) -> str:
+    """An error or uncertainty of the tip, in µm."""
+    size = 1e6 * metres
+    return f'{size:.3g}' if abs(size) < 1000 else f'{size:.0f}'
+
+
 def unsigned_zero(number: str) -> str:
     """A number as text without the sign of a zero: ``-0.0`` is ``0.0``."""
     return number if any(digit in number for digit in '123456789nf') else number.removeprefix('-').removeprefix('−')

@@ -14,7 +14,7 @@ from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.model.parameters import NAMES, quantity
 from scara_kinetostatic.report import Level, Verdict, sentence
-from scara_kinetostatic.report.quantities import p_equals, shown
+from scara_kinetostatic.report.quantities import micrometres, p_equals, shown
 from scara_kinetostatic.results.tables import base_rank
 
 NEVER_IDENTIFIABLE = (
@@ -83,7 +83,7 @@ def bias(outcome: Outcome) -> str:
     rows = sorted((row for row in outcome.comparison.biases if row.is_significant), key=lambda row: -abs(row.in_std))
     # 3: so many biased parameters are named
     worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:3])
-    tip = f'the tip by {outcome.comparison.tip_bias * 1e3:.3g} mm (rms over the touches)'
+    tip = f'the tip by {micrometres(outcome.comparison.tip_bias)} µm (rms over the touches)'
     return f'ignoring it would bias {f"{worst} and " if worst else ""}{tip}'
 
 

@@ -13,7 +13,7 @@ from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.report import Table
-from scara_kinetostatic.report.quantities import SCALES, chance, decimals, shown, unsigned_zero
+from scara_kinetostatic.report.quantities import SCALES, chance, decimals, micrometres, shown, unsigned_zero
 
 NOTABLE = 2.0
 """A bias of so many standard deviations is drawn in the warning colour."""
@@ -83,9 +83,9 @@ def tip_budget(outcome: Outcome, most: int | None = None) -> Table | None:
     if others := items[len(listed) :]:
         listed.append((f'{len(others)} others', '', '', math.hypot(*(item.tip for item in others))))
     listed.append(('combined standard uncertainty', '', '', total))
-    rows = [(*words, f'{1e3 * size:.3g}', f'{100 * (size / total) ** 2:.0f} %') for *words, size in listed]
+    rows = [(*words, micrometres(size), f'{100 * (size / total) ** 2:.0f} %') for *words, size in listed]
     heading = ('tip: source', 'type', 'declared', 'contribution', 'share of the variance')
-    return Table(heading, ('', '', '', 'mm', ''), tuple(rows))
+    return Table(heading, ('', '', '', 'µm', ''), tuple(rows))
 
 
 def _declared(item: Item) -> str:
@@ -94,16 +94,16 @@ def _declared(item: Item) -> str:
 
 def error_table(compared: Comparison) -> Table:
     """Force and tip, fitted and held out, and chi-square, of the nominal, the base and the extended model."""
-    tip = f'{1e3 * compared.nominal_tip:.3g}'
+    tip = micrometres(compared.nominal_tip)
     rows: list[tuple[str, ...]] = [('nominal parameters', f'{compared.nominal:.3g}', '', tip, '', '')]
     sides = [('base model', compared.base), ('extended model', compared.extended)]
     for name, side in sides[: 1 if compared.base == compared.extended else 2]:
-        tips = (f'{1e3 * each:.3g}' for each in (side.tip.fitted, side.tip.held_out))
+        tips = map(micrometres, (side.tip.fitted, side.tip.held_out))
         force = (f'{each:.3g}' for each in (side.force_error, side.held_out))
         rows.append((name, *force, *tips, f'{side.reduced_chi_square:.2f}'))
-    rows.append(('expected from noise', '', '', f'{1e3 * compared.extended.tip.noise:.3g}', '', '1'))
+    rows.append(('expected from noise', '', '', micrometres(compared.extended.tip.noise), '', '1'))
     heading = ('', 'force error', 'held out', 'tip error', 'held out', 'reduced chi-square')
-    return Table(heading, ('', 'N', 'N', 'mm', 'mm', ''), tuple(rows))
+    return Table(heading, ('', 'N', 'N', 'µm', 'µm', ''), tuple(rows))
 
 
 def bias_table(compared: Comparison) -> Table:

@@ -114,7 +114,7 @@ def test_everything_is_said(page: str, nasty: Outcome) -> None:
     assert 'The base model explains these touches' in text
     assert f'{c.force_error:.3g} N in the fit, {c.force_error_nominal:.3g} N with nominal parameters' in text
     compared = nasty.comparison
-    assert f'{1e3 * compared.nominal_tip:.3g} → {1e3 * compared.extended.tip.held_out:.3g} mm' in text
+    assert f'{1e6 * compared.nominal_tip:.0f} → {1e6 * compared.extended.tip.held_out:.3g} µm' in text
     assert '2 of 37 touches were not used' in text
     assert 'disagrees with the other touches' in text
     assert nasty.warnings[0] in text
@@ -148,7 +148,7 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     assert f'{item.effect.title} {item.effect.label}' in text
     compared = grown.comparison
     for side in (compared.base, compared.extended):
-        cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e3 * side.tip.fitted:.3g}')
+        cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e6 * side.tip.fitted:.3g}')
         assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
     assert f'{1e6 * item.values[0].value:.1f} ± {1e6 * item.values[0].std:.1f} µm' in text
     assert page.count('<svg') == 2 + 1 + 4
@@ -239,7 +239,7 @@ def test_the_tolerance_is_beside_the_uncertainty(plain: Outcome) -> None:
     for factor, words in ((1.2, 'conformity shown'), (0.5, 'conformity excluded')):
         known = replace(plain.calibration, cell=replace(cell, tolerance=factor * worst))
         fact = numbers(replace(plain, calibration=known))[1]
-        assert (fact.value, fact.unit) == (f'{1e3 * worst:.3g} of {1e3 * factor * worst:.3g}', 'mm')
+        assert (fact.value, fact.unit) == (f'{1e6 * worst:.3g} of {1e6 * factor * worst:.3g}', 'µm')
         assert words in fact.remark
 
 

@@ -70,7 +70,7 @@ def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: O
     assert f'added to the base model {item.effect.title} {item.effect.label} radius ' in joined(grown)
     for name, side in (('base model', grown.comparison.base), ('extended model', grown.comparison.extended)):
         (line,) = (line for line in text.splitlines() if line.startswith(name))
-        sizes = side.force_error, side.held_out, 1e3 * side.tip.fitted, 1e3 * side.tip.held_out
+        sizes = side.force_error, side.held_out, 1e6 * side.tip.fitted, 1e6 * side.tip.held_out
         assert line.split()[2:] == [*(f'{size:.3g}' for size in sizes), f'{side.reduced_chi_square:.2f}']
     assert 'bias ignoring it would bias l2 by ' in joined(grown)
     assert 'the force sensor is rotated about its axis (one of' in joined(ambiguous)
