@@ -257,7 +257,8 @@ def test_a_calibration_gives_up_when_the_node_ends(
     processes.start('calibrator', {'recording': recording, 'output': tmp_path / 'results'})
     call = client._node.create_client(Trigger, '/calibrator/calibrate')
     client.wait('the service', call.service_is_ready, WAIT)
+    heard = listen(client, '/calibrator/progress')
     call.call_async(Trigger.Request())
-    client._executor.spin_once(timeout_sec=0.05)
+    client.wait('its begin', lambda: bool(heard), WAIT)
     assert processes.stop() == {'calibrator': 0}
     assert 'Traceback' not in processes.log('calibrator').read_text()
