@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from benchmark.common import CELL, parser
+from benchmark.common import CELL, normal_error, parser
 from benchmark.contour import CELL as CONTOUR_CELL
 from benchmark.contour import MOVED_DISC, OBJECTS, calibrated, slide_along, surfaces_of
 from benchmark.marker_picture import marker_picture
@@ -126,7 +126,7 @@ def contour_errors() -> Markup:
     outline = OBJECTS['disc']
     contour = trace_contour(slide_along(robot, outline, 15.0, 0), CalibratedArm.of(outcome.final))
     surfaces = [*surfaces_of(contour, CalibratedArm.of(outcome.calibration)), contour.surface]
-    errors = [outline.normal_error(surface) for surface in surfaces]
+    errors = [normal_error(outline, surface) for surface in surfaces]
     true = contour.surface - errors[-1][:, None] * contour.normal
     return error_picture(true, contour.normal, errors)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from contour.slides import CELL, OBJECTS, arm
 
+from benchmark.common import normal_error
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -38,4 +39,4 @@ def test_surface_in_another_engine(name, robot, friction):
     exact = replace(arm(), model=ExtendedModel(robot))
     contour = trace_contour(sensed(motion, CELL, SensorModel.ideal(200), 0), exact)
     assert contour.friction.coefficient == pytest.approx(friction, abs=0.01)
-    assert rms(outline.normal_error(contour.surface)) < LIMIT
+    assert rms(normal_error(outline, contour.surface)) < LIMIT

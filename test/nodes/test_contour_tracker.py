@@ -25,6 +25,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 import scara_kinetostatic as sk
+from benchmark.common import normal_error
 from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import rms
@@ -159,7 +160,7 @@ def test_a_slide_is_traced_while_it_is_played(bench: Callable[..., Bench], slide
     b.play(slide, lambda: any(message.poses for message in b.paths))
     b.wait(lambda: len(b.paths) and np.hypot(*(places(b.paths[-1])[[0, -1]].T @ [1, -1])) < 1e-9)
     found = places(b.paths[-1])
-    assert rms(DISC.normal_error(found)) < 1.2e-5
+    assert rms(normal_error(DISC, found)) < 1.2e-5
     assert np.hypot(*np.diff(found, axis=0).T).sum() == pytest.approx(2 * np.pi * 0.03, rel=5e-3)
     lengths = [len(message.poses) for message in b.paths]
     assert any(0 < length < len(found) for length in lengths)  # it has grown
