@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 from functools import partial
@@ -31,7 +30,7 @@ from scara_kinetostatic.report import (
 )
 from scara_kinetostatic.report.content import Level
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, WARN, as_svg, new_figure
-from scara_kinetostatic.report.quantities import SCALES, chance, count, p_equals, shown
+from scara_kinetostatic.report.quantities import SCALES, Shown, chance, count, p_equals, scale_of, shown
 from scara_kinetostatic.report.text import sentence
 from scara_kinetostatic.results.messages import answer
 
@@ -146,29 +145,30 @@ def _values(change: Change) -> Iterable[Block]:
     stated = [(_stated(change.before, p.name), _stated(change.after, p.name)) for p in change.parameters]
     if stated == [(p.before, p.after) for p in change.parameters]:
         return [parameter_table(change)]
-    rows = [(p.name, *(_shown(v, p) for v in pair)) for p, pair in zip(change.parameters, stated, strict=True)]
+    rows = []
+    for p, (before, after) in zip(change.parameters, stated, strict=True):
+        one, other = _shown(before, p), _shown(after, p)
+        rows.append((p.name, one.value, other.value, one.unit or other.unit))
     return [
-        Section('As the files have it', (Table(('', 'from', 'to'), ('',) * 3, tuple(rows)),)),
+        Section('As the files have it', (Table(('', 'from', 'to', ''), ('',) * 4, tuple(rows)),)),
         Section('Both fitted with the effects of both', (parameter_table(change),)),
     ]
 
 
-def _shown(value: float | None, p: ParameterChange, std: float = math.nan) -> str:
-    """A value with the digits of its change, in the unit of its parameter; with the deviation where it is given."""
-    if value is None:
-        return ''
-    text = shown(value, p.std, p.unit, {p.unit: SCALES[p.name]} if p.name in SCALES else None)
-    return text.text if math.isfinite(std) else f'{text.value} {text.unit}'
+def _shown(value: float | None, p: ParameterChange) -> Shown:
+    """A value with the digits of its change, in the unit of its parameter; empty for None."""
+    scale = SCALES.get(p.name) or scale_of(max(abs(p.before), abs(p.after)), p.unit)
+    return Shown('', '', '') if value is None else shown(value, p.std, p.unit, {p.unit: scale})
 
 
 def parameter_table(change: Change) -> Table:
     """One row per value."""
     rows = []
     for p in change.parameters:
-        values = _shown(p.before, p), _shown(p.after, p), _shown(p.change, p, p.std)
+        before, after, moved = (_shown(value, p) for value in (p.before, p.after, p.change))
         z, p_value = (f'{p.z:+.1f}', chance(p.p_value)) if np.isfinite(p.z) else (NOT_DETERMINED,) * 2
-        rows.append((p.name, *values, z, p_value))
-    return Table(('', 'from', 'to', 'change ± 1 σ', 'z', 'p'), ('',) * 6, tuple(rows))
+        rows.append((p.name, before.value, after.value, moved._replace(unit='').text, moved.unit, z, p_value))
+    return Table(('', 'from', 'to', 'change ± 1 σ', '', 'z', 'p'), ('',) * 7, tuple(rows))
 
 
 def verification_document(v: Verification) -> Document:

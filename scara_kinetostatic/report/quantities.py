@@ -39,6 +39,16 @@ _PREFIXED = ('m', 'rad', 'N', 'Nm', 's')
 _PREFIXES = (('', 1.0), ('m', 1e3), ('µ', 1e6), ('n', 1e9), ('p', 1e12))
 
 
+def scale_of(size: float, unit: str) -> Scale:
+    """The prefix that fits a quantity of this size, SI; a pure number below 1e-3 is in millionths."""
+    if unit.partition('/')[0] in _PREFIXED and size > 0:
+        prefix, factor = next(((p, f) for p, f in _PREFIXES if size * f >= 1.0), _PREFIXES[-1])
+        return Scale(prefix + unit, factor)
+    if unit.partition('/')[0] == '1' and 0 < size < 1e-3:
+        return Scale(f'ppm{unit[1:]}', 1e6)
+    return Scale('' if unit == '1' else unit, 1.0)
+
+
 def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None = None) -> Shown:
     """A value in any SI unit with a prefix that fits, and the digits its uncertainty allows.
 
@@ -48,15 +58,7 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
         unit: of both, SI.
         units: by SI unit, what is shown in a fixed unit instead.
     """
-    size = max(abs(value), std if math.isfinite(std) else 0.0)
-    scale = Scale('' if unit == '1' else unit, 1.0)
-    if unit.partition('/')[0] in _PREFIXED and size > 0:
-        prefix, factor = next(((p, f) for p, f in _PREFIXES if size * f >= 1.0), _PREFIXES[-1])
-        scale = Scale(prefix + unit, factor)
-    # 1e-3: pure numbers below this are shown in millionths
-    elif unit.partition('/')[0] == '1' and 0 < size < 1e-3:
-        scale = Scale(f'ppm{unit[1:]}', 1e6)
-    scale = (units or {}).get(unit, scale)
+    scale = (units or {}).get(unit) or scale_of(max(abs(value), std if math.isfinite(std) else 0.0), unit)
     if math.isnan(value):
         return Shown('not determined', '', '')
     digits = decimals(std * scale.per_si)
