@@ -22,6 +22,7 @@ import numpy as np
 
 from benchmark.common import CELL as PAPER
 from benchmark.common import normal_error, parser, save
+from benchmark.engine_slides import SlideController
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import tip_places, trace_contour
@@ -33,7 +34,6 @@ from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.mujoco.engine import Scene
-from scara_kinetostatic.simulation.mujoco.sliding import SlideController
 from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.slides import Slide, sensed, simulate_slides

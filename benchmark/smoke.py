@@ -48,7 +48,7 @@ ARGUMENTS = {
     'uncertainty': '--count 1 --kind small',
 }
 """Of each benchmark, by its name."""
-SHARED = {'__init__', 'common', 'marker_picture', 'smoke', 'svg'}
+SHARED = {'__init__', 'common', 'engine_slides', 'marker_picture', 'smoke', 'svg'}
 """Modules that are no benchmarks."""
 
 

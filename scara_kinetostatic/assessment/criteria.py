@@ -40,9 +40,9 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     )
 
 
-def rivals_in_words(d: Diagnosis, group: Sequence[str], most: int = 4) -> str:
+def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
     """Rivals in one phrase, the first ones by name."""
-    effects = d.effects_by_label()
+    effects, most = d.effects_by_label(), 4
     names = [effects[label].title if label in effects else label for label in group[:most]]
     return ' or '.join([*names, *([f'one of {len(group) - most} more'] if len(group) > most else [])])
 

@@ -9,12 +9,12 @@ import pytest
 from contour.slides import CELL, OBJECTS, arm
 
 from benchmark.common import normal_error
+from benchmark.engine_slides import SlideController
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco.engine import Scene
-from scara_kinetostatic.simulation.mujoco.sliding import SlideController
 from scara_kinetostatic.simulation.slides import Slide, SlidePhase, sensed
 from scara_kinetostatic.simulation.streams import SensorModel
 

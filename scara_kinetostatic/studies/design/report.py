@@ -117,9 +117,9 @@ def _row(row: Row) -> dict[str, Any]:
     }
 
 
-def _micrometres(value: float, digits: int = 3) -> str:
+def _micrometres(value: float) -> str:
     """A length in µm."""
-    return f'{1e6 * value:#.{digits}g}'.rstrip('.') if math.isfinite(value) else NOT_DETERMINED
+    return f'{1e6 * value:#.3g}'.rstrip('.') if math.isfinite(value) else NOT_DETERMINED
 
 
 def requirement(design: Design) -> str:
