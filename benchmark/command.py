@@ -53,7 +53,7 @@ def compare(runs: int) -> list[dict[str, Any]]:
         recording, result = f'{folder}/recording', f'{folder}/result'
         write_streams(recording, streams, CELL)
         print(f'{_messages(streams)} messages', flush=True)
-        helps = [['--help'], *([verb.replace('_', '-'), '--help'] for verb in VERBS)]
+        helps = [['--help'], *([verb.replace('_', '-'), '--help'] for verbs in VERBS.values() for verb in verbs)]
         for arguments in (*helps, ['calibrate', recording, '--out', result]):
             record = measure(arguments, runs)
             records.append(record)

@@ -16,11 +16,16 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.calibration.result import Calibration, joint_covariance
+from scara_kinetostatic.files.columns import csv_lines, quoted
+from scara_kinetostatic.files.touch_table import EXAMPLE, TouchTable
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.simulation.outline import SAMPLES, Outline
 
 NOISE = Noise(joint=1e-5, force=0.3)
 EXACT = Noise(joint=0.0, force=0.0)
@@ -180,3 +185,38 @@ def svg_figure(path: Path, width: float, height: float) -> Iterator[Any]:
         figure = Figure(figsize=(width, height), layout='constrained')
         yield figure
         figure.savefig(path, format='svg', metadata={'Date': None})
+
+
+def normal_error(outline: Outline, points: ArrayLike) -> Floats:
+    """Distance of points from the surface along its normal, (k,), m, positive outside.
+
+    From the nearest of `SAMPLES` places on each piece; what the distance between these leaves is below 1 nm.
+    """
+    surface = outline.at(np.arange(len(outline.pieces) * SAMPLES + 1) / SAMPLES * (1 - 1e-15))
+    points = np.asarray(points, dtype=float)
+    still = ~np.diff(surface.point, axis=0).any(axis=1)
+    sharp = np.append(still, False) | np.append(False, still)
+    sharp[0] |= outline.closed and bool(sharp[-1])
+    found = np.empty(len(points))
+    for first in range(0, len(points), 512):
+        part = points[first : first + 512]
+        apart = part[:, None] - surface.point
+        nearest = np.einsum('ijk,ijk->ij', apart, apart).argmin(axis=1)
+        offset = apart[np.arange(len(part)), nearest]
+        along = np.einsum('ij,ij->i', offset, surface.normal[nearest])
+        at_corner = np.copysign(np.hypot(*offset.T), along)
+        found[first : first + 512] = np.where(sharp[nearest], at_corner, along)
+    return found
+
+
+def dump_touch_table(table: TouchTable) -> str:
+    """A text that `load_touch_table` reads back, to the last bit; columns without any content are left out."""
+    numbers = np.concatenate([table.joints, table.force], axis=1).T.tolist()
+    columns = {name: [*map(repr, column)] for name, column in zip(EXAMPLE.split(','), numbers, strict=True)}
+    if any(table.objects):
+        columns['object'] = [quoted(name) for name in table.objects]
+    if table.time.any():
+        columns['time_s'] = [*map(repr, table.time.tolist())]
+    if table.approach.any():
+        columns |= {f'approach{k + 1}': [*map(repr, table.approach[:, k].tolist())] for k in (0, 1)}
+    return csv_lines(columns)

@@ -21,7 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmark.common import CELL as PAPER
-from benchmark.common import parser, save
+from benchmark.common import normal_error, parser, save
+from benchmark.engine_slides import SlideController
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import tip_places, trace_contour
@@ -33,11 +34,10 @@ from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.mujoco.engine import Scene
-from scara_kinetostatic.simulation.mujoco.sliding import simulate_slide
 from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.slides import Slide, simulate_slides
-from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.slides import Slide, sensed, simulate_slides
+from scara_kinetostatic.simulation.streams import START, SensorModel, simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
 
@@ -106,7 +106,8 @@ def slide_along(robot: ExtendedModel, outline: Outline, force: float, seed: int)
 def played(robot: ExtendedModel, outline: Outline, force: float, seed: int) -> Streams:
     """The recording of a slide round an object in MuJoCo."""
     scene = Scene(parameters=robot.parameters, contact_friction=FRICTION)
-    return simulate_slide(scene, CELL, Slide(outline, force, speed=SPEED, end=TURNS), seed=seed)
+    motion = SlideController(scene, CELL, Slide(outline, force, speed=SPEED, end=TURNS)).run()
+    return sensed(motion, CELL, SensorModel(), seed, START)
 
 
 def held_out(robot: ExtendedModel, seed: int, record: Recorder = slide_along) -> list[Held]:
@@ -123,9 +124,9 @@ def held_out(robot: ExtendedModel, seed: int, record: Recorder = slide_along) ->
         except UnsupportedDataError as error:
             print(f'run {seed}, {name}: {error}', file=sys.stderr)
             continue
-        inside = np.abs(outline.normal_error(contour.surface)) < QUANTILE * contour.std_normal
+        inside = np.abs(normal_error(outline, contour.surface)) < QUANTILE * contour.std_normal
         errors = errors_of(contour, outline, base, final)
-        noise = rms(outline.normal_error(trace_contour(streams, exact).surface))
+        noise = rms(normal_error(outline, trace_contour(streams, exact).surface))
         closed = len(contour.outlines) == 1 and contour.outlines[0].closed
         found.append(Held(name, errors, noise, float(inside.mean()), closed))
         text = f'run {seed}, {name}: {1e6 * errors[-1]:.1f} µm, {100 * inside.mean():.1f} %'
@@ -148,7 +149,7 @@ def errors_of(
 ) -> tuple[float, float, float, float]:
     """Rms normal error: rigid nominal, rigid calibrated, deformable, deformable with the effects found, m."""
     found = [*surfaces_of(contour, base), contour.surface]
-    return tuple(rms(outline.normal_error(surface)) for surface in found)  # type: ignore[return-value]
+    return tuple(rms(normal_error(outline, surface)) for surface in found)  # type: ignore[return-value]
 
 
 def known_exactly(arm: CalibratedArm, robot: ExtendedModel) -> CalibratedArm:

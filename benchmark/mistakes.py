@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmark.common import parser, print_targets, save
+from benchmark.common import dump_touch_table, parser, print_targets, save
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.errors import ScaraKinetostaticError
-from scara_kinetostatic.files.touch_table import TouchTable, dump_touch_table
+from scara_kinetostatic.files.touch_table import TouchTable
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc, Noise, Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL, Parameters

@@ -1,6 +1,6 @@
 """The pictures of the README and the documentation, drawn from the code.
 
-    python -m benchmark.pictures [--out docs/pictures]
+    python -m benchmark.pictures [--out docs/pictures] [--first N]
 
 Every picture is that of a report, with the colours of its light page written in. All of them show data simulated by
 this project; the first is that of the recording with which the README opens.
@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 
-from benchmark.common import CELL, parser
+from benchmark.common import CELL, normal_error, parser
 from benchmark.contour import CELL as CONTOUR_CELL
 from benchmark.contour import MOVED_DISC, OBJECTS, calibrated, slide_along, surfaces_of
 from benchmark.marker_picture import marker_picture
@@ -60,10 +61,12 @@ def main() -> int:
     """Draw and write."""
     options_of = parser(__doc__, json_file=False)
     options_of.add_argument('--out', type=Path, default=Path('docs/pictures'))
-    out = options_of.parse_args().out
+    options_of.add_argument('--first', type=int, metavar='N', help='only the first ones')
+    options = options_of.parse_args()
+    out = options.out
     out.mkdir(parents=True, exist_ok=True)
     with style():
-        for name, picture in pictures():
+        for name, picture in islice(pictures(), options.first):
             (out / f'{name}.svg').write_text(svg_file(picture), encoding='utf-8')
             print(out / f'{name}.svg')
     return 0
@@ -123,7 +126,7 @@ def contour_errors() -> Markup:
     outline = OBJECTS['disc']
     contour = trace_contour(slide_along(robot, outline, 15.0, 0), CalibratedArm.of(outcome.final))
     surfaces = [*surfaces_of(contour, CalibratedArm.of(outcome.calibration)), contour.surface]
-    errors = [outline.normal_error(surface) for surface in surfaces]
+    errors = [normal_error(outline, surface) for surface in surfaces]
     true = contour.surface - errors[-1][:, None] * contour.normal
     return error_picture(true, contour.normal, errors)
 

@@ -1,15 +1,20 @@
 """Starts a whole cell: simulated robot, collector, calibrator, visualizer and, on request, compensator, contour
 tracker and monitor.
 
+An argument that is not given leaves a parameter as the file `params` has it or, if it is not there, config/nodes.yaml
+of the package or the node itself.
+
 For a real robot set `simulate:=false`, which leaves out the first, and `cell:=/path/to/cell.yaml`: its joint angles and
 forces make no sense with the example cell. Then calibrate by
 `ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`. A node that ends ends those of its cell, and so the
-launch unless it has other cells; with `respawn:=true` one that has crashed is started again.
+launch unless it has other cells; not so a display. With `respawn:=true` one that has crashed is started again, and the
+calibrator takes the result that it had.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any, List  # noqa: UP035 - launch knows lists by this name only
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
@@ -41,17 +46,17 @@ def generate_launch_description() -> LaunchDescription:
 
 def _arguments() -> list[DeclareLaunchArgument]:
     def argument(name: str, default: str, description: str, *choices: str) -> DeclareLaunchArgument:
-        more = {'choices': list(choices)} if choices else {}
+        more = {'choices': [*choices] if default else ['', *choices]} if choices else {}
         return DeclareLaunchArgument(name, default_value=default, description=description, **more)
 
     switch = ('true', 'false')
     levels = ('debug', 'info', 'warn', 'error', 'fatal')
     return [
         argument('cell', '', 'cell description; empty: the example cell, for the simulator only'),
-        argument('params', '', 'parameters of the nodes, a YAML file; empty: config/nodes.yaml of the package'),
-        argument('preload', '', 'calibrator: calibration.yaml of an earlier result; empty: none'),
+        argument('params', '', 'parameters of the nodes, a YAML file; it precedes config/nodes.yaml of the package'),
+        argument('preload', '', 'calibration.yaml of an earlier result, for all nodes; empty: none'),
         argument('namespace', '', 'of all nodes, such as left; also begins the names of their frames'),
-        argument('use_sim_time', 'false', 'take the time from /clock', *switch),
+        argument('use_sim_time', '', 'take the time from /clock', *switch),
         argument('log_level', 'info', 'of the log of all nodes', *levels),
         argument('respawn', 'false', 'start a node again that has crashed; else the cell ends', *switch),
         argument('simulate', 'true', 'start the simulator', *switch),
@@ -63,15 +68,17 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('watch', 'false', 'start the monitor', *switch),
         argument('frames', 'true', 'start robot_state_publisher, where it is installed', *switch),
         argument('rviz', 'false', 'start RViz with the configuration of the package', *switch),
-        argument('plan', '', 'simulator: plan of touches or slides; empty: the default plan over all discs'),
-        argument('effects', "['']", 'simulator: effects of the robot, a YAML list'),
-        argument('time_factor', '1.0', 'simulator: simulated seconds per second'),
-        argument('seed', '0', 'simulator: seed of the noise'),
-        argument('autostart', 'true', 'collector: record at once', *switch),
-        argument('recordings', 'recordings', 'collector: folder for the recordings'),
+        argument('plan', '', 'simulator: plan of touches or slides'),
+        argument('effects', '', 'simulator: effects of the robot, a YAML list'),
+        argument('time_factor', '', 'simulator: simulated seconds per second'),
+        argument('seed', '', 'simulator: seed of the noise'),
+        argument('autostart', '', 'collector: record at once', *switch),
+        argument('recordings', '', 'collector: folder for the recordings'),
         argument('recording', '', 'calibrator: recording to calibrate from; empty: what the collector announces'),
         argument('output', '', 'calibrator: folder for the results; empty: beside the recording'),
-        argument('calibration', '', 'compensator, contour tracker, monitor: calibration.json; empty: wait for one'),
+        argument(
+            'calibration', '', 'of the others: calibration.json; empty: the one beside preload, else wait for one'
+        ),
         argument('enclaves', '/scara_kinetostatic', 'SROS 2: the enclave of each node is <this>/<its name>'),
     ]
 
@@ -97,7 +104,7 @@ class CellNodes:
             return actions
         if not (self._on('simulate') or self._text('cell')):
             return [*actions, LogInfo(msg='no cell given: the visualizer is not started')]
-        actions.append(self._node('visualizer', {'frame_prefix': self._prefix}))
+        actions.append(self._node('visualizer', self._framed, on_exit=None))
         if self._on('frames') and _is_installed('robot_state_publisher'):
             actions.append(self._robot_state_publisher())
         elif self._on('frames'):
@@ -116,38 +123,51 @@ class CellNodes:
 
     def _nodes(self) -> Iterable[Node]:
         if self._on('simulate'):
-            effects = {'effects': ParameterValue(LaunchConfiguration('effects'), value_type=List[str])}  # noqa: UP006
-            numbers = {'time_factor': self._typed('time_factor', float), 'seed': self._typed('seed', int)}
-            strings = {'plan': self._typed('plan', str), 'frame_prefix': self._prefix}
-            yield self._node('contact_simulator', strings | numbers | effects)
+            given = self._given(plan=str, effects=List[str], time_factor=float, seed=int)  # noqa: UP006
+            yield self._node('contact_simulator', given | self._framed)
         if self._on('record'):
-            recording = {'autostart': self._on('autostart'), 'output': self._typed('recordings', str)}
-            yield self._node('collector', recording)
+            places = self._given(recordings=str).values()
+            yield self._node('collector', self._given(autostart=bool) | dict(zip(['output'], places, strict=False)))
         if self._on('calibrate'):
-            named = {name: self._typed(name, str) for name in ('output', 'recording') if self._text(name)}
+            restore = {'restore': True} if self._respawn else {}
+            named = self._given(output=str, recording=str) | restore
             yield self._node('calibrator', named, *filter(None, [self._text('preload')]))
-        calibration = {'calibration': self._typed('calibration', str), 'frame_prefix': self._prefix}
+        calibration = self._calibration()
         for switch, name in (('compensate', 'compensator'), ('track', 'contour_tracker')):
             if self._on(switch):
-                yield self._node(name, calibration)
+                yield self._node(name, calibration | self._framed)
         if self._on('watch'):
-            yield self._node('monitor', {'calibration': self._typed('calibration', str)})
+            yield self._node('monitor', calibration)
 
-    def _node(self, name: str, values: dict[str, Any], *files: str) -> Node:
-        shared = {'cell': self._typed('cell', str), 'use_sim_time': self._on('use_sim_time')}
+    def _calibration(self) -> dict[str, Any]:
+        """For the nodes that use one: the file given, else the one that was written with the preloaded parameters.
+
+        Raises:
+            RuntimeError: there is none beside them.
+        """
+        if self._text('calibration') or not self._text('preload'):
+            return self._given(calibration=str)
+        beside = Path(self._text('preload')).with_name('calibration.json')
+        if not beside.is_file() and any(map(self._on, ('compensate', 'track', 'watch'))):
+            raise RuntimeError(f'{beside}: there is no such file beside the one of preload; give calibration:=')
+        return {'calibration': str(beside)}
+
+    def _node(self, name: str, values: dict[str, Any], *files: str, **more: Any) -> Node:
+        given = self._given(cell=str, use_sim_time=bool) | values
         enclave = ['--enclave', f'{self._text("enclaves")}/{name}']
         return self._any_node(
             PACKAGE,
             name,
             parameters=[
-                self._text('params') or PathJoinSubstitution([CONFIG, 'nodes.yaml']),
+                PathJoinSubstitution([CONFIG, 'nodes.yaml']),
+                *filter(None, [self._text('params')]),
                 *files,
-                {**shared, **values},
+                *filter(None, [given]),
             ],
             ros_arguments=['--log-level', self._text('log_level'), *enclave],
             respawn=self._respawn,
             respawn_delay=RESPAWN_DELAY,
-            on_exit=self._note_end,
+            **{'on_exit': self._note_end, **more},
         )
 
     def _robot_state_publisher(self) -> Node:
@@ -189,6 +209,10 @@ class CellNodes:
         return [LogInfo(msg=said), EmitEvent(event=of_this_cell)]
 
     @property
+    def _framed(self) -> dict[str, str]:
+        return {'frame_prefix': self._prefix} if self._prefix else {}
+
+    @property
     def _prefix(self) -> str:
         """Of the names of frames."""
         namespace = self._text('namespace').strip('/')
@@ -200,9 +224,13 @@ class CellNodes:
     def _on(self, name: str) -> bool:
         return self._text(name) == 'true'
 
-    def _typed(self, name: str, kind: type) -> ParameterValue:
-        """The argument as a parameter of that type."""
-        return ParameterValue(LaunchConfiguration(name), value_type=kind)
+    def _given(self, **kinds: Any) -> dict[str, ParameterValue]:
+        """Those of the arguments that are given, as parameters of these types."""
+        return {
+            name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+            for name, kind in kinds.items()
+            if self._text(name)
+        }
 
 
 def _cell_description(path: str) -> Cell:

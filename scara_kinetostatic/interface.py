@@ -29,7 +29,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.kinematics import posture, rotate
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
 from scara_kinetostatic.pipeline import (
@@ -245,7 +245,8 @@ def predict_force(
         objects: names of the touched objects, one for all or n; only with joint angles.
 
     Returns:
-        On the object, base frame, (n, 2), N; zero where the tip does not reach the object.
+        On the object, in the frame of the cell's sensor as `touches.force` is, (n, 2), N; zero where the tip does not
+        reach the object. Measured less predicted, with errors of the sensor corrected, is `Outcome.residuals`.
 
     Raises:
         InputError: arrays of other shapes, or an unknown object.
@@ -259,16 +260,19 @@ def predict_force(
     """
     c = _final(result)
     if isinstance(touches, TouchSet):
-        observations = observe(touches, c.cell, c.errors)
-        return np.asarray(base_force(observations, c.model) - force_residual(observations, c.model))
-    joints = _pairs(touches, 'joints')
-    if objects is None:
-        raise InputError('objects', 'is missing', 'name the touched objects')
-    disc = _places(objects, 'objects', [one.name for one in c.cell.discs], len(joints))
-    sides, later = posture(c.parameters, joints), np.full(len(joints), LATER)
-    place = TouchSet(joints, np.zeros_like(joints), disc, sides, order=later)
-    o = observe(place, c.cell, c.errors)
-    return contact(c.model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata).force
+        o = observe(touches, c.cell, c.errors)
+        force = base_force(o, c.model) - force_residual(o, c.model)
+    else:
+        joints = _pairs(touches, 'joints')
+        if objects is None:
+            raise InputError('objects', 'is missing', 'name the touched objects')
+        disc = _places(objects, 'objects', [one.name for one in c.cell.discs], len(joints))
+        sides, later = posture(c.parameters, joints), np.full(len(joints), LATER)
+        o = observe(TouchSet(joints, np.zeros_like(joints), disc, sides, order=later), c.cell, c.errors)
+        force = contact(c.model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata).force
+    if o.frame is SensorFrame.BASE:
+        return np.asarray(force)
+    return rotate(force, -(o.joints.sum(axis=1) + c.parameters.theta1 + c.parameters.theta2))
 
 
 def locate(

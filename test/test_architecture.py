@@ -14,6 +14,7 @@ from tokenize import tokenize
 import pytest
 
 import scara_kinetostatic
+from benchmark.smoke import ARGUMENTS, SHARED
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / 'scara_kinetostatic'
@@ -181,3 +182,9 @@ def test_one_version_everywhere() -> None:
     assert f'<version>{version}</version>' in (ROOT / 'package.xml').read_text()
     changes = (ROOT / 'CHANGELOG.md').read_text(encoding='utf-8')
     assert re.search(rf'^## (\[Unreleased\]|\[?{re.escape(version)})', changes, re.MULTILINE)
+
+
+def test_every_benchmark_has_a_small_run() -> None:
+    there = {path.stem for path in (ROOT / 'benchmark').glob('*.py')}
+    there |= {path.parent.name for path in (ROOT / 'benchmark').glob('*/__main__.py')}
+    assert there - SHARED == ARGUMENTS.keys()

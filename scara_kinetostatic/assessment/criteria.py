@@ -34,15 +34,15 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
     yield Remark(
         Grade.CAUTION,
-        f'a model error was corrected, but its cause is open: {groups}; the twelve parameters and their uncertainties '
-        'hold whichever it is, the effects do not',
+        f'a model error was corrected; its cause is not determined: {groups}; the twelve parameters and their '
+        'uncertainties hold whichever it is, the effects do not',
         tolerance.to_discriminate(d),
     )
 
 
-def rivals_in_words(d: Diagnosis, group: Sequence[str], most: int = 4) -> str:
+def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
     """Rivals in one phrase, the first ones by name."""
-    effects = d.effects_by_label()
+    effects, most = d.effects_by_label(), 4
     names = [effects[label].title if label in effects else label for label in group[:most]]
     return ' or '.join([*names, *([f'one of {len(group) - most} more'] if len(group) > most else [])])
 
@@ -305,9 +305,10 @@ def places(evidence: Evidence) -> Iterator[Remark]:
     first, second = (axis.ravel() for axis in np.meshgrid(*angles, indexing='ij'))
     postures = np.unique(c.touches.posture[c.used])
     joints = np.concatenate([np.stack([first, posture * second], axis=-1) for posture in postures])
+    joints = joints[c.cell.region.holds(forward(c.parameters, joints))]
     touched, std = float(np.median(_tip_std(c, c.touches.joints[c.used]))), _tip_std(c, joints)
-    worst = int(np.argmax(std))
-    if touched > 0 and std[worst] > LIMITS.extrapolation * touched:
+    worst = int(np.argmax(std)) if len(std) else -1
+    if touched > 0 and worst >= 0 and std[worst] > LIMITS.extrapolation * touched:
         x, y = forward(c.parameters, joints[worst])
         yield Remark(
             Grade.CAUTION,

@@ -13,6 +13,7 @@ from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.calibration.result import Estimate
 from scara_kinetostatic.diagnosis.comparison import EffectResidual, effect_residuals
 from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.arrays import Floats
 
 
 class Recording(NamedTuple):
@@ -88,6 +89,11 @@ class Outcome(Evidence):
             }
             for item in self.diagnosis.found
         }
+
+    @property
+    def residuals(self) -> Floats:
+        """Measured less predicted force of `final`, one row per touch of `final.touches`, base frame, (n, 2), N."""
+        return self.final.residual
 
     @property
     def verdict(self) -> str:

@@ -116,7 +116,8 @@ def rejected(evidence: Evidence) -> Iterator[Remark]:
     elif bad.sum() > LIMITS.most_rejected * len(bad):
         yield Remark(
             Grade.CAUTION,
-            f'{bad.sum()} of {len(bad)} touches disagree with the others and are not used: are the others right?',
+            f'{bad.sum()} of {len(bad)} touches disagree with the others and are not used; so many are rarely '
+            'single mistakes',
             'find the reason in the list of rejected touches, and record again',
         )
 
@@ -130,7 +131,7 @@ def _about_group(evidence: Evidence, group: Group) -> Remark:
         return Remark(
             Grade.CAUTION,
             f'{share} are on {name} ({chance}): it is loose, has moved, or its shape or size is not as stated',
-            f'check {name}: is it fast, clean and round; measure its place and radius again',
+            f'check that {name} is fixed, clean and round, and measure its place and radius again',
         )
     order, numbers = c.touches.order, c.touches.index[group.members]
     ends = not bool((c.used & (order > order[group.members & ~c.used].max())).any())

@@ -29,7 +29,8 @@ def conformity(evidence: Evidence) -> Iterator[Remark]:
 
     Unfit where it is beyond between the touches, or in more than half of the workspace.
     """
-    tolerance, found, tip = evidence.final.cell.tolerance, evidence.conformity, evidence.tip_uncertainty
+    cell, found, tip = evidence.final.cell, evidence.conformity, evidence.tip_uncertainty
+    tolerance, region = cell.tolerance, cell.region.title
     if tolerance is None or (found is not None and found.decision is Decision.CONFORMS):
         return
     limit, worst = quantity(tolerance, 'm'), quantity(tip.worst, 'm')
@@ -39,8 +40,8 @@ def conformity(evidence: Evidence) -> Iterator[Remark]:
     x, y = (round(float(value), 2) + 0.0 for value in tip.at.tip)
     reason = f'the expanded uncertainty of the tip is up to {worst} (k = 2), at x {x:.2f} m, y {y:.2f} m'
     if tip.undetermined > 0:
-        reason += f', and not determined in {100 * tip.undetermined:.0f} % of the workspace'
-    reason += f', the tolerance {limit}; it conforms in {100 * found.share:.0f} % of the workspace'
+        reason += f', and not determined in {100 * tip.undetermined:.0f} % of the {region}'
+    reason += f', the tolerance {limit}; it conforms in {100 * found.share:.0f} % of the {region}'
     if found.decision is Decision.UNDECIDED:
         reason += f'; {quantity(found.low, "m")} to {quantity(found.high, "m")} is too near to decide'
     elif found.touched is Decision.CONFORMS:
@@ -75,7 +76,7 @@ def kept(evidence: Evidence) -> Iterator[str]:
     if tolerance is not None and found is not None and found.decision is Decision.CONFORMS:
         yield (
             f'the expanded uncertainty of the tip is at most {quantity(evidence.tip_uncertainty.worst, "m")} (k = 2) '
-            f'all over the workspace, the tolerance {quantity(tolerance, "m")}: '
+            f'all over the {evidence.final.cell.region.title}, the tolerance {quantity(tolerance, "m")}: '
             f'conformity {stated_conformity(evidence)}'
         )
 

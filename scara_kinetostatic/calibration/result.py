@@ -277,6 +277,11 @@ class Calibration:
         return self.chi_square / self.degrees_of_freedom
 
     @property
+    def p_value(self) -> float:
+        """Probability of a chi-square this large or larger if model and noise are right."""
+        return float(chdtrc(self.degrees_of_freedom, self.chi_square))
+
+    @property
     def enlargement(self) -> float:
         """By what the covariance was enlarged because the stated noise does not cover the residuals; 1 if not."""
         return enlargement_of(self.chi_square, self.degrees_of_freedom)

@@ -12,9 +12,10 @@ the deflection over the length of the arm, about one part in a thousand. An effe
 of the tip adds d - J δ.
 
 The **workspace** is where the calibrated arm reaches in the elbow postures that were touched, all round, up to
-`NEARLY_STRETCHED` of its length: without load, and under the mean force of the touches in 12 directions, of
-which the worst counts. J is bounded everywhere: H̄ needs no inverse, unlike Ḡ where the arm is stretched. Places whose
-joint angles are not between those of the touches are extrapolated; the map says which.
+`NEARLY_STRETCHED` of its length: without load, and under the mean force of the touches in 12 directions, of which the
+worst counts; where the cell has a region, the part that is in it. J is bounded everywhere: H̄ needs no inverse, unlike
+Ḡ where the arm is stretched. Places whose joint angles are not between those of the touches are extrapolated; the map
+says which.
 
 The play of a joint without load is not part of it: this is a property of the arm, not of the calibration
 (`TipUncertainty.lost_motion`).
@@ -207,14 +208,22 @@ def _by_effects(c: Calibration, poses: Poses, links: Floats, torques: Floats) ->
 
 
 def workspace(c: Calibration) -> Workspace:
-    """The workspace of a calibrated arm."""
+    """The workspace of a calibrated arm.
+
+    Raises:
+        ParameterError: no place of the region of the cell is within reach.
+    """
     p, touches = c.parameters, c.touches.select(c.used)
     length, shortest = p.l1 + p.l2, abs(p.l1 - p.l2)
     reach = NEARLY_STRETCHED * length
-    x, y = (origin + np.linspace(-reach, reach, 33) for origin in (p.x0, p.y0))
+    region, base = c.cell.region, np.array([p.x0, p.y0])
+    x, y = np.linspace(np.maximum(base - reach, region[::2]), np.minimum(base + reach, region[1::2]), 33).T
     grid = np.stack(np.meshgrid(x, y), axis=-1)
     away = np.hypot(grid[..., 0] - p.x0, grid[..., 1] - p.y0)
     reached = (away <= reach * (1 + 1e-9)) & (away >= shortest + (1 - NEARLY_STRETCHED) * length)
+    reached &= region.holds(grid)
+    if not reached.any():
+        raise region.out_of_reach()
     postures = tuple(sign for sign in (1, -1) if np.any(touches.posture == sign))
     joints = np.concatenate([inverse(p, grid[reached], sign) for sign in postures])
     posture = np.repeat(postures, int(reached.sum()))

@@ -43,22 +43,26 @@ class Parser(argparse.ArgumentParser):
         raise argparse.ArgumentError(None, f'there is no verb {value!r}; {remedy}')
 
 
-def add_verb(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], module: ModuleType) -> None:
+def add_verb(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], module: ModuleType) -> str:
     """Adds the verb of a module: its `add_arguments`, its `run`, and its docstring as the help.
 
     The first line of the docstring is for the list of verbs, what follows describes the verb, up to ``Example:``.
+
+    Returns:
+        The line of the list of verbs.
     """
     summary, _, rest = (module.__doc__ or '').partition('\n')
     description, _, example = rest.partition('\nExample:\n')
+    name = module.__name__.rpartition('.')[2].replace('_', '-')
     parser = subparsers.add_parser(
-        module.__name__.rpartition('.')[2].replace('_', '-'),
-        help=summary[:1].lower() + summary[1:].rstrip('.'),
+        name,
         description=description.strip(),
         epilog=f'example:\n{example}\n{EXIT_STATUSES}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add_arguments(parser)
     parser.set_defaults(run=module.run)
+    return f'  {name:12}{summary[:1].lower()}{summary[1:].rstrip(".")}\n'
 
 
 def real(
@@ -193,13 +197,14 @@ def check_file(path: Path, inputs: Sequence[Path], option: str = '--out', suffix
 
 
 @contextmanager
-def progress() -> Iterator[Callable[[str, float], None]]:
-    """A function that shows in one line on stderr what is being done; it shows nothing if stderr is no terminal.
+def progress(*, lines: bool = False) -> Iterator[Callable[[str, float], None]]:
+    """A function that shows in one line on stderr what is being done; if stderr is no terminal, nothing or, with
+    `lines`, one line each.
 
     It is called with what is done and the part of the work that is done, 0 to 1.
     """
     if not sys.stderr.isatty():
-        yield lambda what, part: None
+        yield lambda what, part: note(f'{what} …') if lines else None
         return
     from rich.console import Console
     from rich.markup import escape

@@ -29,7 +29,6 @@ from scara_kinetostatic.cli.arguments import (
     real,
     whole,
 )
-from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.studies.design.optimal_design import Requirements
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 
 
 _positive = real(0, above=True)
-_REGION = ('XMIN', 'XMAX', 'YMIN', 'YMAX')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,13 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--noise-force', 'S', _positive, 'force noise of one touch, N'),
         ('--load', 'F', _positive, 'on the loaded tip, N (default: top level)'),
         ('--under-load', '', bool, 'the accuracy is required of the loaded tip'),
-        (
-            '--region',
-            _REGION,
-            real(),
-            'workspace that is required, base frame, m (default: within reach)',
-            {'nargs': 4},
-        ),
     )
     group = parser.add_argument_group('candidate touches')
     levels = {'nargs': '+', 'default': [10.0, 25.0, 40.0]}
@@ -86,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.studies.design.optimal_design import optimal_design
     from scara_kinetostatic.studies.design.report import design_document, design_files, design_report
 
-    with progress() as show_progress:
+    with progress(lines=True) as show_progress:
         design = optimal_design(robot, requirements, show_progress)
         files = design_files(design) if args.out else {}
     print_result(as_text(design_report(design)), design_document(design), args.json, args.out, files)
@@ -95,11 +86,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _requirements(args: argparse.Namespace) -> Requirements:
     from scara_kinetostatic.studies.design.optimal_design import Requirements
-    from scara_kinetostatic.studies.design.prediction import Region
 
-    for low, high in zip((args.region or [])[::2], (args.region or [])[1::2], strict=True):
-        if low >= high:
-            raise InputError('--region', f'expected the lower limit first, got {low:g} {high:g}')
     return Requirements(
         accuracy=args.accuracy,
         levels=tuple(dict.fromkeys(args.levels)),
@@ -107,7 +94,6 @@ def _requirements(args: argparse.Namespace) -> Requirements:
         per_disc=args.per_disc,
         load=args.load or max(args.levels),
         under_load=args.under_load,
-        region=Region(*args.region) if args.region else Region(),
         number=args.touches,
         seed=args.seed,
     )

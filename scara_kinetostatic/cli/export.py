@@ -43,7 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     force = 'in eight directions, 0 for none; repeatable (default: 0, and the middle of the forces of the touches)'
     add_options(
         parser.add_argument_group('of csv'),
-        ('--step', 'M', real(1e-3), 'distance of the places along x and y (default: 0.05)', {'default': 0.05}),
+        ('--accuracy', 'M', real(1e-6), 'of interpolation between places (default: tolerance of the cell, or 1e-4)'),
+        ('--step', 'M', real(1e-3), 'distance of the places along x and y (default: as the accuracy needs)'),
         ('--force', 'N', real(0), force, SEVERAL),
     )
 
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     out: Path | None = args.out
     if out is not None:
         check_file(out, [args.calibration])
-    options = Options(args.convention, args.step, tuple(args.force))
+    options = Options(args.convention, args.step, args.accuracy, tuple(args.force))
     text, notes = exported(load_calibration(args.calibration), args.format, args.calibration.name, options)
     if out is None:
         print(text, end='')

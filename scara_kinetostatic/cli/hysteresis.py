@@ -15,7 +15,7 @@ A table needs time_s and a response with its load: displacement_m and force_N
 
 Example:
   scara-kinetostatic hysteresis loop.csv --out result
-  scara-kinetostatic hysteresis pose_*.csv --response q2_rad --load tau2_Nm --predict other.csv
+  scara-kinetostatic hysteresis pose_*.csv --response q2_rad --load tau2_ext_Nm --predict other.csv
 """
 
 from __future__ import annotations

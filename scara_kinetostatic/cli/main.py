@@ -20,11 +20,13 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser, add_verb
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 
-VERBS = (
-    'calibrate', 'inspect', 'compensate', 'locate', 'contour', 'simulate', 'mujoco', 'demo', 'dial_gauge', 'hysteresis',
-    'design', 'paper', 'export', 'verify', 'compare', 'history', 'recalibrate',
-)  # fmt: skip
-"""Modules of this package, one per verb, in the order of the help."""
+VERBS = {
+    'calibration': ('calibrate', 'inspect', 'verify', 'compare', 'history', 'recalibrate'),
+    'use of a calibration': ('compensate', 'locate', 'export', 'contour'),
+    'planning': ('simulate', 'design', 'demo'),
+    'studies': ('paper', 'dial_gauge', 'hysteresis', 'mujoco'),
+}
+"""Modules of this package, one per verb, in the groups and the order of the help."""
 
 
 class _TerminatedError(BaseException):
@@ -119,16 +121,17 @@ with an effect that the base model lacks:
 
 """
     parser: argparse.ArgumentParser = Parser(
-        prog='scara-kinetostatic',
-        description=description,
-        epilog=example + EXIT_STATUSES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog='scara-kinetostatic', epilog=example + EXIT_STATUSES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument('--version', action='version', version=f'scara-kinetostatic {__version__}')
     parser.add_argument('--debug', action='store_true', help='show the traceback of an error')
-    subparsers = parser.add_subparsers(dest='verb', metavar='VERB')
-    for verb in VERBS:
-        add_verb(subparsers, import_module(f'scara_kinetostatic.cli.{verb}'))
+    verb_help = 'one of these; VERB --help describes it'
+    subparsers = parser.add_subparsers(dest='verb', metavar='VERB', help=verb_help)
+    for group, verbs in VERBS.items():
+        description += f'\n{group}:\n'
+        for verb in verbs:
+            description += add_verb(subparsers, import_module(f'scara_kinetostatic.cli.{verb}'))
+    parser.description = description
     return parser
 
 

@@ -13,7 +13,7 @@ from scara_kinetostatic.contour.result import Contour, Friction
 from scara_kinetostatic.report.content import Figure, Report, Section, Verdict
 from scara_kinetostatic.report.figure import FAINT, SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.report.quantities import PAGE_UNITS, count, shown
+from scara_kinetostatic.report.quantities import FIT_UNITS, count, shown
 from scara_kinetostatic.report.table import Table
 
 _MILLI, _MICRO, _WIDTH = 1e3, 1e6, 920.0
@@ -63,7 +63,7 @@ def _sentences(contour: Contour) -> tuple[str, ...]:
 def _friction_sentence(friction: Friction) -> str:
     value = f'{friction.coefficient:.3f} ± {friction.std:.3f}'
     if np.isfinite(friction.rotation):
-        turn = shown(friction.rotation, friction.rotation_std, 'rad', PAGE_UNITS).text
+        turn = shown(friction.rotation, friction.rotation_std, 'rad', FIT_UNITS).text
         return f'Coefficient of friction {value}, apparent rotation of the force sensor {turn} (standard uncertainty).'
     return (
         f'Coefficient of friction {value} (standard uncertainty), if the force sensor is not turned: travel in one '
@@ -108,12 +108,12 @@ def fit_table(fits: Sequence[ShapeFit]) -> Table:
     for fit in fits:
         values = [
             f'{value} ± {std}' if std else value
-            for value, std, _ in (shown(item.value, item.std, item.unit, PAGE_UNITS) for item in fit.values)
+            for value, std, _ in (shown(item.value, item.std, item.unit, FIT_UNITS) for item in fit.values)
         ]
         name = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
         rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
     heading = ('fit', *(item.name.replace('_', ' ') for item in fits[0].values), 'rms', 'largest')
-    units = ('', *(PAGE_UNITS[item.unit].unit for item in fits[0].values), 'µm', 'µm')
+    units = ('', *(FIT_UNITS[item.unit].unit for item in fits[0].values), 'µm', 'µm')
     return Table(heading, units, tuple(rows))
 
 

@@ -273,9 +273,12 @@ def _taken_out(problem: Problem, final: Calibration, found: Sequence[Found], ite
     columns = problem.point.whitened.derivative[:, :, len(NAMES) :].reshape(len(problem.left), -1)
     parts = final.model.effect_arrays
     amplitudes = [effect.amplitudes(part) for effect, part in zip(final.model.effects, parts, strict=True)]
-    out = [other.effect == item.effect or not (other.in_every_model or item.in_every_model) for other in found]
-    gone = np.repeat(out, [len(part) for part in parts])
-    fitted = np.concatenate([problem.jacobian, columns[:, ~gone]], axis=1)
+    out = {f.effect.label: f.effect == item.effect or not (f.in_every_model or item.in_every_model) for f in found}
+    sizes = [len(part) for part in parts]
+    # Effects that are held are in neither.
+    gone = np.repeat([out.get(effect.label, False) for effect in final.model.effects], sizes)
+    kept = np.repeat([not out.get(effect.label, True) for effect in final.model.effects], sizes)
+    fitted = np.concatenate([problem.jacobian, columns[:, kept]], axis=1)
     basis = orthonormal(augmented(problem.point, fitted))
     lost = np.zeros(len(basis))
     lost[: len(columns)] = columns[:, gone] @ np.concatenate(amplitudes)[gone]

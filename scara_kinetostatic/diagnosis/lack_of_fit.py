@@ -112,7 +112,8 @@ def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:
         for name, columns in smooth.items()
         for k, side in enumerate(('along', 'across'))
     ]
-    return (*one_side, *_displaced_discs(touches, phi, point), *_changed_joints(touches, point))
+    names = [disc.name for disc in calibration.cell.discs]
+    return (*one_side, *_displaced_discs(touches, names, phi, point), *_changed_joints(touches, point))
 
 
 def _on_side(columns: Floats, side: int) -> Floats:
@@ -121,13 +122,13 @@ def _on_side(columns: Floats, side: int) -> Floats:
     return out
 
 
-def _displaced_discs(touches: TouchSet, direction: Floats, point: Point) -> list[_Family]:
+def _displaced_discs(touches: TouchSet, names: Sequence[str], direction: Floats, point: Point) -> list[_Family]:
     """A disc displaced, or of another radius: h changes by the displacement along n and t, by the radius along n."""
     c, s, one, none = np.cos(direction), np.sin(direction), np.ones_like(direction), np.zeros_like(direction)
     shifts = np.stack([np.stack([c, s, one], axis=-1), np.stack([-s, c, none], axis=-1)], axis=1)
     return [
         _Family(
-            f'place and size of disc number {disc}',
+            f'place and size of {names[disc]}',
             whiten_by(shifts * (touches.disc == disc)[:, None, None], point.whitened.root),
         )
         for disc in np.unique(touches.disc)

@@ -85,8 +85,8 @@ class ObjectRadius(DiscEffect):
 class PlatePosition(LinearEffect):
     """All discs of the plate are displaced by (x, y): d = -(x, y) in their touches.
 
-    A cell has it for each of its plates that carries several discs, but not all: a plate of one disc is that disc, and
-    one of all discs is the base the other way.
+    A cell has it for each of its plates that carries several discs: a plate of one disc is that disc. One of all discs
+    is the base the other way: it can be simulated, and no touches show it.
 
     Attributes:
         discs: their numbers in the cell.
@@ -110,7 +110,7 @@ class PlatePosition(LinearEffect):
     def instances(cls, cell: Cell) -> Iterable[Effect]:
         for plate in cell.plates:
             discs = tuple(number for number, disc in enumerate(cell.discs) if disc.plate == plate.name)
-            if 1 < len(discs) < len(cell.discs):
+            if len(discs) > 1:
                 yield cls(target=plate.name, discs=discs)
 
     def correction(self, values: Mapping[str, float]) -> str:

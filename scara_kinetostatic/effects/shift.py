@@ -40,7 +40,7 @@ class _Texts:
 class BaseMove(_Texts, LinearEffect):
     """The base moves by (x, y): d = (x, y)."""
 
-    statement = 'the base shifted'
+    statement = 'the base shifted during the recording'
     parameters = (
         Parameter('x', 'm', 1e-3, 'movement along x', typical=1e-4),
         Parameter('y', 'm', 1e-3, 'movement along y', typical=-5e-5),
@@ -53,7 +53,7 @@ class BaseMove(_Texts, LinearEffect):
 class ToolMove(_Texts, LinearEffect):
     """The tip moves at the end of link 2 by (x, y): d = x v + y R90 v, v the direction of link 2."""
 
-    statement = 'the tool shifted'
+    statement = 'the tool shifted during the recording'
     parameters = (
         Parameter('x', 'm', 1e-3, 'movement along link 2', typical=8e-5),
         Parameter('y', 'm', 1e-3, 'movement across link 2', typical=5e-5),
@@ -66,7 +66,7 @@ class ToolMove(_Texts, LinearEffect):
 class ZeroMove(_Texts, JointEffect):
     """The true angle of a joint grows against the reported one: δ = -angle."""
 
-    statement = 'the zero of {target} shifted'
+    statement = 'the zero of {target} shifted during the recording'
     parameters = (Parameter('angle', 'rad', 1e-3, 'growth of the true angle', typical=1e-4),)
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
@@ -76,13 +76,13 @@ class ZeroMove(_Texts, JointEffect):
 class DiscMove(ObjectPosition):
     """A disc moves by (x, y)."""
 
-    statement = '{target} shifted'
+    statement = '{target} shifted during the recording'
 
 
 class SensorMove(SensorBias):
     """The zero of the force sensor changes by (x, y)."""
 
-    statement = 'the zero of the force sensor shifted'
+    statement = 'the zero of the force sensor shifted during the recording'
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 """Of the document on `~/result` of the calibrator."""
 _MAX_BYTES = 1 << 28
 _REMEDY = 'give the calibration.json that calibrate writes'
-_VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'tip', 'identification')
+_VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'identification')
 """Keys of `cell` that are those of a cell description."""
 
 

@@ -34,6 +34,7 @@ from scara_kinetostatic.model.cell import (
     Level,
     Noise,
     Plate,
+    Region,
     Sensor,
     Uncertainty,
     layout_problems,
@@ -103,8 +104,8 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
     Raises:
         CellError: the content is not valid.
     """
-    optional = ('sensor', 'noise', 'model', 'plates', 'uncertainty', 'tolerance', 'tip', 'gravity', 'identification')
-    top = Section(CellError, str(where), '', data, ('robot', 'objects'), optional)
+    optional = ('sensor', 'noise', 'model', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'gravity')
+    top = Section(CellError, str(where), '', data, ('robot', 'objects'), (*optional, 'identification'))
     robot = top.section('robot', ('nominal',), ('joint_names',))
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
     plates = _plates(top)
@@ -120,6 +121,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal'))),
         tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=_TOLERANCE),
         tip_radius=top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE),
+        region=_region(top),
         identification=_identification(top.section('identification', (), Identification._fields)),
     )
     _check_gravity(top)
@@ -149,6 +151,7 @@ def cell_description(cell: Cell) -> dict[str, Any]:
         | ({'nominal': dict(u.nominal)} if u.nominal else {}),
         'tolerance': {'tip': cell.tolerance} if cell.tolerance else {},
         'tip': {'radius': cell.tip_radius} if cell.tip_radius else {},
+        'region': {} if cell.region == Region() else {'x': list(cell.region[:2]), 'y': list(cell.region[2:])},
         'identification': cell.identification.given(),
     }
     return {
@@ -205,6 +208,17 @@ def _joint_names(robot: Section) -> tuple[str, str]:
     if names[0] == names[1]:
         raise robot.error('joint_names', f'both joints are named {names[0]!r}', 'name q1 and q2 as JointState does')
     return names[0], names[1]
+
+
+def _region(top: Section) -> Region:
+    if top.data.get('region') is None:
+        return Region()
+    section = top.section('region', ('x', 'y'))
+    limits = {axis: section.vector(axis, ('lower limit', 'upper limit'), 'm') for axis in ('x', 'y')}
+    for axis, (low, high) in limits.items():
+        if low >= high:
+            raise section.error(axis, f'expected the lower limit first, got {shown([low, high])}')
+    return Region(*limits['x'], *limits['y'])
 
 
 def _check_gravity(top: Section) -> None:

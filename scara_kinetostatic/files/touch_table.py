@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.files.columns import Column, Table, csv_lines, load_table, parse_table, quoted
+from scara_kinetostatic.files.columns import Column, Table, load_table
 from scara_kinetostatic.model.arrays import Floats
 
 SUFFIX = '.csv'
@@ -79,19 +79,6 @@ def load_touch_table(path: str | Path) -> TouchTable:
     return _touches(load_table(Path(path), EXAMPLE))
 
 
-def parse_touch_table(text: str, where: str) -> TouchTable:
-    """The touches in a text.
-
-    Args:
-        text: of the table.
-        where: its file, for messages.
-
-    Raises:
-        RecordingError: a column or a row is wrong.
-    """
-    return _touches(parse_table(text, where, EXAMPLE))
-
-
 def _touches(table: Table) -> TouchTable:
     places = table.find(_COLUMNS)
     if ('approach1' in places) != ('approach2' in places):
@@ -122,25 +109,3 @@ def _touches(table: Table) -> TouchTable:
         source=table.source,
         notes=tuple(notes),
     )
-
-
-def dump_touch_table(table: TouchTable) -> str:
-    """A text that `parse_touch_table` reads back, to the last bit; columns without any content are left out."""
-    columns: dict[str, list[str]] = {
-        'q1_rad': _texts(table.joints[:, 0]),
-        'q2_rad': _texts(table.joints[:, 1]),
-        'fx_N': _texts(table.force[:, 0]),
-        'fy_N': _texts(table.force[:, 1]),
-    }
-    if any(table.objects):
-        columns['object'] = [quoted(name) for name in table.objects]
-    if table.time.any():
-        columns['time_s'] = _texts(table.time)
-    if table.approach.any():
-        columns |= {f'approach{k + 1}': _texts(table.approach[:, k]) for k in (0, 1)}
-    return csv_lines(columns)
-
-
-def _texts(values: Floats) -> list[str]:
-    """Numbers in the shortest form that gives them back."""
-    return [repr(value) for value in values.tolist()]

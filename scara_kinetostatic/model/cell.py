@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.kinematics import Gripper
 from scara_kinetostatic.model.kinematics import GripperSign as GripperSign
 from scara_kinetostatic.model.parameters import NAMES, PAPER_NOMINAL, Parameters
@@ -273,6 +273,29 @@ class Uncertainty:
                 raise ParameterError(f'uncertainty.nominal.{name}', f'expected a number above 0, got {std}')
 
 
+class Region(NamedTuple):
+    """Where the uncertainty of the tip has to hold, base frame, m; by default wherever the arm reaches."""
+
+    x_min: float = -np.inf
+    x_max: float = np.inf
+    y_min: float = -np.inf
+    y_max: float = np.inf
+
+    @property
+    def title(self) -> str:
+        """What it is called: the workspace where nothing bounds it."""
+        return 'region' if np.isfinite(self).any() else 'workspace'
+
+    def holds(self, places: Floats) -> Mask:
+        """Whether places, (…, 2), m, are inside, (…)."""
+        low, high = (self.x_min, self.y_min), (self.x_max, self.y_max)
+        return np.asarray(((places >= low) & (places <= high)).all(axis=-1))
+
+    def out_of_reach(self) -> ParameterError:
+        """The error that no place in it is within reach."""
+        return ParameterError('region', f'no place of {tuple(self)} is within reach', 'give x and y limits in m')
+
+
 class Sensor(NamedTuple):
     """The two topics and how the wrench is to be read.
 
@@ -353,6 +376,7 @@ class Cell:
         uncertainty: of what is common to all touches; that of each disc and plate is theirs.
         tolerance: largest expanded uncertainty (k = 2) of the tip that the use allows, m; None where none is stated.
         tip_radius: of the tip, m; contained in the radii of the discs. None where it is not stated.
+        region: where the uncertainty of the tip has to hold.
 
     Raises:
         ParameterError: a noise level is not above 0, an uncertainty negative, a disc on a plate that is not there.
@@ -377,6 +401,7 @@ class Cell:
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     tolerance: float | None = None
     tip_radius: float | None = None
+    region: Region = field(default_factory=Region)
 
     def __post_init__(self) -> None:
         plates = {plate.name for plate in self.plates}
@@ -421,7 +446,9 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     parts += ['sensor'] if sensors[0] != sensors[1] else []
     parts += ['noise'] if one.noise != other.noise else []
     parts += ['model'] if one.gripper != other.gripper else []
-    parts += [name for name in ('plates', 'uncertainty', 'tolerance') if getattr(one, name) != getattr(other, name)]
+    parts += [
+        name for name in ('plates', 'uncertainty', 'tolerance', 'region') if getattr(one, name) != getattr(other, name)
+    ]
     return parts + (['identification'] if _are_others(one.identification, other.identification) else [])
 
 

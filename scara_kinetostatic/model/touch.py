@@ -108,6 +108,9 @@ class TouchSet:
     def __len__(self) -> int:
         return len(self.joints)
 
+    def __repr__(self) -> str:
+        return f'<TouchSet: {len(self)} touches of {len(set(self.disc.tolist()))} objects>'
+
     def select(self, which: Mask | Indices) -> TouchSet:
         """The touches that a mask or an array of positions picks."""
         return TouchSet(**{item.name: getattr(self, item.name)[which] for item in fields(self)})

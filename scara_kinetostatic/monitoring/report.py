@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from functools import partial
 
@@ -11,9 +11,10 @@ from markupsafe import Markup
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.parameters import NAMES, UNITS, quantity
-from scara_kinetostatic.monitoring.comparison import LEVEL, Change
+from scara_kinetostatic.monitoring.comparison import LEVEL, Change, ParameterChange
 from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.hypotheses import Causes, change_title
+from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import Verification
 from scara_kinetostatic.report import (
     NOT_DETERMINED,
@@ -28,10 +29,10 @@ from scara_kinetostatic.report import (
     plain,
 )
 from scara_kinetostatic.report.content import Level
-from scara_kinetostatic.report.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure
-from scara_kinetostatic.report.quantities import chance, count, p_equals, shown
+from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, WARN, as_svg, new_figure
+from scara_kinetostatic.report.quantities import SCALES, Shown, chance, count, p_equals, scale_of, shown
 from scara_kinetostatic.report.text import sentence
-from scara_kinetostatic.results.messages import ANSWERS
+from scara_kinetostatic.results.messages import answer
 
 
 def causes_document(causes: Causes) -> Document:
@@ -78,8 +79,9 @@ def _change(c: Change) -> Document:
         **{key: getattr(c, key) for key in ('p_value', 'chi_square', 'degrees_of_freedom', 'notes')},
         'parameters': {
             p.name: {
-                'from': p.before,
-                'to': p.after,
+                'from': _stated(c.before, p.name),
+                'to': _stated(c.after, p.name),
+                'joint_fit': {'from': p.before, 'to': p.after},
                 **{key: getattr(p, key) for key in ('change', 'std', 'z', 'p_value', 'unit')},
             }
             for p in c.parameters
@@ -98,7 +100,7 @@ def comparison_report(changes: Sequence[Change]) -> Report:
     )
     sections = []
     for change in changes:
-        blocks: tuple[Block, ...] = (_answer(change), parameter_table(change), *_causes(change.causes), Note(common))
+        blocks: tuple[Block, ...] = (_answer(change), *_values(change), *_causes(change.causes), Note(common))
         sections.append(Section(f'{change.before.source} → {change.after.source}', blocks))
     changed = [change for change in changes if change.has_changed]
     level: Level = 'caution' if any(_answer(change).level == 'caution' for change in changes) else 'good'
@@ -133,15 +135,40 @@ def _answer(change: Change) -> Verdict:
     return Verdict(f'{verdict(change)}.', level, (*found, *map(sentence, change.notes)))
 
 
+def _stated(record: CalibrationRecord, name: str) -> float | None:
+    """The value in the file of a calibration; None of an effect that it has not."""
+    return float(record.values[record.place(name)]) if name in record.arm.model.names else None
+
+
+def _values(change: Change) -> Iterable[Block]:
+    """The values in the files and, where the effects of both had to be added to compare them, those of that fit."""
+    stated = [(_stated(change.before, p.name), _stated(change.after, p.name)) for p in change.parameters]
+    if stated == [(p.before, p.after) for p in change.parameters]:
+        return [parameter_table(change)]
+    rows = []
+    for p, (before, after) in zip(change.parameters, stated, strict=True):
+        one, other = _shown(before, p), _shown(after, p)
+        rows.append((p.name, one.value, other.value, one.unit or other.unit))
+    return [
+        Section('As the files have it', (Table(('', 'from', 'to', ''), ('',) * 4, tuple(rows)),)),
+        Section('Both fitted with the effects of both', (parameter_table(change),)),
+    ]
+
+
+def _shown(value: float | None, p: ParameterChange) -> Shown:
+    """A value with the digits of its change, in the unit of its parameter; empty for None."""
+    scale = SCALES.get(p.name) or scale_of(max(abs(p.before), abs(p.after)), p.unit)
+    return Shown('', '', '') if value is None else shown(value, p.std, p.unit, {p.unit: scale})
+
+
 def parameter_table(change: Change) -> Table:
     """One row per value."""
     rows = []
     for p in change.parameters:
-        difference = shown(p.change, p.std, p.unit)
-        values = (f'{item.value} {item.unit}' for item in (shown(v, p.std, p.unit) for v in (p.before, p.after)))
+        before, after, moved = (_shown(value, p) for value in (p.before, p.after, p.change))
         z, p_value = (f'{p.z:+.1f}', chance(p.p_value)) if np.isfinite(p.z) else (NOT_DETERMINED,) * 2
-        rows.append((p.name, *values, difference.text, z, p_value))
-    return Table(('', 'from', 'to', 'change ± 1 σ', 'z', 'p'), ('',) * 6, tuple(rows))
+        rows.append((p.name, before.value, after.value, moved._replace(unit='').text, moved.unit, z, p_value))
+    return Table(('', 'from', 'to', 'change ± 1 σ', '', 'z', 'p'), ('',) * 7, tuple(rows))
 
 
 def verification_document(v: Verification) -> Document:
@@ -184,11 +211,16 @@ def verification_report(v: Verification) -> Report:
     summary = Table(('error of the tip: distance of the predicted tip from the circle', ''), ('', ''), rows)
     caption = (
         'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
-        'Red: outliers, which may be by the direction of the force.'
+        'Red: outliers; a touch can be one by the direction of its force alone.'
     )
     return Report(
         'Verification of a calibration',
-        Verdict(f'{ANSWERS[a.grade]}: {a.reasons[0]}.', level, tuple(map(sentence, a.reasons[1:])), a.actions),
+        Verdict(
+            f'{answer(a.grade, v.tolerance, "Confirmed")}: {a.reasons[0]}.',
+            level,
+            tuple(map(sentence, a.reasons[1:])),
+            a.actions,
+        ),
         (summary, *_causes(v.causes), Figure(partial(_touch_picture, v), caption)),
         source=f'{v.record.source}, verified with {", ".join(item.path for item in v.recordings)}',
         remarks=v.warnings,
@@ -254,8 +286,8 @@ def _trend_picture(trend: Trend, name: str) -> Markup:
         for key, width, colour in (('std', 0.8, FAINT), ('std_noise', 2.4, INK)):
             stds = 2 * MICRO * np.array([np.nan if row[key] is None else row[key] for row in rows])
             axes.errorbar(days, values, stds, fmt='none', ecolor=colour, elinewidth=width)
-        axes.plot(days, values, 'o', color=INK, markersize=3)
-        axes.plot(days[moved], values[moved], 'o', color=WARN, markersize=4)
+        axes.plot(days, values, 'o', color=INK, markerfacecolor=PAPER, markersize=6, zorder=3)
+        axes.plot(days[moved], values[moved], 'o', color=WARN, markersize=6, zorder=3)
         axes.set_title(f'{parameter} [µ{UNITS[parameter]}]')
     for axes in panels[-3:]:
         axes.set_xlabel('days since the first')

@@ -163,7 +163,7 @@ def _remarks(v: Verification) -> Iterator[tuple[object, Grade, str, str]]:
     yield v.largest_force > 1.5 * highest, Grade.CAUTION, reason, 'calibrate with the forces of the use'
     grade = v.record.arm.grade
     if grade in (Grade.CAUTION.value, Grade.UNFIT.value):
-        yield True, Grade(grade), f'the calibration itself was graded {grade}', 'see its report'
+        yield True, Grade(grade), f'the calibration itself was graded {grade}', 'follow the advice in its report'
 
 
 def verify_recordings(paths: Sequence[str | Path], record: CalibrationRecord, cell: Cell | None = None) -> Verification:
@@ -224,7 +224,8 @@ def verify(
     measured = measure(touches, record, state)
     test = others_test = PredictionTest.of(measured, state.covariance, noise)
     outlies, others = test.p_values < LEVEL / len(touches), measured  # the same for the largest of all (Bonferroni)
-    if 0 < outlies.sum() <= MOST_OUTLYING * len(touches):
+    outlies &= outlies.mean() <= MOST_OUTLYING  # more are no outliers: something has changed
+    if outlies.any():
         others = measured.select(~outlies)
         others_test = PredictionTest.of(others, state.covariance, noise)
     causes = Causes()

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import CalibrationFileError, ParameterError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA, read_document
+from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.calibrator_parameters import Announced, CalibratorSettings, ResultParameters
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
@@ -51,6 +53,8 @@ class Calibrator(CellNode):
             facts = self._results.facts()
             self._condition = _condition(facts, _loaded(facts, 'a parameter file'))
             self.say(self._condition.level, self._condition.message)
+        taken = 'take the result that is in the folder of the results at the start, as after a crash'
+        self._restore = declare.parameter(self, 'restore', False, taken)
         self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
         self.create_subscription(String, 'collector/stopped', lambda said: self._announced.stop(said.data), LATCHED)
         self._result = self.create_publisher(String, '~/result', LATCHED)
@@ -61,6 +65,7 @@ class Calibrator(CellNode):
         self._timer = self.every(0.05, self._poll)
         self._timer.cancel()
         self.publish_status('calibration', self._report)
+        self._restore_result()
         self.get_logger().info(f'ready; call {self.resolve_service_name("~/calibrate")}')
 
     def close(self) -> None:
@@ -73,6 +78,15 @@ class Calibrator(CellNode):
         if self._announced.note(message.data, info.get('publication_sequence_number')):
             together = ', '.join(self._announced.chosen('session'))
             self.get_logger().info(f'the collector was started anew; recordings of this session: {together}')
+        self._restore_result()
+
+    def _restore_result(self) -> None:
+        """Takes the result in the folder of the results where it is newer than the present one."""
+        if self._restore and self._process is None:
+            with suppress(ScaraKinetostaticError):  # there is none yet
+                stored = load_result(self._settings.stored / parameter_file.NAME)
+                if str(stored.facts.get('created', '')) > str(self._results.facts().get('created', '')):
+                    self._load()
 
     async def _calibrate(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._process is not None:
@@ -198,7 +212,7 @@ class Calibrator(CellNode):
 
 
 def _in_one_line(facts: Mapping[str, Any]) -> str:
-    """Grade, touches, errors before and after, verdict with the effects (rivals in brackets), warnings: in one line."""
+    """In one line: grade, what to do, touches, errors before and after, verdict, effects with rivals, warnings."""
     effects = [
         *facts['effects'],
         *(f'possible: {effect}' for effect in facts['possible_effects']),
@@ -206,6 +220,7 @@ def _in_one_line(facts: Mapping[str, Any]) -> str:
     ]
     parts = [
         ': '.join([facts['assessment'], *facts['reasons'][:1]]),
+        *facts['actions'][:1],
         f'{facts["touches.used"]} of {facts["touches.found"]} touches used',
         f'force error {facts["force_error.nominal"]:.4g} N before, {facts["force_error.calibrated"]:.4g} N after',
         f'reduced chi-square {facts["reduced_chi_square.calibrated"]:.3g}',

@@ -180,7 +180,7 @@ class CalibratorSettings:
             if not path.exists():
                 raise RecordingError(path, 'there is no such recording', 'check the path')
         return Job(
-            recordings=list(map(str, paths)),
+            recordings=[str(path.absolute()) for path in paths],
             cell=str(declare.place('cell', self['cell'])) if self['cell'] else '',
             fixed=self['fixed'],
             left_out=self['leave_out'],

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String, UInt32
 
@@ -51,6 +52,7 @@ class Collector(CellNode):
         self._session: Session | None = None
         self._by_ros_time = self.get_clock().ros_time_is_active
         self._lost_before = 0
+        self._heard_before: list[tuple[int, int]] = []
         self._failure = ''
         self._complaints = PersistentComplaints(self.get_logger().warning)
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
@@ -88,7 +90,7 @@ class Collector(CellNode):
     def _stop(self) -> str:
         self._stopped.publish(String(data=str(self._running().folder)))
         answer = self._end()
-        if self._failure:
+        if self._failure or self._silent():
             raise RefusedError(answer)
         return answer
 
@@ -144,7 +146,7 @@ class Collector(CellNode):
         for message in self._streams.frame.messages:
             self._session.take_transforms(message, self._now())
         self._streams.look_at_publishers()
-        self._lost_before = self._lost()
+        self._lost_before, self._heard_before = self._lost(), self._heard()
         self._autostart = False
         self._failure = ''
         self._publish(self._session)
@@ -162,6 +164,7 @@ class Collector(CellNode):
         lost = self._lost() - self._lost_before
         loss = f'; {lost} messages were lost on the way' if lost else ''
         counted = f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}{loss}'
+        counted = '; '.join((counted, *self._silent()))
         return self._with_warnings('; '.join(filter(None, (counted, session.rejections(), session.clock_warning))))
 
     def _with_warnings(self, answer: str) -> str:
@@ -180,6 +183,16 @@ class Collector(CellNode):
 
     def _lost(self) -> int:
         return sum(monitor.lost for monitor in self._streams.monitors.values())
+
+    def _heard(self) -> list[tuple[int, int]]:
+        """Of each topic the messages so far, and those that could not be used."""
+        return [(monitor.count, monitor.unusable) for monitor in self._streams.monitors.values()]
+
+    def _silent(self) -> list[str]:
+        """The topics that had messages since the recording began, but none that can be used."""
+        since = np.subtract(self._heard(), self._heard_before).tolist()
+        heard = zip(self._streams.monitors.values(), since, strict=True)
+        return [f'{each.topic}: no usable message of {count}' for each, (count, bad) in heard if count == bad > 0]
 
     def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
         """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""

@@ -55,7 +55,7 @@ class ContourTracker(CellNode):
         declare.parameter(self, 'uncertainty_scale', 500.0, magnified, Range(0, 1e6), read_only=False)
         self._frame = declare.parameter(self, 'frame_prefix', '', 'before the names of frames') + BASE_FRAME
         self._online: OnlineContour | None = None
-        self._next = 0.0
+        self._next = self._felt = 0.0
         self._path = self.create_publisher(Path, '~/path', LATCHED)
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._streams = CellStreams(self, cell, self._turned)
@@ -84,6 +84,8 @@ class ContourTracker(CellNode):
         if self._online is not None and sample is not None:
             add = self._online.add_joint_state if stream is Stream.JOINTS else self._online.add_wrench
             add(sample.stamp_ns, sample[1:], received or time_ns())
+            if stream is Stream.WRENCH:
+                self._felt = monotonic()
 
     def _evaluate(self) -> None:
         """Traces what has come, and publishes what has changed."""
@@ -110,6 +112,8 @@ class ContourTracker(CellNode):
         return f'outlines forgotten: {number}'
 
     def _tare(self) -> Sequence[float]:
+        if monotonic() - self._felt > 0.5:
+            raise UnsupportedDataError('there is no force of the last 0.5 s')
         return self._calibrated().tare(SECOND // 2).tolist()
 
     def _calibrated(self) -> OnlineContour:

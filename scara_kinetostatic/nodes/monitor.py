@@ -112,7 +112,7 @@ class Monitor(CellNode):
             return
         self._problem = ''
         self._kept[key] = kept
-        if alarm is not None and self._alarm is None:
+        if alarm is not None and (self._alarm is None or alarm.best.name != self._alarm.best.name):
             self.get_logger().error(alarm_line(alarm, self._since(alarm)))
         self._alarm = alarm
         while len(self._kept) > 1000:  # as many as the topic has for one who hears it anew

@@ -16,14 +16,10 @@ class Scale(NamedTuple):
     per_si: float
 
 
-_MILLI_METRE = Scale('mm', 1e3)
 SCALES = {name: Scale(f'm{unit}', 1e3) if name in NAMES[:6] else Scale(f'µ{unit}', 1e6) for name, unit in UNITS.items()}
-"""The unit in which each of the twelve parameters is shown on a terminal."""
-_DEGREE = Scale('°', 180 / math.pi)
-PAGE_SCALES = SCALES | dict.fromkeys(('theta1', 'theta2', 'g1', 'g2'), _DEGREE) | {'g_ee': _MILLI_METRE}
-"""The same on a page: lengths in millimetres, angles in degrees."""
-PAGE_UNITS = {'m': _MILLI_METRE, 'rad': _DEGREE}
-"""Fixed units of a page by SI unit; others have the prefix that fits."""
+"""The unit in which each of the twelve parameters is shown."""
+FIT_UNITS = {'m': Scale('mm', 1e3), 'rad': Scale('°', 180 / math.pi)}
+"""Of shapes fitted to a contour, by SI unit."""
 
 
 class Shown(NamedTuple):
@@ -43,6 +39,16 @@ _PREFIXED = ('m', 'rad', 'N', 'Nm', 's')
 _PREFIXES = (('', 1.0), ('m', 1e3), ('µ', 1e6), ('n', 1e9), ('p', 1e12))
 
 
+def scale_of(size: float, unit: str) -> Scale:
+    """The prefix that fits a quantity of this size, SI; a pure number below 1e-3 is in millionths."""
+    if unit.partition('/')[0] in _PREFIXED and size > 0:
+        prefix, factor = next(((p, f) for p, f in _PREFIXES if size * f >= 1.0), _PREFIXES[-1])
+        return Scale(prefix + unit, factor)
+    if unit.partition('/')[0] == '1' and 0 < size < 1e-3:
+        return Scale(f'ppm{unit[1:]}', 1e6)
+    return Scale('' if unit == '1' else unit, 1.0)
+
+
 def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None = None) -> Shown:
     """A value in any SI unit with a prefix that fits, and the digits its uncertainty allows.
 
@@ -52,15 +58,7 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
         unit: of both, SI.
         units: by SI unit, what is shown in a fixed unit instead.
     """
-    size = max(abs(value), std if math.isfinite(std) else 0.0)
-    scale = Scale('' if unit == '1' else unit, 1.0)
-    if unit.partition('/')[0] in _PREFIXED and size > 0:
-        prefix, factor = next(((p, f) for p, f in _PREFIXES if size * f >= 1.0), _PREFIXES[-1])
-        scale = Scale(prefix + unit, factor)
-    # 1e-3: pure numbers below this are shown in millionths
-    elif unit.partition('/')[0] == '1' and 0 < size < 1e-3:
-        scale = Scale(f'ppm{unit[1:]}', 1e6)
-    scale = (units or {}).get(unit, scale)
+    scale = (units or {}).get(unit) or scale_of(max(abs(value), std if math.isfinite(std) else 0.0), unit)
     if math.isnan(value):
         return Shown('not determined', '', '')
     digits = decimals(std * scale.per_si)
@@ -68,6 +66,12 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
         return Shown(unsigned_zero(f'{value * scale.per_si:.3g}'), '', scale.unit)
     number, deviation = (f'{quantity * scale.per_si:.{digits}f}' for quantity in (value, std))
     return Shown(unsigned_zero(number), deviation, scale.unit)
+
+
+def micrometres(metres: float) -> str:
+    """An error or uncertainty of the tip, in µm."""
+    size = 1e6 * metres
+    return f'{size:.3g}' if abs(size) < 1000 else f'{size:.0f}'
 
 
 def unsigned_zero(number: str) -> str:

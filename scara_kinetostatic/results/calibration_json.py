@@ -81,7 +81,7 @@ def _tip_uncertainty(outcome: Outcome) -> Document:
         'median': tip.median,
         'worst': tip.worst,
         'at': None if at is None else at.tip,
-        'region': 'workspace',
+        'region': outcome.final.cell.region.title,
         'coverage_factor': COVERAGE_FACTOR,
         'tolerance': outcome.final.cell.tolerance,
         'worst_pose': None

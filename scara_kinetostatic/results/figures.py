@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -140,28 +138,8 @@ def _draw_marks(axes: Axes, disc: Indices, posture: Indices, places: Floats, siz
             axes.plot(x, y, look.shape, ls='none', ms=size, mfc=fill, mec=look.colour, mew=1.1, zorder=3)
 
 
-_PAGE_UNITS = {'[rad]': ('[°]', math.degrees(1.0)), '[µrad]': ('[°]', math.degrees(1e-6)), '[µm]': ('[mm]', 1e-3)}
-"""Of the axes: the unit of a page, and how much of it is one."""
-
-
-def _in_page_units(found: EffectResidual) -> EffectResidual:
-    """The same in the units of a page."""
-    (x_label, per_x), (y_label, per_y) = map(_in_page_unit, (found.x_label, found.y_label))
-    names = ('before', 'after', 'expected', 'std_before', 'std_after')
-    values = {name: per_y * getattr(found, name) for name in names}
-    return found._replace(x_label=x_label, y_label=y_label, x=per_x * found.x, **values)
-
-
-def _in_page_unit(label: str) -> tuple[str, float]:
-    """The label of an axis with the unit of a page, and the factor to it."""
-    words, _, unit = label.rpartition(' ')
-    name, factor = _PAGE_UNITS.get(unit, (unit, 1.0))
-    return f'{words} {name}', factor
-
-
 def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = ('without it', 'with it')) -> Markup:
     """The deviation by an effect, estimated from each touch, without it in the model and with it, on the same axes."""
-    found = _in_page_units(found)
     figure, axes = new_figure(_WIDTH, 300, columns=2, sharey=True, sharex=True)
     x = _side_by_side(found.x)
     kinds = len(x) > 0 and len(np.unique(found.x)) <= _FEW

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from scara_kinetostatic.assessment.criteria import rivals_in_words
 from scara_kinetostatic.assessment.grade import Grade
@@ -14,11 +14,9 @@ from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.model.parameters import NAMES, quantity
 from scara_kinetostatic.report import Level, Verdict, sentence
-from scara_kinetostatic.report.quantities import Scale, p_equals, shown
+from scara_kinetostatic.report.quantities import micrometres, p_equals, shown
 from scara_kinetostatic.results.tables import base_rank
 
-ANSWERS = {Grade.FIT: 'Fit for use', Grade.CAUTION: 'To be used with caution', Grade.UNFIT: 'Not fit for use'}
-"""The grades in words: the first thing in text and page."""
 NEVER_IDENTIFIABLE = (
     'An error common to all radii, such as that of the radius of the tip: exactly equivalent to backlash of the '
     'gripper, g_ee.',
@@ -32,6 +30,12 @@ NEVER_IDENTIFIABLE = (
 """Errors that touches of this kind cannot show, whatever their number, and the parameters they change."""
 
 
+def answer(grade: Grade, tolerance: float | None, checked: str = 'Determined and checked') -> str:
+    """A grade in words: the first thing in text and page."""
+    fit = 'Fit for use' if tolerance else f'{checked}, no tolerance stated'
+    return {Grade.FIT: fit, Grade.CAUTION: 'To be used with caution', Grade.UNFIT: 'Not fit for use'}[grade]
+
+
 def verdict(outcome: Outcome) -> Verdict:
     """Whether the model is complete, and what was found; the assessment says whether to use the result."""
     d, p = outcome.diagnosis, p_equals(outcome.diagnosis.p_value)
@@ -41,7 +45,13 @@ def verdict(outcome: Outcome) -> Verdict:
     level: Level
     if d.verdict == 'none':
         level, headline = 'good', 'The base model explains these touches'
-        sentences = [f'No model error detected ({p} for the base model).']
+        c = outcome.calibration
+        alone = f', {p_equals(c.p_value)} by itself'
+        sentences = [
+            f'No model error detected ({p} for the base model, corrected for the number of tests; reduced chi-square '
+            f'{c.reduced_chi_square:.2f} of {c.degrees_of_freedom} degrees of freedom'
+            f'{alone if c.noise_source == "given" else ", to which the noise was fitted"}).'
+        ]
     elif d.verdict == 'explained':
         level, headline = 'caution', f'Model error found and corrected: {"; ".join(i.effect.title for i in d.found)}'
         sentences = [f'{lack}; extended by what was found it does.']
@@ -73,7 +83,7 @@ def bias(outcome: Outcome) -> str:
     rows = sorted((row for row in outcome.comparison.biases if row.is_significant), key=lambda row: -abs(row.in_std))
     # 3: so many biased parameters are named
     worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:3])
-    tip = f'the tip by {outcome.comparison.tip_bias * 1e3:.3g} mm (rms over the touches)'
+    tip = f'the tip by {micrometres(outcome.comparison.tip_bias)} µm (rms over the touches)'
     return f'ignoring it would bias {f"{worst} and " if worst else ""}{tip}'
 
 
@@ -90,7 +100,7 @@ def noise(outcome: Outcome) -> str:
     return f'{levels}, {source[outcome.final.noise_source]}'
 
 
-def identifiability(outcome: Outcome, units: Mapping[str, Scale] | None = None) -> list[str]:
+def identifiability(outcome: Outcome) -> list[str]:
     """Which parameters the data determine; the assessment says which touches would determine the others."""
     c, found = outcome.final, outcome.final.identifiability
     free = sum(status != 'fixed' for status in c.status.values())
@@ -102,7 +112,7 @@ def identifiability(outcome: Outcome, units: Mapping[str, Scale] | None = None) 
         names = ['all twelve parameters', *(n for n in group if n not in NAMES)] if set(NAMES) <= set(group) else group
         lines.append(f'Not determined: {", ".join(names)}; other values fit as well.')
     for item in found.combinations:
-        value = shown(item.value, item.std, item.unit, units).text
+        value = shown(item.value, item.std, item.unit).text
         lines.append(f'Only the combination {item.text} (factor in SI units) = {value} is determined.')
     return lines
 
@@ -115,10 +125,11 @@ def tip_sentences(outcome: Outcome) -> list[str]:
     largest = max(outcome.budget, key=lambda item: item.tip)
     share = largest.tip**2 / sum(item.tip**2 for item in outcome.budget)
     at = f'x {tip.at.tip[0]:.2f} m, y {tip.at.tip[1]:.2f} m'
+    where = outcome.final.cell.region.title
     sizes = f'at most {quantity(tip.worst, "m")}, at {at}, median {quantity(tip.median, "m")}.'
     help_most = advice(outcome)
     found = [
-        f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the workspace: {sizes}',
+        f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the {where}: {sizes}',
         f'Largest contribution there: {largest.title}, {100 * share:.0f} % of the variance.',
     ]
     return [*found, f'What would help most: {help_most}.'] if help_most else found

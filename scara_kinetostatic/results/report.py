@@ -30,7 +30,7 @@ from scara_kinetostatic.report import (
     as_page,
     as_text,
 )
-from scara_kinetostatic.report.quantities import PAGE_SCALES, PAGE_UNITS, SCALES, count, p_equals
+from scara_kinetostatic.report.quantities import count, micrometres, p_equals
 from scara_kinetostatic.report.text import sentence
 from scara_kinetostatic.results import messages, tables
 
@@ -56,7 +56,7 @@ def text_report(outcome: Outcome) -> str:
     }
     blocks: list[Block | None] = [
         verdict._replace(headline=f'{verdict.headline}.'),
-        tables.parameter_table(c, SCALES),
+        tables.parameter_table(c),
         Section('added to the base model', tuple(tables.effect_tables(outcome.diagnosis.found))),
         tables.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
@@ -105,7 +105,7 @@ def _present(blocks: Iterable[Block | None]) -> tuple[Block, ...]:
 def _answer(outcome: Outcome) -> Verdict:
     """The assessment."""
     a = outcome.assessment
-    headline = f'{messages.ANSWERS[a.grade]}: {a.reasons[0]}.'
+    headline = f'{messages.answer(a.grade, outcome.final.cell.tolerance)}: {a.reasons[0]}.'
     return Verdict(headline, _LEVELS[a.grade], tuple(map(sentence, a.reasons[1:])), a.actions)
 
 
@@ -138,10 +138,10 @@ def numbers(outcome: Outcome) -> tuple[Fact, Fact, Fact]:
     final, folds = compared.extended, outcome.extended_held_out.folds
     tip = Fact(
         'Tip error, before → after',
-        f'{_mm(compared.nominal_tip)} → {_mm(final.tip.held_out)}',
-        'mm',
+        f'{micrometres(compared.nominal_tip)} → {micrometres(final.tip.held_out)}',
+        'µm',
         'rms distance from the touched circles: nominal → calibrated, each touch by a fit without it; '
-        f'{_mm(final.tip.fitted)} mm in the fit, {_mm(final.tip.noise)} mm is expected from noise',
+        f'{micrometres(final.tip.fitted)} µm in the fit, {micrometres(final.tip.noise)} µm is expected from noise',
     )
     held_out = Fact(
         'Force error on held-out touches',
@@ -157,29 +157,25 @@ def _uncertainty(outcome: Outcome) -> Fact:
     """The largest expanded uncertainty of the tip against the tolerance, and whether it conforms."""
     tip, found, tolerance = outcome.tip_uncertainty, outcome.conformity, outcome.final.cell.tolerance
     title = 'Tip uncertainty' if tolerance is None else 'Tip uncertainty against tolerance'
-    allowed = 'no tolerance is stated' if tolerance is None else f'tolerance {_mm(tolerance)} mm'
+    allowed = 'no tolerance is stated' if tolerance is None else f'tolerance {micrometres(tolerance)} µm'
     if not np.isfinite(tip.worst):
         return Fact(title, 'not determined', '', f'by these touches; {allowed}')
-    parts = [f'largest expanded uncertainty (k = {COVERAGE_FACTOR:g}) in the workspace']
+    parts = [f'largest expanded uncertainty (k = {COVERAGE_FACTOR:g}) in the {outcome.final.cell.region.title}']
     if np.isfinite(tip.worst_touched):
-        parts[0] += f', {_mm(tip.worst_touched)} mm between the touches'
+        parts[0] += f', {micrometres(tip.worst_touched)} µm between the touches'
     if tip.undetermined > 0:
         parts.append(f'not determined in {100 * tip.undetermined:.0f} % of it')
     if found is None or tolerance is None:
-        return Fact(title, _mm(tip.worst), 'mm', '; '.join([*parts, allowed]))
+        return Fact(title, micrometres(tip.worst), 'µm', '; '.join([*parts, allowed]))
     parts.append(f'conformity {stated_conformity(outcome)}')
-    return Fact(title, f'{_mm(tip.worst)} of {_mm(tolerance)}', 'mm', '; '.join(parts))
-
-
-def _mm(metres: float) -> str:
-    return f'{1e3 * metres:.3g}'
+    return Fact(title, f'{micrometres(tip.worst)} of {micrometres(tolerance)}', 'µm', '; '.join(parts))
 
 
 def _parameters(outcome: Outcome) -> Section:
     """The twelve parameters, and the combinations that are determined instead of some."""
-    _, *combinations = messages.identifiability(outcome, PAGE_UNITS)
+    _, *combinations = messages.identifiability(outcome)
     title = 'Parameters' if outcome.final is outcome.calibration else 'Parameters (extended model)'
-    return Section(title, (tables.parameter_table(outcome.final, PAGE_SCALES), *combinations))
+    return Section(title, (tables.parameter_table(outcome.final), *combinations))
 
 
 def _maps(outcome: Outcome) -> list[Section]:
@@ -207,15 +203,15 @@ def _diagnosis(outcome: Outcome) -> Section:
             )
         )
     if outcome.final is not outcome.calibration:
-        for table, item in zip(tables.effect_tables(d.found, PAGE_UNITS), d.found, strict=True):
+        for table, item in zip(tables.effect_tables(d.found), d.found, strict=True):
             blocks.append(table._replace(title=table.title.strip()))
             if item.effect.off_normal_std:
                 blocks.append(Note(_OFF_NORMAL))
         these, them = ('this effect', 'it') if len(d.found) == 1 else ('these effects', 'them')
         blocks.append(
             f'With {these} in the model: {p_equals(d.remaining_p_value)} for “the extended model is adequate”. Without '
-            f'{them} the parameters would be biased, and the tip displaced by {_mm(compared.tip_bias)} mm (rms over '
-            f'the touches; at most {_mm(compared.largest_tip_bias)} mm).'
+            f'{them} the parameters would be biased, and the tip displaced by {micrometres(compared.tip_bias)} µm (rms '
+            f'over the touches; at most {micrometres(compared.largest_tip_bias)} µm).'
         )
     return Section('Diagnosis', tuple(blocks))
 
@@ -327,7 +323,7 @@ def _limits(outcome: Outcome, extended: bool) -> Section:
 
 
 def _noise(outcome: Outcome) -> Section:
-    lines = [*messages.identifiability(outcome, PAGE_UNITS), f'Noise of one touch: {messages.noise(outcome)}.']
+    lines = [*messages.identifiability(outcome), f'Noise of one touch: {messages.noise(outcome)}.']
     never = 'Errors that touches of this kind cannot show, whatever their number, and the parameters they change:'
     blocks = (Items(tuple(lines)), Items(messages.NEVER_IDENTIFIABLE, never))
     return Section('Identifiability and noise', blocks, folded=True)

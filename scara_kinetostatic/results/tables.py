@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
@@ -13,7 +13,7 @@ from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.report import Table
-from scara_kinetostatic.report.quantities import PAGE_SCALES, PAGE_UNITS, Scale, chance, decimals, shown, unsigned_zero
+from scara_kinetostatic.report.quantities import SCALES, chance, decimals, micrometres, shown, unsigned_zero
 
 NOTABLE = 2.0
 """A bias of so many standard deviations is drawn in the warning colour."""
@@ -22,7 +22,7 @@ _LISTED = 8
 """So many dependences and detection limits are listed."""
 
 
-def parameter_table(c: Calibration, scales: Mapping[str, Scale]) -> Table:
+def parameter_table(c: Calibration) -> Table:
     """The twelve parameters with what they are, or why they have no value.
 
     A value has the digits that its uncertainty allows; one that the data do not determine is in brackets.
@@ -30,7 +30,7 @@ def parameter_table(c: Calibration, scales: Mapping[str, Scale]) -> Table:
     nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
     rows = []
     for name in NAMES:
-        unit, per_si = scales[name]
+        unit, per_si = SCALES[name]
         value, std, status = values[name] * per_si, c.std_of(name) * per_si, c.status[name]
         digits = decimals(std)
         text = f'{value:.6g}' if digits is None else f'{value:.{digits}f}'
@@ -53,7 +53,7 @@ def base_rank(c: Calibration) -> int:
     return free - sum(bool(set(group) & set(NAMES)) for group in c.identifiability.confounded)
 
 
-def effect_tables(found: Sequence[Found], units: Mapping[str, Scale] | None = None) -> list[Table]:
+def effect_tables(found: Sequence[Found]) -> list[Table]:
     """Each effect of the extended model with its values; those of a fitted curve have no meaning by themselves."""
     tables = []
     for item in found:
@@ -63,7 +63,7 @@ def effect_tables(found: Sequence[Found], units: Mapping[str, Scale] | None = No
         rows: tuple[tuple[str, ...], ...] = ()
         if item.effect.is_physical:
             title += f'  {item.effect.label}'
-            rows = tuple((f'    {v.name}', shown(v.value, v.std, v.unit, units).text, v.meaning) for v in item.values)
+            rows = tuple((f'    {v.name}', shown(v.value, v.std, v.unit).text, v.meaning) for v in item.values)
         tables.append(Table(('',) * 3, ('',) * 3, rows, title=f'  {title}'))
     return tables
 
@@ -83,35 +83,34 @@ def tip_budget(outcome: Outcome, most: int | None = None) -> Table | None:
     if others := items[len(listed) :]:
         listed.append((f'{len(others)} others', '', '', math.hypot(*(item.tip for item in others))))
     listed.append(('combined standard uncertainty', '', '', total))
-    rows = [(*words, f'{1e3 * size:.3g}', f'{100 * (size / total) ** 2:.0f} %') for *words, size in listed]
+    rows = [(*words, micrometres(size), f'{100 * (size / total) ** 2:.0f} %') for *words, size in listed]
     heading = ('tip: source', 'type', 'declared', 'contribution', 'share of the variance')
-    return Table(heading, ('', '', '', 'mm', ''), tuple(rows))
+    return Table(heading, ('', '', '', 'µm', ''), tuple(rows))
 
 
 def _declared(item: Item) -> str:
-    units = {**PAGE_UNITS, 'rad': Scale('mrad', 1e3)}
-    return '' if item.declared is None else shown(item.declared, math.nan, item.unit, units).text
+    return '' if item.declared is None else shown(item.declared, math.nan, item.unit).text
 
 
 def error_table(compared: Comparison) -> Table:
     """Force and tip, fitted and held out, and chi-square, of the nominal, the base and the extended model."""
-    tip = f'{1e3 * compared.nominal_tip:.3g}'
+    tip = micrometres(compared.nominal_tip)
     rows: list[tuple[str, ...]] = [('nominal parameters', f'{compared.nominal:.3g}', '', tip, '', '')]
     sides = [('base model', compared.base), ('extended model', compared.extended)]
     for name, side in sides[: 1 if compared.base == compared.extended else 2]:
-        tips = (f'{1e3 * each:.3g}' for each in (side.tip.fitted, side.tip.held_out))
+        tips = map(micrometres, (side.tip.fitted, side.tip.held_out))
         force = (f'{each:.3g}' for each in (side.force_error, side.held_out))
         rows.append((name, *force, *tips, f'{side.reduced_chi_square:.2f}'))
-    rows.append(('expected from noise', '', '', f'{1e3 * compared.extended.tip.noise:.3g}', '', '1'))
+    rows.append(('expected from noise', '', '', micrometres(compared.extended.tip.noise), '', '1'))
     heading = ('', 'force error', 'held out', 'tip error', 'held out', 'reduced chi-square')
-    return Table(heading, ('', 'N', 'N', 'mm', 'mm', ''), tuple(rows))
+    return Table(heading, ('', 'N', 'N', 'µm', 'µm', ''), tuple(rows))
 
 
 def bias_table(compared: Comparison) -> Table:
     """Each parameter by the base and by the extended model, and their difference."""
     rows, levels = [], []
     for bias in compared.biases:
-        unit, per_si = PAGE_SCALES[bias.name]
+        unit, per_si = SCALES[bias.name]
         digits = decimals(bias.std * per_si)
         places = 3 if digits is None else digits
 
@@ -177,7 +176,7 @@ def limit_table(outcome: Outcome) -> Table | None:
     ]
     rows = []
     for item in sorted(items, key=lambda item: -item.undetected_bias)[:_LISTED]:
-        unit, per_si = PAGE_SCALES[item.biased_parameter]
+        unit, per_si = SCALES[item.biased_parameter]
         bias = item.undetected_bias * c.std_of(item.biased_parameter) * per_si
         size = f'{float(f"{bias:.2g}"):g}' if math.isfinite(bias) else ''
         rows.append((item.effect.title, item.biased_parameter, f'{item.undetected_bias:.1f}', size, unit))

@@ -17,18 +17,25 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure as Canvas
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Wedge
 from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, TipUncertainty, UncertaintyMap
+from scara_kinetostatic.calibration.tip_uncertainty import (
+    COVERAGE_FACTOR,
+    NEARLY_STRETCHED,
+    TipUncertainty,
+    UncertaintyMap,
+)
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.report import Figure, Figures
 from scara_kinetostatic.report.figure import INK, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
+from scara_kinetostatic.report.quantities import micrometres
 
 _MILLI = 1e3
 _FADED = 'Faded: extrapolated, the joint angles are not between those of the touches.'
@@ -53,7 +60,7 @@ def uncertainty_figures(outcome: Outcome) -> Figures | None:
     c, tip = outcome.final, outcome.tip_uncertainty
     maps = [each for each in tip.maps if np.isfinite(each.expanded).any()]
     figures = tuple(Figure(partial(uncertainty_picture, c, each)) for each in maps)
-    return Figures(figures, _uncertainty_caption(tip, c.cell.tolerance)) if figures else None
+    return Figures(figures, _uncertainty_caption(tip, c.cell)) if figures else None
 
 
 def deviation_figures(outcome: Outcome) -> Figures | None:
@@ -72,19 +79,20 @@ def deviation_figures(outcome: Outcome) -> Figures | None:
     return Figures(tuple(Figure(partial(deviation_picture, c, places, each)) for places, each in pairs), caption)
 
 
-def _uncertainty_caption(tip: TipUncertainty, tolerance: float | None) -> str:
+def _uncertainty_caption(tip: TipUncertainty, cell: Cell) -> str:
+    tolerance = cell.tolerance
     parts = [
         f'Expanded uncertainty (k = {COVERAGE_FACTOR:g}) of the tip in the worst direction, without load or under the '
-        f'mean force of the touches in any direction, mm; median {_MILLI * tip.median:.3g} mm'
+        f'mean force of the touches in any direction, µm; median {micrometres(tip.median)} µm'
     ]
     if tip.at is not None:
         x, y = (f'{round(_MILLI * value)} mm'.replace('-', '−') for value in tip.at.tip)
-        parts[0] += f', largest {_MILLI * tip.worst:.3g} mm at x {x}, y {y}'
+        parts[0] += f', largest {micrometres(tip.worst)} µm at x {x}, y {y}'
     if tolerance is not None and tip.worst > tolerance:
-        parts.append(f'Thick line: the tolerance, {_MILLI * tolerance:.3g} mm')
+        parts.append(f'Thick line: the tolerance, {micrometres(tolerance)} µm')
     if tip.undetermined > 0:
-        parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the workspace')
-    parts.append(f'The play of the joints without load, up to {_MILLI * tip.lost_motion:.3g} mm, is not contained')
+        parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the {cell.region.title}')
+    parts.append(f'The play of the joints without load, up to {micrometres(tip.lost_motion)} µm, is not contained')
     return '. '.join([*parts, _FADED])
 
 
@@ -111,7 +119,7 @@ def _moved(c: Calibration, joints: Floats, force: Floats) -> Floats:
 
 def deviation_picture(c: Calibration, places: UncertaintyMap, found: Deviation) -> Markup:
     """Lines of equal deviation under the mean force, and arrows of that without load."""
-    figure, axes = _draw_map(c, places, found.loaded)
+    figure, axes = _draw_map(c, places, _MILLI * found.loaded)
     step = slice(1, None, 3)
     u, v = np.moveaxis(found.unloaded[step, step] * _MILLI, -1, 0)
     x, y = np.meshgrid(places.x[step] * _MILLI, places.y[step] * _MILLI)
@@ -125,11 +133,11 @@ def deviation_picture(c: Calibration, places: UncertaintyMap, found: Deviation) 
 
 def uncertainty_picture(c: Calibration, places: UncertaintyMap) -> Markup:
     """Lines of equal expanded uncertainty of the tip; a thick one at the tolerance."""
-    figure, axes = _draw_map(c, places, places.expanded)
+    figure, axes = _draw_map(c, places, 1e6 * places.expanded)
     tolerance = c.cell.tolerance
     if tolerance is not None and np.nanmin(places.expanded) < tolerance < np.nanmax(places.expanded):
-        grid = places.x * _MILLI, places.y * _MILLI
-        axes.contour(*grid, places.expanded, levels=[tolerance], colors=[WARN], linewidths=2.2)
+        grid = (np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y))
+        axes.contour(*grid, _smooth(places.expanded), levels=[tolerance], colors=[WARN], linewidths=2.2)
     name = _posture(places)
     return as_svg(figure, f'uncertainty_{name}', f'uncertainty of the tip, posture {name}')
 
@@ -138,19 +146,38 @@ def _posture(places: UncertaintyMap) -> str:
     return 'left' if places.posture > 0 else 'right'
 
 
+def _smooth(values: Floats) -> Floats:
+    """A grid of values four times as fine, without the steps that the 12 directions of the force leave; what is not
+    determined is filled from what is near.
+    """
+    known = np.isfinite(values)
+    rows, columns = (np.exp(-0.35 * (np.linspace(0, n - 1, 4 * n)[:, None] - np.arange(n)) ** 2) for n in values.shape)
+    weight = rows @ known @ columns.T
+    return np.asarray(rows @ np.where(known, values, 0.0) @ columns.T / np.maximum(weight, 1e-300), dtype=float)
+
+
 def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats) -> tuple[Canvas, Axes]:
-    """Filled lines of equal value, m, with labels, the discs and touches, the extrapolated part faded; all in mm."""
-    grid, shown = (places.x * _MILLI, places.y * _MILLI), values * _MILLI
-    figure, (axes,) = new_figure(450.0, 450.0, margins=Margins(left=60, bottom=44, top=26))
+    """Filled lines of equal value with labels, the discs and touches in mm, the extrapolated part faded."""
+    p, touches = c.parameters, c.touches.select(c.used)
+    grid = [np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y)]
+    base, reach = np.array([p.x0, p.y0]) * _MILLI, NEARLY_STRETCHED * (p.l1 + p.l2) * _MILLI
+    away = np.hypot(grid[0] - base[0], grid[1][:, None] - base[1])
+    lost = np.kron(np.isnan(values), np.ones((4, 4))) > 0  # beyond the reach as well, which is clipped
+    shown = np.where((lost & (away < 0.9 * reach)) | (away > 1.02 * reach), np.nan, _smooth(values))
     ends = np.nanmin(shown), np.nanmax(shown)
+    height = 380.0 * np.ptp(places.y) / np.ptp(places.x) + 70.0
+    figure, (axes,) = new_figure(450.0, height, margins=Margins(left=60, bottom=44, top=26))
     levels = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*ends) if ends[1] > ends[0] else np.array([])
     if len(levels) > 1:
-        fills = [to_rgba(SERIES[0], 0.05 + 0.5 * k / len(levels)) for k in range(len(levels) - 1)]
-        axes.contourf(*grid, shown, levels=levels, colors=fills)
+        fills = [to_rgba(SERIES[0], 0.05 + 0.5 * k / len(levels)) for k in range(len(levels) + 1)]
+        axes.contourf(*grid, shown, levels=levels, colors=fills, extend='both')
         lines = axes.contour(*grid, shown, levels=levels, colors=[SERIES[0]], linewidths=0.8)
-        axes.clabel(lines, fontsize=10, colors=[INK], inline=True, fmt=lambda value: f'{value:.3g}')
-    axes.contourf(*grid, places.touched.astype(float), levels=[-1.0, 0.5], colors=[to_rgba(PAPER, 0.62)], zorder=2)
-    p, touches = c.parameters, c.touches.select(c.used)
+        axes.clabel(lines, fontsize=10, colors=[INK], inline=True, fmt=lambda value: f'{value:g}')
+    touched = _smooth(places.touched.astype(float))
+    axes.contourf(*grid, touched, levels=[-1.0, 0.5], colors=[to_rgba(PAPER, 0.62)], zorder=2)
+    axes.add_patch(
+        Wedge((base[0], base[1]), 4 * reach, 0, 360, width=3 * reach, color=PAPER, zorder=2.5)
+    )  # out of reach
     tip = forward(p, touches.joints) * _MILLI
     for number, disc in enumerate(c.cell.discs):
         look, chosen = mark(number), (touches.disc == number) & (touches.posture == places.posture)

@@ -18,8 +18,6 @@ from scara_kinetostatic.model.arrays import Floats
 
 SAMPLES = 4000
 """Places along a piece at which lengths and distances are worked out."""
-_CHUNK = 512
-"""Points whose distances are worked out at once."""
 
 
 class SurfacePoints(NamedTuple):
@@ -110,27 +108,6 @@ class Outline:
             here = number == k
             point[here], normal[here] = piece.at(place[here] - k)
         return SurfacePoints(point, normal)
-
-    def normal_error(self, points: ArrayLike) -> Floats:
-        """Distance of points from the surface along its normal, (k,), m, positive outside.
-
-        From the nearest of `SAMPLES` places on each piece; what the distance between these leaves is below 1 nm.
-        """
-        surface = self.at(np.arange(len(self.pieces) * SAMPLES + 1) / SAMPLES * (1 - 1e-15))
-        points = np.asarray(points, dtype=float)
-        still = ~np.diff(surface.point, axis=0).any(axis=1)
-        sharp = np.append(still, False) | np.append(False, still)
-        sharp[0] |= self.closed and bool(sharp[-1])
-        found = np.empty(len(points))
-        for first in range(0, len(points), _CHUNK):
-            part = points[first : first + _CHUNK]
-            apart = part[:, None] - surface.point
-            nearest = np.einsum('ijk,ijk->ij', apart, apart).argmin(axis=1)
-            offset = apart[np.arange(len(part)), nearest]
-            along = np.einsum('ij,ij->i', offset, surface.normal[nearest])
-            at_corner = np.copysign(np.hypot(*offset.T), along)
-            found[first : first + _CHUNK] = np.where(sharp[nearest], at_corner, along)
-        return found
 
 
 class Track(NamedTuple):

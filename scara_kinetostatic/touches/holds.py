@@ -85,7 +85,7 @@ class HoldSettings:
     largest_scatter: float = 0.1
     scatter_sigmas: float = 4.0
     largest_joint_scatter: float = 1e-3
-    largest_slide: float = 3e-4
+    largest_slide: float = 2e-4
     weak_force: float = 0.5
     weak_travel: float = 0.03
     motion_before: float = 0.1

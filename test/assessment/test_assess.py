@@ -121,6 +121,12 @@ def test_touches_rejected_in_a_row_are_beyond_chance() -> None:
     found = replace(good(), calibration=replace(good().calibration, used=used)).assessment
     assert found.grade is Grade.UNFIT
     assert 'the result is that of before' in found.reasons[0]
+    used = np.arange(48) % 7 != 0
+    found = replace(good(), calibration=replace(good().calibration, used=used)).assessment
+    assert found.reasons[0].startswith(
+        '7 of 48 touches disagree with the others and are not used; so many are rarely single'
+    )
+    assert not any('?' in line for line in (*found.reasons, *found.actions))
 
 
 def test_a_leverage_is_what_a_touch_moves_its_own_prediction() -> None:

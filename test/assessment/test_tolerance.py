@@ -129,14 +129,14 @@ def test_that_no_single_measurement_is_enough_is_said(outcome: Outcome) -> None:
     assert 'no single' not in with_tolerance(outcome, 1.01 * best).assessment.actions[0]
 
 
-def test_the_text_has_large_contributions_in_mm_and_rotations_in_mrad(outcome: Outcome) -> None:
+def test_the_text_has_contributions_in_micrometres_and_rotations_in_mrad(outcome: Outcome) -> None:
     plate = Item('plate_angle[a]', 2e-3, 'rad', np.zeros(12), 1.2e-3)
     wide = replace(outcome)
     vars(wide)['budget'] = (plate,)
     lines = '\n'.join(tip_budget(wide, most=5).lines())  # type: ignore[union-attr]
     assert '2 mrad' in lines
-    assert '1.2' in lines
-    assert 'mm' in lines
+    assert ' 1200 ' in lines
+    assert 'µm' in lines
     assert 'e+0' not in lines
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
@@ -358,7 +359,7 @@ DIGITS = 'big: ' + ':'.join(200_000 * ['59']) + '\n'
 @pytest.mark.parametrize(
     ('head', 'reason'),
     [
-        (DEEP, 'line 1: nested deeper than 32'),
+        (DEEP, 'line 1: (nested deeper than 32|exceeded maximum nesting depth)'),  # ours, or that of PyYAML 6.0.4
         ('a0: &a0 {x: 1}\n' + MERGED, 'line 1: anchors and aliases are not allowed'),
         (DIGITS, ''),
     ],
@@ -371,8 +372,9 @@ def test_metadata_that_would_take_the_stack_or_all_time(
     metadata.write_text(head + ('' if head is DEEP else metadata.read_text()))
     read = read_streams(tmp_path / 'bag', cell)
     assert_same(read, streams)
-    warning = f'metadata.yaml cannot be read ({reason}): all files of the folder were read, in order'
-    assert read.warnings == ((warning,) if reason else ())
+    warning = rf'metadata\.yaml cannot be read \({reason}\): all files of the folder were read, in order'
+    assert len(read.warnings) == bool(reason)
+    assert all(re.fullmatch(warning, said) for said in read.warnings)
 
 
 class _WithoutAliases(yaml.SafeDumper):

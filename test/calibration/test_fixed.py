@@ -90,6 +90,9 @@ def test_another_effect_is_found_beside_one_that_is_held():
     outcome = sk.diagnose(touches, PAPER_CELL, fixed={NAME: 2e-4})
     assert list(outcome.effects) == ['encoder_gain[joint2]']
     assert outcome.final.effects['object_radius[disc_2]']['radius'].value == 2e-4
+    (shown,) = outcome.effect_residuals  # what the figure of the report shows: without it the deviation is there
+    assert np.abs(shown.expected).max() > 10 * shown.std_after.max()
+    np.testing.assert_allclose(shown.before - shown.after, shown.expected, atol=1e-12)
     off = outcome.final.parameters.as_array() - PAPER_ACTUAL.as_array()
     assert np.abs(off / outcome.final.std).max() < 4
 

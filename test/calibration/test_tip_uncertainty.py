@@ -26,7 +26,8 @@ from scara_kinetostatic.calibration.uncertainty_budget import (
     uncertainty_budget,
 )
 from scara_kinetostatic.effects.registry import find
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate, Uncertainty
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate, Region, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
@@ -104,6 +105,21 @@ def test_the_workspace_is_mapped(measured: Calibration) -> None:
     assert 0.05 < touched.sum() / np.isfinite(expanded).sum() < 0.5
     assert tip.worst_touched == np.nanmax(expanded[touched]) < tip.worst
     assert tip.undetermined == 0
+
+
+def test_a_region_bounds_it_and_its_maps(measured: Calibration) -> None:
+    everywhere = tip_uncertainty(measured)
+    assert everywhere.at is not None
+    region = Region(-0.1, 0.3, 0.2, 0.5)
+    assert not region.holds(everywhere.at.tip)  # behind the robot or far beyond the touches
+    tip = tip_uncertainty(replace(measured, cell=replace(measured.cell, region=region)))
+    assert tip.at is not None
+    assert region.holds(tip.at.tip.round(9))
+    assert tip.worst < everywhere.worst
+    for each in tip.maps:
+        assert (each.x[0], each.x[-1], each.y[0], each.y[-1]) == tuple(region)
+    with pytest.raises(ParameterError, match='within reach'):
+        workspace(replace(measured, cell=replace(measured.cell, region=Region(2.0, 3.0, 2.0, 3.0))))
 
 
 def test_one_posture_has_one_map() -> None:

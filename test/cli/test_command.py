@@ -21,7 +21,7 @@ COMMAND = [sys.executable, '-m', 'scara_kinetostatic.cli.main']
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
 
 
-VERB_NAMES = tuple(verb.replace('_', '-') for verb in VERBS)
+VERB_NAMES = tuple(verb.replace('_', '-') for verbs in VERBS.values() for verb in verbs)
 
 
 @pytest.mark.parametrize('verb', VERB_NAMES)

@@ -104,8 +104,6 @@ def test_a_plan_survives_the_round_trip():
     [
         (['--accuracy', '0'], 2, 'above 0'),
         (['--accuracy', '5'], 2, 'at most 0.005, in SI units'),
-        (['--region', '0.3', '0.1', '0', '1'], 2, '--region'),
-        (['--region', '5', '6', '5', '6'], 2, 'within reach'),
         (['--expected', 'nowhere.yaml'], 2, 'nowhere.yaml'),
         (['--accuracy', '1e-8', '--per-disc', '6'], 3, 'out of reach'),
     ],

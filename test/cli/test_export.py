@@ -65,7 +65,7 @@ def test_a_device_is_not_replaced(run: Run, calibration: Path) -> None:
 @pytest.mark.parametrize(
     ('options', 'status', 'words'),
     [
-        (['--step', '0.001'], 2, '0.005 m is possible'),
+        (['--step', '0.001'], 2, 'bound the region of the cell'),
         (['--step', '2'], 3, 'no place of the grid'),
         (['--force', '1e9'], 3, 'no place of the grid'),
     ],

@@ -28,7 +28,7 @@ def results(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_verify(run: Run, recordings: Path, results: Path) -> None:
     done = run('verify', recordings / 'plain', '--calibration', results / 'a' / 'calibration.json', '--strict')
     assert done.status == 0 and done.err == ''
-    assert done.out.startswith('Fit for use: 36 touches agree with the calibration')
+    assert done.out.startswith('Confirmed, no tolerance stated: 36 touches agree with the calibration')
     document = json.loads(Path('verification/verification.json').read_text())
     assert document['grade'] == 'fit' and document['independent']
     assert 0 < document['tip_error'] < 2 * document['expected'] < 1e-4 and document['p_value'] > 1e-3
@@ -50,7 +50,9 @@ def test_verify_a_changed_robot(run: Run, recordings: Path, results: Path) -> No
     assert done.status == 0 and 'Not fit for use' in done.out and 'link 1 changed its length' in done.out
     strict = run('verify', recordings / 'plain', '--calibration', 'changed.json', '--strict', '--out', 'other')
     assert strict.status == 3 and strict.err.count('\n') == 1
-    assert json.loads(Path('other/verification.json').read_text())['part']['name'] == 'l1'
+    written = json.loads(Path('other/verification.json').read_text())
+    assert written['part']['name'] == 'l1'
+    assert written['touches']['outlying'] == []  # what disagrees is explained by the part
 
 
 def test_verify_a_recording_of_another_robot_or_cell(run: Run, recordings: Path, results: Path) -> None:
@@ -66,7 +68,7 @@ def test_verify_a_recording_of_another_robot_or_cell(run: Run, recordings: Path,
     done = run('verify', 'object', '--calibration', calibration)
     assert done.status == 0 and 'contains another cell description (disc_3)' in done.out
     assert json.loads(Path('verification/verification.json').read_text())['grade'] != 'fit'
-    assert run('verify', 'tolerance', '--calibration', calibration).out.startswith('Fit for use')
+    assert run('verify', 'tolerance', '--calibration', calibration).out.startswith('Confirmed, no tolerance stated')
 
 
 def test_compare(run: Run, results: Path) -> None:

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from diagnosis.simulated import CELL, NOISE, PLAN, effect, simulate
 
+from benchmark.common import dump_touch_table
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.files.touch_table import TouchTable, dump_touch_table, load_touch_table
+from scara_kinetostatic.files.touch_table import TouchTable, load_touch_table
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from contour.slides import CELL, DISC, SQUARE, arm
 
+from benchmark.common import normal_error
 from scara_kinetostatic.contour.online import OnlineContour
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
@@ -54,7 +55,7 @@ def test_round_an_object_in_several_passes(outline) -> None:
     assert joined.closed
     (whole,) = trace_contour(streams, arm()).outlines
     assert joined.length == pytest.approx(whole.length, rel=1e-3)
-    assert rms(outline.normal_error(joined.points)) < 1.1 * rms(outline.normal_error(whole.points)) + 1e-6
+    assert rms(normal_error(outline, joined.points)) < 1.1 * rms(normal_error(outline, whole.points)) + 1e-6
     np.testing.assert_allclose(np.median(joined.std), np.median(whole.std), rtol=0.05)
 
 
@@ -87,7 +88,7 @@ def test_a_jump_is_said_and_the_trace_goes_on() -> None:
     first, second = (outline.length for outline in online.outlines)
     half = 0.3 * 2 * np.pi * 0.06
     assert half - 0.03 < first < half and half - 0.03 < second < half
-    assert rms(DISC.normal_error(online.outlines[0].points)) < 2e-5
+    assert rms(normal_error(DISC, online.outlines[0].points)) < 2e-5
     assert 'the tip jumps by' in online.problem
     online.clear()
     assert not online.problem and not online.outlines and online.present is None
@@ -98,7 +99,7 @@ def test_a_light_contact_is_not_taken_for_the_zero(force: float) -> None:
     online = fed(OnlineContour(arm()), simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, force, 0.1, 0.05, end=0.6)]))
     (joined,) = online.outlines
     assert joined.length == pytest.approx(0.6 * 2 * np.pi * 0.06, rel=0.01)
-    assert rms(DISC.normal_error(joined.points)) < 5e-5
+    assert rms(normal_error(DISC, joined.points)) < 5e-5
 
 
 @pytest.mark.parametrize('bias', [(-8.0, -6.0)])
@@ -109,7 +110,7 @@ def test_a_sensor_with_a_large_zero(bias: tuple[float, float]) -> None:
     biased = replace(streams, wrench=replace(streams.wrench, force=streams.wrench.force + np.array(bias)))
     (joined,) = fed(online, biased).outlines
     assert joined.length == pytest.approx(0.6 * 2 * np.pi * 0.06, rel=0.01)
-    assert rms(DISC.normal_error(joined.points)) < 2e-5
+    assert rms(normal_error(DISC, joined.points)) < 2e-5
     assert 'zero' not in online.problem
 
 
@@ -122,7 +123,7 @@ def test_a_zero_that_drifts_farther_than_a_contact_begins_at() -> None:
     drifting = replace(streams, wrench=replace(streams.wrench, force=streams.wrench.force + drift))
     online = fed(OnlineContour(arm()), drifting)
     assert [outline.length for outline in online.outlines] == pytest.approx([0.2 * 2 * np.pi * 0.06] * 2, rel=0.02)
-    assert rms(DISC.normal_error(online.outlines[1].points)) < 5e-5
+    assert rms(normal_error(DISC, online.outlines[1].points)) < 5e-5
 
 
 def test_a_tare_in_contact_is_corrected_and_said() -> None:
@@ -132,7 +133,7 @@ def test_a_tare_in_contact_is_corrected_and_said() -> None:
             assert online.contour is not None
             online.tare(10**9 // 2)
     assert 'the zero of the force was wrong by 1' in online.problem
-    assert rms(DISC.normal_error(online.outlines[-1].points)) < 2e-5
+    assert rms(normal_error(DISC, online.outlines[-1].points)) < 2e-5
     online.restart()  # the outlines stay, and so does what is said of them
     assert 'the zero of the force was wrong by 1' in online.problem
     online.clear()
@@ -144,7 +145,7 @@ def test_a_light_slide_under_a_noisy_sensor() -> None:
     streams = simulate_slides(CELL, PAPER_ACTUAL, planned, sensors=SensorModel(force_noise=1.0))
     (joined,) = fed(OnlineContour(arm()), streams).outlines
     assert joined.length == pytest.approx(0.6 * 2 * np.pi * 0.06, rel=0.02)
-    assert rms(DISC.normal_error(joined.points) / joined.std) < 1.3
+    assert rms(normal_error(DISC, joined.points) / joined.std) < 1.3
 
 
 def test_messages_that_are_late_until_they_end() -> None:
@@ -163,7 +164,7 @@ def test_messages_that_are_late_until_they_end() -> None:
     assert online.poll()
     assert not online.problem
     (joined,) = online.outlines
-    assert rms(DISC.normal_error(joined.points)) < 2e-5
+    assert rms(normal_error(DISC, joined.points)) < 2e-5
 
 
 def test_a_start_in_contact_is_said() -> None:
@@ -218,7 +219,7 @@ def test_the_zero_of_the_force() -> None:
     assert online.zero is not None
     assert online.zero == pytest.approx(bias + trace_contour(streams, arm()).zero, abs=0.3)
     (outline,) = online.outlines
-    assert rms(DISC.normal_error(outline.points)) < 1.5e-5
+    assert rms(normal_error(DISC, outline.points)) < 1.5e-5
     untared = OnlineContour(arm())
     for stamp, values in zip(streams.wrench.stamp[:30].tolist(), [[3.0, 4.0]] * 30, strict=True):
         untared.add_wrench(stamp, values, stamp)

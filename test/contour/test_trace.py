@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from contour.slides import CELL, DISC, OBJECTS, SQUARE, arm
 
+from benchmark.common import normal_error
 from scara_kinetostatic.contour.fits import fit_shape
 from scara_kinetostatic.contour.path import Course
 from scara_kinetostatic.contour.trace import _across, trace_contour
@@ -33,15 +34,15 @@ def slide_along(outline, *, cell=CELL, seed=0, sensors=None, **more):
 @pytest.mark.parametrize('outline', OBJECTS.values(), ids=OBJECTS)
 def test_surface_of_an_unknown_object(outline):
     contour = trace_contour(slide_along(outline, end=1.05), arm())
-    error = outline.normal_error(contour.surface)
+    error = normal_error(outline, contour.surface)
     assert rms(error) < 2 * rms(contour.std_normal)
     assert np.mean(np.abs(error) < 1.96 * contour.std_normal) > 0.85
     nominal = forward(CELL.nominal, contour.joints) - CELL.tip_radius * contour.normal
-    assert rms(outline.normal_error(nominal)) > 100 * rms(error)
+    assert rms(normal_error(outline, nominal)) > 100 * rms(error)
     (joined,) = contour.outlines
     assert joined.closed
-    assert rms(outline.normal_error(joined.points)) < 2 * rms(contour.std_normal)
-    assert np.mean(outline.normal_error(contour.surface + 1e-3 * contour.normal) > 9e-4) == 1.0
+    assert rms(normal_error(outline, joined.points)) < 2 * rms(contour.std_normal)
+    assert np.mean(normal_error(outline, contour.surface + 1e-3 * contour.normal) > 9e-4) == 1.0
     assert contour.friction.coefficient == pytest.approx(0.1, abs=3 * contour.friction.std)
     assert not contour.warnings
 
@@ -49,7 +50,7 @@ def test_surface_of_an_unknown_object(outline):
 @pytest.mark.parametrize('outline', [DISC, OBJECTS['ellipse']])
 def test_without_errors_of_sensors_and_calibration(outline):
     contour = trace_contour(slide_along(outline, sensors=SensorModel.ideal(200)), EXACT)
-    error = outline.normal_error(contour.surface)
+    error = normal_error(outline, contour.surface)
     assert rms(error) < 3e-6
     assert np.abs(error).max() < 2e-5
     assert contour.friction.coefficient == pytest.approx(0.1, abs=2e-3)
@@ -60,7 +61,7 @@ def test_sensor_in_the_tool_frame(sign):
     cell = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=sign))
     streams = slide_along(DISC, cell=cell, end=0.4)
     contour = trace_contour(streams, arm(), cell.sensor)
-    assert rms(DISC.normal_error(contour.surface)) < 1.2e-5
+    assert rms(normal_error(DISC, contour.surface)) < 1.2e-5
 
 
 @pytest.mark.parametrize('speed', [0.05, 0.01])
@@ -69,7 +70,7 @@ def test_the_uncertainty_covers_the_error_at_sharp_edges(speed):
     square = polygon(corners)
     contour = trace_contour(slide_along(square, speed=speed, begin=0.15, end=0.35), arm())
     edge = np.hypot(*(contour.surface - corners[1]).T) < 2e-3
-    inside = np.abs(square.normal_error(contour.surface)) < 1.96 * contour.std_normal
+    inside = np.abs(normal_error(square, contour.surface)) < 1.96 * contour.std_normal
     assert edge.sum() > 8
     assert inside[edge].mean() > 0.85
     assert contour.std_normal[edge].max() > 5e-5
@@ -79,7 +80,7 @@ def test_the_uncertainty_covers_the_error_at_sharp_edges(speed):
 def test_the_uncertainty_covers_joint_states_far_apart():
     sparse = replace(SensorModel(), joint_rate=10.0)
     contour = trace_contour(slide_along(SQUARE, speed=0.02, end=1.02, sensors=sparse), arm())
-    error = np.abs(SQUARE.normal_error(contour.surface)) / contour.std_normal
+    error = np.abs(normal_error(SQUARE, contour.surface)) / contour.std_normal
     assert error.max() < 4
     assert np.mean(error < 1.96) > 0.9
     assert any('mm apart: what lies between is not seen' in warning for warning in contour.warnings)
@@ -89,7 +90,7 @@ def test_the_uncertainty_covers_joint_states_far_apart():
 def test_inside_of_a_hole(radius, speed):
     hole = Outline((Arc((0.2, 0.3), (-radius, -radius), np.pi, 0.0, -2 * np.pi),), closed=True)
     contour = trace_contour(slide_along(hole, speed=speed, end=1.05), arm())
-    error = hole.normal_error(contour.surface)
+    error = normal_error(hole, contour.surface)
     assert rms(error) < 1e-5
     assert np.median(contour.std_normal) < 1e-5
     assert np.all(((contour.surface - (0.2, 0.3)) * contour.normal).sum(axis=1) < 0)
@@ -109,7 +110,7 @@ def test_an_inner_corner_hardly_wider_than_the_tip_is_said():
         'sharper',
     )
     assert np.all(np.hypot(*(contour.surface[contour.inner_corner] - (0.18, 0.36)).T) < 8e-3)
-    error = np.abs(corner.normal_error(contour.surface))
+    error = np.abs(normal_error(corner, contour.surface))
     assert np.all(error < 4 * contour.std_normal)
 
 
@@ -197,7 +198,7 @@ def test_no_radius_of_the_tip_is_said():
     streams = simulate_slides(cell, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, end=0.3)])
     contour = trace_contour(streams, replace(arm(), cell=cell))
     assert any('no radius of the tip' in warning for warning in contour.warnings)
-    assert rms(DISC.normal_error(contour.surface)) < 1.2e-5
+    assert rms(normal_error(DISC, contour.surface)) < 1.2e-5
 
 
 def test_a_force_beyond_the_calibration_is_said():
@@ -213,7 +214,7 @@ def test_a_light_slide_under_a_noisy_sensor():
         contour = trace_contour(streams, arm(seed))
         assert len(contour.outlines) == 1
         assert contour.lost < 0.1
-        errors.append(DISC.normal_error(contour.surface) / contour.std_normal)
+        errors.append(normal_error(DISC, contour.surface) / contour.std_normal)
     assert 0.5 < rms(np.concatenate(errors)) < 1.3
 
 
@@ -237,7 +238,7 @@ def lifted(streams, duration, height):
 def test_short_losses_of_contact_under_a_noisy_sensor(duration, height):
     sensors = SensorModel(force_noise=1.0, joint_rate=200, wrench_rate=200)
     contour = trace_contour(lifted(slide_along(DISC, end=0.6, force=2.5, sensors=sensors), duration, height), arm())
-    error = DISC.normal_error(contour.surface)
+    error = normal_error(DISC, contour.surface)
     assert np.abs(error).max() < 4e-4
     assert np.abs(error / contour.std_normal).max() < 5
 
@@ -246,7 +247,7 @@ def test_a_turning_joint_under_a_noisy_sensor():
     """The torque of a joint passes zero along a straight edge; the noise is that of its dead band, too."""
     slide = slide_along(SQUARE, end=1.02, force=3, friction=0.5, sensors=SensorModel(force_noise=1.0))
     contour = trace_contour(slide, arm())
-    error = SQUARE.normal_error(contour.surface) / contour.std_normal
+    error = normal_error(SQUARE, contour.surface) / contour.std_normal
     assert rms(error) < 1.3 and np.abs(error).max() < 6
 
 
@@ -260,7 +261,7 @@ def test_a_slide_whose_force_turns_is_left_out():
     turned = np.where(second[:, None], force @ [[0.0, 1.0], [-1.0, 0.0]], force) + whole.zero
     contour = trace_contour(replace(streams, wrench=replace(streams.wrench, force=turned)), arm())
     assert len(contour.outlines) == 1 and contour.time.max() < whole.time[whole.passes == 1][0]
-    assert rms(DISC.normal_error(contour.surface)) < 1.5e-5
+    assert rms(normal_error(DISC, contour.surface)) < 1.5e-5
     assert any('points left out: the force is not across' in warning for warning in contour.warnings)
 
 

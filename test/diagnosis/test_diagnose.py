@@ -75,6 +75,7 @@ def test_a_displaced_disc_shows_whether_the_noise_is_known_or_not(given):
         moved = replace(cell, discs=(cell.discs[0], cell.discs[1]._replace(x=cell.discs[1].x + move), cell.discs[2]))
         found = diagnose(calibrate(touches(PAPER_ACTUAL, 1), moved))
         assert found.verdict != 'none'
+        assert not any('disc number' in item.name for item in found.dependences)
         if move < 1e-3:
             assert any(item.effect.label == 'object_position[disc_2]' for item in found.found)
 

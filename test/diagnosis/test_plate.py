@@ -25,10 +25,9 @@ def plated(*names: str) -> Cell:
     return replace(CELL, discs=discs, plates=(Plate('a', 0.0, 0.3, 1e-5, 1e-4),))
 
 
-def test_it_is_in_the_catalogue_where_the_plate_carries_some_discs_but_not_all() -> None:
+def test_it_is_in_the_catalogue_where_the_plate_carries_several_discs() -> None:
     labels = [[e.label for e in PlatePosition.instances(plated(*names))] for names in ((), ('disc_1',))]
     assert labels == [[], []]
-    assert not list(PlatePosition.instances(plated('disc_1', 'disc_2', 'disc_3')))
     (effect,) = PlatePosition.instances(plated('disc_1', 'disc_2'))
     assert effect in catalogue(plated('disc_1', 'disc_2'))
     assert (effect.label, effect.title) == ('plate_position[a]', 'the plate a is not where the cell description says')
@@ -44,6 +43,16 @@ def test_it_displaces_all_discs_of_the_plate() -> None:
     )
     assert np.allclose(one.force, other.force, rtol=1e-9)
     assert not np.allclose(one.force, simulate_touches(cell, PAPER_ACTUAL, plan, CELL.noise).force, rtol=1e-3)
+
+
+def test_a_plate_of_all_discs_is_simulated_and_is_the_base_the_other_way() -> None:
+    cell = plated('disc_1', 'disc_2', 'disc_3')
+    (effect,) = PlatePosition.instances(cell)
+    truth = ExtendedModel(PAPER_ACTUAL, (effect,), ((2e-4, -1e-4),))
+    found = calibrate_touches(simulate_touches(cell, truth, default_plan(cell, 8), CELL.noise, 9), cell)
+    assert found.verdict == 'none'
+    assert abs(found['x0'].value - (PAPER_ACTUAL.x0 - 2e-4)) < found['x0'].std
+    assert found['x0'].std > cell.plates[0].center_std
 
 
 def test_a_displaced_plate_is_a_rival_of_the_disc_beside_it_and_the_uncertainty_covers_both() -> None:

@@ -55,7 +55,7 @@ def test_a_rotation_alone_keeps_its_name():
 
 def test_the_moment_is_said_with_its_uncertainty():
     _, found = examined('shift[base]', (6e-5, -6e-5, 53.5))
-    said = re.match(r'the base shifted between the touches (\d+) and (\d+)', found.advice)
+    said = re.match(r'the base shifted during the recording between the touches (\d+) and (\d+)', found.advice)
     assert said is not None
     low, high = (int(number) for number in said.groups())
     assert 50 <= low < 53.5 < high <= 57

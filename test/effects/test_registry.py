@@ -27,6 +27,7 @@ NAMES = {
 def test_all_kinds_of_effects_are_listed():
     assert {effect.name for effect in EFFECTS} == NAMES
     assert len(set(LABELS)) == len(LABELS)
+    assert all('during the recording' in effect.title for effect in EFFECTS if effect.name == 'shift')
     kinds = 'encoder_gain', 'transmission_error', 'joint_hardening', 'joint_hysteresis', 'joint_slip', 'thermal_drift'
     for kind in kinds:
         assert {f'{kind}[joint1]', f'{kind}[joint2]'} <= set(LABELS)

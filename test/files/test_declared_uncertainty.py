@@ -6,7 +6,7 @@ import pytest
 
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Plate, Uncertainty, different_parts
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Plate, Region, Uncertainty, different_parts
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 
 DECLARED = """
@@ -18,6 +18,7 @@ uncertainty:
   force_rotation: 1.0e-3
   nominal: {l1: 1.0e-3, l2: 1.0e-3}
 tolerance: {tip: 5.0e-5}
+region: {x: [-0.35, 0.35], y: [0.20, 0.55]}
 tip: {radius: 0.005}
 gravity: [0.0, 0.0]
 """
@@ -35,8 +36,9 @@ def test_reads_what_is_declared() -> None:
     assert cell.plates == (Plate('a', 0.0, 0.3, center_std=1e-3, angle_std=2e-3),)
     assert cell.uncertainty == Uncertainty(5e-6, 0.005, 1e-3, {'l1': 1e-3, 'l2': 1e-3})
     assert (cell.tolerance, cell.tip_radius) == (5e-5, 0.005)
+    assert cell.region == Region(-0.35, 0.35, 0.20, 0.55)
     assert parse_cell(dump_cell(cell)) == cell
-    assert different_parts(cell, PAPER_CELL) == ['disc_1', 'plates', 'uncertainty', 'tolerance']
+    assert different_parts(cell, PAPER_CELL) == ['disc_1', 'plates', 'uncertainty', 'tolerance', 'region']
 
 
 def test_a_plate_may_be_known_to_20_mm() -> None:
@@ -64,6 +66,8 @@ def test_what_is_absent_is_exactly_known() -> None:
         ('tip: 5.0e-5', 'tip: 50', 'tip: expected above 0, at most 0.005 m, got 50; give it in m: 5.0e-5 for 50'),
         ('l2: 1.0e-3}', 'l2: 0}', 'uncertainty.nominal.l2: expected a number above 0'),
         ('l2: 1.0e-3}', 'l3: 1.0e-3}', "uncertainty.nominal: unknown key 'l3'"),
+        ('x: [-0.35, 0.35]', 'x: [0.35, -0.35]', 'region.x: expected the lower limit first, got [0.35, -0.35]'),
+        (', y: [0.20, 0.55]', '', "region: the key 'y' is missing"),
         ('tip: 5.0e-5', 'tip: 0', 'tolerance.tip: expected above 0, at most'),
         ('gravity: [0.0, 0.0]', 'gravity: [0.0, -9.81]', 'gravity: an upright arm is not supported'),
     ],

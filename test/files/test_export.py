@@ -17,11 +17,20 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
-from scara_kinetostatic.files.export.formats import FORMATS, ExportFacts, dh_text, header_text, urdf_text, xacro_text
+from scara_kinetostatic.files.export.formats import (
+    FORMATS,
+    ExportFacts,
+    Options,
+    dh_text,
+    exported,
+    header_text,
+    urdf_text,
+    xacro_text,
+)
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
-from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign
+from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
@@ -172,13 +181,23 @@ def test_the_error_between_the_places_of_a_correction_table_is_stated(arm: Calib
             tip = Predictor(arm).locate(joints, np.array([[fx, fy]])).position
             errors.append(float(np.linalg.norm(tip - middle)))
     assert len(errors) > 100
-    stated, _ = made.notes[0].split(' mm, in 95 %')
+    stated, _ = made.notes[0].split(' mm where the arm')
     largest = 1e-3 * float(stated.rsplit(' ', 1)[1])
     assert largest >= 0.99 * max(errors) > 1e-5
-    assert f'# {made.notes[0][0].upper()}' in made.text
+    assert f'# P{made.notes[0][1:]}.' in made.text
     assert len(made.notes) == 1
     beyond = correction_file(arm, facts(arm, 'csv').lines, Grid(0.2, (500.0,))).notes[1]
     assert '500 N is outside of the forces of the calibration' in beyond
+
+
+def test_the_step_of_a_correction_table_follows_from_the_accuracy(arm: CalibratedArm) -> None:
+    for tolerance, accuracy in ((None, 0.1), (3e-4, 0.3)):
+        allowed = replace(arm, cell=replace(arm.cell, tolerance=tolerance, region=Region(0.1, 0.4, 0.1, 0.4)))
+        text, notes = exported(allowed, 'csv', 'a.json', Options(forces=(20.0,)))
+        stated = float(next(note for note in notes if 'halfway' in note).split('by less than ')[1].split(' mm')[0])
+        assert stated <= accuracy
+    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith('#'))
+    assert all(0.1 <= float(row[name]) <= 0.4 for row in rows for name in ('x_m', 'y_m'))
 
 
 def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> None:
@@ -190,7 +209,7 @@ def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> Non
         header_text(other, facts(other, 'header'))
     (note,) = facts(other, 'urdf').notes(is_rigid=True)
     assert 'encoder_gain[joint1]' in note
-    assert 'mm of the unloaded tip' in urdf_text(other, facts(other, 'urdf'))
+    assert 'Not contained: encoder_gain[joint1], up to ' in urdf_text(other, facts(other, 'urdf'))
     assert not facts(arm, 'urdf').notes(is_rigid=True)
 
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmark.common import dump_touch_table
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.files.touch_table import dump_touch_table, is_touch_table, load_touch_table, parse_touch_table
+from scara_kinetostatic.files.columns import parse_table
+from scara_kinetostatic.files.touch_table import EXAMPLE, _touches, is_touch_table, load_touch_table
 
 HEADING = 'q1_rad,q2_rad,fx_N,fy_N'
 ROW = '0.5,1.5,-10,0.25'
 
 
 def parse(*lines: str):
-    return parse_touch_table('\n'.join(lines) + '\n', 'touches.csv')
+    return _touches(parse_table('\n'.join(lines) + '\n', 'touches.csv', EXAMPLE))
 
 
 def test_the_four_columns():
@@ -155,6 +157,6 @@ def test_what_is_written_is_read_back_to_the_last_bit():
         approach=random.standard_normal((20, 2)),
     )
     for table in (first, full):
-        back = parse_touch_table(dump_touch_table(table), 'touches.csv')
+        back = parse(dump_touch_table(table))
         for ours, theirs in zip(table, back, strict=True):
             np.testing.assert_array_equal(ours, theirs)

@@ -234,3 +234,17 @@ def test_predicted_forces_are_measured_less_residual(outcome):
 def test_wrong_arguments_are_one_clear_line(outcome, call, message):
     with pytest.raises((sk.InputError, KeyError), match=message):
         call(outcome)
+
+
+def test_predicted_and_measured_forces_come_in_one_frame_and_touches_print_short():
+    cell = sk.load_cell(Path(__file__).parents[2] / 'bags' / 'measured.yaml')
+    truth = {'x0': 2e-3, 'theta1': -1.7e-3, 'l1': cell.nominal.l1 + 2e-4}
+    touches = sk.simulate(cell, truth, per_disc=6)
+    outcome = sk.diagnose(touches, cell)
+    off = sk.predict_force(outcome, outcome.final.touches) - outcome.final.touches.force
+    np.testing.assert_allclose(np.hypot(*off.T), np.hypot(*outcome.residuals.T), atol=1e-9)
+    assert np.hypot(*off.T).mean() < 1.0
+    names = [cell.discs[number].name for number in outcome.final.touches.disc]
+    alone = sk.predict_force(outcome, outcome.final.touches.joints, names)
+    assert np.median(np.hypot(*(alone - outcome.final.touches.force).T)) < 1.0
+    assert str(touches) == f'<TouchSet: {len(touches)} touches of {len(cell.discs)} objects>'

@@ -16,6 +16,8 @@ from scara_kinetostatic.model.cell import Cell, Identification
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.comparison import Fit, compare, compare_records, extended
 from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.report import comparison_document, comparison_report
+from scara_kinetostatic.report import as_text
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -112,6 +114,13 @@ def test_an_effect_that_only_one_has_found_is_a_change(cell: Cell, later: bool) 
     assert found.only_after == (('object_position[disc_2]',) if later else ())
     x = {p.name: p for p in found.parameters}['object_position[disc_2].x']
     assert abs(x.change - (1e-4 if later else -1e-4)) < 4 * x.std < 4e-5
+    tables = comparison_document([found])['changes'][0]['parameters']
+    one, other = (plain, moved) if later else (moved, plain)
+    assert (tables['l1']['from'], tables['l1']['to']) == (one.arm.model.parameters.l1, other.arm.model.parameters.l1)
+    assert abs(tables['l1']['joint_fit']['from' if later else 'to'] - plain.arm.model.parameters.l1) > 1e-9
+    assert tables['object_position[disc_2].x']['from' if later else 'to'] is None
+    shown = as_text(comparison_report([found]))
+    assert shown.index('As the files have it') < shown.index('Both fitted with the effects of both')
     if cell is CELL:  # where it has not moved, the two models agree
         same = compare(plain, _with_object_position(touches_of(cell, 2, world=world), cell))
         assert same.p_value > 1e-3 and same.degrees_of_freedom == 14 and same.only_after

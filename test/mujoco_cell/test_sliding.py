@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from contour.slides import CELL, OBJECTS, arm
 
+from benchmark.common import normal_error
+from benchmark.engine_slides import SlideController
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco.engine import Scene
-from scara_kinetostatic.simulation.mujoco.sliding import SlideController
 from scara_kinetostatic.simulation.slides import Slide, SlidePhase, sensed
 from scara_kinetostatic.simulation.streams import SensorModel
 
@@ -38,4 +39,4 @@ def test_surface_in_another_engine(name, robot, friction):
     exact = replace(arm(), model=ExtendedModel(robot))
     contour = trace_contour(sensed(motion, CELL, SensorModel.ideal(200), 0), exact)
     assert contour.friction.coefficient == pytest.approx(friction, abs=0.01)
-    assert rms(outline.normal_error(contour.surface)) < LIMIT
+    assert rms(normal_error(outline, contour.surface)) < LIMIT

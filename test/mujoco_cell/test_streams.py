@@ -20,7 +20,7 @@ from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco import simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.mujoco.engine import SCENES, scene_named
-from scara_kinetostatic.simulation.mujoco.streams import truth_of_scene
+from scara_kinetostatic.simulation.mujoco.streams import preload_plan, truth_of_scene
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import SensorModel
 from scara_kinetostatic.touches.detection import find_touches
@@ -50,6 +50,13 @@ def test_touches_found_in_the_streams_are_those_played(few: Plan, cell: Cell) ->
     sure = np.abs(expected.press) > 1e-4
     assert sure.any(axis=1).all()
     assert np.array_equal(np.sign(detection.touches.press)[sure], np.sign(expected.press)[sure])
+
+
+def test_a_joint_that_crosses_its_backlash_under_load_is_not_at_rest() -> None:
+    """Gravity keeps the joints of a tilted arm from crossing it at once; the force stands still while they do."""
+    some = preload_plan(CELL).select(np.arange(4, 9))
+    detection = find_touches(simulate_streams(scene_named('tilted_base'), CELL, some, seed=1), CELL)
+    assert detection.found == len(some)
 
 
 def test_streams_are_finite_continuous_and_repeat(few: Plan) -> None:

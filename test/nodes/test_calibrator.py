@@ -155,6 +155,17 @@ def test_results_can_be_loaded_again_and_effects_come_and_go_with_them(
     assert 'read-only' in set_parameter(client, 'calibrated.g_ee', 1.0)
 
 
+def test_a_calibrator_that_is_started_again_takes_its_result(
+    spin: Callable[..., Node], grown_outcome: Outcome, recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_results(grown_outcome, recording.with_name('touches_calibration'), report=False)
+    monkeypatch.chdir(recording.parent)
+    node = spin(Calibrator, '--ros-args', '-p', 'restore:=true', '-p', 'recording:=touches')
+    np.testing.assert_array_equal(values(node, 'calibrated'), grown_outcome.final.parameters.as_array())
+    assert 'result loaded from' in node._report().message
+    assert node._settings.job().recordings == [str(recording)]
+
+
 @pytest.mark.parametrize(
     ('code', 'message'),
     [
@@ -246,7 +257,8 @@ def test_a_calibration_gives_up_when_the_node_ends(
     processes.start('calibrator', {'recording': recording, 'output': tmp_path / 'results'})
     call = client._node.create_client(Trigger, '/calibrator/calibrate')
     client.wait('the service', call.service_is_ready, WAIT)
+    heard = listen(client, '/calibrator/progress')
     call.call_async(Trigger.Request())
-    client._executor.spin_once(timeout_sec=0.05)
+    client.wait('its begin', lambda: bool(heard), WAIT)
     assert processes.stop() == {'calibrator': 0}
     assert 'Traceback' not in processes.log('calibrator').read_text()

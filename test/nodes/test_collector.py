@@ -76,6 +76,14 @@ def test_every_message_of_a_fast_stream_is_recorded(spin: Callable[..., Node], t
     assert len(streams.joints.stamp) == len(streams.wrench.stamp) == 1000
 
 
+def test_a_recording_without_usable_joint_states_is_no_success(spin: Callable[..., Node], tmp_path: Path) -> None:
+    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    publish(collector, RELIABLE_STREAM, 20, names=('shoulder', 'elbow'))
+    assert eventually(lambda: all(monitor.count == 20 for monitor in collector._streams.monitors.values()))
+    with pytest.raises(RefusedError, match=r'/joint_states: no usable message of 20$'):
+        collector._stop()
+
+
 def test_a_best_effort_publisher_is_heard(spin: Callable[..., Node]) -> None:
     collector = spin(Collector)
     publish(collector, QoSPresetProfiles.SENSOR_DATA.value, 300)

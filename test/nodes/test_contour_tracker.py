@@ -25,13 +25,14 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 import scara_kinetostatic as sk
+from benchmark.common import normal_error
 from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes.contact_simulator import Playback
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker
-from scara_kinetostatic.nodes.conversion import joint_state, wrench
+from scara_kinetostatic.nodes.conversion import Sample, joint_state, wrench
 from scara_kinetostatic.nodes.demo_client import THIS_MACHINE
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.outline import circle
@@ -159,7 +160,7 @@ def test_a_slide_is_traced_while_it_is_played(bench: Callable[..., Bench], slide
     b.play(slide, lambda: any(message.poses for message in b.paths))
     b.wait(lambda: len(b.paths) and np.hypot(*(places(b.paths[-1])[[0, -1]].T @ [1, -1])) < 1e-9)
     found = places(b.paths[-1])
-    assert rms(DISC.normal_error(found)) < 1.2e-5
+    assert rms(normal_error(DISC, found)) < 1.2e-5
     assert np.hypot(*np.diff(found, axis=0).T).sum() == pytest.approx(2 * np.pi * 0.03, rel=5e-3)
     lengths = [len(message.poses) for message in b.paths]
     assert any(0 < length < len(found) for length in lengths)  # it has grown
@@ -195,6 +196,11 @@ def test_what_cannot_be_traced_is_said(bench: Callable[..., Bench], slide: Strea
 
     b.play(replace(slide, joints=replace(joints, position=position)), leap_said)
     b.wait(lambda: b.value('outlines') == '2')
+    b.node._felt -= 1.0
+    assert 'no force of the last 0.5 s' in b.call('tare').message
+    stamp = int(slide.wrench.stamp[-1]) + 10**18 + 10**7
+    forces = wrench(Sample(stamp, 0.0, 0.0), 'base_link')
+    b.wait(lambda: b.node._felt > monotonic() - 0.2, lambda: b.force.publish(forces))
     assert b.call('tare').success
     assert b.value('zero of the force [N]') != 'not known'
 

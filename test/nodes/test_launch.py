@@ -151,11 +151,37 @@ def test_a_missing_robot_state_publisher_is_said(launched: Launched) -> None:
 def test_time_log_level_and_an_earlier_result(launched: Launched) -> None:
     nodes = launched.nodes(use_sim_time='true', log_level='debug', preload='calibration.yaml', output='out')
     for name, node in nodes.items():
-        assert parameters(node)['use_sim_time'] is True
+        assert parameters(node)['use_sim_time'].args[0].args == ('use_sim_time',)
         assert node['ros_arguments'] == ['--log-level', 'debug', '--enclave', f'/scara_kinetostatic/{name}']
     assert nodes['calibrator']['parameters'][1] == 'calibration.yaml'
     assert len(nodes['collector']['parameters']) == 2
     assert 'output' in parameters(nodes['calibrator']) and 'recording' not in parameters(nodes['calibrator'])
+
+
+def test_arguments_that_are_not_given_leave_the_parameter_file(launched: Launched) -> None:
+    switches = {'compensate': 'true', 'track': 'true', 'watch': 'true'}
+    for name, node in launched.nodes(params='own.yaml', **switches).items():
+        assert node['parameters'][1:] == ['own.yaml'], name
+    given = launched.nodes(params='own.yaml', autostart='false', seed='3', recordings='bags', respawn='true')
+    assert parameters(given['collector']).keys() == {'autostart', 'output'}
+    assert parameters(given['contact_simulator']).keys() == {'seed'}
+    assert parameters(given['calibrator']) == {'restore': True}
+
+
+def test_an_earlier_result_is_that_of_all_nodes(launched: Launched, tmp_path: Path) -> None:
+    switches = {'compensate': 'true', 'track': 'true', 'watch': 'true'}
+    preload = tmp_path / 'calibration.yaml'
+    with pytest.raises(RuntimeError, match=r'calibration\.json: there is no such file beside'):
+        launched.nodes(preload=str(preload), **switches)
+    (tmp_path / 'calibration.json').touch()
+    nodes = launched.nodes(preload=str(preload), **switches)
+    for name in ('compensator', 'contour_tracker', 'monitor'):
+        assert parameters(nodes[name]) == {'calibration': str(tmp_path / 'calibration.json')}
+
+
+def test_the_end_of_a_display_ends_nothing_else(launched: Launched) -> None:
+    nodes = launched.nodes()
+    assert nodes['visualizer']['on_exit'] is None and nodes['calibrator']['on_exit'] is not None
 
 
 @pytest.mark.parametrize(('respawn', 'status', 'ends'), [

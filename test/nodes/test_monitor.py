@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,9 @@ def feed(node: Node, touches: TouchSet, recording: str, **changes: Any) -> None:
         node._note_touch(message)
 
 
-def test_a_change_is_raised_and_reset(watching: Callable[..., Node], calibration: Path) -> None:
+def test_a_change_is_raised_and_reset(
+    watching: Callable[..., Node], calibration: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     node = watching('--ros-args', '-p', f'calibration:={calibration}')
     feed(node, touches_of(CELL, 1, world=None).select(np.arange(30)), '/monday')
     condition = node._report()
@@ -82,6 +85,14 @@ def test_a_change_is_raised_and_reset(watching: Callable[..., Node], calibration
     assert condition.values['changed'] == 'l1'
     assert re.search('since touch [0-3] of tuesday', condition.message)
     assert node._report().values['rejected touches in a row'] == '0'
+    said: list[str] = []
+    monkeypatch.setattr(node, 'get_logger', lambda: SimpleNamespace(error=said.append))
+    node._alarm = SimpleNamespace(best=SimpleNamespace(name='base'))
+    later = touches_of(CELL, 4, TRUTH.replace(l1=TRUTH.l1 + 1e-4), world=None).select(np.arange(2))
+    feed(node, later, '/wednesday')
+    (line,) = said  # the corrected name, once
+    assert 'link 1 changed its length' in line
+    feed(node, later, '/wednesday', reason=DISCARDED)
     feed(node, changed, '/tuesday', reason=DISCARDED)
     assert node._report().level == OK and node._report().values['touches'] == '30'
     assert node._reset() == 'touches count anew from here'

@@ -83,9 +83,10 @@ def test_an_unfit_result_leaves_the_parameters_unless_told_to_replace_them(
     heard: list[dict[str, Any]] = []
     listen = lambda message: heard.append(json.loads(message.data))  # noqa: E731
     client._node.create_subscription(String, '/calibrator/result', listen, LATCHED)
-    answer = calibrated(assessment='unfit')
+    answer = calibrated(assessment='unfit', actions=['mend it'])
     assert not answer.success
     assert 'parameters calibrated.* are left as they were' in answer.message
+    assert '; mend it; ' in answer.message
     assert not node.has_parameter('calibrated.l1')
     assert node._report().values['present result'] == 'none'
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmark.common import normal_error
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.files.cell_file import load_cell
@@ -61,7 +62,7 @@ def test_the_slide_is_the_outline_that_its_plan_states() -> None:
     arm = replace(calibrated, cell=replace(cell, tip_radius=0.005))
     contour = trace_contour(read_streams(BAGS / 'slide.mcap', arm.cell), arm)
     ((slide,),) = [yaml.safe_load((BAGS / 'slide.yaml').read_text())]
-    error = polygon(slide['slide']['outline'], slide['slide']['corner_radius']).normal_error(contour.surface)
+    error = normal_error(polygon(slide['slide']['outline'], slide['slide']['corner_radius']), contour.surface)
     assert len(error) > 500
     assert np.sqrt(np.mean(error**2)) < 2 * np.sqrt(np.mean(contour.std_normal**2)) < 3e-5
 

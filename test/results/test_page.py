@@ -8,11 +8,13 @@ from datetime import datetime, timezone
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.model.cell import Identification
 from scara_kinetostatic.results.report import html_text, numbers
+from scara_kinetostatic.results.tip_maps import _smooth
 
 VOID = {'meta', 'br', 'img', 'hr', 'input', 'link'}
 
@@ -112,7 +114,7 @@ def test_everything_is_said(page: str, nasty: Outcome) -> None:
     assert 'The base model explains these touches' in text
     assert f'{c.force_error:.3g} N in the fit, {c.force_error_nominal:.3g} N with nominal parameters' in text
     compared = nasty.comparison
-    assert f'{1e3 * compared.nominal_tip:.3g} → {1e3 * compared.extended.tip.held_out:.3g} mm' in text
+    assert f'{1e6 * compared.nominal_tip:.0f} → {1e6 * compared.extended.tip.held_out:.3g} µm' in text
     assert '2 of 37 touches were not used' in text
     assert 'disagrees with the other touches' in text
     assert nasty.warnings[0] in text
@@ -125,7 +127,7 @@ def test_what_is_not_determined_is_marked(confounded: Outcome) -> None:
     page = html_text(confounded)
     text = words_of(page)
     assert 'the touches do not determine p_ee' in text
-    assert re.search(r'Only the combination g_ee \+ [\d.]+ p_ee .* mm is determined', text)
+    assert re.search(r'Only the combination g_ee \+ [\d.]+ p_ee .* µm is determined', text)
     assert page.count('<tr class="caution"><td>p_ee<') == page.count('<tr class="caution"><td>g_ee<') == 1
     assert page.count('<tr class="faint"><td>l1<') == 1
 
@@ -146,9 +148,9 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     assert f'{item.effect.title} {item.effect.label}' in text
     compared = grown.comparison
     for side in (compared.base, compared.extended):
-        cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e3 * side.tip.fitted:.3g}')
+        cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e6 * side.tip.fitted:.3g}')
         assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
-    assert f'{1e3 * item.values[0].value:.4f} ± {1e3 * item.values[0].std:.4f} mm' in text
+    assert f'{1e6 * item.values[0].value:.1f} ± {1e6 * item.values[0].std:.1f} µm' in text
     assert page.count('<svg') == 2 + 1 + 4
     assert re.search(r'<tr class="good"><td>[^<]* has another radius', page)
     assert '>rejected<' in page
@@ -174,6 +176,21 @@ def test_of_a_scatter_it_is_said_that_nothing_predicts_it(rough: Outcome) -> Non
 
 
 FOLDED = ('Limits of this diagnosis', 'Identifiability and noise', 'The cell', 'Residuals', 'Touches:')
+
+
+def test_a_picture_is_as_wide_as_a_narrow_screen(page: str) -> None:
+    narrow = page[page.index('@media screen and (max-width: 720px)') : page.index('@page')]
+    assert 'svg' not in narrow
+
+
+def test_maps_have_no_steps(plain: Outcome) -> None:
+    for places in plain.tip_uncertainty.maps:
+        fine = _smooth(places.expanded)
+        assert fine.shape == tuple(4 * n for n in places.expanded.shape)
+        assert np.isfinite(fine).all()
+        assert np.nanmin(places.expanded) <= fine.min() <= fine.max() <= np.nanmax(places.expanded)
+        steps = [np.nanmax(np.abs(np.diff(each, axis=0))) for each in (fine, places.expanded)]
+        assert steps[0] < 0.5 * steps[1]
 
 
 def test_what_is_folded_is_open_on_paper(page: str) -> None:
@@ -222,7 +239,7 @@ def test_the_tolerance_is_beside_the_uncertainty(plain: Outcome) -> None:
     for factor, words in ((1.2, 'conformity shown'), (0.5, 'conformity excluded')):
         known = replace(plain.calibration, cell=replace(cell, tolerance=factor * worst))
         fact = numbers(replace(plain, calibration=known))[1]
-        assert (fact.value, fact.unit) == (f'{1e3 * worst:.3g} of {1e3 * factor * worst:.3g}', 'mm')
+        assert (fact.value, fact.unit) == (f'{1e6 * worst:.3g} of {1e6 * factor * worst:.3g}', 'µm')
         assert words in fact.remark
 
 

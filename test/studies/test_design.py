@@ -11,7 +11,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Sensor, SensorFrame, Uncertainty
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Region, Sensor, SensorFrame, Uncertainty
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.simulation.plan import default_plan
@@ -19,7 +19,6 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.design.candidates import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.studies.design.optimal_design import Requirements, optimal_design
 from scara_kinetostatic.studies.design.prediction import (
-    Region,
     Robot,
     exact_plan,
     free_tip,
@@ -153,13 +152,17 @@ def test_error_on_touches_not_seen_is_that_of_calibrations():
     assert held_out_ratio(ROBOT, plan.select(np.arange(13))) > 2 * MOST_HELD_OUT
 
 
+def within(*limits: float) -> Robot:
+    return replace(ROBOT, cell=replace(ROBOT.cell, region=Region(*limits)))
+
+
 def test_workspace_keeps_to_its_region_and_refuses_none():
-    workspace = make_workspace(ROBOT, Region(0.0, 0.3, 0.2, 0.5))
+    workspace = make_workspace(within(0.0, 0.3, 0.2, 0.5))
     assert (workspace.places >= (0.0, 0.2)).all()
     assert (workspace.places <= (0.3, 0.5)).all()
     assert workspace.area.sum() == pytest.approx(1.0)
     with pytest.raises(ParameterError, match='within reach'):
-        make_workspace(ROBOT, Region(2.0, 3.0, 2.0, 3.0))
+        make_workspace(within(2.0, 3.0, 2.0, 3.0))
 
 
 def test_unreachable_touch_is_named():

@@ -22,12 +22,14 @@ class Grid(NamedTuple):
     """The poses of a correction table.
 
     Attributes:
-        step: distance of its places along x and y, m.
+        step: distance of its places along x and y, m; None: as the accuracy needs.
         forces: magnitudes of the force, N; 0 has one row per place, the others one per direction.
+        accuracy: error of the tip by interpolation that 95 % of the middles between places keep, m.
     """
 
-    step: float
+    step: float | None
     forces: tuple[float, ...]
+    accuracy: float = np.inf
 
 
 class _Table(NamedTuple):
@@ -71,30 +73,38 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> Corr
     between places, by bilinear interpolation.
 
     Raises:
-        ParameterError: the step makes more than `MOST_ROWS` rows.
+        ParameterError: step or accuracy make more than `MOST_ROWS` rows.
         UnsupportedDataError: there is no row.
     """
-    cells, forces = _cells(arm, grid.step), _forces(grid.forces)
-    count = len(cells) * len(forces) * len(arm.used.postures)
-    if count > MOST_ROWS:
-        step = grid.step * np.sqrt(count / MOST_ROWS)
-        problem = f'{grid.step:g} m makes a table of up to {count:.2g} rows, {MOST_ROWS:.2g} are the most'
-        raise ParameterError('--step', problem, f'{np.ceil(1e3 * step) / 1e3:g} m is possible, or choose fewer forces')
-    places = _places(arm, grid.step, cells)
-    tables = [_table(arm, places, forces, posture) for posture in arm.used.postures]
-    if not any(np.isfinite(table.change).all(axis=2).any() for table in tables):
-        raise UnsupportedDataError(
-            'no place of the grid can be reached under these forces', 'choose a smaller --step or smaller forces'
-        )
-    between = _between(arm, grid, cells, forces, tables)
+    forces, step = _forces(grid.forces), grid.step or 0.1
+    while True:
+        cells = _cells(arm, step)
+        count = len(cells) * len(forces) * len(arm.used.postures)
+        if count > MOST_ROWS:
+            name, value = ('--step', grid.step) if grid.step else ('--accuracy', grid.accuracy)
+            problem = f'{value:g} m needs a table of up to {count:.2g} rows, {MOST_ROWS:.2g} are the most'
+            raise ParameterError(name, problem, 'give more, choose fewer forces, or bound the region of the cell')
+        places = _places(arm, step, cells)
+        tables = [_table(arm, places, forces, posture) for posture in arm.used.postures]
+        if not any(np.isfinite(table.change).all(axis=2).any() for table in tables):
+            problem = 'no place of the grid can be reached under these forces'
+            raise UnsupportedDataError(problem, 'choose a smaller --step or smaller forces')
+        errors = _errors_between(arm, step, cells, forces, tables)
+        if grid.step or (len(errors) and np.quantile(errors, 0.95) <= grid.accuracy):
+            break
+        step /= 2
+    between = _in_words(errors)
     lines = [
         *(f'# {line}' for line in head),
         '# Command q1_nominal_rad + dq1_rad and q2_nominal_rad + dq2_rad to have the tip at x_m, y_m under the force.',
-        f'# {between[0].upper()}{between[1:]}.',
+        f'# Places {step:g} m apart; {between}.',
         'x_m,y_m,fx_N,fy_N,elbow,q1_nominal_rad,q2_nominal_rad,dq1_rad,dq2_rad,miss_m,std_normal_m,status',
     ]
     rows = (_row(row) for table in tables for row in _rows(table, places, forces))
-    return CorrectionFile('\n'.join([*lines, *rows]) + '\n', tuple(filter(None, (between, _beyond(arm, grid)))))
+    return CorrectionFile(
+        '\n'.join([*lines, *rows]) + '\n',
+        tuple(filter(None, (f'places {step:g} m apart; {between}', _beyond(arm, grid)))),
+    )
 
 
 def _beyond(arm: CalibratedArm, grid: Grid) -> str:
@@ -132,14 +142,14 @@ def _rows(table: _Table, places: Floats, forces: Floats) -> Iterator[tuple[objec
         )  # fmt: skip
 
 
-def _between(arm: CalibratedArm, grid: Grid, cells: Indices, forces: Floats, tables: Sequence[_Table]) -> str:
-    """How far interpolated corrections miss the tip in the middle between four places, a sentence."""
+def _errors_between(arm: CalibratedArm, step: float, cells: Indices, forces: Floats, tables: list[_Table]) -> Floats:
+    """How far interpolated corrections miss the tip in the middles between four places, (k,), m."""
     number = {cell: k for k, cell in enumerate(map(tuple, cells.tolist()))}
     square = ((0, 0), (1, 0), (0, 1), (1, 1))
     corners = [[number.get((x + dx, y + dy), -1) for dx, dy in square] for x, y in cells.tolist()]
     whole = np.array(corners, dtype=np.intp).reshape(-1, 4)
     whole = whole[(whole >= 0).all(axis=1)]
-    middle = np.repeat(_places(arm, grid.step, cells)[whole[:, 0]] + grid.step / 2, len(forces), axis=0)
+    middle = np.repeat(_places(arm, step, cells)[whole[:, 0]] + step / 2, len(forces), axis=0)
     force, predictor, missed = np.tile(forces, (len(whole), 1)), Predictor(arm), [np.zeros(0)]
     for table in tables:
         change = table.change[whole].mean(axis=1).reshape(-1, 2)
@@ -148,24 +158,28 @@ def _between(arm: CalibratedArm, grid: Grid, cells: Indices, forces: Floats, tab
         found = predictor.locate(joints[known], force[known]).position
         missed.append(np.linalg.norm(found - middle[known], axis=1))
     errors = np.concatenate(missed)
-    errors = errors[np.isfinite(errors)]
+    return np.asarray(errors[np.isfinite(errors)])
+
+
+def _in_words(errors: Floats) -> str:
     if not len(errors):
         return 'the places are too far apart to interpolate between them'
     largest, most = (f'{1e3 * value:.2g}' for value in (errors.max(), np.quantile(errors, 0.95)))
     return (
-        f'halfway between places, bilinear interpolation of dq misses the tip by up to {largest} mm, in 95 % of the '
-        f'middles by less than {most} mm; elsewhere in a cell the largest may be about a third more'
+        f'halfway between places, bilinear interpolation of dq misses the tip by less than {most} mm in 95 % of the '
+        f'middles, by up to {largest} mm where the arm is nearly stretched or folded or a backlash changes sides'
     )
 
 
 def _cells(arm: CalibratedArm, step: float) -> Indices:
-    """The places of a grid through the base that the nominal arm reaches, in steps, (n, 2)."""
+    """The places of a grid through the base, within reach of the nominal arm and in the region, in steps, (n, 2)."""
     p = arm.cell.nominal
     longest = NEARLY_STRETCHED * (p.l1 + p.l2)
     shortest = abs(p.l1 - p.l2) + (1 - NEARLY_STRETCHED) * (p.l1 + p.l2)
     number = int(longest / step)
     line = np.arange(-number, number + 1)
     cells = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    cells = cells[arm.cell.region.holds(_places(arm, step, cells))]
     distance = step * np.hypot(*cells.T)
     return cells[(distance <= longest) & (distance >= shortest)]
 

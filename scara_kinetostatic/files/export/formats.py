@@ -68,7 +68,7 @@ class ExportFacts(NamedTuple):
         )
         miss = rigid_miss(arm) if effects else 0.0
         if miss:
-            lines += (f'Up to {1e3 * miss:.3g} mm of the unloaded tip are by {", ".join(effects)}.',)
+            lines += (f'Not contained: {", ".join(effects)}, up to {1e3 * miss:.3g} mm at the unloaded tip.',)
         cleaned = tuple(map(_as_comment, lines))
         return cls(cleaned, _stds(arm), effects, miss, arm.reservations)
 
@@ -217,7 +217,8 @@ class Options(NamedTuple):
     """What some formats may be told: the convention of a Denavit–Hartenberg table, the grid of a correction table."""
 
     convention: str = 'standard'
-    step: float = 0.05
+    step: float | None = None
+    accuracy: float | None = None
     forces: tuple[float, ...] = ()
 
 
@@ -237,7 +238,8 @@ class Format(NamedTuple):
 
 def _corrections(arm: CalibratedArm, facts: ExportFacts, options: Options) -> tuple[str, Sequence[str]]:
     middle = float(f'{(arm.used.lowest_force + arm.used.highest_force) / 2:.2g}')
-    grid = Grid(options.step, tuple(dict.fromkeys(options.forces)) or (0.0, middle))
+    accuracy = options.accuracy or arm.cell.tolerance or 1e-4
+    grid = Grid(options.step, tuple(dict.fromkeys(options.forces)) or (0.0, middle), accuracy)
     return correction_file(arm, facts.lines, grid)
 
 

@@ -52,7 +52,7 @@ def tip_picture(design: Design) -> Markup:
     figure = Figure(figsize=(WIDTH / 72, 430 / 72), dpi=72, layout='constrained')
     axes = figure.subplots(1, 2, sharey=True)
     robot, q = design.robot, design.requirements
-    workspace = make_workspace(robot, q.region, radii=24, angles=120)
+    workspace = make_workspace(robot, radii=24, angles=120)
     tip = loaded_tip(robot, workspace, q.load) if q.under_load else free_tip(robot, workspace)
     places = MICRO * tip_std(tip, design.row.prediction).places
     low, high = float(places.min()), float(places.max())

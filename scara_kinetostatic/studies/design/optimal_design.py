@@ -38,7 +38,6 @@ from scara_kinetostatic.studies.design.candidates import (
 )
 from scara_kinetostatic.studies.design.prediction import (
     Prediction,
-    Region,
     Robot,
     Tip,
     TipStd,
@@ -62,7 +61,6 @@ USUAL_ACCURACY = 1e-5
 """Largest standard deviation of the tip where none is required, m."""
 _ABOVE_LIMIT = 1.1
 """Accuracy over the limit that can be reached with a reasonable number of touches: more could gain a tenth."""
-_EVERYWHERE = Region()
 Progress = Callable[[str, float], None]
 """Receives what is being done, and the share of all that is done, 0 to 1."""
 
@@ -79,7 +77,6 @@ class Requirements:
         per_disc: points around a disc to choose from.
         load: force under which the loaded tip is predicted, N.
         under_load: whether the accuracy is required of the loaded tip.
-        region: the part of the base frame that counts, and where an additional disc may be.
         number: of touches in comparisons.
         seed: of all random numbers.
     """
@@ -90,7 +87,6 @@ class Requirements:
     per_disc: int = PER_DISC
     load: float = 40.0
     under_load: bool = False
-    region: Region = _EVERYWHERE
     number: int = 36
     seed: int = 0
 
@@ -237,7 +233,7 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     """
     q, report, in_base, plate = requirements or Requirements(), report or (lambda *_: None), robot, robot.common_plate
     robot = robot.on_plate() if plate else robot
-    workspace = make_workspace(robot, q.region)
+    workspace = make_workspace(robot)
     task = _Task(robot, q, free_tip(robot, workspace), loaded_tip(robot, workspace, q.load))
     report('candidate touches', 0.0)
     every = candidate_plan(robot, q.levels, q.postures, q.per_disc)
@@ -288,8 +284,8 @@ def _coarse_tip(task: _Task) -> Tip:
     """The required tip on a coarse grid, for the search: both limits of the reach and the middle."""
     robot, q = task.robot, task.requirements
     if q.under_load:
-        return loaded_tip(robot, make_workspace(robot, q.region, 3, 12), q.load, 4)
-    return free_tip(robot, make_workspace(robot, q.region, 3))
+        return loaded_tip(robot, make_workspace(robot, 3, 12), q.load, 4)
+    return free_tip(robot, make_workspace(robot, 3))
 
 
 def _out_of_reach(task: _Task, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
@@ -301,8 +297,8 @@ def _out_of_reach(task: _Task, accuracy: float, very_many: Prediction) -> Unsupp
     return UnsupportedDataError(
         f'an accuracy of {quantity(accuracy, "m")}{half} is out of reach: {MOST_TOUCHES} touches leave '
         f'{quantity(lowest, "m")}, {kind} alone {quantity(part, "m")} of it as the cell declares it',
-        f'ask for {quantity(enough, "m")} (--accuracy {np.format_float_positional(enough)}), or reduce what limits it: '
-        'that is where more touches help least',
+        f'ask for {quantity(enough, "m")} (--accuracy {np.format_float_positional(enough)}), or reduce '
+        'that uncertainty: more touches do not',
     )
 
 
@@ -387,7 +383,13 @@ def _after_a_loss(task: _Task, plan: Plan, rank: int) -> float:
 
 
 def _mixed(plan: Plan) -> Plan:
-    """The touches in an order that mixes places and force levels, so that drift in time is correlated with neither."""
+    """The touches in an order that mixes places and force levels, so that drift in time is correlated with neither;
+    every other one of each disc and posture has a preload of 30 %, without which friction and hysteresis do not show.
+    """
+    around = np.lexsort((plan.angle, plan.posture, plan.disc))
+    side = 2 * plan.disc[around] + (plan.posture[around] > 0)
+    number = np.arange(len(plan)) - np.searchsorted(side, side)  # from 0 in each disc and posture
+    plan = replace(plan.select(around), preload=np.where(number % 2 == 0, 0.3, 0.0))
     around = np.lexsort((plan.posture, plan.angle, plan.disc))
     golden_ratio = 0.6180339887498949  # steps of a low-discrepancy order
     return plan.select(around[np.argsort(np.arange(len(plan)) * golden_ratio % 1.0, kind='stable')])
@@ -444,7 +446,7 @@ def _additional_disc(task: _Task, grid: int = 25, per_disc: int = 12) -> DiscMap
         from_base = float(np.hypot(*(center - base)))
         apart = np.hypot(*(cell.centers - center).T) - cell.radii - radius
         can_be = max(least, radius + BASE_MARGIN) <= from_base <= most and apart.min() >= 2 * CLEARANCE
-        if can_be and q.region.holds(center):
+        if can_be and robot.cell.region.holds(center):
             disc = cell.discs[0]._replace(name='additional', x=center[0], y=center[1], radius=radius)
             with suppress(CellError, UnsupportedDataError):
                 values[row, column] = largest((*cell.discs, disc))

@@ -41,7 +41,7 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, Plate
@@ -228,20 +228,6 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
 POSTURES = (1, -1)
 
 
-class Region(NamedTuple):
-    """The part of the base frame that counts, m; by default all of it."""
-
-    x_min: float = -np.inf
-    x_max: float = np.inf
-    y_min: float = -np.inf
-    y_max: float = np.inf
-
-    def holds(self, places: Floats) -> NDArray[np.bool_]:
-        """Whether places, (…, 2), m, are inside, (…)."""
-        low, high = (self.x_min, self.y_min), (self.x_max, self.y_max)
-        return np.asarray(((places >= low) & (places <= high)).all(axis=-1))
-
-
 class Tip(NamedTuple):
     """Sensitivity of the tip to L̄ at every place of the workspace.
 
@@ -293,27 +279,25 @@ def reach(robot: Robot) -> tuple[float, float]:
     return max(abs(p.l1 - p.l2) + REACH_MARGIN, BASE_MARGIN), p.l1 + p.l2 - REACH_MARGIN
 
 
-def make_workspace(robot: Robot, region: Region | None = None, radii: int = 8, angles: int = 36) -> Workspace:
-    """The polar grid over all that is within reach and in the region.
+def make_workspace(robot: Robot, radii: int = 8, angles: int = 36) -> Workspace:
+    """The polar grid over all that is within reach and in the region of the cell.
 
     Args:
         robot: the robot.
-        region: by default all within reach.
         radii: number of radii.
         angles: number of angles.
 
     Raises:
         ParameterError: no place of the region is within reach.
     """
-    region = region or Region()
     nominal = robot.cell.nominal
     distance = np.linspace(*reach(robot), radii)
     angle = 2 * np.pi * np.arange(angles) / angles
     directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     grid = (nominal.x0, nominal.y0) + distance[:, None, None] * directions
-    mask = region.holds(grid)
+    mask = robot.cell.region.holds(grid)
     if not mask.any():
-        raise ParameterError('region', f'no place of {tuple(region)} is within reach', 'give x and y limits in m')
+        raise robot.cell.region.out_of_reach()
     area = np.broadcast_to(distance[:, None], mask.shape)[mask]
     return Workspace(grid[mask], area / area.sum(), mask, distance, angle)
 

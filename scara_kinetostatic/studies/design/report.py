@@ -41,7 +41,7 @@ def design_document(design: Design) -> dict[str, Any]:
             'levels': q.levels,
             'postures': [POSTURE_NAMES[posture] for posture in q.postures],
             'load': q.load,
-            'region': list(q.region),
+            'region': list(robot.cell.region),
             'touches_compared': q.number,
             'seed': q.seed,
         },
@@ -117,9 +117,9 @@ def _row(row: Row) -> dict[str, Any]:
     }
 
 
-def _micrometres(value: float, digits: int = 3) -> str:
+def _micrometres(value: float) -> str:
     """A length in µm."""
-    return f'{1e6 * value:#.{digits}g}'.rstrip('.') if math.isfinite(value) else NOT_DETERMINED
+    return f'{1e6 * value:#.3g}'.rstrip('.') if math.isfinite(value) else NOT_DETERMINED
 
 
 def requirement(design: Design) -> str:
@@ -150,8 +150,8 @@ def noise_sentences(design: Design) -> list[str]:
         ]
     if robot.declared is None:
         sentences.append(
-            'Every standard deviation is proportional to the noise, the number of touches for an accuracy to its '
-            'square. Discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
+            'Half the noise halves every standard deviation, and needs a quarter of the touches for the same '
+            'accuracy. Discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
         )
     else:
         parts = sorted(contributions(design.row.prediction, design.tip).items(), key=lambda item: -item[1])
@@ -292,8 +292,10 @@ def _touches(design: Design) -> tuple[Block, ...]:
         ),
         plan_table(design),
         Note(
-            'In the order of plan.yaml. Leverage: the share of a touch’s measurement that its own fitted value '
-            'follows; at 100 % no other touch checks it, and an error in it is not detected.'
+            'In the order of plan.yaml. Every other touch of a disc and posture is pressed 30 % beyond its force and '
+            'released to it (preload): friction and hysteresis are detectable only then. Leverage: the share of a '
+            'touch’s measurement that its own fitted value follows; at 100 % no other touch checks it, and an error in '
+            'it is not detected.'
         ),
         Figure(partial(figures.tip_picture, design), 'Predicted standard deviation of the tip after a calibration.'),
     )

@@ -1,8 +1,8 @@
 """A record of a load and a response, read from a CSV file, and what drives it.
 
 Columns: the response, the load and the time among any others, chosen by name or by their units (`files.columns`). A
-displacement goes with a force, an angle with a torque. A heading such as `q2_rad` or `tau2_Nm` tells the number of its
-joint: the columns of two joints do not go together.
+displacement goes with a force, an angle with a torque. A heading such as `q2_rad` or `tau2_ext_Nm` tells the number
+of its joint: the columns of two joints do not go together.
 
 Driven by its motion is a record of full loops: six sweeps or more between the reversals of the response, of comparable
 extent; the load is predicted. Driven by its load is one whose load is at rest at first, comes on and goes off again,

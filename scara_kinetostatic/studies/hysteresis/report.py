@@ -154,7 +154,7 @@ def verdict(selection: Selection) -> Verdict:
     rest = f'No further dependence of the residual was found ({p_equals(selection.p_after)}).'
     if not is_complete:
         depends = _strongest(selection.dependence_after, record)
-        rest = f'Nor is the selected law complete: its residual {depends} ({p_equals(selection.p_after)}).'
+        rest = f'The selected law is not complete either: its residual {depends} ({p_equals(selection.p_after)}).'
     level = 'good' if is_complete and selection.verdict != AMBIGUOUS else 'caution'
     return Verdict(headline, level, (evidence, errors, *_repeats(selection), rest))
 

@@ -28,6 +28,8 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
+MOST_STEPS = 30
+
 
 class PaperFit(NamedTuple):
     """Result of the paper's algorithm.
@@ -59,16 +61,12 @@ class _Iterate(NamedTuple):
     merit: float
 
 
-def paper_calibrate(
-    touches: TouchSet, cell: Cell, start: Parameters | None = None, max_iterations: int = 30
-) -> PaperFit:
+def paper_calibrate(touches: TouchSet, cell: Cell) -> PaperFit:
     """The paper's algorithm on a set of touches.
 
     Args:
         touches: Q and F; the sensor in the base frame, as in the paper.
         cell: discs and sign of (7).
-        start: L̄0; the nominal values if not given.
-        max_iterations: steps at most.
 
     Raises:
         ParameterError: the sensor is in the tool frame, which the paper does not consider.
@@ -86,9 +84,9 @@ def paper_calibrate(
         residual = measured - found.force
         return _Iterate(parameters, residual, jacobian, force_error(residual))
 
-    at = visit(start or cell.nominal)
+    at = visit(cell.nominal)
     visited, rank = [at], 0
-    while len(visited) <= max_iterations:
+    while len(visited) <= MOST_STEPS:
         step, rank = _pseudo_inverse_step(at)
         better = _lower(visit, at, step)
         if better is None:

@@ -131,14 +131,12 @@ def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL) -> LinearProblem:
     return LinearProblem(jacobian, blocks.reshape(2 * n, 2 * n), rank, vt[rank:].T, vt[:rank].T)
 
 
-def expected_force_error(
-    linear: LinearProblem, noise: Noise, seed: int = 0, samples: int = 2000
-) -> tuple[float, float]:
+def expected_force_error(linear: LinearProblem, noise: Noise, samples: int = 2000) -> tuple[float, float]:
     """Mean and standard deviation over data sets of e_f after the paper's fit, N, to first order; by random draws."""
     covariance = linear.force_covariance(noise)
     residual_maker = np.eye(len(covariance)) - linear.jacobian @ linear.unweighted_gain()
     values, vectors = np.linalg.eigh(residual_maker @ covariance @ residual_maker.T)
-    draws = np.random.default_rng(seed).normal(size=(len(covariance), samples))
+    draws = np.random.default_rng(0).normal(size=(len(covariance), samples))
     residual = ((vectors * np.sqrt(np.clip(values, 0, None))) @ draws).reshape(-1, 2, samples)
     force_errors = np.hypot(residual[:, 0], residual[:, 1]).mean(axis=0)
     return float(force_errors.mean()), float(force_errors.std())

@@ -18,10 +18,8 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene
 from scara_kinetostatic.simulation.outline import Track
-from scara_kinetostatic.simulation.slides import Slide, SlidePhase, SlideState, SlideTiming, sensed
-from scara_kinetostatic.simulation.streams import START, SensorModel
+from scara_kinetostatic.simulation.slides import Slide, SlidePhase, SlideState, SlideTiming
 from scara_kinetostatic.simulation.trajectory import minimum_jerk
-from scara_kinetostatic.touches.streams import Streams
 
 COMPLIANCE = 2.5e-5
 """Compliance of the arm that the controller assumes, m/N."""
@@ -156,16 +154,3 @@ class SlideController:
         time = np.asarray(TICK * np.arange(1, len(joints) + 1), dtype=float)
         model = ExtendedModel(self.scene.parameters)
         return EngineSlide(time, joints, force, tip, phase, (self.slide,), model, self.timing)
-
-
-def simulate_slide(
-    scene: Scene, cell: Cell, slide: Slide, *, sensors: SensorModel | None = None, seed: int = 0, start: int = START
-) -> Streams:
-    """Both streams of a slide in MuJoCo; the noise is that of the other simulator.
-
-    Raises:
-        InputError: MuJoCo is not installed.
-        UnsupportedDataError: the object is out of reach.
-    """
-    motion = SlideController(scene, cell, slide).run()
-    return sensed(motion, cell, sensors or SensorModel(), seed, start)
