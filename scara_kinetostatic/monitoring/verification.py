@@ -143,14 +143,14 @@ def _remarks(v: Verification) -> Iterator[tuple[object, Grade, str, str]]:
     reason += f'; {v.causes.title(LEVEL)}' if v.causes.ranking else ''
     action = 'check that robot, objects and sensor are those of the calibration, then ' * v.causes.is_open(LEVEL)
     yield contradicts, Grade.UNFIT if beyond else Grade.CAUTION, reason, f'{action}calibrate again'
-    reason = f'{len(v.outlying)} of {v.touches} touches are outliers'
+    reason = f'outliers: {len(v.outlying)} of {v.touches} touches'
     agree = f'; the others agree with the calibration (p = {v.others.p_value:.2g}): {_size(v)}'
     yield v.few_outlie, Grade.CAUTION, reason + agree * (not contradicts), 'look at the outliers'
     for sentence in v.differing:
         yield True, Grade.CAUTION, sentence, 'give the cell of the recording by --cell'
     seen = ', '.join(v.seen) or f'{v.repeated} of {v.touches} touches'
     action = 'verify with touches made after the calibration'
-    yield v.seen or v.repeated, Grade.CAUTION, f'{seen} were part of the calibration: they verify nothing', action
+    yield v.seen or v.repeated, Grade.CAUTION, f'part of the calibration: {seen}; that verifies nothing', action
     yield v.touches < 6, Grade.CAUTION, f'{v.touches} touches say little', 'make 6 or more, all round'
     tolerance, errors = v.tolerance or np.inf, quantity(2 * v.expected, 'm')
     reason = f'these touches cannot show a tolerance of {quantity(tolerance, "m")}: twice the expected error of the tip'
