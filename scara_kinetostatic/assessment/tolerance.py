@@ -113,6 +113,6 @@ def to_discriminate(d: Diagnosis) -> str:
     if labels and d.discriminating == ():
         effect = effects[labels[0]]
         fixed = ' '.join(f"--fix '{effect.label}.{parameter.name}=VALUE'" for parameter in effect.parameters)
-        return f'measure one of the possible causes by other means and hold it (true less stated, SI), such as by {fixed}'
+        return f'measure one of the causes by other means and hold it (true less stated, SI), such as by {fixed}'
     touches = dict.fromkeys(effects[label].identified_by for label in labels)
     return f'to tell the causes apart, record {"; or ".join(touches)}' if touches else ''
