@@ -100,6 +100,12 @@ class WorstPose(NamedTuple):
     direction: Floats
     gradient: Floats
 
+    @property
+    def title(self) -> str:
+        """The place in words: ``x 161 mm, y −607 mm``."""
+        x, y = (f'{round(1e3 * value)} mm'.replace('-', '−') for value in self.tip)
+        return f'x {x}, y {y}'
+
 
 class TipUncertainty(NamedTuple):
     """Expanded uncertainty (k = 2) of the tip over the workspace.

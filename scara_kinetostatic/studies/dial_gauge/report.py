@@ -136,7 +136,9 @@ def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
         for part in analysis.parts.values()
     ]
     if analysis.parts:
-        note = 'gap: displacement jump at zero force; half gap: g of equations (6) and (7); ±: one standard deviation'
+        note = (
+            'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
+        )
         blocks.append(Section('Summary', (summary_table(analysis), note)))
     blocks += [_loop_section(record, f'loop{k}') for k, record in enumerate(analysis.loops)]
     what = [
@@ -188,7 +190,7 @@ def _run_table(part: Part) -> Table:
         for run in part.runs
     )
     heading = ('direction', 'compliance', 'gap', 'half gap g', 'reading σ', 'rows', 'checks')
-    return Table(heading, ('deg', slope_unit, gap_unit, gap_unit, 'µm', '', ''), rows)
+    return Table(heading, ('°', slope_unit, gap_unit, gap_unit, 'µm', '', ''), rows)
 
 
 def _test(test: CombinedEstimate) -> str:
@@ -209,7 +211,7 @@ def _map_sentences(part: Part) -> list[str]:
             ellipse = each.ellipse
             fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
             limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} µ{unit}'
-            text += f'; ellipse from {limits}, largest at {with_std(ellipse.axis, 180 / np.pi)} deg{fits}'
+            text += f'; ellipse from {limits}, largest at {with_std(ellipse.axis, 180 / np.pi)}°{fits}'
         found.append(f'{text}.')
     return found
 
@@ -222,7 +224,7 @@ def part_figures(part: Part) -> tuple[Figures, ...]:
     ]
     order = sorted(range(len(part.runs)), key=lambda k: -part.runs[k].gap.value)
     forces = [
-        Figure(partial(force_picture, part.runs[k], f'{part.name}_force{k}'), title=part.runs[k].name)
+        Figure(partial(force_picture, part.runs[k], f'{part.name}_force{k}'), title=part.runs[k].name.capitalize())
         for k in dict.fromkeys((order[0], order[-1]))
     ]
     found = [Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')]
@@ -274,7 +276,7 @@ def force_picture(run: Run, name: str) -> Markup:
         above.plot([0, far], [offset, offset + slope * far], color=colour, lw=1.2)
         offsets.append(offset)
     above.plot([0, 0], offsets, color=INK, lw=2.2, solid_capstyle='butt')
-    text = f'gap {MICRO * fit.gap.value:.4g} µm'
+    text = f'gap {MICRO * fit.gap.value:.4g} µm at the gauge'
     above.annotate(text, (0, np.mean(offsets)), (10, 0), textcoords='offset points', va='center', color=INK)
     for axes, values in ((above, displacement), (below, MICRO * fit.residual)):
         axes.plot(force[list(run.outliers)], values[list(run.outliers)], 'X', ms=8, mfc=WARN, mec=PAPER)
