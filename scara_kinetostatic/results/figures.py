@@ -15,7 +15,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, WARN, Margins, as_svg, in_mm, mark, new_figure
 
-_WIDTH, _HALF = 920.0, 450.0
+_WIDTH = 920.0
 _LONGEST_ARROW = 0.14
 """Of the largest force, as a part of the arm's length."""
 _FEW = 6

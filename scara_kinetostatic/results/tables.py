@@ -178,7 +178,7 @@ def limit_table(outcome: Outcome) -> Table | None:
     for item in sorted(items, key=lambda item: -item.undetected_bias)[:_LISTED]:
         unit, per_si = SCALES[item.biased_parameter]
         bias = item.undetected_bias * c.std_of(item.biased_parameter) * per_si
-        size = f'{float(f"{bias:.2g}"):g}' if math.isfinite(bias) else ''
+        size = (f'{bias:.2g}' if bias < 99.5 else f'{bias:.0f}') if math.isfinite(bias) else ''
         rows.append((item.effect.title, item.biased_parameter, f'{item.undetected_bias:.1f}', size, unit))
     heading = ('undetected effect', 'parameter', 'bias up to [σ]', 'bias up to', '')
     return Table(heading, ('',) * 5, tuple(rows)) if rows else None

@@ -149,9 +149,7 @@ def _posture(places: UncertaintyMap) -> str:
 
 
 def _smooth(values: Floats) -> Floats:
-    """A grid of values four times as fine, without the steps that the 12 directions of the force leave; what is not
-    determined is filled from what is near.
-    """
+    """A grid of values four times as fine, smoothed; what is not determined is filled from what is near."""
     known = np.isfinite(values)
     rows, columns = (np.exp(-0.35 * (np.linspace(0, n - 1, 4 * n)[:, None] - np.arange(n)) ** 2) for n in values.shape)
     weight = rows @ known @ columns.T

@@ -24,7 +24,7 @@ from scara_kinetostatic.report import (
     Verdict,
 )
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, new_figure
-from scara_kinetostatic.report.quantities import count, decimals, p_equals
+from scara_kinetostatic.report.quantities import Scale, count, p_equals, shown
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, DirectionMap, Ellipse, Part, Run
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, Reversal, Sense
 from scara_kinetostatic.studies.dial_gauge.statistics import FALSE_ALARM_LEVEL, CombinedEstimate, Estimate
@@ -157,10 +157,7 @@ def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
 
 def with_std(estimate: Estimate, factor: float = 1e6) -> str:
     """Value ± one standard deviation, with the digits that the latter allows; `factor`: displayed units per SI unit."""
-    digits = decimals(estimate.std * factor)
-    if digits is None:
-        return f'{estimate.value * factor:.6g}'
-    return f'{estimate.value * factor:.{digits}f} ± {estimate.std * factor:.{digits}f}'
+    return shown(estimate.value, estimate.std, '', {'': Scale('', factor)}).text
 
 
 def _cells(each: Part | Run) -> tuple[str, str, str]:
