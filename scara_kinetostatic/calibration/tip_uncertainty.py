@@ -237,7 +237,8 @@ def workspace(c: Calibration) -> Workspace:
         [_is_between(joints[posture == sign], touches.joints[touches.posture == sign]) for sign in postures]
     )
     forces = _forces(c, joints)
-    poses = Poses(*(np.repeat(each, forces.shape[1], axis=0) for each in (joints, posture)), forces.reshape(-1, 2))
+    each = np.arange(len(joints)).repeat(forces.shape[1])
+    poses = Poses(joints[each], posture[each], forces.reshape(-1, 2))
     derivative = tip_derivative(c, poses)
     dependent = np.linalg.norm(derivative @ c.undetermined, axis=(1, 2))
     return Workspace(x, y, reached, postures, poses, touched, derivative, dependent)
