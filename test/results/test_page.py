@@ -232,7 +232,7 @@ def test_head_says_what_was_calibrated_by_whom_and_from_what(plain: Outcome) -> 
     text = words_of(html_text(outcome))
     assert 'Date 2026-11-21 14:03 UTC Robot TS60 <b>, serial No. 0047 Cell not stated Force sensor not stated' in text
     assert 'Operator Ä. Sato Customer ACME' in text
-    assert f'a/monday 2026-11-21 14:03 UTC, SHA-256 {"0" * 64} Recording touches.csv, SHA-256 {"1" * 64}' in text
+    assert f'a/monday, 2026-11-21 14:03 UTC, SHA-256 {"0" * 64} Recording touches.csv, SHA-256 {"1" * 64}' in text
 
 
 def test_the_tolerance_is_beside_the_uncertainty(plain: Outcome) -> None:
