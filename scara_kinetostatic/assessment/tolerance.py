@@ -37,8 +37,7 @@ def conformity(evidence: Evidence) -> Iterator[Remark]:
     if found is None or tip.at is None:
         yield Remark(Grade.UNFIT, f'the uncertainty of the tip is not determined, the tolerance is {limit}')
         return
-    x, y = (round(float(value), 2) + 0.0 for value in tip.at.tip)
-    reason = f'the expanded uncertainty of the tip is up to {worst} (k = 2), at x {x:.2f} m, y {y:.2f} m'
+    reason = f'the expanded uncertainty of the tip is up to {worst} (k = 2), at {tip.at.title}'
     if tip.undetermined > 0:
         reason += f', and not determined in {100 * tip.undetermined:.0f} % of the {region}'
     reason += f', the tolerance {limit}; it conforms in {100 * found.share:.0f} % of the {region}'

@@ -93,7 +93,7 @@ def test_what_touches_cannot_show_is_said(record: CalibrationRecord) -> None:
     tight = replace(DECLARED, tolerance=1e-5)
     found = verify(detected(touches_of(DECLARED, 1)), record, tight)
     assert found.assessment.grade is Grade.CAUTION
-    assert 'cannot show a tolerance of 10 µm' in found.assessment.reasons[0]
+    assert 'cannot show a tolerance of 10.0 µm' in found.assessment.reasons[0]
     wide = verify(detected(touches_of(DECLARED, 1)), record, replace(tight, tolerance=2e-5))
     assert wide.assessment.grade is Grade.FIT
 
