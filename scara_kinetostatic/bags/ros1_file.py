@@ -2,22 +2,78 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader, ReaderError
+from rosbags.rosbag1.reader import Chunk, IndexData, decompressors
 
+from scara_kinetostatic.bags.budget import Budget, unpack
 from scara_kinetostatic.bags.cdr import ros2_types
-from scara_kinetostatic.bags.messages import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, Batches, Topic, batched, ros2_type, ros_topic
 from scara_kinetostatic.errors import RecordingError
+
+_RECORDS = 4
+"""A message costs as much as so many records of other forms."""
+_HEADER = 48
+"""Bytes of a message beside its payload; more cost records."""
+
+
+class _BoundedReader(Reader):
+    """That of `rosbags`, which trusts the sizes in a file: what it unpacks and takes apart is charged."""
+
+    def __init__(self, path: Path, budget: Budget) -> None:
+        super().__init__(path)
+        self._budget = budget
+        self._ids: set[int] = set()
+
+    def read_connection(self) -> Connection:
+        """One of the connections; each has a number of its own."""
+        found = super().read_connection()
+        if found.id in self._ids:
+            raise ReaderError(f'its index has two connections of number {found.id}')
+        self._ids.add(found.id)
+        return found
+
+    def read_chunk(self) -> Chunk:
+        """The place of a chunk, with a decompressor that has a limit."""
+        assert self.bio is not None
+        begin = self.bio.tell()
+        found = super().read_chunk()
+        self._budget.charge(0, 1 + (found.datapos - begin) // _HEADER)
+        is_plain = found.decompressor is decompressors['none']
+
+        def content(data: bytes) -> bytes:
+            plain = data if is_plain else unpack(data, self._budget.largest_piece)
+            self._budget.charge(len(plain))
+            return plain
+
+        return found._replace(decompressor=content)
+
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+        """The places of a connection's messages in a chunk."""
+        assert self.bio is not None
+        begin = self.bio.tell()
+        super().read_index_data(pos, indexes)
+        self._budget.charge(0, (self.bio.tell() - begin) // 12)
+
+    def payloads(self, connections: list[Connection]) -> Iterator[tuple[int, bytes]]:
+        """The messages of connections in the order of time; empty where too large."""
+        places = heapq.merge(*(self.indexes[item.id] for item in connections))
+        for place, (_, time, payload) in zip(places, self.messages(connections), strict=False):
+            beside = self.current_chunk[1].tell() - place.offset - len(payload)
+            self._budget.charge(max(beside, 0), _RECORDS - 1 + max(beside, 0) // _HEADER)
+            yield time, payload if len(payload) <= LARGEST_MESSAGE else b''
 
 
 class Ros1File:
     """A bag of format 2.0, plain or compressed chunk by chunk; a `Source`."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, budget: Budget) -> None:
         self.path = path
+        self._budget = budget
         self.warnings: list[str] = []
         self._topics: dict[int, Topic] = {}
 
@@ -28,34 +84,28 @@ class Ros1File:
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, in the order of their recording."""
         try:
-            with Reader(self.path) as reader:
+            with _BoundedReader(self.path, self._budget) as reader:
                 for item in reader.connections:
                     self._topics[item.id] = Topic(ros_topic(item.topic), ros2_type(item.msgtype), 'cdr')
-                for topic in self.topics():
+                for topic in (topic for topic in self.topics() if topic.name in wanted):
                     connections = [item for item in reader.connections if self._topics[item.id] == topic]
-                    if topic.name in wanted:
-                        yield from self._messages(reader, connections, topic)
+                    yield from batched(topic, self._portions(reader, connections, topic), self._budget)
         except ReaderError as error:
             indexed = 'index' not in str(error)
             remedy = 'copy it or record it again' if indexed else 'copy it again, or run "rosbag reindex" on it'
             raise RecordingError(self.path, f'the bag cannot be read: {error}', remedy) from error
 
-    def _messages(self, reader: Reader, connections: list[Connection], topic: Topic) -> Iterator[Batch]:
-        times: list[int] = []
-        payloads: list[bytes] = []
+    def _portions(
+        self, reader: _BoundedReader, connections: list[Connection], topic: Topic
+    ) -> Iterator[tuple[list[int], list[bytes]]]:
+        """The times and payloads of a topic's messages, one by one."""
         count = 0
         try:
-            for _, time, payload in reader.messages(connections):
-                times.append(time)
-                payloads.append(_as_cdr(payload, topic.msgtype))
+            for time, payload in reader.payloads(connections):
+                yield [time], [_as_cdr(payload, topic.msgtype)]
                 count += 1
-                if len(times) == BATCH:
-                    yield Batch.from_payloads(topic, times, payloads)
-                    times, payloads = [], []
         except (ReaderError, AssertionError, ArithmeticError, LookupError, OSError, RuntimeError, ValueError) as error:
             self.warnings.append(f'{self.path.name} is damaged ({error}): messages of {topic.name} may be missing')
-        if times:
-            yield Batch.from_payloads(topic, times, payloads)
         expected = sum(item.msgcount for item in connections)
         if count != expected and not self.warnings:
             self.warnings.append(

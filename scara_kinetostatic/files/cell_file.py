@@ -203,8 +203,10 @@ def _nominal(robot: Section) -> Parameters:
 def _joint_names(robot: Section) -> tuple[str, str]:
     names = robot.data.get('joint_names', ['joint1', 'joint2'])
     two = isinstance(names, list) and len(names) == 2
-    if not two or not all(isinstance(name, str) and name.strip() and name.isprintable() for name in names):
+    if not two:
         raise robot.error('joint_names', f'expected the two names of q1 and q2 in JointState, got {shown(names)}')
+    entries = robot.entries('joint_names', {'q1': names[0], 'q2': names[1]})
+    names = [entries.word('q1'), entries.word('q2')]
     if names[0] == names[1]:
         raise robot.error('joint_names', f'both joints are named {names[0]!r}', 'name q1 and q2 as JointState does')
     return names[0], names[1]
@@ -241,6 +243,8 @@ def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc, ...]:
             raise section.error('plate', f'no plate is named {plate!r}', remedy)
         center_std, radius_std = _stds(section, center=_LENGTH, radius=_LENGTH)
         discs.append(Disc(name, x, y, radius, center_std, radius_std, plate))
+    if empty := [plate.name for plate in plates if plate.name not in {disc.plate for disc in discs}]:
+        raise top.error('plates', f'no disc is on plate {empty[0]!r}', 'leave it out, or name it at its discs')
     return tuple(discs)
 
 
