@@ -31,7 +31,7 @@ from scara_kinetostatic.touches.streams import FixedTransform
 
 _LARGEST_VALUE = 1e9
 """Larger values, and those that are not finite, are dropped, rad or N."""
-_MOST_LAYOUTS = 64
+_MOST_LAYOUTS = 16
 """After so many layouts in a batch, the rest of it is dropped: these are not the expected messages."""
 _MOST_NAMES = 1000
 """Most joints in a message."""
