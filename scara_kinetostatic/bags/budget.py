@@ -22,7 +22,7 @@ LARGEST_PIECE = 1 << 26
 """Largest chunk when unpacked, bytes; recorders write up to 4 MiB, and single images more."""
 _BYTES, _BYTES_RATIO = 1 << 28, 200
 """A recording may unpack to the larger of these, bytes and times its size; the tests' recordings to 7 times."""
-_RECORDS, _RECORD_SIZE = 400_000, 4
+_RECORDS, _RECORD_SIZE = 200_000, 4
 """So many records, and one more for so many bytes of the recording; in compressed ones a message has 20 or more."""
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 
@@ -85,5 +85,5 @@ def unpack(data: bytes, most: int) -> bytes:
         kind: Any = bz2.BZ2Decompressor if data.startswith(b'BZh') else lz4.frame.LZ4FrameDecompressor
         content = kind().decompress(data, most + 1)
     if len(content) > most:
-        raise ValueError(f'it unpacks to more than {most} bytes')
+        raise ValueError(f'it unpacks to more than {most} bytes, as stated or as --max-bytes allows')
     return bytes(content)

@@ -15,10 +15,8 @@ from scara_kinetostatic.bags.cdr import ros2_types
 from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, Batches, Topic, batched, ros2_type, ros_topic
 from scara_kinetostatic.errors import RecordingError
 
-_RECORDS = 4
-"""A message costs as much as so many records of other forms."""
-_HEADER = 48
-"""Bytes of a message beside its payload; more cost records."""
+_HEADER, _FIELD = 64, 4
+"""Bytes of a message beside its payload, and so many more cost a record."""
 
 
 class _BoundedReader(Reader):
@@ -42,7 +40,7 @@ class _BoundedReader(Reader):
         assert self.bio is not None
         begin = self.bio.tell()
         found = super().read_chunk()
-        self._budget.charge(0, 1 + (found.datapos - begin) // _HEADER)
+        self._budget.charge(0, (found.datapos - begin) // _FIELD)
         is_plain = found.decompressor is decompressors['none']
 
         def content(data: bytes) -> bytes:
@@ -64,7 +62,7 @@ class _BoundedReader(Reader):
         places = heapq.merge(*(self.indexes[item.id] for item in connections))
         for place, (_, time, payload) in zip(places, self.messages(connections), strict=False):
             beside = self.current_chunk[1].tell() - place.offset - len(payload)
-            self._budget.charge(max(beside, 0), _RECORDS - 1 + max(beside, 0) // _HEADER)
+            self._budget.charge(len(payload) + max(beside, 0), 1 + max(beside - _HEADER, 0) // _FIELD)
             yield time, payload if len(payload) <= LARGEST_MESSAGE else b''
 
 

@@ -15,7 +15,7 @@ _LARGEST_CHECKED = 1 << 30
 """The structure of a file up to this size is checked, bytes; larger ones contain camera images or the like."""
 _PORTION = 64
 """Rows fetched at a time: many may state the same pages of the file as their message of `LARGEST_MESSAGE`."""
-_STEPS, _STEPS_PER_RECORD = 1_000_000, 50
+_STEPS, _STEPS_PER_RECORD = 1_000_000, 100
 """Steps of SQLite after which they are charged, and how many cost a record; a row that is skipped needs 8."""
 
 
@@ -108,9 +108,12 @@ class SqliteFile:
     ) -> Iterator[tuple[list[int], list[bytes]]]:
         """The times and payloads of a topic's messages, some at a time."""
         data = f'CASE WHEN length(data) <= {LARGEST_MESSAGE} THEN data END'
-        cursor = database.execute(f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id', (key,))
+        cursor: sqlite3.Cursor | None = None
         while True:
             try:
+                cursor = cursor or database.execute(
+                    f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id', (key,)
+                )
                 rows = cursor.fetchmany(_PORTION)
             except sqlite3.DatabaseError as error:
                 self._budget.charge(0)

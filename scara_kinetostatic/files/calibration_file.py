@@ -34,8 +34,8 @@ SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""
 RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 """Of the document on `~/result` of the calibrator."""
-_MAX_BYTES = 1 << 24
-"""Larger documents are refused; one of 5000 touches has 4 MB."""
+_MAX_BYTES = 12 << 20
+"""Larger documents are refused; one has about 1.2 kB for each touch."""
 _REMEDY = 'give the calibration.json that calibrate writes'
 _VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'identification')
 """Keys of `cell` that are those of a cell description."""

@@ -10,7 +10,7 @@ import re
 
 from scara_kinetostatic.errors import one_line
 
-FORMULA = ('=', '+', '-', '@')
+FORMULA = ('=', '+', '-', '@', '\t', '\r')
 """A cell that begins so is a formula to a spreadsheet."""
 
 
@@ -33,7 +33,7 @@ def plot_text(text: str) -> str:
 
 def csv_cell(text: str) -> str:
     """A cell of text: in quotes where it needs them, and with an apostrophe before what would be a formula."""
-    if text.lstrip().startswith(FORMULA) and not re.fullmatch(
+    if any(part.startswith(FORMULA) for part in (text, text.lstrip())) and not re.fullmatch(
         r'[-+]?[0-9.]+([eE][-+]?[0-9]+)?|-?(inf|nan)', text.strip()
     ):
         text = "'" + text

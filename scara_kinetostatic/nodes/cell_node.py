@@ -79,8 +79,8 @@ class CellNode(Node):
 
         Args:
             name: of the service.
-            do: returns the answer; an error of this package or of the file system says why there is no success. Both are
-                logged.
+            do: returns the answer; an error of this package or of the file system says why there is no success.
+                Both are logged.
         """
 
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
