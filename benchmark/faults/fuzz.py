@@ -25,7 +25,7 @@ import numpy as np
 from benchmark.common import CELL, parser, peak_memory, reset_peak_memory, save
 from benchmark.faults.damage import mutated, mutated_yaml
 from benchmark.faults.formats import CELL_FILE, forms, short_streams
-from benchmark.faults.outcomes import FAILURES, outcome_of
+from benchmark.faults.outcomes import FAILURES, Verdict, outcome_of
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.files.calibration_file import load_calibration
 from scara_kinetostatic.files.cell_file import load_cell
@@ -142,12 +142,12 @@ def main() -> int:
             for name, data in kind.files.items():
                 (case / name).parent.mkdir(parents=True, exist_ok=True)
                 (case / name).write_bytes(bad if name == kind.target else data)
-            faulthandler.dump_traceback_later(STUCK, exit=True)
+            faulthandler.dump_traceback_later(STUCK, exit=True, file=sys.__stderr__)
             reset_peak_memory()
             outcome = outcome_of(partial(_outcome, kind, case / kind.root), case)
             peak = peak_memory()
             slowest, largest = max(slowest, outcome.seconds), max(largest, peak)
-            verdicts[outcome.verdict.value] += 1
+            verdicts['refused' if outcome.verdict is Verdict.REFUSED else 'read or failed'] += 1
             if outcome.verdict in FAILURES or peak > MEMORY or '\n' in outcome.message:
                 what = f'{outcome.verdict.value}, {peak / 1e6:.0f} MB, {outcome.message}'
                 failures.append(f'{kind.name} {number}: {what}')

@@ -48,6 +48,7 @@ _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
 
 _COMMON = ('radius', 'force_gain', 'force_rotation')
 """Keys of the section `uncertainty` beside `nominal`."""
+_MOST_PLATES = 16
 _LENGTH = Within(0.0, 2e-3, 'it is in m: 1.5e-5 for 15 µm', unit='m')
 """Standard uncertainties that are accepted: what is known worse than that is not known."""
 _PLATE = _LENGTH._replace(most=0.02)
@@ -289,7 +290,7 @@ def _plates(top: Section) -> tuple[Plate, ...]:
     if top.data.get('plates') is None:
         return ()
     plates: list[Plate] = []
-    for section in top.items('plates', 'plates', ('name', 'origin'), ('uncertainty',)):
+    for section in top.items('plates', 'plates', ('name', 'origin'), ('uncertainty',), _MOST_PLATES):
         name = section.word('name')
         if name in (plate.name for plate in plates):
             raise section.error('name', f'another plate is named {name!r}, too', 'give every plate its own name')

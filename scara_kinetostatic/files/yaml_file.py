@@ -31,8 +31,8 @@ _MAX_BYTES = 256 * 1024
 """Largest file that a user writes, bytes."""
 _MOST_VALUES, _MOST_STRINGS = 40_000, 400_000
 """Most values and keys in one that a user writes, and in one of a program: the metadata of 10 000 files has 110 000."""
-MOST_ITEMS = 100
-"""Most objects, and most plates."""
+_MOST_ITEMS = 64
+"""Most objects or other items in a list, where nothing else is said."""
 _MAX_DEPTH = 32
 """Deepest nesting; a cell description has 4 levels, the metadata of a recording 8."""
 _StringLoader = getattr(yaml, 'CBaseLoader', yaml.BaseLoader)
@@ -270,13 +270,15 @@ class Section:
         """The mapping under a key; an empty one where it is missing and nothing in it is required."""
         return self._inside(self._path(name), self.data.get(name), required, optional)
 
-    def items(self, name: str, what: str, required: Iterable[str] = (), optional: Iterable[str] = ()) -> list[Section]:
-        """The mappings in the list under a key, at least one; `what` names them in the message."""
+    def items(
+        self, name: str, what: str, required: Iterable[str], optional: Iterable[str], most: int = _MOST_ITEMS
+    ) -> list[Section]:
+        """The mappings in the list under a key, from one to `most`; `what` names them in the message."""
         items = self.data[name]
         if not isinstance(items, list) or not items:
             raise self.error(name, f'expected a list of {what}, got {shown(items)}', 'give at least one')
-        if len(items) > MOST_ITEMS:
-            raise self.error(name, f'expected at most {MOST_ITEMS} {what}, got {len(items)}')
+        if len(items) > most:
+            raise self.error(name, f'expected at most {most} {what}, got {len(items)}')
         path = self._path(name)
         return [self._inside(f'{path}[{number}]', item, required, optional) for number, item in enumerate(items)]
 

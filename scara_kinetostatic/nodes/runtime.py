@@ -132,7 +132,7 @@ class PollingExecutor(SingleThreadedExecutor):
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """One round."""
         if timeout_sec:
-            self._wait(min(timeout_sec, _SERVE))
+            self._wait(min(timeout_sec, max(self._next - time.monotonic(), 0.0)))  # not while a call is waiting
             self._polled.poll()
         if not timeout_sec or time.monotonic() >= self._next:
             self._next = time.monotonic() + (0.0 if self._serve() else _SERVE)
