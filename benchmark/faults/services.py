@@ -1,6 +1,6 @@
 """Nodes under calls and parameters made to hurt: every call is answered, and no node ends.
 
-    python -m benchmark.faults.services [--calls 100] [--nodes NAME...] [--json FILE]
+    python -m benchmark.faults.services [--calls 100] [--values 33] [--nodes NAME...] [--json FILE]
 
 Each node runs in a process of its own. So many calls of each of its services are sent at once, by one client, and so
 many again by ten; all have to be answered within 12 s. Then values of 30 kinds are given to each of its parameters,
@@ -13,7 +13,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -51,8 +51,8 @@ def _value(**field: Any) -> ParameterValue:
 
 TEXTS = (
     '', 'x' * 300, 'x' * 100_000, '/' * 5000 + 'proc', '/proc/self/mem', '/dev/full', '/dev/null/a', '/root/../proc/1',
-    '~nobody_there', 'a\x00b', 'a\nb', '\u202e', '../' * 200 + 'proc/x', '$(touch canary)', '{}', '//proc/share', '/proc',
-    '%s%n', '\U0001f600' * 80, '-',
+    '~nobody_there', 'a\x00b', 'a\nb', '\u202e', '../' * 200 + 'proc/x', '$(touch canary)', '{}', '//proc/share',
+    '/proc', '%s%n', '\U0001f600' * 80, '-',
 )  # fmt: skip
 """Twenty kinds of texts."""
 VALUES = (
@@ -147,12 +147,12 @@ def flooded(caller: Caller, name: str, calls: int) -> Iterable[dict[str, Any]]:
             yield {'service': service, 'clients': clients, 'answered': answered, 'seconds': round(seconds, 1)}
 
 
-def poisoned(caller: Caller, name: str, nodes: NodeProcesses) -> int:
+def poisoned(caller: Caller, name: str, nodes: NodeProcesses, values: Sequence[ParameterValue]) -> int:
     """Gives each parameter each value and calls the Trigger services; how many values were given."""
     listed = caller.call(f'/{name}/list_parameters', ListParameters, ListParameters.Request()).result.names
     triggers = [service for service, kind in caller.services(name).items() if kind is Trigger]
     own = [parameter for parameter in listed if '.' not in parameter]
-    for value in VALUES:
+    for value in values:
         for parameter in own:
             request = SetParameters.Request(parameters=[Parameter(name=parameter, value=value)])
             if caller.call(f'/{name}/set_parameters', SetParameters, request) is None:
@@ -161,7 +161,7 @@ def poisoned(caller: Caller, name: str, nodes: NodeProcesses) -> int:
             if caller.call(service, Trigger, Trigger.Request()) is None:
                 raise RuntimeError(f'{service}: no answer after {value.string_value[:40]!r}')
         nodes.check()
-    return len(VALUES) * len(own)
+    return len(values) * len(own)
 
 
 def main() -> int:
@@ -169,6 +169,7 @@ def main() -> int:
     options_of = parser(__doc__)
     options_of.add_argument('--calls', type=int, default=100)
     options_of.add_argument('--nodes', nargs='*', default=NODES, metavar='NAME')
+    options_of.add_argument('--values', type=int, default=len(VALUES), help='so many of the kinds of values')
     options = options_of.parse_args()
     here, records = Path.cwd(), list[dict[str, Any]]()
     for name in options.nodes:
@@ -186,7 +187,8 @@ def main() -> int:
                         records.append(record)
                         print(record, flush=True)
                     nodes.check()
-                    print(f'{name}: {poisoned(caller, name, nodes)} values given, the node runs', flush=True)
+                    given = poisoned(caller, name, nodes, VALUES[: options.values])
+                    print(f'{name}: {given} values given, the node runs', flush=True)
                 finally:
                     caller.close()
     lost = sum(options.calls - record['answered'] for record in records)

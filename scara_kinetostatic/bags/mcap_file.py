@@ -121,12 +121,10 @@ class McapFile:
         offset, ended = len(MAGIC), False
         records = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self._limit).records
         try:
-            for record in records:
-                size = 0 if isinstance(record, (Chunk, Message)) else stream.tell() - offset
-                self._budget.charge(0, 1 + size // _ENTRY)
-                if isinstance(record, (Schema, Channel)):
-                    self._define([record])
-                elif isinstance(record, Message):
+            for number, record in enumerate(records, start=1):
+                if number % BATCH == 0:
+                    self._budget.charge(0, BATCH)
+                if isinstance(record, Message):
                     topic = self._channels.get(record.channel_id)
                     if topic is not None and topic.name in wanted:
                         times, payloads = loose.setdefault(topic, ([], []))
@@ -136,8 +134,12 @@ class McapFile:
                             yield Batch.from_payloads(topic, *loose.pop(topic))
                 elif isinstance(record, Chunk):
                     yield from self._chunk(record, offset, wanted)
-                elif isinstance(record, Statistics):
-                    self._statistics = record
+                else:
+                    self._budget.charge(0, (stream.tell() - offset) // _ENTRY)
+                    if isinstance(record, (Schema, Channel)):
+                        self._define([record])
+                    elif isinstance(record, Statistics):
+                        self._statistics = record
                 ended = ended or isinstance(record, DataEnd)
                 offset = stream.tell()
         except CRCValidationError:
@@ -187,8 +189,8 @@ class McapFile:
 
 
 def _records(data: bytes, most: int) -> tuple[dict[int, list[int]], list[bytes], int]:
-    """By channel number, where its messages start in the bytes of a chunk; each schema and channel, once; the number
-    of all records, of which no more than one beyond `most` is looked at.
+    """By channel number, where its messages start in the bytes of a chunk; each schema and channel, once; and the
+    number of all records. With more than `most` that are no messages, the others are left out.
 
     Raises:
         ValueError: the chunk does not consist of valid records to its end.
@@ -196,10 +198,8 @@ def _records(data: bytes, most: int) -> tuple[dict[int, list[int]], list[bytes],
     places: dict[int, list[int]] = {}
     definitions: dict[bytes, None] = {}
     parts, size, message = struct.Struct('<BQH').unpack_from, len(data), int(Opcode.MESSAGE)
-    at = number = 0
-    for number in range(most + 2):
-        if at + 11 > size or number > most:
-            break
+    at = others = 0
+    while at + 11 <= size:
         opcode, length, key = parts(data, at)
         end = at + 9 + length
         if end > size:
@@ -209,14 +209,16 @@ def _records(data: bytes, most: int) -> tuple[dict[int, list[int]], list[bytes],
                 places[key].append(at)
             else:
                 places[key] = [at]
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            definitions[data[at:end]] = None
-        elif opcode == message:
+        elif opcode == message or others > most:
             break
+        else:
+            others += 1
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                definitions[data[at:end]] = None
         at = end
-    if at != size and number <= most:
+    if at != size and others <= most:
         raise ValueError('invalid records')
-    return places, list(definitions), number
+    return places, list(definitions), others + sum(map(len, places.values()))
 
 
 def _definition(record: bytes) -> Schema | Channel:

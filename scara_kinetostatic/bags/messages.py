@@ -26,6 +26,8 @@ LARGEST_MESSAGE = 1 << 20
 """A joint state, wrench or cell description is smaller than this, bytes; larger messages are refused."""
 BATCH, BATCH_BYTES = 8192, 1 << 25
 """Messages and bytes after which a batch ends, where the source does not set its own portion."""
+PORTION = 64
+"""Messages that are in memory before their bytes are counted: many may be the same bytes of a file."""
 
 
 class Topic(NamedTuple):

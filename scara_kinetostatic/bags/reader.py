@@ -22,6 +22,7 @@ from scara_kinetostatic.bags.messages import (
     DISCARD_TOPIC,
     JOINT_STATE,
     LARGEST_MESSAGE,
+    PORTION,
     STRING,
     TF_MESSAGE,
     TF_STATIC,
@@ -154,9 +155,9 @@ def _decompressed(batch: Batch, budget: Budget) -> Iterator[Batch]:
             return unpack(batch.payload(index), LARGEST_MESSAGE)
         return b''
 
-    yield from batched(
-        batch.topic, (([time], [content(index)]) for index, time in enumerate(batch.log_time.tolist())), budget
-    )
+    times = batch.log_time.tolist()
+    parts = (range(start, min(start + PORTION, len(times))) for start in range(0, len(times), PORTION))
+    yield from batched(batch.topic, ((times[part.start : part.stop], [*map(content, part)]) for part in parts), budget)
 
 
 def _discarded(batch: Batch) -> list[_Discard]:

@@ -12,7 +12,7 @@ from rosbags.rosbag1.reader import Chunk, IndexData, decompressors
 
 from scara_kinetostatic.bags.budget import Budget, unpack
 from scara_kinetostatic.bags.cdr import ros2_types
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, Batches, Topic, batched, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Topic, batched, ros2_type, ros_topic
 from scara_kinetostatic.errors import RecordingError
 
 _HEADER, _FIELD = 64, 4
@@ -57,14 +57,6 @@ class _BoundedReader(Reader):
         super().read_index_data(pos, indexes)
         self._budget.charge(0, (self.bio.tell() - begin) // 12)
 
-    def payloads(self, connections: list[Connection]) -> Iterator[tuple[int, bytes]]:
-        """The messages of connections in the order of time; empty where too large."""
-        places = heapq.merge(*(self.indexes[item.id] for item in connections))
-        for place, (_, time, payload) in zip(places, self.messages(connections), strict=False):
-            beside = self.current_chunk[1].tell() - place.offset - len(payload)
-            self._budget.charge(len(payload) + max(beside, 0), 1 + max(beside - _HEADER, 0) // _FIELD)
-            yield time, payload if len(payload) <= LARGEST_MESSAGE else b''
-
 
 class Ros1File:
     """A bag of format 2.0, plain or compressed chunk by chunk; a `Source`."""
@@ -96,24 +88,35 @@ class Ros1File:
     def _portions(
         self, reader: _BoundedReader, connections: list[Connection], topic: Topic
     ) -> Iterator[tuple[list[int], list[bytes]]]:
-        """The times and payloads of a topic's messages, one by one."""
-        count = 0
+        """The times and payloads of a topic's messages, some at a time; empty where damaged or too large."""
+        times, payloads, size, count, convert = list[int](), list[bytes](), 0, 0, ros2_types().ros1_to_cdr
+        places = heapq.merge(*(reader.indexes[item.id] for item in connections))
         try:
-            for time, payload in reader.payloads(connections):
-                yield [time], [_as_cdr(payload, topic.msgtype)]
-                count += 1
+            for place, (_, time, payload) in zip(places, reader.messages(connections), strict=False):
+                length = len(payload)
+                beside = reader.current_chunk[1].tell() - place.offset - length
+                if beside > _HEADER:
+                    self._budget.charge(beside, (beside - _HEADER) // _FIELD)
+                if length <= LARGEST_MESSAGE:
+                    try:
+                        content = bytes(convert(payload, topic.msgtype))
+                    except Exception:  # rosbags raises whatever the bytes lead to
+                        content = b''
+                else:
+                    content = b''
+                times.append(time)
+                payloads.append(content)
+                size += length
+                if len(times) == PORTION:
+                    self._budget.charge(size, PORTION)
+                    yield times, payloads
+                    times, payloads, size, count = [], [], 0, count + PORTION
         except (ReaderError, AssertionError, ArithmeticError, LookupError, OSError, RuntimeError, ValueError) as error:
             self.warnings.append(f'{self.path.name} is damaged ({error}): messages of {topic.name} may be missing')
+        yield times, payloads
+        count += len(times)
         expected = sum(item.msgcount for item in connections)
         if count != expected and not self.warnings:
             self.warnings.append(
                 f'{self.path.name}: its index states {expected} messages of {topic.name}, read were {count}'
             )
-
-
-def _as_cdr(payload: bytes, msgtype: str) -> bytes:
-    """A message as ROS 2 sends it; empty where it is damaged."""
-    try:
-        return bytes(ros2_types().ros1_to_cdr(payload, msgtype))
-    except Exception:  # rosbags raises whatever the bytes lead to
-        return b''

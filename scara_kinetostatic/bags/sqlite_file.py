@@ -8,13 +8,11 @@ from contextlib import closing
 from pathlib import Path
 
 from scara_kinetostatic.bags.budget import Budget
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, Batches, Topic, batched, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Topic, batched, ros2_type, ros_topic
 from scara_kinetostatic.errors import RecordingError
 
 _LARGEST_CHECKED = 1 << 30
 """The structure of a file up to this size is checked, bytes; larger ones contain camera images or the like."""
-_PORTION = 64
-"""Rows fetched at a time: many may state the same pages of the file as their message of `LARGEST_MESSAGE`."""
 _STEPS, _STEPS_PER_RECORD = 1_000_000, 100
 """Steps of SQLite after which they are charged, and how many cost a record; a row that is skipped needs 8."""
 
@@ -114,7 +112,7 @@ class SqliteFile:
                 cursor = cursor or database.execute(
                     f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id', (key,)
                 )
-                rows = cursor.fetchmany(_PORTION)
+                rows = cursor.fetchmany(PORTION)
             except sqlite3.DatabaseError as error:
                 self._budget.charge(0)
                 self.warnings.append(f'{self.path.name} is damaged ({error}): messages of {topic.name} may be missing')
