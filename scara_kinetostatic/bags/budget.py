@@ -24,6 +24,8 @@ _BYTES, _BYTES_RATIO = 1 << 28, 200
 """A recording may unpack to the larger of these, bytes and times its size; the tests' recordings to 7 times."""
 _RECORDS, _RECORD_SIZE = 200_000, 4
 """So many records, and one more for so many bytes of the recording; in compressed ones a message has 20 or more."""
+_STEP = 1 << 22
+"""Bytes that are unpacked at a time: the memory is taken before."""
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 
 
@@ -75,15 +77,19 @@ def unpack(data: bytes, most: int) -> bytes:
     """The content of compressed bytes, whose first ones tell the format: zstd, LZ4 or bzip2.
 
     Raises:
-        ValueError: they unpack to more than `most` bytes; no more than these are made.
+        ValueError: they unpack to more than `most` bytes, beyond which little is made, or end early.
         OSError, RuntimeError, zstandard.ZstdError: they are damaged.
     """
     if data.startswith(ZSTD_MAGIC):
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
             content = reader.read(most + 1)
     else:
-        kind: Any = bz2.BZ2Decompressor if data.startswith(b'BZh') else lz4.frame.LZ4FrameDecompressor
-        content = kind().decompress(data, most + 1)
+        decoder: Any = bz2.BZ2Decompressor() if data.startswith(b'BZh') else lz4.frame.LZ4FrameDecompressor()
+        content = decoder.decompress(data, min(most + 1, _STEP))
+        while not (decoder.eof or decoder.needs_input) and len(content) <= most:
+            content += decoder.decompress(b'', _STEP)
+        if len(content) <= most and not decoder.eof:
+            raise ValueError('its compressed bytes end early')
     if len(content) > most:
         raise ValueError(f'it unpacks to more than {most} bytes, as stated or as --max-bytes allows')
     return bytes(content)

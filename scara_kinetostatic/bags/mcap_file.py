@@ -157,6 +157,8 @@ class McapFile:
         try:
             self._budget.check_piece(max(chunk.uncompressed_size, len(chunk.data)))
             data = unpack(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
+            if chunk.compression and len(data) != chunk.uncompressed_size:
+                raise ValueError(f'it unpacks to {len(data)} bytes, expected {chunk.uncompressed_size}')
             if chunk.uncompressed_crc and chunk.uncompressed_crc != zlib.crc32(data):
                 raise ValueError('its checksum does not match')
             starts, definitions, number = _records(data, self._budget.records)
