@@ -1,7 +1,7 @@
 """Names from files as data in every text that another program reads: one function for each kind of place.
 
-HTML, SVG and the attributes and text of XML are escaped by Jinja's autoescape and by Matplotlib, YAML and JSON by their
-libraries; names on markers and in DXF files are not interpreted. A name is printable and no formula (`Section.word`).
+HTML, SVG and the attributes and text of XML are escaped by Jinja's autoescape and by Matplotlib, YAML and JSON by
+their libraries; names on markers are not interpreted. A name is printable and no formula (`Section.word`).
 """
 
 from __future__ import annotations
@@ -24,11 +24,6 @@ def comment(line: str) -> str:
 def xacro(text: str) -> str:
     """A text in which xacro evaluates nothing but the dollar signs themselves."""
     return text.replace('$', "${'$'}")
-
-
-def plot_text(text: str) -> str:
-    """A text that Matplotlib does not take for a formula."""
-    return text.replace('$', r'\$')
 
 
 def csv_cell(text: str) -> str:
