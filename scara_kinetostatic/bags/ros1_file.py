@@ -89,7 +89,9 @@ class Ros1File:
         self, reader: _BoundedReader, connections: list[Connection], topic: Topic
     ) -> Iterator[tuple[list[int], list[bytes]]]:
         """The times and payloads of a topic's messages, some at a time; empty where damaged or too large."""
-        times, payloads, size, count, convert = list[int](), list[bytes](), 0, 0, ros2_types().ros1_to_cdr
+        convert = ros2_types().ros1_to_cdr
+        times, payloads, size, count = list[int](), list[bytes](), 0, 0
+        msgtype = topic.msgtype
         places = heapq.merge(*(reader.indexes[item.id] for item in connections))
         try:
             for place, (_, time, payload) in zip(places, reader.messages(connections), strict=False):
@@ -99,7 +101,7 @@ class Ros1File:
                     self._budget.charge(beside, (beside - _HEADER) // _FIELD)
                 if length <= LARGEST_MESSAGE:
                     try:
-                        content = bytes(convert(payload, topic.msgtype))
+                        content = bytes(convert(payload, msgtype))
                     except Exception:  # rosbags raises whatever the bytes lead to
                         content = b''
                 else:

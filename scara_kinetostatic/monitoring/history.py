@@ -103,7 +103,7 @@ class History:
                 connection.execute('BEGIN IMMEDIATE' if write else 'BEGIN')
                 with connection:
                     yield connection
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeError) as error:
             raise InputError(self.path, f'cannot be used as a history: {error}', 'check the file') from error
 
     def add(self, records: Sequence[CalibrationRecord], robot: str = '') -> list[bool]:
