@@ -31,8 +31,8 @@ from scara_kinetostatic.touches.streams import FixedTransform
 
 _LARGEST_VALUE = 1e9
 """Larger values, and those that are not finite, are dropped, rad or N."""
-_MOST_LAYOUTS = 16
-"""After so many layouts in a batch, the rest of it is dropped: these are not the expected messages."""
+_MOST_COMPARED = 4_000_000
+"""After so many comparisons of a message with a layout, the rest of a batch is dropped: there are too many layouts."""
 _MOST_NAMES = 1000
 """Most joints in a message."""
 _INCOMPLETE = 'incomplete'
@@ -198,14 +198,15 @@ class Decoder:
             {_INCOMPLETE: int(np.sum(~plausible)), 'in an encoding other than plain CDR': int(np.sum(~plain))}
         )
         where = where[plain]
-        layouts, left = 0, len(where)
+        compared, left = 0, len(where)
         for size in np.unique(batch.length[where]).tolist():
             places = where[batch.length[where] == size]
             rows = sliding_window_view(batch.buffer, size)[batch.start[places]]
+            compared += len(where)
             while len(rows):
-                layouts += 1
-                if layouts > _MOST_LAYOUTS:
-                    self._dropped[f'in more than {_MOST_LAYOUTS} layouts'] += left
+                compared += len(rows)
+                if compared > _MOST_COMPARED:
+                    self._dropped['in too many layouts'] += left
                     return
                 fields, problem = self._fields(rows[0].tobytes())
                 same = np.all(rows[:, _STRINGS : fields.end] == rows[0, _STRINGS : fields.end], axis=1)
