@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from model.helpers import ROBOTS, random_poses
 
-from scara_kinetostatic.effects.joint_slip import play_operator
+from scara_kinetostatic.model.play_operator import play_operator
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.kinetostatics import joint_torques

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from studies.load_records import RATE, columns, record, torque
 
-from scara_kinetostatic.effects.joint_slip import play_operator
+from scara_kinetostatic.model.play_operator import play_operator
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.report import as_page, as_text
 from scara_kinetostatic.studies.hysteresis.dependence import p_independent
