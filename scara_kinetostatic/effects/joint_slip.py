@@ -62,12 +62,12 @@ class JointSlip(EffectOfJoint):
     )
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        return self.turned(values[0] * self._slipped(*self._loads(at), abs(values[1])).value)[0]
+        return self.turned(values[0] * self._slipped(*self._loads(at), self._folded(values[1])[0]).value)[0]
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
-        state = self._slipped(*self._loads(at), abs(values[1]))
-        by_friction = self._by_friction(state) * np.sign(values[1])  # a step of a fit beyond 0 is sent back
-        return self.turned(state.value, values[0] * by_friction)
+        friction, sense = self._folded(values[1])
+        state = self._slipped(*self._loads(at), friction)
+        return self.turned(state.value, values[0] * sense * self._by_friction(state))
 
     def amplitudes(self, values: Floats) -> Floats:
         """Its compliance alone."""
@@ -100,6 +100,10 @@ class JointSlip(EffectOfJoint):
 
     def _by_friction(self, state: PlayState) -> Floats:
         return state.by_half_width
+
+    def _folded(self, friction: float) -> tuple[float, float]:
+        """The friction that a value stands for, and its derivative: a step of a fit beyond a limit is sent back."""
+        return abs(friction), np.sign(friction)
 
     def _grid(self, load: Floats) -> Floats:
         """Slip torques up to the torque that nine touches of ten do not exceed.
@@ -145,5 +149,9 @@ class LoadFriction(JointSlip):
     def _by_friction(self, state: PlayState) -> Floats:
         return state.by_ratio
 
+    def _folded(self, friction: float) -> tuple[float, float]:
+        beyond = (friction + LARGEST_RATIO) % (2 * LARGEST_RATIO) - LARGEST_RATIO
+        return abs(beyond), np.sign(beyond)
+
     def _grid(self, load: Floats) -> Floats:
-        return np.geomspace(0.02, 0.8, 10)
+        return np.geomspace(0.1, 0.8, 16)
