@@ -70,7 +70,7 @@ def simulate_record(law: Law, values: Values, noise: float, seed: int, correlati
     white = np.random.default_rng(seed).standard_normal(len(force))
     white[1:] *= np.sqrt(1 - correlation**2)
     measured = force + noise * lfilter([1.0], [1.0, -correlation], white)
-    return Record('simulated', motion.time, measured, motion.displacement, 'N')
+    return Record('simulated', motion.time, measured, motion.driver, 'N')
 
 
 def values(law: Law, size: float) -> dict[str, float]:
@@ -90,7 +90,7 @@ def alarmed(record: Record) -> bool:
     """Whether the residual of law (6) is found to have structure."""
     motion = cut_at_reversals(record)
     fitted = fit_motion(BACKLASH, motion, np.ones(len(motion), dtype=bool))
-    residual = motion.force - BACKLASH.function(motion, fitted.values)
+    residual = motion.driven - BACKLASH.function(motion, fitted.values)
     return p_independent(motion_dependences(motion, residual)) < LEVEL
 
 

@@ -116,7 +116,10 @@ class JointSlip(EffectOfJoint):
 
 @dataclass(frozen=True)
 class LoadFriction(JointSlip):
-    """A second spring behind friction that grows with its load: δ = compliance · P(C), |C - P| ≤ friction_ratio |P|.
+    """A second spring behind friction that grows with its load: δ = compliance (1 + μ) P(C), |C - P| ≤ μ |P|.
+
+    The compliance is that of the joint loaded from rest, where P = C / (1 + μ); μ is `friction_ratio`. In these two a
+    touch that friction holds after its preload depends on the compliance alone.
 
     So act gears whose friction is that of the flanks they press together. Loaded from rest the joint only has another
     compliance. When the torque comes down, the spring holds its load until friction reverses; without load nothing
@@ -125,7 +128,7 @@ class LoadFriction(JointSlip):
 
     name = 'load_friction'
     parameters = (
-        Parameter('compliance', 'rad/Nm', 3e-4, 'of the part behind friction', typical=1e-5, sign=1),
+        Parameter('compliance', 'rad/Nm', 3e-4, 'of the part behind friction, loaded from rest', typical=1e-5, sign=1),
         Parameter('friction_ratio', '1', 0.6, 'friction over the load of that part', 0.2, typical=0.2, sign=1),
     )
     statement = '{target} has friction that grows with its load'
@@ -144,7 +147,8 @@ class LoadFriction(JointSlip):
         return bool(values[0] > 0 and 0 < values[1] < LARGEST_RATIO)
 
     def _slipped(self, history: Floats, load: Floats, friction: Floats | float) -> PlayState:
-        return play_operator(history, load, 0.0, friction)
+        value, _, by_ratio = play_operator(history, load, 0.0, friction)
+        return PlayState((1 + friction) * value, value, (1 + friction) * by_ratio + value)
 
     def _by_friction(self, state: PlayState) -> Floats:
         return state.by_ratio

@@ -192,7 +192,7 @@ def test_a_motion_is_cut_at_its_reversals_and_its_still_ends_are_left_out() -> N
     assert motion.sweeps == 11
     assert len(motion) < 645
     assert set(np.unique(motion.sense)) == {-1.0, 1.0}
-    assert np.all(np.diff(motion.displacement) * motion.sense[1:] >= 0)
+    assert np.all(np.diff(motion.driver) * motion.sense[1:] >= 0)
     assert np.abs(np.diff(motion.distance)[motion.edges[1:-1] - 1]).min() > 1e-3  # far from the reversal, then near it
     assert motion.distance[motion.edges[1:-1]].max() < 1e-3
     with pytest.raises(UnsupportedDataError, match=r'a: 1 sweeps of 99 samples in all; 6 sweeps of 8 samples each'):

@@ -96,7 +96,7 @@ def _motion_record(selection: Selection, motion: Motion) -> Document:
             'held_out': each.held_out_rms,
             'later_from_earlier': rms(residual[~motion.earlier]),
             'earlier_from_later': rms(residual[motion.earlier & motion.scored]),
-            'held_out_share_of_range': each.held_out_rms / motion.force_range,
+            'held_out_share_of_range': each.held_out_rms / motion.driven_range,
             'held_out_as_displacement': each.held_out_rms * selection.final.whole.values['compliance'],
         }
 
@@ -105,7 +105,7 @@ def _motion_record(selection: Selection, motion: Motion) -> Document:
         'source': record.source,
         'sweeps': motion.sweeps,
         'samples': len(motion),
-        'force_range': motion.force_range,
+        'force_range': motion.driven_range,
         'travel': motion.travel,
         **_common(selection),
         'force_error': {'before': errors(selection.before), 'after': errors(selected) if selected else None},

@@ -115,7 +115,7 @@ class MotionStudy:
         motion, scored = self.motion, self.motion.scored
         rows = (np.ones(len(motion), dtype=bool), motion.earlier | ~scored, ~motion.earlier | ~scored)
         fits = [fit_motion(law, motion, each) for each in rows]
-        whole, first, last = (motion.force - law.function(motion, each.values) for each in fits)
+        whole, first, last = (motion.driven - law.function(motion, each.values) for each in fits)
         held_out, train = (np.where(motion.earlier, *pair) for pair in ((last, first), (first, last)))
         parameters = {name: Estimate(value, float('nan')) for name, value in fits[0].values.items()}
         along, predicted = (Prediction(whole),), (Prediction(held_out),)
@@ -138,7 +138,7 @@ class MotionStudy:
         motion = self.motion
         size = np.bincount(motion.sweep)
         squares = [np.bincount(motion.sweep, each.held_out[0].residual ** 2) / size for each in (other, one)]
-        tiny = 1e-12 * motion.force_range**2
+        tiny = 1e-12 * motion.driven_range**2
         return p_positive(np.log((squares[0] + tiny) / (squares[1] + tiny))[1:])
 
     def fitted_blocks(self, candidate: Candidate) -> list[Floats]:

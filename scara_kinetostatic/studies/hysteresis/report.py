@@ -397,7 +397,7 @@ def _loop_picture(path: Motion | LoadPath, residuals: _Residuals, name: str) -> 
     """What is driven over what drives: measured and predicted."""
     record = path.record
     if isinstance(path, Motion):
-        driver, driven, words = path.displacement, path.force, ('{response}', '{load}')
+        driver, driven, words = path.driver, path.driven, ('{response}', '{load}')
     else:
         driver, driven, words = record.load_change, record.response_change, ('{load}', '{response}')
     scales = [
