@@ -30,8 +30,8 @@ from scara_kinetostatic.studies.hysteresis.laws import Law
 from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
 from scara_kinetostatic.studies.hysteresis.model_selection import (
     AMBIGUOUS,
-    LEVEL,
     NONE,
+    UNDECIDED,
     UNEXPLAINED,
     Candidate,
     MotionStudy,
@@ -39,7 +39,7 @@ from scara_kinetostatic.studies.hysteresis.model_selection import (
     Selection,
 )
 from scara_kinetostatic.studies.hysteresis.motion import Motion, repeatability
-from scara_kinetostatic.studies.hysteresis.record import Record
+from scara_kinetostatic.studies.hysteresis.record import LEVEL, Record
 
 _PARAMETERS = {
     'zero': 'zero of the {response}',
