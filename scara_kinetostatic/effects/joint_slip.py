@@ -85,9 +85,7 @@ class JointSlip(EffectOfJoint):
         grid = self._grid(load)
         return [
             Trial(self.turned(slipped), values=partial(np.append, values=friction), place=friction)
-            for slipped, friction in zip(
-                self._slipped(history, load, grid[:, None]).value, grid.tolist(), strict=True
-            )
+            for slipped, friction in zip(self._slipped(history, load, grid[:, None]).value, grid.tolist(), strict=True)
         ]
 
     def _loads(self, at: TouchState) -> tuple[Floats, Floats]:

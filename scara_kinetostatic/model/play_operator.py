@@ -41,9 +41,7 @@ def play_limits(load: Floats, half_width: Floats | float, ratio: Floats | float 
     return low / (1 + ratio * np.sign(low)), high / (1 - ratio * np.sign(high))
 
 
-def play_operator(
-    history: Floats, load: Floats, half_width: Floats | float, ratio: Floats | float = 0.0
-) -> PlayState:
+def play_operator(history: Floats, load: Floats, half_width: Floats | float, ratio: Floats | float = 0.0) -> PlayState:
     """The play that rested at 0, driven through a history to a load.
 
     Args:

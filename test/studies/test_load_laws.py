@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from studies.load_records import RATE, columns, record, torque
 
-from scara_kinetostatic.model.play_operator import play_operator
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
+from scara_kinetostatic.model.play_operator import play_operator
 from scara_kinetostatic.report import as_page, as_text
 from scara_kinetostatic.studies.hysteresis.dependence import p_independent
 from scara_kinetostatic.studies.hysteresis.document import hysteresis_document
@@ -43,7 +43,7 @@ def wandering(seed: int) -> LoadPath:
 @pytest.mark.parametrize('half_width', [0.01, 0.5, 2.0, 50.0])
 def test_the_play_operator_is_that_of_a_loop(state: float, half_width: float) -> None:
     path = wandering(0)
-    expected = play(path.smooth, half_width, state * half_width)
+    expected = play(path.smooth, half_width, path.smooth[0] + state * half_width)
     np.testing.assert_allclose(path.play_operator(half_width, state), expected, rtol=0, atol=1e-12)
 
 
@@ -51,7 +51,7 @@ def test_the_play_operator_is_that_of_the_calibration() -> None:
     """One law in both places: along a record, and over the load before each touch."""
     path = wandering(3)
     for half_width in (0.1, 0.7, 3.0):
-        at_end, _ = play_operator(path.smooth[None, :-1], path.smooth[-1:], half_width)
+        at_end, *_ = play_operator(path.smooth[None, :-1], path.smooth[-1:], half_width)
         np.testing.assert_allclose(path.play_operator(half_width, 0.0)[-1], at_end, rtol=0, atol=1e-12)
 
 
@@ -116,7 +116,7 @@ def test_units_and_signs_change_no_verdict(
 def test_no_response_after_the_unloading_is_used(analysis: Selection) -> None:
     other = record(torque(-2.8), 9, -0.5)
     changed = 1.0 + np.random.default_rng(1).normal(0.0, 0.1, len(other))
-    changed[: other.unloaded] = 0.0
+    changed[: other.judged_from] = 0.0
     altered = replace(other, response=other.response + changed)
     (found,), (same,) = (predict_records(analysis, [each]) for each in (other, altered))
     assert found.after_rms < 4e-6

@@ -36,13 +36,7 @@ from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.studies.hysteresis.fit import effective_count
 from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
 from scara_kinetostatic.studies.hysteresis.motion import Motion
-from scara_kinetostatic.studies.hysteresis.record import (
-    FEWEST_ROWS,
-    LEVEL,
-    LOAD,
-    MOTION,
-    UNLOADED_BELOW,
-)
+from scara_kinetostatic.studies.hysteresis.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, UNLOADED_BELOW
 
 _BINS = 16
 

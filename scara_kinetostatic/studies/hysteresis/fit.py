@@ -128,7 +128,7 @@ def _best(problem: _MotionProblem | _LoadProblem, firsts: Sequence[Floats]) -> F
         minimise(problem.residual, problem.jacobian, first, problem.bounds, problem.penalty(first)) for first in firsts
     ]
     best = found[_first_least([float(np.sum(problem.residual(each) ** 2)) for each in found])]
-    return out_of_kinks(problem.residual, best, problem.bounds)
+    return out_of_kinks(problem.residual, best, problem.bounds) if problem.has_kinks else best
 
 
 def fit_motion(law: Law, motion: Motion, rows: Mask, start: Values | None = None, followed: int = 5) -> Fit:
@@ -149,6 +149,8 @@ def fit_motion(law: Law, motion: Motion, rows: Mask, start: Values | None = None
 
 class _MotionProblem:
     """The least-squares problem, scaled to the order of 1."""
+
+    has_kinks = True
 
     def __init__(self, law: Law, motion: Motion, rows: Mask) -> None:
         self.law, self.motion, self.rows = law, motion, rows
@@ -221,7 +223,7 @@ class Moments:
     @cached_property
     def grid(self) -> Floats:
         """BᵀB, Bᵀy, yᵀy after centring, on the grid: (shapes, states, k + 1, k + 1)."""
-        grid, states = [], _states(self.law)
+        grid, states = [], _states(self.law, self.path)
         for shape in _shapes(self.law, self.size):
             for state in states:
                 basis = self.law.function(self.path, {**shape, 'state': state})
@@ -242,9 +244,9 @@ def _scale(parameter: Parameter, size: float) -> float:
     return size if parameter.unit == 'N' else 1.0
 
 
-def _states(law: Law) -> list[float]:
-    """Initial states of friction from which a fit starts."""
-    return np.linspace(-1.0, 1.0, 21).tolist() if law.has_state else [0.0]
+def _states(law: Law, path: LoadPath) -> list[float]:
+    """Initial states of friction from which a fit starts; the first loops wipe them out."""
+    return np.linspace(-1.0, 1.0, 21 if path.rest.any() else 5).tolist() if law.has_state else [0.0]
 
 
 def fit_load(records: Sequence[Moments], warm_start: Fit | None = None, near: bool = False) -> Fit:
@@ -259,7 +261,7 @@ def fit_load(records: Sequence[Moments], warm_start: Fit | None = None, near: bo
     problem = _LoadProblem(law, records, size)
     if warm_start is not None and near:
         return problem.fitted(_best(problem, [problem.scaled(warm_start)]))
-    states, starts = np.array(_states(law)), []
+    states, starts = np.array(_states(law, records[0].path)), []
     for number, shape in enumerate(_shapes(law, size)):
         grids = [each.grid[number] for each in records]
         begins = sorted({0, len(states) // 2, len(states) - 1})
@@ -302,6 +304,7 @@ class _LoadProblem:
 
     def __init__(self, law: Law, records: Sequence[Moments], size: float) -> None:
         self.law, self.records = law, records
+        self.has_kinks = any(each.path.rest.any() for each in records)  # many loops smooth them out
         responses = [each.path.response[each.rows] for each in records]
         self._response = np.concatenate([each - each.mean() for each in responses])
         self._ends = np.cumsum([0, *(len(each) for each in responses)])

@@ -15,6 +15,7 @@ from scara_kinetostatic.studies.hysteresis.record import Record, check_driven_by
 
 SMOOTHING = 0.06
 """Averaging time of the load that friction follows, s: half a period of an arm that vibrates at some 8 Hz."""
+LOOP_BLOCKS = 600
 
 
 class LoadPath:
@@ -51,8 +52,8 @@ class LoadPath:
 
     @classmethod
     def in_blocks(cls, record: Record) -> LoadPath:
-        """Means of blocks of `SMOOTHING`, enough for a fit."""
-        return cls(record, _samples(record))
+        """Means of blocks of `SMOOTHING`, of loops of a `LOOP_BLOCKS`th of the record if that is more: enough for a fit."""
+        return cls(record, max(_samples(record), 0 if record.is_at_rest_first else len(record) // LOOP_BLOCKS))
 
     @property
     def earlier(self) -> Mask:
@@ -120,4 +121,3 @@ def block_means(values: Floats, block: int) -> Floats:
 def _samples(record: Record) -> int:
     """Samples in `SMOOTHING`."""
     return max(round(SMOOTHING / float(np.median(np.diff(record.time)))), 1)
-

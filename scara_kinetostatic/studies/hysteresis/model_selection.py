@@ -15,8 +15,8 @@ rest they are compared on the held-out residuals in blocks of `SMOOTHING` from t
 Pitman-Morgan test of the variances of two correlated residuals, with the effective number of independent blocks. A
 record with a load far beyond those of all others is not compared: they do not determine its prediction.
 
-**A candidate** is accepted if it predicts better than law (6) in the rms, in BIC and in the test, half of the level
-shared among the candidates (Bonferroni). BIC counts the effective number of samples n / (1 + 2 Σρ), ρ being the
+**A candidate** is accepted if it predicts better than law (6) in the rms and in BIC, and one of them does so in the test
+at half of the level, shared among the candidates (Bonferroni): once law (6) is rejected, all that are better compete. BIC counts the effective number of samples n / (1 + 2 Σρ), ρ being the
 autocorrelations of the residual of the law that fits best. The accepted candidate with the smallest BIC is selected, of
 several forms of one effect the simplest within 2; its rivals are the accepted ones of other effects that do not predict
 significantly worse.
@@ -270,7 +270,9 @@ class LoadStudy:
     def p_better(self, one: Candidate, other: Candidate) -> float:
         """p-value of one law predicting no better; from rest to rest by Pitman and Morgan's test."""
         if self.in_loops:
-            rows = [motion.scored for motion in self.motions] if self.is_single else [~path.known for path in self.paths]
+            rows = (
+                [motion.scored for motion in self.motions] if self.is_single else [~path.known for path in self.paths]
+            )
             return _p_better(self.motions, one, other, rows)
         rows = [~path.earlier if self.is_single else ~path.rest for path in self.paths]
         compared = [self.is_single or not self._is_extrapolated(path) for path in self.paths]
@@ -431,12 +433,14 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
     def bic(each: Candidate) -> float:
         return float(count * np.log(max(squares[each.law.name], 1e-300)) + len(each.law.parameters) * np.log(count))
 
-    compared = []
+    compared, significant = [], False
     for each in candidates:
         p_gain, gain = study.p_better(each, before), bic(each) - bic(before)
-        better = each.held_out_rms < before.held_out_rms and gain < -BIC_GAIN and p_gain < LEVEL / (2 * len(candidates))
+        better = each.held_out_rms < before.held_out_rms and gain < -BIC_GAIN
+        significant |= bool(better and p_gain < LEVEL / (2 * len(candidates)))
         compared.append(each._replace(p_gain=p_gain, bic=gain, accepted=bool(better)))
-    accepted = [each for each in compared if each.accepted]
+    accepted = [each for each in compared if each.accepted and significant]
+    compared = [each._replace(accepted=each in accepted) for each in compared]
     selected, rivals = None, []
     if accepted:
         least = min(accepted, key=lambda each: each.bic)

@@ -380,7 +380,7 @@ def check_driven_by_load(record: Record) -> None:
         ),
         # what the load did meanwhile is unknown
         (steps[longest] > 5 * np.median(steps), gap, 'give the parts before and after it as files of their own'),
-        (in_loops and turns < FEWEST_SWEEPS - 1, neither, f'{remedy}, or more loops'),
+        (in_loops and not FEWEST_SWEEPS - 1 <= turns < len(record) // FEWEST_ROWS, neither, f'{remedy}, or more loops'),
         (len(record) - record.judged_from < 10, 'the load never falls below 60 % of its largest for good', remedy),
         (
             in_loops and _gives_out_energy(record),
