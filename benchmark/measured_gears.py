@@ -51,7 +51,8 @@ REPEATED = ('base_init1', 'base_init5', 'base910_unr_init1')
 PARAMETERS = {'half_gap': ('half gap', 'mrad', 1e3), 'compliance': ('compliance', 'mrad/Nm', 1e3),
               'friction': ('friction c', 'Nm', 1.0), 'friction_ratio': ('growth μ', '', 1.0)}  # fmt: skip
 CHANGES = (
-    ('running in, places 1, 5, 6', ('base_init1', 'base_init5', 'base_init6'), ('base_runin1', 'base_runin5', 'base_runin6')),
+    ('running in, places 1, 5, 6', ('base_init1', 'base_init5', 'base_init6'),
+     ('base_runin1', 'base_runin5', 'base_runin6')),
     ('preload 1 to 12 steps (split)', ('split_onyx_1pre5',), ('split_onyx_12pre5',)),
     ('preload 1 to 4 steps (conic)', ('conic_onyx_1pre5',), ('conic_onyx_4pre5',)),
     ('cold (base, 910)', ('base910_unr_init5',), ('base910_unr_cold5',)),

@@ -18,9 +18,9 @@ Under a load from rest to rest: from means of half a second, in which vibrations
 Differences count against their scatter and 1 % of the range of the response: no law holds better where the load goes
 through zero.
 
-The detection limit is the share of the squared residual that a test would have found with a probability of `POWER`, from
-the scatter that it met. The p-values of the records are combined by Fisher's method, -2 Σ ln p ~ χ² with twice as many degrees of
-freedom as records, so that evidence adds up.
+The detection limit is the share of the squared residual that a test would have found with a probability of `POWER`,
+from the scatter that it met. The p-values of the records are combined by Fisher's method, -2 Σ ln p ~ χ² with twice as
+many degrees of freedom as records, so that evidence adds up.
 """
 
 from __future__ import annotations

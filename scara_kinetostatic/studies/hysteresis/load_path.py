@@ -15,9 +15,6 @@ from scara_kinetostatic.studies.hysteresis.record import Record, check_driven_by
 
 SMOOTHING = 0.06
 """Averaging time of the load that friction follows, s: half a period of an arm that vibrates at some 8 Hz."""
-LOOP_BLOCKS = 600
-
-
 class LoadPath:
     """Load and response of one record, as measured or as means of blocks.
 
@@ -43,7 +40,8 @@ class LoadPath:
         self.time, self.load, self.response = map(self._means, (record.time, record.load_change, record.response))
         count = len(self.time) * block
         self._every_smooth: Floats = uniform_filter1d(record.load_change, _samples(record), mode='nearest')
-        self.smooth: Floats = self._every_smooth[block // 2 : count : block]
+        self._middle = slice(block // 2, count, block)
+        self.smooth: Floats = self._every_smooth[self._middle]
         self.size = float(np.abs(self._every_smooth).max())
         last = np.arange(block - 1, count, block)
         self.rest: Mask = record.rest[last]
@@ -52,8 +50,8 @@ class LoadPath:
 
     @classmethod
     def in_blocks(cls, record: Record) -> LoadPath:
-        """Means of blocks of `SMOOTHING`, of loops of a `LOOP_BLOCKS`th of the record if that is more: enough for a fit."""
-        return cls(record, max(_samples(record), 0 if record.is_at_rest_first else len(record) // LOOP_BLOCKS))
+        """Means of blocks of `SMOOTHING`, enough for a fit."""
+        return cls(record, _samples(record))
 
     @property
     def earlier(self) -> Mask:
@@ -65,16 +63,18 @@ class LoadPath:
 
         Args:
             half_width: r, N or Nm.
-            state: initial output, from -1 to 1: the least to the largest that the first load allows.
+            state: initial output, from -1 to 1: the least to the largest that the load allows at rest, or the first one.
             ratio: μ.
         """
         shape = (half_width, ratio)
         if shape not in self._ranges:  # a fit asks for many states of one or two shapes
             if len(self._ranges) > 8:
                 self._ranges.clear()
-            self._ranges[shape] = play_range(self.smooth, half_width, ratio)
+            limits = play_range(self._every_smooth, half_width, ratio)
+            self._ranges[shape] = limits[0][self._middle], limits[1][self._middle]
         low, high = self._ranges[shape]
-        least, most = play_limits(self.smooth[0], half_width, ratio)
+        first = np.zeros(()) if self.rest.any() else self._every_smooth[0]
+        least, most = play_limits(first, half_width, ratio)
         return np.clip(least + (most - least) * (state + 1) / 2, low, high)
 
     def lag(self, time_constant: float) -> Floats:

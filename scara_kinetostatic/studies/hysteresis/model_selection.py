@@ -15,15 +15,15 @@ rest they are compared on the held-out residuals in blocks of `SMOOTHING` from t
 Pitman-Morgan test of the variances of two correlated residuals, with the effective number of independent blocks. A
 record with a load far beyond those of all others is not compared: they do not determine its prediction.
 
-**A candidate** is accepted if it predicts better than law (6) in the rms and in BIC, and one of them does so in the test
-at half of the level, shared among the candidates (Bonferroni): once law (6) is rejected, all that are better compete. BIC counts the effective number of samples n / (1 + 2 Σρ), ρ being the
-autocorrelations of the residual of the law that fits best. The accepted candidate with the smallest BIC is selected, of
-several forms of one effect the simplest within 2; its rivals are the accepted ones of other effects that do not predict
-significantly worse.
+**A candidate** is accepted if it predicts better than law (6) in the rms and in BIC, and one of them does so in the
+test at half of the level, shared among the candidates (Bonferroni): once law (6) is rejected, all that are better
+compete. BIC counts the effective number of samples n / (1 + 2 Σρ), ρ being the autocorrelations of the residual of the
+law that fits best. The accepted candidate with the smallest BIC is selected, of several forms of one effect the
+simplest within 2; its rivals are the accepted ones of other effects that do not predict significantly worse.
 
-**Law (6) is sufficient** if no candidate is accepted, its residual depends on no variable (the other half of the level),
-each such test would have found a share of `LARGEST_UNSEEN` of the squared residual, and no candidate has a held-out
-error below `CLEARLY_SMALLER` of its own. Where one of the latter two fails the records decide nothing.
+**Law (6) is sufficient** if no candidate is accepted, its residual depends on no variable (the other half of the
+level), each such test would have found a share of `LARGEST_UNSEEN` of the squared residual, and no candidate has a
+held-out error below `CLEARLY_SMALLER` of its own. Where one of the latter two fails the records decide nothing.
 """
 
 from __future__ import annotations
@@ -239,7 +239,7 @@ class LoadStudy:
         return Candidate(law, whole, along, held_out, self._rms(along), self._rms(held_out), parameters)
 
     def _halves(self, law: Law) -> Prediction:
-        """The later half of a single record predicted by a fit to the earlier one; in loops that by the other as well."""
+        """The later half of a single record predicted by a fit to the earlier one; in loops also the reverse."""
         (path,), (block,) = self.paths, self.blocks
         later = predict(fit_load([Moments(law, block, block.earlier, self.size)]), path, path.earlier)
         if not self.in_loops:

@@ -265,7 +265,7 @@ class Record:
         return float(self.response_change[(self.judged_from + len(self)) // 2 :].mean())
 
     def noise(self, values: Floats) -> float:
-        """Standard deviation of a column at rest, in loops of its differences from sample to sample, N, Nm, m or rad."""
+        """Standard deviation of a column at rest, in loops from its differences, in its unit."""
         if self.is_at_rest_first:
             return float(values[self.rest].std(ddof=1))
         return 1.4826 * float(np.median(np.abs(np.diff(values)))) / np.sqrt(2.0)

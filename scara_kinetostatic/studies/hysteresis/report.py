@@ -88,8 +88,8 @@ _BY_LOAD = _Words(
 )
 _BY_LOOPS = _BY_LOAD._replace(
     held_out='Each record predicted from the others, the error after the first third',
-    errors='Errors: rms of the {response} after the first third of the samples. Held out: predicted with the parameters '
-    'of the other records; zero and state of friction from the first third.',
+    errors='Errors: rms of the {response} after the first third of the samples. Held out: predicted with the '
+    'parameters of the other records; zero and state of friction from the first third.',
 )
 _BY_ONE_LOAD = _BY_LOAD._replace(
     held_out='The later half predicted from the earlier half, the error',
@@ -367,7 +367,8 @@ def _predicted_section(selection: Selection, predicted: Sequence[PredictedRecord
         for each in predicted
     )
     table = Table(('predicted', 'before', 'after', 'state at the start'), ('', scale.unit, scale.unit, ''), rows)
-    note = 'What comes before the unloading gives zero and state of friction; the error counts from there on.'
+    begins = 'the unloading' if selection.study.records[0].is_at_rest_first else 'the end of the first third'
+    note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'
     sections = []
     for k, each in enumerate(predicted):
         path = LoadPath(each.record, direction=selection.study.direction)
