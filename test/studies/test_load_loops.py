@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ def elastic(load: np.ndarray, c: float, mu: float) -> np.ndarray:
 def gear(seed: int = 0, c: float = C, mu: float = MU, noise: float = 3e-4) -> Record:
     """Small loops, then large ones."""
     corners = [0.0, *(sign * size for size in LOOPS for sign in (1, -1)), 0.0]
-    load = np.concatenate([np.linspace(*ends, 80)[:-1] for ends in zip(corners[:-1], corners[1:], strict=True)])
+    load = np.concatenate([np.linspace(*ends, 80)[:-1] for ends in pairwise(corners)])
     random = np.random.default_rng(seed)
     spring = elastic(load, c, mu) if c else load
     gap = spring / np.hypot(spring, 0.5) if c else np.sign(load)
@@ -98,7 +99,9 @@ def test_what_is_refused() -> None:
         (ramp, 'reverses 0 times; loops need 5 reversals'),
         (swapped, 'the angle runs ahead of the torque, as if the joint gave out energy; check whether the two columns'),
     ):
-        with pytest.raises(UnsupportedDataError, match=re.escape(f'0.csv: {message}') if record is swapped else message):
+        with pytest.raises(
+            UnsupportedDataError, match=re.escape(f'0.csv: {message}') if record is swapped else message
+        ):
             LoadPath(record)
     with pytest.raises(InputError, match=r'it is at rest at first, unlike 0\.csv'):
         LoadStudy([one, replace(rested, source='rested.csv')])

@@ -15,6 +15,8 @@ from scara_kinetostatic.studies.hysteresis.record import Record, check_driven_by
 
 SMOOTHING = 0.06
 """Averaging time of the load that friction follows, s: half a period of an arm that vibrates at some 8 Hz."""
+
+
 class LoadPath:
     """Load and response of one record, as measured or as means of blocks.
 
@@ -37,10 +39,10 @@ class LoadPath:
     def __init__(self, record: Record, block: int = 1, direction: float = 1.0) -> None:
         check_driven_by_load(record)
         self.record, self.block, self.direction = record, block, direction
-        self.time, self.load, self.response = map(self._means, (record.time, record.load_change, record.response))
-        count = len(self.time) * block
-        self._every_smooth: Floats = uniform_filter1d(record.load_change, _samples(record), mode='nearest')
+        count = len(record) // block * block
         self._middle = slice(block // 2, count, block)
+        self.time, self.load, self.response = map(self._means, (record.time, record.load_change, record.response))
+        self._every_smooth: Floats = uniform_filter1d(record.load_change, _samples(record), mode='nearest')
         self.smooth: Floats = self._every_smooth[self._middle]
         self.size = float(np.abs(self._every_smooth).max())
         last = np.arange(block - 1, count, block)
@@ -63,7 +65,7 @@ class LoadPath:
 
         Args:
             half_width: r, N or Nm.
-            state: initial output, from -1 to 1: the least to the largest that the load allows at rest, or the first one.
+            state: initial output, from -1 to 1: the least to the largest that no load, in loops the first, allows.
             ratio: μ.
         """
         shape = (half_width, ratio)
@@ -104,8 +106,8 @@ class LoadPath:
         return self._means(np.where(last >= 0, sign[last], state))
 
     def _means(self, values: Floats) -> Floats:
-        """Means of the blocks."""
-        return block_means(values, self.block)
+        """Means of the blocks; in loops, whose load moves on, the values in their middle."""
+        return block_means(values, self.block) if self.record.is_at_rest_first else values[self._middle]
 
     def long_block(self, samples: int) -> int:
         """Number of samples in half a second, whose mean has no vibrations, or in a quarter of so many samples."""

@@ -22,8 +22,10 @@ law that fits best. The accepted candidate with the smallest BIC is selected, of
 simplest within 2; its rivals are the accepted ones of other effects that do not predict significantly worse.
 
 **Law (6) is sufficient** if no candidate is accepted, its residual depends on no variable (the other half of the
-level), each such test would have found a share of `LARGEST_UNSEEN` of the squared residual, and no candidate has a
-held-out error below `CLEARLY_SMALLER` of its own. Where one of the latter two fails the records decide nothing.
+level), each such test would have found a share of `LARGEST_UNSEEN` of the squared residual or the error is below
+`MATERIAL` of the range, and no candidate has a held-out error below `CLEARLY_SMALLER` of its own. Where one of the
+latter two fails the records decide nothing. Below `MATERIAL` only a dependence counts against law (6): a candidate may
+then be better by the form that its gap has near zero load.
 """
 
 from __future__ import annotations
@@ -65,6 +67,8 @@ LARGEST_UNSEEN = 0.5
 """Share of the squared residual of law (6) above which a detection limit supports no verdict."""
 CLEARLY_SMALLER = 0.8
 """Ratio of two held-out errors."""
+MATERIAL = 0.05
+"""Held-out error of law (6) over the range of what is predicted, below which only a dependence counts against it."""
 NONE, EXPLAINED, AMBIGUOUS, UNEXPLAINED, UNDECIDED = 'none', 'explained', 'ambiguous', 'unexplained', 'undecided'
 
 
@@ -289,6 +293,20 @@ class LoadStudy:
         correlation = min(max(float(total @ difference) / norm, -1 + 1e-12), 1 - 1e-12)
         return float(stats.t.sf(correlation * np.sqrt((count - 2) / (1 - correlation**2)), count - 2))
 
+    def check_one_joint(self, candidate: Candidate) -> None:
+        """Checks that loops of several records may be of one joint.
+
+        Raises:
+            RecordingError: the law of all errs on one by 5 % of its range, and 2.5 times as much as one of its own.
+        """
+        parts = enumerate(zip(self._moments(candidate.law), self.paths, candidate.whole.states, strict=True))
+        for k, (part, path, state) in parts if self.in_loops and not self.is_single else ():
+            own = fit_load([part], candidate.whole._replace(states=np.array([state])), near=True)
+            alone, together = rms(predict(own, path, path.known).residual), rms(candidate.along[k].residual)
+            if together > max(2.5 * alone, 0.05 * np.ptp(path.response)):
+                problem = f'one law for all records errs on it {together / alone:.1f} times as much as one of its own'
+                raise RecordingError(path.record.source, problem, 'give records of one joint')
+
     def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
         """Residuals of the fit to all records under load and after it, as means of blocks."""
         found = []
@@ -393,6 +411,14 @@ class Selection(NamedTuple):
         """Share of the squared residual of law (6) that each test would have found; 1 where there was none."""
         return max((each.detectable for each in self.dependence_before if each.is_tested), default=1.0)
 
+    @property
+    def share_of_range(self) -> float:
+        """Held-out error of law (6) over the range of what is predicted."""
+        paths = self.study.paths
+        return self.before.held_out_rms / max(
+            float(np.ptp(each.driven if isinstance(each, Motion) else each.response)) for each in paths
+        )
+
     def is_clearly_smaller(self, candidate: Candidate) -> bool:
         """Whether its held-out error is clearly below that of law (6)."""
         return candidate.held_out_rms < CLEARLY_SMALLER * self.before.held_out_rms
@@ -411,13 +437,16 @@ def analyse(records: Sequence[Record], driven: str) -> tuple[Selection, ...]:
         driven: `MOTION` or `LOAD`.
 
     Raises:
-        RecordingError: see `LoadStudy`.
+        RecordingError: see `LoadStudy` and `LoadStudy.check_one_joint`.
         UnsupportedDataError: a record is not of full loops, or does not go from rest to rest; it is named.
     """
     if driven == MOTION:
         studies = [MotionStudy(record) for record in records]
         return tuple(select_model(study) for study in studies)
-    return (select_model(LoadStudy(records)),)
+    study = LoadStudy(records)
+    selection = select_model(study)
+    study.check_one_joint(selection.final)
+    return (selection,)
 
 
 def select_model(study: MotionStudy | LoadStudy) -> Selection:
@@ -439,8 +468,10 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
         better = each.held_out_rms < before.held_out_rms and gain < -BIC_GAIN
         significant |= bool(better and p_gain < LEVEL / (2 * len(candidates)))
         compared.append(each._replace(p_gain=p_gain, bic=gain, accepted=bool(better)))
-    accepted = [each for each in compared if each.accepted and significant]
-    compared = [each._replace(accepted=each in accepted) for each in compared]
+    found = Selection(study, before, (), None, (), dependence_before, p_without_memory, dependence_before, NONE)
+    significant &= not is_independent or found.share_of_range > MATERIAL
+    compared = [each._replace(accepted=each.accepted and significant) for each in compared]
+    accepted = [each for each in compared if each.accepted]
     selected, rivals = None, []
     if accepted:
         least = min(accepted, key=lambda each: each.bic)
@@ -448,20 +479,17 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
         selected = next(each for each in forms if each.bic - least.bic < BIC_GAIN)
         others = (each for each in accepted if each.law.effect != least.law.effect)
         rivals = [each for each in others if study.p_better(selected, each) >= LEVEL]
-    found = Selection(
-        study=study,
+    found = found._replace(
         before=study.with_std(before),
         candidates=tuple(compared),
         selected=selected and study.with_std(selected),
         rivals=tuple(rivals),
-        dependence_before=dependence_before,
-        p_without_memory=p_without_memory,
         dependence_after=study.dependences(selected) if selected else dependence_before,
-        verdict=AMBIGUOUS if rivals else EXPLAINED if selected else NONE if is_independent else UNEXPLAINED,
     )
-    if found.verdict == NONE and (found.detectable > LARGEST_UNSEEN or any(map(found.is_clearly_smaller, compared))):
-        found = found._replace(verdict=UNDECIDED)
-    return found
+    if selected or not is_independent:
+        return found._replace(verdict=AMBIGUOUS if rivals else EXPLAINED if selected else UNEXPLAINED)
+    is_unseen = found.detectable > LARGEST_UNSEEN and found.share_of_range > MATERIAL
+    return found._replace(verdict=UNDECIDED) if is_unseen or any(map(found.is_clearly_smaller, compared)) else found
 
 
 class PredictedRecord(NamedTuple):

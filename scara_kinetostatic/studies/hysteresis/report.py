@@ -142,6 +142,7 @@ def verdict(selection: Selection) -> Verdict:
     before = _number(error.per_si * selection.before.held_out_rms)
     errors = f'{_words(selection).held_out} of law (6) is {before} {error.unit} (rms).'
     limit = f'Each test would have found {100 * min(selection.detectable, 1.0):.0f} % of its square.'
+    errors += f' That is {100 * selection.share_of_range:.2g} % of the range.'
     if selection.verdict == UNDECIDED:
         smaller = [each.law.title for each in selection.candidates if selection.is_clearly_smaller(each)]
         better = f'Held out, these err clearly less, though not significantly: {", ".join(smaller)}.' if smaller else ''
