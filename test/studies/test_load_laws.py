@@ -64,13 +64,6 @@ def test_the_inverse_of_slip_gives_the_load_back(state: float) -> None:
     np.testing.assert_allclose(load, path.smooth, rtol=0, atol=1e-9)
 
 
-def test_creep_is_the_solution_of_its_equation() -> None:
-    load = np.concatenate([np.zeros(60), np.ones(800), np.zeros(100)])
-    path = LoadPath(Record('one.csv', np.arange(len(load)) / RATE, load, load))
-    expected = 1 - np.exp(-(path.time[60:860] - path.time[59]) / 2.0)
-    np.testing.assert_allclose(path.lag(2.0)[60:860], expected, rtol=1e-12)
-
-
 def test_the_sign_of_an_unloaded_gap_is_that_of_its_last_load() -> None:
     load = torque(2.0)
     path = LoadPath(record(load))

@@ -28,14 +28,12 @@ to 1, are each record's own: they depend on what happened before it. Functions:
 
 - backlash, law (6): τ, and sign(τ), linear within the scatter of the load at rest or not; no memory.
 - gap, law (6) as well: τ, and the sign that the load had last: an unloaded joint may stay where the load left it.
-- softening: law (6) with |τ| τ: the compliance increases with the load.
 - friction: spring and gap with Coulomb friction in parallel: the play τ_e = P_r(τ), and τ_e / √(τ_e² + s²), the sign of
   τ_e with the gap rounded over a load s, where the flanks meet one after the other.
 - load_friction: the same with friction that grows with the load, |τ - τ_e| ≤ r + μ |τ_e|.
 - slip: τ and P_r(τ): a spring in series with such a spring with friction. Up to a load change of 2 r from the last
   reversal it is elastic, from there on it slips, and stays when the load goes.
 - slips: τ and two of them, of half widths r and r + Δr, that begin in the same state.
-- creep: law (6) with a lag of first order in the load.
 """
 
 from __future__ import annotations
@@ -263,14 +261,6 @@ GAP_FORMS = (
 """The same for the largest load that counts as none."""
 LOAD_LAWS = (
     Law(
-        'softening',
-        'softening',
-        'softening spring',
-        'a softening spring: the compliance increases with the load',
-        (_SLOPE, _HALF_GAP, Parameter('softening', 'm/N²')),
-        _basis(_load, _sign, lambda path, values: path.load * np.abs(path.load)),
-    ),
-    Law(
         'friction',
         'friction',
         'friction in parallel',
@@ -317,19 +307,6 @@ LOAD_LAWS = (
         ),
         _basis(_load, _slipping, _slipping_later),
         True,
-    ),
-    Law(
-        'creep',
-        'creep',
-        'creep',
-        'creep: the response goes on increasing under a constant load',
-        (
-            _SLOPE,
-            _HALF_GAP,
-            Parameter('creep_compliance', 'm/N'),
-            Parameter('time_constant', 's', (0.3, 1.0, 3.0, 10.0, 30.0), most=100.0),
-        ),
-        _basis(_load, _sign, lambda path, values: path.lag(values['time_constant'])),
     ),
 )
 """Laws that are compared with law (6) where the load drives, beside `GAP`."""

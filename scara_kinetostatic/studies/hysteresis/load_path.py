@@ -72,21 +72,15 @@ class LoadPath:
         if shape not in self._ranges:  # a fit asks for many states of one or two shapes
             if len(self._ranges) > 8:
                 self._ranges.clear()
-            limits = play_range(self._every_smooth, half_width, ratio)
-            self._ranges[shape] = limits[0][self._middle], limits[1][self._middle]
+            if self.rest.any():
+                self._ranges[shape] = play_range(self.smooth, half_width, ratio)
+            else:  # loops turn round between the middles of blocks
+                limits = play_range(self._every_smooth, half_width, ratio)
+                self._ranges[shape] = limits[0][self._middle], limits[1][self._middle]
         low, high = self._ranges[shape]
         first = np.zeros(()) if self.rest.any() else self._every_smooth[0]
         least, most = play_limits(first, half_width, ratio)
         return np.clip(least + (most - least) * (state + 1) / 2, low, high)
-
-    def lag(self, time_constant: float) -> Floats:
-        """The load behind a first-order lag, (n,): T dy/dt = τ - y, at rest at first."""
-        share = -np.expm1(-np.diff(self.time, prepend=self.time[0]) / time_constant)
-        output, here = [], 0.0
-        for each, part in zip(self.load.tolist(), share.tolist(), strict=True):
-            here += part * (each - here)
-            output.append(here)
-        return np.array(output)
 
     def sign(self, band: float) -> Floats:
         """Sign of the load, linear within a band of so many standard deviations of the load at rest, (n,)."""

@@ -51,16 +51,13 @@ _PARAMETERS = {
     'slip_positive': 'slip {load}, positive',
     'slip_negative': 'slip {load}, negative',
     'damping': 'damping',
-    'softening': 'increase of the compliance with the load',
     'slip_compliance': 'compliance of the slipping part',
     'further_compliance': 'compliance of the second slipping part',
-    'creep_compliance': 'compliance of the creep',
     'slip_load': 'slip load',
     'further_load': 'added slip load of the second part',
     'friction': 'friction',
     'friction_ratio': 'part of the load by which friction grows',
     'rounding': '{load} over which the gap is rounded',
-    'time_constant': 'time constant',
 }
 
 
