@@ -7,7 +7,7 @@ delete-one-cycle jackknife, since residuals within a cycle are correlated.
 Driven by their load, records of one joint are judged together: each is predicted with the parameters fitted to all
 others; its own samples, up to `Record.judged_from`, give only its zero and its initial state of friction. Of a single
 record the later half is predicted from the earlier one. Standard deviations: delete-one-record jackknife; of a single
-record in loops delete-one-cycle.
+record in loops delete-one-sweep, as few of its cycles are large.
 
 **Two laws** are compared in loops sweep by sweep, in a single record over both halves: a one-sided t-test of the
 logarithms of the ratios of their mean squares, which assumes independent sweeps and normal logarithms. From rest to
@@ -22,10 +22,10 @@ law that fits best. The accepted candidate with the smallest BIC is selected, of
 simplest within 2; its rivals are the accepted ones of other effects that do not predict significantly worse.
 
 **Law (6) is sufficient** if no candidate is accepted, its residual depends on no variable (the other half of the
-level), each such test would have found a share of `LARGEST_UNSEEN` of the squared residual or the error is below
-`MATERIAL` of the range, and no candidate has a held-out error below `CLEARLY_SMALLER` of its own. Where one of the
-latter two fails the records decide nothing. Below `MATERIAL` only a dependence counts against law (6): a candidate may
-then be better by the form that its gap has near zero load.
+level), and its error is below `MATERIAL` of the range, or each such test would have found a share of `LARGEST_UNSEEN`
+of the squared residual and no candidate has a held-out error below `CLEARLY_SMALLER` of its own; otherwise the records
+decide nothing. Below `MATERIAL` only a dependence counts against law (6): a candidate may be better by the form alone
+that its gap has near zero load.
 """
 
 from __future__ import annotations
@@ -256,10 +256,10 @@ class LoadStudy:
         if not (self.is_single and self.in_loops):
             return candidate
         (motion,), (block,), whole = self.motions, self.blocks, candidate.whole
-        cycle = motion.cycle[: len(block.time) * block.block : block.block]
+        sweep = motion.sweep[: len(block.time) * block.block : block.block]
         several = [
-            fit_load([Moments(candidate.law, block, cycle != each, self.size)], whole, near=True).values
-            for each in np.unique(cycle)
+            fit_load([Moments(candidate.law, block, sweep != each, self.size)], whole, near=True).values
+            for each in np.unique(sweep)
         ]
         return candidate._replace(parameters=_jackknife(whole.values, several))
 
@@ -488,8 +488,8 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
     )
     if selected or not is_independent:
         return found._replace(verdict=AMBIGUOUS if rivals else EXPLAINED if selected else UNEXPLAINED)
-    is_unseen = found.detectable > LARGEST_UNSEEN and found.share_of_range > MATERIAL
-    return found._replace(verdict=UNDECIDED) if is_unseen or any(map(found.is_clearly_smaller, compared)) else found
+    is_open = found.detectable > LARGEST_UNSEEN or any(map(found.is_clearly_smaller, compared))
+    return found._replace(verdict=UNDECIDED) if is_open and found.share_of_range > MATERIAL else found
 
 
 class PredictedRecord(NamedTuple):

@@ -99,7 +99,11 @@ def _words(selection: Selection) -> _Words:
     if isinstance(selection.study, MotionStudy):
         return _BY_MOTION
     if selection.study.is_single:
-        return _BY_ONE_LOAD
+        return (
+            _BY_ONE_LOAD._replace(uncertainty='delete-one-sweep jackknife')
+            if selection.study.in_loops
+            else _BY_ONE_LOAD
+        )
     return _BY_LOOPS if selection.study.in_loops else _BY_LOAD
 
 
