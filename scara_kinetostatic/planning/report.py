@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.planning import figures
+from scara_kinetostatic.planning.optimal_design import Design, Row, contributions
+from scara_kinetostatic.planning.search import MOST_TOUCHES
 from scara_kinetostatic.report import (
     NOT_DETERMINED,
     Block,
@@ -25,9 +28,6 @@ from scara_kinetostatic.report import (
 from scara_kinetostatic.report.figure import COLOURS, mark
 from scara_kinetostatic.report.quantities import SCALES, count
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
-from scara_kinetostatic.studies.design import figures
-from scara_kinetostatic.studies.design.optimal_design import Design, Row, contributions
-from scara_kinetostatic.studies.design.search import MOST_TOUCHES
 
 
 def design_document(design: Design) -> dict[str, Any]:

@@ -47,8 +47,8 @@ from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.studies.design.prediction import Robot, Tip, exact_plan
 
 LEAST_ARM = 0.02
 """Smallest distance of the line of force from each joint's axis, m; well above usual errors of the nominal geometry."""

@@ -26,8 +26,7 @@ from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Disc, Plate
 from scara_kinetostatic.model.parameters import quantity
-from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan
-from scara_kinetostatic.studies.design.candidates import (
+from scara_kinetostatic.planning.candidates import (
     MOST_HELD_OUT,
     MOST_LEVERAGE,
     PER_DISC,
@@ -36,7 +35,7 @@ from scara_kinetostatic.studies.design.candidates import (
     held_out_ratio,
     prepare_candidates,
 )
-from scara_kinetostatic.studies.design.prediction import (
+from scara_kinetostatic.planning.prediction import (
     Prediction,
     Robot,
     Tip,
@@ -48,7 +47,7 @@ from scara_kinetostatic.studies.design.prediction import (
     reach,
     tip_std,
 )
-from scara_kinetostatic.studies.design.search import (
+from scara_kinetostatic.planning.search import (
     FEWEST_TOUCHES,
     MOST_TOUCHES,
     LowerBound,
@@ -56,6 +55,7 @@ from scara_kinetostatic.studies.design.search import (
     find_lower_bound,
     without_each,
 )
+from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan
 
 USUAL_ACCURACY = 1e-5
 """Largest standard deviation of the tip where none is required, m."""
