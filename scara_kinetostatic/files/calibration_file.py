@@ -36,7 +36,7 @@ RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 """Of the document on `~/result` of the calibrator."""
 _MAX_BYTES = 1 << 28
 _REMEDY = 'give the calibration.json that calibrate writes'
-_VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'identification')
+_VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'identification', 'obstacles', 'touch')
 """Keys of `cell` that are those of a cell description."""
 
 
@@ -254,6 +254,7 @@ def stored_cell(entry: Mapping[str, Any], where: str | Path) -> Cell:
     """
     model = {'gripper_sign': entry['gripper_sign'], 'gripper_excess': entry['gripper_excess']}
     robot = {'joint_names': entry['joint_names'], 'nominal': entry['nominal']}
+    robot |= {key: entry[key] for key in ('limits', 'lift', 'hold') if key in entry}
     description = {'robot': robot, 'objects': entry['objects'], 'sensor': entry['sensor'], 'model': model}
     description |= {key: entry[key] for key in _VERBATIM if entry.get(key)}
     return read_cell(description, f'{where}: cell', check_layout=False)
