@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.calibration.declared_errors import Source
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Disc, Plate
@@ -199,6 +200,11 @@ class Design:
         """Standard deviation of the tip of which the accuracy is required, with the recommended set."""
         return self.row.loaded if self.requirements.under_load else self.row.free
 
+    @property
+    def contributions(self) -> dict[str, float]:
+        """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m."""
+        return contributions(self.row.prediction.covariance, self.row.prediction.by_source, self.tip)
+
 
 class _Task(NamedTuple):
     """What is designed: the robot with its cell, the requirements, and the tip over the full workspace."""
@@ -291,7 +297,8 @@ def _coarse_tip(task: _Task) -> Tip:
 def _out_of_reach(task: _Task, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
     """That what the cell declares does not allow the accuracy, and what limits it."""
     lowest = tip_std(task.tip, very_many).largest
-    kind, part = max(contributions(very_many, task.tip).items(), key=lambda item: item[1])
+    parts = contributions(very_many.covariance, very_many.by_source, task.tip)
+    kind, part = max(parts.items(), key=lambda item: item[1])
     enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
     half = ' (half of tolerance.tip: k = 2)' if task.robot.cell.tolerance == 2 * accuracy else ''
     return UnsupportedDataError(
@@ -315,17 +322,22 @@ _KINDS = {
 """Kinds of declared uncertainties, in words."""
 
 
-def contributions(prediction: Prediction, tip: Tip) -> dict[str, float]:
+def contributions(covariance: Floats, by_source: Sequence[tuple[Source, Floats]], tip: Tip) -> dict[str, float]:
     """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m, by their names.
 
     Their squares add up to the square of the whole. The places of all discs are one kind, and so on.
+
+    Args:
+        covariance: of the values of the model.
+        by_source: the part of it that each declared uncertainty contributes.
+        tip: over the workspace.
     """
-    place = np.einsum('gdik,kl,gdil->gd', tip.derivative, prediction.covariance, tip.derivative, optimize=True)
+    place = np.einsum('gdik,kl,gdil->gd', tip.derivative, covariance, tip.derivative, optimize=True)
     worst = tip.derivative[np.unravel_index(int(np.argmax(place)), place.shape)]
     found: defaultdict[str, float] = defaultdict(float)
-    for source, covariance in prediction.by_source:
+    for source, own in by_source:
         kind = source.label.split('[')[0]
-        found[_KINDS.get(kind, kind)] += float(np.einsum('ik,kl,il->', worst, covariance, worst))
+        found[_KINDS.get(kind, kind)] += float(np.einsum('ik,kl,il->', worst, own, worst))
     found['noise'] = max(0.0, float(place.max()) - sum(found.values()))
     return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.planning import figures
-from scara_kinetostatic.planning.optimal_design import Design, Row, contributions
+from scara_kinetostatic.planning.optimal_design import Design, Row
 from scara_kinetostatic.planning.search import MOST_TOUCHES
 from scara_kinetostatic.report import (
     NOT_DETERMINED,
@@ -81,7 +81,7 @@ def _recommended(design: Design) -> dict[str, Any]:
         'leverage': leverage,
         'without_each_touch': design.without_each,
         'held_out_ratio': design.held_out,
-        'contributions': contributions(design.row.prediction, design.tip),
+        'contributions': design.contributions,
         'plan': [
             {'disc': discs[disc].name, 'angle_deg': angle, 'posture': POSTURE_NAMES[int(posture)], 'force': force}
             for disc, angle, posture, force in touches
@@ -154,7 +154,7 @@ def noise_sentences(design: Design) -> list[str]:
             'accuracy. Discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
         )
     else:
-        parts = sorted(contributions(design.row.prediction, design.tip).items(), key=lambda item: -item[1])
+        parts = sorted(design.contributions.items(), key=lambda item: -item[1])
         said = ', '.join(f'{kind} {um(value)} µm' for kind, value in parts if value >= 0.05 * parts[0][1])
         sentences.append(
             f'Declared uncertainties count: {MOST_TOUCHES} touches, evenly distributed, would leave '

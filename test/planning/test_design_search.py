@@ -21,7 +21,7 @@ from scara_kinetostatic.planning.candidates import (
     pack,
     prepare_candidates,
 )
-from scara_kinetostatic.planning.optimal_design import Requirements, contributions, optimal_design
+from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
 from scara_kinetostatic.planning.prediction import Robot, exact_plan, free_tip, make_workspace, predict, tip_std
 from scara_kinetostatic.planning.search import (
     best_set,
@@ -164,7 +164,7 @@ def test_declared_uncertainties_limit_the_accuracy_and_are_named():
     robot = Robot.of(DECLARED)
     found = optimal_design(robot, replace(EASY, accuracy=None, per_disc=6))
     assert found.accuracy == pytest.approx(1.1 * found.least_possible)
-    parts = contributions(found.row.prediction, found.tip)
+    parts = found.contributions
     assert sum(value**2 for value in parts.values()) == pytest.approx(found.tip_std.largest**2)
     assert max(parts, key=parts.get) == 'the places of the discs'
     with pytest.raises(UnsupportedDataError, match='the places of the discs alone') as caught:
