@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         show_progress('choosing touches', 0.5)
         number = args.touches or USUAL_NUMBER
         if args.goal == 'decide':
-            planned = known.planner.deciding(_discriminating(known.outcome), number)
+            planned = known.planner.discriminating(_discriminating(known.outcome), number)
         else:
             planned = known.planner.accurate(number)
         files = next_files(known.planner, planned)
