@@ -106,7 +106,7 @@ def true_robot(cell: Cell, random: np.random.Generator) -> Parameters:
 
 def case(seed: int) -> Case:
     """The first cell from a seed on in which touches can be reached on two discs."""
-    random = np.random.default_rng([3100, seed])
+    random = np.random.default_rng([3101, seed])
     while True:
         planner = Planner(nominal_arm(random_cell(random)), nominal=True)
         cell = planner.arm.cell

@@ -45,9 +45,9 @@ from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan, make_
 from scara_kinetostatic.planning.search import MOST_TOUCHES, improve, variance_with_each
 from scara_kinetostatic.simulation.plan import Plan
 
-UNSUSPECTED = 0.03
-"""Prior of an effect that nobody suspects, in its typical size. With a tenth the tip gains little over even touches,
-with a hundredth fewer effects are found.
+UNSUSPECTED = 0.01
+"""Prior of an effect that nobody suspects, in its typical size: it spreads the touches. With a tenth, twelve touches
+gain hardly more than even ones; from a hundredth to a tenth as many effects are found.
 """
 PRELOAD = 0.3
 """Part of the force by which preloaded touches go beyond it."""
