@@ -296,6 +296,10 @@ class Region(NamedTuple):
         return ParameterError('region', f'no place of {tuple(self)} is within reach', 'give x and y limits in m')
 
 
+HELD_WITHIN = 1e-3
+"""A joint that is to be held and is farther from its position has moved, rad or m."""
+
+
 class Lift(NamedTuple):
     """A joint that raises the tip over everything.
 
