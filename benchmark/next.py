@@ -36,7 +36,7 @@ from scara_kinetostatic.model.cell import Cell, Disc, Region, layout_problems
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.planning.candidates import prepare_candidates
 from scara_kinetostatic.planning.next_touches import Planner
-from scara_kinetostatic.planning.prediction import Robot, Tip, make_workspace, tip_in_use
+from scara_kinetostatic.planning.prediction import Robot, Tip, tip_in_use
 from scara_kinetostatic.planning.program import next_files
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -108,12 +108,12 @@ def case(seed: int) -> Case:
     """The first cell from a seed on in which touches can be reached on two discs."""
     random = np.random.default_rng([3101, seed])
     while True:
-        planner = Planner(nominal_arm(random_cell(random)), nominal=True)
+        planner = Planner(nominal_arm(random_cell(random)))
         cell = planner.arm.cell
         try:
             reached = len(np.unique(planner.candidates.plan.disc))
             truth = Robot.of(cell, true_robot(cell, random))
-            tip = tip_in_use(truth, make_workspace(truth, 6), float(np.mean(cell.touch.force)))
+            tip = tip_in_use(truth, float(np.mean(cell.touch.force)))
         except ScaraKinetostaticError:
             continue
         if reached > 1:
@@ -140,7 +140,7 @@ def together(plans: Sequence[Plan]) -> Plan:
 def after(one: Case, made: Plan, number: int) -> Plan:
     """What `next` chooses with touches made, by the nominal model still."""
     touches = simulate_touches(one.planner.arm.cell, one.truth.parameters, made, seed=0)
-    return Planner(one.planner.arm, nominal=True, touches=touches).accurate(number).plan
+    return Planner(one.planner.arm, touches=touches).accurate(number).plan
 
 
 def until(one: Case, tolerance: float, first: Plan, most: int = 96) -> int:
@@ -173,7 +173,7 @@ def main() -> int:
     for number in range(options.first, options.first + options.cells):
         one = case(number)
         began = time.perf_counter()
-        fresh = Planner(one.planner.arm, nominal=True)
+        fresh = Planner(one.planner.arm)
         planned = fresh.accurate(12)
         next_files(fresh, planned)
         took = time.perf_counter() - began

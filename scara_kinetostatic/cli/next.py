@@ -100,7 +100,7 @@ def _known(args: argparse.Namespace, cell: Cell) -> _Known:
         return _Known(_from_calibration(args, cell), None)
     nominal = nominal_arm(cell)
     if not args.bags:
-        return _Known(Planner(nominal, nominal=True), None)
+        return _Known(Planner(nominal), None)
     from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.pipeline import calibrate_touches, gather_touches
 
@@ -112,32 +112,38 @@ def _known(args: argparse.Namespace, cell: Cell) -> _Known:
         if len(detection.touches) >= _FEW:
             raise
         note(f'planned from the nominal model: {error}')
-        return _Known(Planner(nominal, nominal=True, touches=detection.touches), None)
-    found = outcome.diagnosis
+        return _Known(Planner(nominal, touches=detection.touches), None)
+    if outcome.arm.grade == 'unfit':
+        note(f'the calibration is unfit: {outcome.assessment.reasons[0]}')
+    found, final, tip = outcome.diagnosis, outcome.final, outcome.tip_uncertainty
     doubtful = {item.effect.label for item in found.found if not item.is_found}
-    suspected = doubtful.union(*map(set, found.rivals))
-    final = outcome.final
-    return _Known(
-        Planner(outcome.arm, touches=final.touches.select(final.used), suspected=frozenset(suspected)), outcome
-    )
+    suspected = frozenset(doubtful.union(*map(set, found.rivals)))
+    now = _known_or_infinite(tip.worst, tip.undetermined)
+    return _Known(Planner(outcome.arm, now, final.touches.select(final.used), suspected), outcome)
 
 
 def _from_calibration(args: argparse.Namespace, cell: Cell) -> Planner:
     """What a calibration and the touches beside it say."""
     from dataclasses import replace
 
-    from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
     from scara_kinetostatic.pipeline import gather_touches
     from scara_kinetostatic.planning.next_touches import Planner
 
-    arm = load_calibration(args.calibration)
-    check_same_arm(arm.cell, cell, str(args.calibration), str(args.cell))
-    names = [disc.name for disc in cell.discs]
-    if names != [disc.name for disc in arm.cell.discs]:
+    record = CalibrationRecord.load(args.calibration)
+    check_same_arm(record.arm.cell, cell, str(args.calibration), str(args.cell))
+    if [disc.name for disc in cell.discs] != [disc.name for disc in record.arm.cell.discs]:
         raise InputError(args.calibration, f'its discs are not those of {args.cell}', 'calibrate with that cell')
-    made = gather_touches(args.bags, cell) if args.bags else CalibrationRecord.load(args.calibration)
-    return Planner(replace(arm, cell=cell), touches=made.touches)
+    made = gather_touches(args.bags, cell) if args.bags else record
+    stated = record.document['tip_uncertainty']
+    now = _known_or_infinite(stated['worst'], stated['undetermined'])
+    return Planner(replace(record.arm, cell=cell), now, made.touches)
+
+
+def _known_or_infinite(worst: float | None, undetermined: float) -> float:
+    """The largest expanded uncertainty of the tip, m; infinite where it is not determined all over the region."""
+    found = float('inf') if worst is None or undetermined > 0 else worst
+    return found if found < float('inf') else float('inf')  # not a number neither
 
 
 def _discriminating(outcome: Outcome | None) -> tuple[DiscriminatingTouch, ...]:
@@ -167,7 +173,7 @@ def _is_enough(known: _Known, planned: PlannedTouches) -> bool:
     tolerance, found = known.planner.arm.cell.tolerance, planned.uncertainty
     if tolerance is None:
         return False
-    if found.now is not None and found.now <= tolerance:
+    if found.now is not None and found.now <= tolerance and known.planner.arm.grade != 'unfit':
         print(
             f'enough: the expanded uncertainty of the tip is at most {quantity(found.now, "m")} (k = 2), '
             f'the tolerance {quantity(tolerance, "m")}; no touch was planned'

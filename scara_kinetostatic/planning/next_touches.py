@@ -41,7 +41,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidates import CandidateTouches, candidate_plan, declared_rows, prepare_candidates
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
 from scara_kinetostatic.planning.optimal_design import contributions
-from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan, make_workspace, tip_in_use
+from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan, tip_in_use
 from scara_kinetostatic.planning.search import MOST_TOUCHES, improve, variance_with_each
 from scara_kinetostatic.simulation.plan import Plan
 
@@ -56,7 +56,7 @@ _PER_DISC = 24
 _LEAST_GAIN = 0.01
 """Smallest decrease of the variance for which a touch is exchanged."""
 _CALIBRATED = 3e-3
-"""Clearance beside three standard deviations of the tip where the arm is calibrated, m."""
+"""Clearance beside three standard deviations of tip and discs where the arm is calibrated, m."""
 
 
 class Uncertainty(NamedTuple):
@@ -64,8 +64,8 @@ class Uncertainty(NamedTuple):
 
     Attributes:
         now: of the calibration; None for the nominal arm, infinite where it is not determined.
-        planned: predicted with the touches made and planned.
-        least: predicted with `MOST_TOUCHES` more, evenly spread.
+        planned: predicted with the touches made and planned, in the ratio to what those made give.
+        least: the same with `MOST_TOUCHES` more, evenly spread.
         limit: what of the declared uncertainties, or noise, contributes most to that.
         share: its part of the variance, 0 to 1.
     """
@@ -105,13 +105,13 @@ class Planner:
 
     Attributes:
         arm: calibrated, or nominal; its cell has the limits of the joints.
-        nominal: whether it is nominal.
+        now: the largest expanded uncertainty of the calibrated tip, m; None for a nominal arm.
         touches: that were made; None for none.
         suspected: labels of the effects that the diagnosis suspects and has not decided about.
     """
 
     arm: CalibratedArm
-    nominal: bool = False
+    now: float | None = None
     touches: TouchSet | None = None
     suspected: frozenset[str] = frozenset()
 
@@ -143,7 +143,7 @@ class Planner:
 
     @cached_property
     def _tip(self) -> Tip:
-        return tip_in_use(self.robot, make_workspace(self.robot, 6), float(np.mean(self.arm.cell.touch.force)))
+        return tip_in_use(self.robot, float(np.mean(self.arm.cell.touch.force)))
 
     def _expanded(self, covariance: Floats) -> Floats:
         """Expanded uncertainty of the tip at each place for a covariance of the arm's values, (g,), m."""
@@ -152,21 +152,15 @@ class Planner:
         return np.asarray(COVERAGE_FACTOR * np.sqrt(np.maximum(variance, 0.0).max(axis=1)))
 
     @cached_property
-    def now(self) -> float | None:
-        """The largest expanded uncertainty of the calibrated tip, m."""
-        if self.nominal:
-            return None
-        dependent = np.abs(self._tip.derivative[..., : self._values] @ self.arm.undetermined).max(initial=0.0)
-        largest = float(self._expanded(self.arm.covariance).max())
-        return float('inf') if dependent > largest else largest
-
-    @cached_property
     def space(self) -> Space:
         """Where the tip may be: it keeps the clearance of the cell until the model is good enough to keep less."""
-        clearance = self.arm.cell.touch.clearance
+        cell = self.arm.cell
+        clearance = cell.touch.clearance
         if self.now is not None:
-            clearance = min(clearance, _CALIBRATED + 3 * self.now / COVERAGE_FACTOR)
-        return Space(self.arm.cell, self.arm.model.parameters, clearance)
+            placed = max(disc.center_std + disc.radius_std for disc in cell.discs)
+            placed += max((plate.center_std for plate in cell.plates), default=0.0)
+            clearance = min(clearance, _CALIBRATED + 3 * (self.now / COVERAGE_FACTOR + placed))
+        return Space(cell, self.arm.model.parameters, clearance)
 
     @cached_property
     def roadmap(self) -> Roadmap:
@@ -307,7 +301,10 @@ class Planner:
         def covariance(information: Floats) -> Floats:
             return np.asarray(scales[:, None] * np.linalg.inv(information[np.ix_(kept, kept)]) * scales)
 
-        planned = self._expanded(covariance(candidates.information_of(chosen))[: self._values, : self._values])
+        def largest(information: Floats) -> float:
+            return float(self._expanded(covariance(information)[: self._values, : self._values]).max())
+
+        ratio = 1.0 if self.now is None or np.isinf(self.now) else self.now / largest(candidates.prior)
         every = candidates.information_of(chosen) + MOST_TOUCHES * candidates.information.mean(axis=0)
         least = covariance(every)
         by_source = []
@@ -320,7 +317,8 @@ class Planner:
         parts = contributions(own, by_source, tip)
         limit = max(parts, key=lambda kind: parts[kind])
         share = parts[limit] ** 2 / sum(part**2 for part in parts.values())
-        return Uncertainty(self.now, float(planned.max()), float(self._expanded(own).max()), limit, share)
+        planned = ratio * largest(candidates.information_of(chosen))
+        return Uncertainty(self.now, planned, ratio * float(self._expanded(own).max()), limit, share)
 
     def _reasons(self, chosen: list[int]) -> list[str]:
         """What each touch of a set tells: the value whose standard deviation would grow most without it."""

@@ -41,6 +41,7 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
+from scara_kinetostatic.calibration.tip_uncertainty import region_grid
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model import kinematics
@@ -50,7 +51,7 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, loaded_tip_by_parameters
 from scara_kinetostatic.model.parameters import NAMES, Parameters
-from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, joints_under_load, tip_by_joints, tip_by_values
+from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
 from scara_kinetostatic.model.touch_equations import State
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN, Plan
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame
@@ -356,29 +357,36 @@ def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int 
     return Tip(np.concatenate(blocks), np.tile(workspace.area, 2) / 2)
 
 
-def tip_in_use(robot: Robot, workspace: Workspace, load: float, directions: int = 8) -> Tip:
+def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12) -> Tip:
     """The tip without and under a load: T = dS/d(L̄ and the effects' values) at given Q and F; see `model.tip`.
+
+    Places and loads are those for which a calibration states its uncertainty (`calibration.tip_uncertainty`), on a
+    coarser grid.
 
     Args:
         robot: the robot.
-        workspace: where.
         load: magnitude of the force on the object, N.
+        count: of columns and rows of the grid.
         directions: of the load, evenly around; the first direction of the result is that without a load.
+
+    Raises:
+        ParameterError: no place of the region is within reach.
     """
-    angle = 2 * np.pi * np.arange(directions) / directions
+    _, _, grid, reached = region_grid(robot.parameters, robot.cell.region, count)
+    angle = 2 * np.pi * (np.arange(directions) + 0.5) / directions
     forces = np.concatenate([np.zeros((1, 2)), load * np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
-    places = np.repeat(workspace.places, len(forces), axis=0)
-    law = Law(robot.model, robot.cell.gripper, robot.noise)
-    force = Force.of(np.tile(forces, (len(workspace.places), 1)), robot.noise)
+    places = np.repeat(grid[reached], len(forces), axis=0)
+    law, force = Law(robot.model, robot.cell.gripper), Force.of(np.tile(forces, (len(places) // len(forces), 1)))
     blocks = []
     for posture in POSTURES:
         sides = np.full(len(places), posture)
-        metadata = TouchMetadata.plain(len(places))._replace(posture=sides)
-        found = joints_under_load(law, places, force, sides, metadata)
+        links = kinematics.inverse(robot.parameters, places, sides)
+        found = tip_under_load(law, links, force, TouchMetadata.plain(len(places))._replace(posture=sides))
         turns = tip_by_joints(found.loading, inverse_of_rows(found.loading, force))
         derivative = tip_by_values(law, turns, found.loading, force, found.state)
         blocks.append(derivative.reshape(-1, len(forces), *derivative.shape[1:]))
-    return Tip(np.concatenate(blocks), np.tile(workspace.area, 2) / 2)
+    every = np.concatenate(blocks)
+    return Tip(every, np.full(len(every), 1 / len(every)))
 
 
 def tip_std(tip: Tip, prediction: Prediction) -> TipStd:

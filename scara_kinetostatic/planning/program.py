@@ -68,7 +68,7 @@ class Poised(NamedTuple):
 def joint_angles(planner: Planner, poses: Poses, force: Floats | None = None) -> Floats:
     """Q for places of the tip under forces (n, 2), N, or none, by the planner's arm, (n, 2), rad."""
     load = np.zeros(poses.tip.shape) if force is None else force
-    found = Predictor(planner.arm, planner.nominal).compensate(poses.tip, load, poses.posture).joints
+    found = Predictor(planner.arm, nominal=planner.now is None).compensate(poses.tip, load, poses.posture).joints
     middle = planner.space.limits.mean(axis=0)
     return np.asarray(middle + wrap(found - middle))
 
