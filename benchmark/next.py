@@ -13,7 +13,7 @@ true robot:
 - until: touches until a tolerance, which is what 48 even ones reach, in sets of six after the first twelve.
 
 In some of the cells the first and the further touches are simulated and calibrated, with independent noise: the tip's
-rms error over the region. Times are those of a plan of twelve touches, after import.
+rms error over the region. Times are those of a plan of twelve touches, after import, of one processor.
 """
 
 from __future__ import annotations
@@ -172,11 +172,11 @@ def main() -> int:
     rows = []
     for number in range(options.first, options.first + options.cells):
         one = case(number)
-        began = time.perf_counter()
+        began = time.process_time()
         fresh = Planner(one.planner.arm)
         planned = fresh.accurate(12)
         next_files(fresh, planned)
-        took = time.perf_counter() - began
+        took = time.process_time() - began
         evens = {n: [even(one, n, turn) for turn in (0.1, 0.3, 0.5, 0.7, 0.9)] for n in (12, 24, 36, 48)}
         spread = {n: float(np.median([one.expanded(plan) for plan in plans])) for n, plans in evens.items()}
         before = evens[12][2]

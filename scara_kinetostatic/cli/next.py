@@ -202,7 +202,8 @@ def _summary(planner: Planner, planned: PlannedTouches) -> str:
     counts = Counter(cell.discs[disc].name for disc in planned.plan.disc)
     where = ', '.join(f'{many} on {name}' for name, many in counts.items())
     clearance = f'{1e3 * planner.space.clearance:.1f} mm'
-    now = '' if found.now is None else f'now {quantity(found.now, "m")}, '
+    stated = 'not determined' if found.now == float('inf') else quantity(found.now or 0.0, 'm')
+    now = '' if found.now is None else f'now {stated}, '
     tolerance = '' if cell.tolerance is None else f'; tolerance {quantity(cell.tolerance, "m")}'
     return (
         f'{len(planned.plan)} touches: {where}; clearance {clearance}\n'

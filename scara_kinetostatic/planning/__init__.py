@@ -1,1 +1,1 @@
-"""Optimal design of a calibration: how many touches, on which discs, where, in which posture and with which force."""
+"""Which touches to make, and how to get there: the next ones, or a whole calibration's (`optimal_design`)."""

@@ -186,8 +186,15 @@ class Planner:
         joined[good] = self.roadmap.largest_part(start.select(good))
         one, two = cell.joint_names
         near = f'an object, the base or the end of the reach is within {1e3 * self.space.clearance:.1f} mm'
-        cases = [~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, ~joined]
-        texts = [f'beyond the limits of {two}', f'beyond the limits of {one}', near, 'no way leads there']
+        strong = (1 + plan.preload) * plan.force > cell.touch.max_force
+        cases = [strong, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, ~joined]
+        texts = [
+            'beyond touch.max_force',
+            f'beyond the limits of {two}',
+            f'beyond the limits of {one}',
+            near,
+            'no way leads there',
+        ]
         return [str(text) for text in np.select(cases, texts, '')]
 
     @cached_property

@@ -323,19 +323,19 @@ def test_a_calibration_stands_for_its_recordings(tmp_path, cell_file, capsys):
 
 def test_touches_that_decide_between_rivals(tmp_path, cell_file, capsys):
     cell, bag = cell_file(), str(tmp_path / 'bag')
-    moved = ['--effect', 'object_position[disc_2]:x=1.1e-4,y=0']
+    moved = ['--per-disc', '4', '--effect', 'object_position[disc_2]:x=1.1e-4,y=0']
     assert main(['simulate', '--cell', str(cell), *moved, '--out', bag]) == 0
-    capsys.readouterr()
     out = tmp_path / 'decide'
-    status = main(['next', bag, '--cell', str(cell), '--goal', 'decide', '--touches', '5', '--out', str(out)])
-    said = capsys.readouterr()
-    if status == 0:
-        rows = rows_of(out / 'next.csv')
-        assert len(rows) == 5
-        assert all(row['reason'].startswith('predictions differ by ') for row in rows)
-    else:
-        assert status == 3
-        assert said.err.startswith('scara-kinetostatic: --goal decide: ')
+    decide = ['next', bag, '--cell', str(cell), '--goal', 'decide', '--touches', '5']
+    assert main([*decide, '--out', str(out)]) == 0
+    rows = rows_of(out / 'next.csv')
+    assert len(rows) == 5
+    assert all(row['reason'].startswith('predictions differ by ') for row in rows)
+    capsys.readouterr()
+    weak = cell_file(replace(CELL, touch=CELL.touch._replace(force=(3.0, 5.0), max_force=6.0)))
+    decide[3] = str(weak)
+    assert main([*decide, '--out', str(tmp_path / 'weak')]) == 3
+    assert 'no touch that decides can be reached: ' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
