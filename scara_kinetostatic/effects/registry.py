@@ -30,8 +30,9 @@ from numpy.typing import ArrayLike
 
 from scara_kinetostatic.effects import contact_friction, joints, objects, robot, sensor
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.effects.joint_slip import JointSlip, LoadFriction
 from scara_kinetostatic.effects.shift import Stepped
+from scara_kinetostatic.effects.tip_shape import TipShape
 from scara_kinetostatic.effects.transmission_error import TransmissionError
 from scara_kinetostatic.errors import ParameterError, expect
 from scara_kinetostatic.model.cell import Cell
@@ -51,12 +52,16 @@ BUILT_IN: tuple[type[Effect], ...] = (
     sensor.SensorBias,
     sensor.SensorNonlinearity,
     joints.EncoderGain,
+    joints.JointCoupling,
+    joints.CablePull,
     TransmissionError,
     joints.JointHardening,
     joints.JointHysteresis,
     JointSlip,
+    LoadFriction,
     robot.AnisotropicGripper,
     robot.AnisotropicBacklash,
+    TipShape,
     robot.LinkBending,
     robot.BaseCompliance,
     robot.BaseTilt,
@@ -118,8 +123,8 @@ def catalogue(cell: Cell) -> tuple[Effect, ...]:
     Example:
         >>> import scara_kinetostatic as sk
         >>> cell = sk.load_cell('cell.yaml')
-        >>> [effect.label for effect in sk.catalogue(cell)][:4]
-        ['contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
+        >>> [effect.label for effect in sk.catalogue(cell)][4:7]
+        ['sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
     """
     expect(cell, Cell, 'cell', "read it by load_cell('cell.yaml')")
     effects = {effect.label: effect for kind in BUILT_IN for effect in kind.instances(cell)}

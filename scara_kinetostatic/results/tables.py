@@ -115,7 +115,7 @@ def bias_table(compared: Comparison) -> Table:
         places = 3 if digits is None else digits
 
         def text(value: float, std: float, per_si: float = per_si, places: int = places) -> str:
-            number = unsigned_zero(f'{value * per_si:.{places}f}').replace('-', '−')
+            number = unsigned_zero(f'{value * per_si:.{places}f}')
             return f'{number} ± {std * per_si:.{places}f}' if std > 0 and math.isfinite(std) else number
 
         shift = '' if digits is None else text(bias.shift, 0.0)
@@ -129,7 +129,7 @@ def bias_table(compared: Comparison) -> Table:
 def _signed(value: float) -> str:
     if not math.isfinite(value):
         return ''
-    return '0.0' if round(value, 1) == 0 else f'{value:+.1f}'.replace('-', '−')
+    return '0.0' if round(value, 1) == 0 else f'{value:+.1f}'
 
 
 def candidate_table(d: Diagnosis, items: Iterable[Ranked]) -> Table | None:
@@ -178,7 +178,7 @@ def limit_table(outcome: Outcome) -> Table | None:
     for item in sorted(items, key=lambda item: -item.undetected_bias)[:_LISTED]:
         unit, per_si = SCALES[item.biased_parameter]
         bias = item.undetected_bias * c.std_of(item.biased_parameter) * per_si
-        size = f'{float(f"{bias:.2g}"):g}' if math.isfinite(bias) else ''
+        size = (f'{bias:.2g}' if bias < 99.5 else f'{bias:.0f}') if math.isfinite(bias) else ''
         rows.append((item.effect.title, item.biased_parameter, f'{item.undetected_bias:.1f}', size, unit))
     heading = ('undetected effect', 'parameter', 'bias up to [σ]', 'bias up to', '')
     return Table(heading, ('',) * 5, tuple(rows)) if rows else None
