@@ -268,6 +268,8 @@ def _hold(robot: Section, others: tuple[str, ...]) -> dict[str, float]:
     for name in section.data:
         if name in others:
             raise section.error(name, 'it is a joint of the plane or the lift', 'name the other joints only')
+        if not name.strip() or not name.isprintable():
+            raise section.error('', f'expected names of joints, got {shown(name)}')
     return {name: section.number(name) for name in section.data}
 
 
@@ -275,16 +277,18 @@ def _obstacles(top: Section) -> tuple[tuple[tuple[float, float], ...], ...]:
     if not top.data.get('obstacles'):
         return ()
     found = []
-    for section in top.items('obstacles', 'outlines', ('outline',)):
+    for section in top.items('obstacles', 'outlines', ('outline',), (), _MOST_OBSTACLES):
         corners = section.data['outline']
-        if not isinstance(corners, list) or len(corners) < 3:
-            raise section.error('outline', f'expected three corners [x, y] or more, got {shown(corners)}')
+        if not isinstance(corners, list) or not 3 <= len(corners) <= _MOST_CORNERS:
+            raise section.error('outline', f'expected 3 to {_MOST_CORNERS} corners [x, y], got {shown(corners)}')
         places = section.entries('outline', {f'corner {k}': corner for k, corner in enumerate(corners)})
         pairs = (places.vector(label, ('x', 'y'), 'm') for label in places.data)
         found.append(tuple((x, y) for x, y in pairs))
     return tuple(found)
 
 
+_MOST_OBSTACLES, _MOST_CORNERS = 20, 50
+"""Obstacles that are accepted, and corners of each: ways round more take long to plan."""
 _MOTION = ('limits', 'lift', 'hold')
 """Keys of the section `robot` that say how it may move."""
 _TOUCH = {

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.files.columns import csv_lines, quoted
+from scara_kinetostatic.files.columns import csv_lines
+from scara_kinetostatic.files.escaping import csv_cell
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward, wrap
@@ -131,7 +132,7 @@ def next_files(planner: Planner, planned: PlannedTouches) -> dict[str, str]:
 
     touches = {
         'order': [str(k + 1) for k in range(len(plan))],
-        'object': [quoted(cell.discs[disc].name) for disc in plan.disc],
+        'object': [csv_cell(cell.discs[disc].name) for disc in plan.disc],
         'elbow': [POSTURE_NAMES[int(side)] for side in plan.posture],
         'angle_deg': [f'{angle:.3f}' for angle in np.degrees(plan.angle)],
         'force_N': [f'{force:g}' for force in plan.force],
@@ -139,7 +140,7 @@ def next_files(planner: Planner, planned: PlannedTouches) -> dict[str, str]:
         **pairs('approach_x_m approach_y_m', planned.approach.tip),
         **pairs('q1_rad q2_rad', at.hold),
         **pairs('approach_q1_rad approach_q2_rad', at.approach),
-        'reason': [quoted(reason) for reason in planned.reasons],
+        'reason': [csv_cell(reason) for reason in planned.reasons],
     }
     moves = {
         'step': [str(k + 1) for k in range(len(steps))],
