@@ -487,9 +487,9 @@ def sqlite_generated_column(folder: Path) -> list[str]:
     _database(folder / 'a.db3', b'')
     with sqlite3.connect(folder / 'a.db3') as database:
         database.execute('DROP TABLE messages')
-        columns = 'id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB AS (hex(zeroblob(400000000)))'
-        database.execute(f'CREATE TABLE messages ({columns})')
+        database.execute('CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER)')
         database.executemany('INSERT INTO messages VALUES (?, 1, 5)', [(k,) for k in range(100)])
+        database.execute('ALTER TABLE messages ADD COLUMN data BLOB AS (hex(zeroblob(400000000)))')
     return _inspect(folder / 'a.db3')
 
 
