@@ -217,6 +217,13 @@ def mcap_chunks_of_64_mib(folder: Path) -> list[str]:
 
 
 @case
+def mcap_giant_definition(folder: Path) -> list[str]:
+    """Chunks of a channel whose map has 60 MiB of zeros."""
+    content = struct.pack('<HH', 4, 1) + _text('/x') + _text('cdr') + struct.pack('<I', 60 << 20) + bytes(60 << 20)
+    return _inspect(_mcap(folder / 'a.mcap', *[_packed(_record(Opcode.CHANNEL, content))] * 4))
+
+
+@case
 def mcap_empty_records(folder: Path) -> list[str]:
     """A chunk of records without content."""
     return _inspect(_mcap(folder / 'a.mcap', _packed(struct.pack('<BQ', 0x80, 0) * 7_000_000)))
@@ -474,6 +481,18 @@ def sqlite_compressed_messages(folder: Path) -> list[str]:
     return _inspect(folder / 'bag')
 
 
+@case
+def sqlite_generated_column(folder: Path) -> list[str]:
+    """Messages that are calculated from the schema, 800 MB each."""
+    _database(folder / 'a.db3', b'')
+    with sqlite3.connect(folder / 'a.db3') as database:
+        database.execute('DROP TABLE messages')
+        database.execute('CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER)')
+        database.executemany('INSERT INTO messages VALUES (?, 1, 5)', [(k,) for k in range(100)])
+        database.execute('ALTER TABLE messages ADD COLUMN data BLOB AS (hex(zeroblob(400000000)))')
+    return _inspect(folder / 'a.db3')
+
+
 # --- text ---
 
 
@@ -502,6 +521,15 @@ def heading_of_spaces(folder: Path) -> list[str]:
 def heading_of_98_characters(folder: Path) -> list[str]:
     """The same within the limit of a heading."""
     return _table('q1' + ' ' * 94 + ')x', folder)
+
+
+@case
+def table_of_many_rows(folder: Path) -> list[str]:
+    """A table of 64 MB of rows with one digit."""
+    arguments = _table('q1_rad', folder)
+    with (folder / 'a.csv').open('a') as stream:
+        stream.write('1\n' * 33_000_000)
+    return arguments
 
 
 @case
@@ -648,6 +676,14 @@ def history_damaged(folder: Path) -> list[str]:
 def history_of_a_list(folder: Path) -> list[str]:
     """A history whose document is JSON, and no calibration."""
     return _history(folder, "UPDATE calibration SET document = '[1]'")
+
+
+@case
+def history_of_many_values(folder: Path) -> list[str]:
+    """A history whose document has millions of empty lists."""
+    return _history(
+        folder, "UPDATE calibration SET document = '[' || replace(hex(zeroblob(4000000)), '00', '[],') || '1]'"
+    )
 
 
 def main() -> int:

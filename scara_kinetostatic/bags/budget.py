@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bz2
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,10 @@ _BYTES, _BYTES_RATIO = 1 << 28, 200
 """A recording may unpack to the larger of these, bytes and times its size; the tests' recordings to 7 times."""
 _RECORDS, _RECORD_SIZE = 200_000, 4
 """So many records, and one more for so many bytes of the recording; in compressed ones a message has 20 or more."""
+_RECORD_BYTES = 64
+"""Bytes of ``--max-bytes`` that allow a record."""
+_OWN = re.compile(r'\.(mcap|db3|bag)(\.zstd|\.part|-wal|-journal)?\Z')
+"""Names of the files of a recording in its folder."""
 _STEP = 1 << 22
 """Bytes that are unpacked at a time: the memory is taken before."""
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
@@ -41,13 +46,15 @@ class Budget:
     """
 
     def __init__(self, path: Path) -> None:
-        size = sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]) if file.is_file())
+        files = [item for item in path.iterdir() if _OWN.search(item.name)] if path.is_dir() else [path]
+        stats = [item.stat() for item in files if item.is_file()]
+        size = sum(min(item.st_size, 512 * item.st_blocks) for item in stats)  # holes cost nothing
         given = os.environ.get(MAX_BYTES, '')
         if given and not given.isdecimal():
             raise RecordingError(MAX_BYTES, f'expected a number of bytes, got {given!r:.40}')
         self._path = path
-        self._limit = self._bytes = int(given) if given else max(_BYTES, _BYTES_RATIO * size)
-        self._records_limit = self.records = max(_RECORDS + size // _RECORD_SIZE, int(given or 0) // 64)
+        self._limit = self._bytes = max(_BYTES, _BYTES_RATIO * size, int(given or 0))
+        self._records_limit = self.records = max(_RECORDS + size // _RECORD_SIZE, int(given or 0) // _RECORD_BYTES)
         self.largest_piece = max(LARGEST_PIECE, int(given or 0))
 
     def charge(self, size: int, records: int = 0) -> None:
@@ -61,7 +68,8 @@ class Budget:
         if self._bytes < 0 or self.records < 0:
             over = f'{self._limit} bytes' if self._bytes < 0 else f'{self._records_limit} records'
             problem = f'unpacks to more than {over}, implausible for its size'
-            raise BudgetError(self._path, problem, 'if you trust it, raise the limit in bytes by --max-bytes')
+            enough = 2 * (self._limit if self._bytes < 0 else _RECORD_BYTES * self._records_limit)
+            raise BudgetError(self._path, problem, f'if you trust it, raise the limit, by --max-bytes {enough} or more')
 
     def check_piece(self, size: int) -> None:
         """Check the size of a chunk.

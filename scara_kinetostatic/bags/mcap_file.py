@@ -22,21 +22,21 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Message, Schema, Statistics
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scara_kinetostatic.bags.budget import Budget, unpack
-from scara_kinetostatic.bags.messages import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Topic, ros2_type, ros_topic
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
 _MESSAGE_HEAD = 9 + 22
 """Bytes before the payload of a message: opcode, length; channel, sequence, log time, publish time."""
-_ENTRY, _DEFINITION = 16, 10
-"""Bytes of an index that cost as much as a record, and records as which a schema or channel counts."""
+_ENTRY = 16
+"""Bytes of an index, a schema or a channel that cost as much as a record."""
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OSError, RuntimeError, ValueError)
 
 
@@ -85,7 +85,7 @@ class McapFile:
             start = int.from_bytes(stream.read(8), 'little')
             self._budget.charge(0, max(self._limit - start, 0) // _ENTRY if start else 0)
             stream.seek(0)
-            summary = SeekingReader(stream, record_size_limit=self._limit).get_summary()
+            summary = SeekingReader(stream, record_size_limit=LARGEST_MESSAGE).get_summary()
         except _DAMAGE:
             summary = None
         stream.seek(0)
@@ -119,11 +119,10 @@ class McapFile:
     def _from_start(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
         loose: dict[Topic, tuple[list[int], list[bytes]]] = {}
         offset, ended = len(MAGIC), False
-        records = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self._limit).records
+        reader = _Records(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self._limit)
+        reader.budget = self._budget
         try:
-            for number, record in enumerate(records, start=1):
-                if number % BATCH == 0:
-                    self._budget.charge(0, BATCH)
+            for record in reader.records:
                 if isinstance(record, Message):
                     topic = self._channels.get(record.channel_id)
                     if topic is not None and topic.name in wanted:
@@ -134,12 +133,10 @@ class McapFile:
                             yield Batch.from_payloads(topic, *loose.pop(topic))
                 elif isinstance(record, Chunk):
                     yield from self._chunk(record, offset, wanted)
-                else:
-                    self._budget.charge(0, (stream.tell() - offset) // _ENTRY)
-                    if isinstance(record, (Schema, Channel)):
-                        self._define([record])
-                    elif isinstance(record, Statistics):
-                        self._statistics = record
+                elif isinstance(record, (Schema, Channel)):
+                    self._define([record])
+                elif isinstance(record, Statistics):
+                    self._statistics = record
                 ended = ended or isinstance(record, DataEnd)
                 offset = stream.tell()
         except CRCValidationError:
@@ -162,7 +159,7 @@ class McapFile:
             if chunk.uncompressed_crc and chunk.uncompressed_crc != zlib.crc32(data):
                 raise ValueError('its checksum does not match')
             starts, definitions, number = _records(data, self._budget.records)
-            self._budget.charge(len(chunk.data) + len(data), number + _DEFINITION * len(definitions))
+            self._budget.charge(len(chunk.data) + len(data), number + sum(map(len, definitions)) // _ENTRY)
             self._define(map(_definition, definitions))
         except _DAMAGE as error:
             self._damaged(offset, error)
@@ -188,6 +185,23 @@ class McapFile:
     def _damaged(self, offset: int, error: Exception) -> None:
         reason = str(error) or type(error).__name__
         self.warnings.append(f'{self.path.name}: the damaged chunk at byte {offset} was skipped ({reason})')
+
+
+class _Records(StreamReader):
+    """That of `mcap`, which takes records of any length apart: they are charged before; metadata are not read."""
+
+    budget: Budget
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        self.budget.charge(0, 1 if opcode in (Opcode.CHUNK, Opcode.MESSAGE) else 1 + length // _ENTRY)
+        if opcode in (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
+            _check_definition(length)
+        return super()._read_record(0 if opcode == Opcode.METADATA else opcode, length)
+
+
+def _check_definition(length: int) -> None:
+    if length > LARGEST_MESSAGE:
+        raise ValueError(f'a definition of {length} bytes, expected at most {LARGEST_MESSAGE}')
 
 
 def _records(data: bytes, most: int) -> tuple[dict[int, list[int]], list[bytes], int]:
@@ -216,6 +230,7 @@ def _records(data: bytes, most: int) -> tuple[dict[int, list[int]], list[bytes],
         else:
             others += 1
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                _check_definition(length)
                 definitions[data[at:end]] = None
         at = end
     if at != size and others <= most:

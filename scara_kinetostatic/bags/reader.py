@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, suppress
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,6 +51,8 @@ from scara_kinetostatic.touches.streams import (
     interleaved_seconds,
 )
 
+_MOST_TRANSFORMS = 1000
+"""Messages on `/tf_static` that are read: a driver that sends them in every cycle says nothing new."""
 _JSON = 100
 """Messages on `/tf_static` and of discarded touches cost as much as so many others."""
 
@@ -125,6 +128,7 @@ def _read(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
     decoders = dict(zip(names, (Decoder(cell.joint_names, cell.hold), Decoder()), strict=True))
     budget = Budget(Path(path))
     contents = _Contents(open_recording(path, budget), decoders, [], WrenchFrame(cell.sensor.frame))
+    transforms = 0
     for batch in contents.source.batches((*types, DISCARD_TOPIC, TF_STATIC)):
         topic = batch.topic
         for portion in _decompressed(batch, budget) if topic.encoding == 'cdr' else ():
@@ -134,8 +138,11 @@ def _read(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
                 budget.charge(0, _JSON * len(portion.start))
                 contents.discarded.extend(_discarded(portion))
             elif (topic.name, topic.msgtype) == (TF_STATIC, TF_MESSAGE):
-                budget.charge(0, _JSON * len(portion.start) + int(portion.length.sum()) // _JSON)
-                for transform in (each for payload in portion.payloads() for each in decode_transforms(payload)):
+                number = min(len(portion.start), _MOST_TRANSFORMS - transforms)
+                transforms += number
+                budget.charge(0, _JSON * number + int(portion.length[:number].sum()) // _JSON)
+                payloads = islice(portion.payloads(), number)
+                for transform in (each for payload in payloads for each in decode_transforms(payload)):
                     contents.frame.add(transform)
     return contents
 

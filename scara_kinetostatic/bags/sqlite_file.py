@@ -79,6 +79,7 @@ class SqliteFile:
             database.set_progress_handler(self._charge_steps, _STEPS)
             try:
                 database.execute('PRAGMA trusted_schema = OFF')  # expressions in a schema call no functions
+                database.execute('PRAGMA ignore_check_constraints = ON')  # they may cost anything
                 database.execute('SELECT count(*) FROM sqlite_master').fetchone()
             except sqlite3.Error as error:
                 database.close()
@@ -88,9 +89,10 @@ class SqliteFile:
         raise RecordingError(self.path, f'the database cannot be opened: {last}', 'record it again') from last
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
-        tables = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
-        if database.execute(tables).fetchone() != (2,):
-            raise RecordingError(self.path, 'this database is not a recording', 'expected the tables of rosbag2')
+        tables = "sqlite_master AS made WHERE rootpage AND type = 'table' AND name IN ('topics', 'messages')"
+        calculated = '(SELECT total(hidden) FROM pragma_table_xinfo(made.name))'
+        if database.execute(f'SELECT count(*), sum({calculated}) FROM {tables}').fetchone() != (2, 0):
+            raise RecordingError(self.path, 'this database is not a recording', 'expected the plain tables of rosbag2')
         texts = ', '.join(f'substr({name}, 1, 1000)' for name in ('name', 'type', 'serialization_format'))
         for key, name, msgtype, encoding in database.execute(f'SELECT id, {texts} FROM topics ORDER BY id'):
             self._budget.charge(0, 10)

@@ -37,8 +37,8 @@ SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""
 RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 """Of the document on `~/result` of the calibrator."""
-_MAX_BYTES = 12 << 20
-"""Larger documents are refused; one has about 1.2 kB for each touch."""
+_MAX_BYTES, _MOST_VALUES = 12 << 20, 1_000_000
+"""Larger documents are refused; one has up to 1.2 kB for each touch."""
 _REMEDY = 'give the calibration.json that calibrate writes'
 _VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'identification', 'obstacles', 'touch')
 """Keys of `cell` that are those of a cell description."""
@@ -194,9 +194,13 @@ def parse_document(text: str, where: str | Path) -> Any:
     """The document of a JSON text, as `parse_arm` takes it.
 
     Raises:
-        CalibrationFileError: it is no JSON.
+        CalibrationFileError: it is too large, or no JSON.
     """
     try:
+        if len(text) > _MAX_BYTES or sum(map(text.count, '[{,')) > _MOST_VALUES:
+            raise CalibrationFileError(
+                where, f'expected at most {_MAX_BYTES >> 20} MiB, {_MOST_VALUES} values', _REMEDY
+            )
         return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise CalibrationFileError(where, f'not JSON: {error}', _REMEDY) from error

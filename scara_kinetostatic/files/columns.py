@@ -27,6 +27,8 @@ from scara_kinetostatic.model.arrays import Floats
 
 MAX_BYTES = 64 * 2**20
 """Larger files are refused."""
+MAX_ROWS, MAX_CELLS = 200_000, 2_000_000
+"""More lines are refused, and more separators: each costs memory."""
 MAX_COLUMNS, MAX_HEADING = 1000, 100
 """More columns are refused, and longer headings, which regular expressions take apart."""
 LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
@@ -41,6 +43,7 @@ ANGLE = {
 FORCE = {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}
 TORQUE = {'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3}
 TIME = {'s': 1.0, 'ms': 1e-3}
+_LINE_ENDS = '\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029'
 _NUMBER = re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z')
 _HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
 
@@ -306,8 +309,10 @@ def parse_table(text: str, source: str, example: str) -> Table:
         example: of a heading, for messages.
 
     Raises:
-        RecordingError: there is no heading, no row below it, or a quote is not closed.
+        RecordingError: it is too large, there is no heading, no row below it, or a quote is not closed.
     """
+    if max(map(text.count, _LINE_ENDS)) > MAX_ROWS or max(map(text.count, ',;\t')) > MAX_CELLS:
+        raise RecordingError(source, f'expected at most {MAX_ROWS} rows and {MAX_CELLS} cells', 'split the table')
     lines = text.splitlines()
     first = next((k for k, line in enumerate(lines) if line.strip(' \t,;') and not line.startswith('#')), len(lines))
     separator = next((sign for sign in ';\t' if first < len(lines) and sign in lines[first]), ',')

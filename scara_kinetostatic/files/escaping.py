@@ -29,7 +29,7 @@ def xacro(text: str) -> str:
 def csv_cell(text: str) -> str:
     """A cell of text: in quotes where it needs them, and with an apostrophe before what would be a formula."""
     if any(part.startswith(FORMULA) for part in (text, text.lstrip())) and not re.fullmatch(
-        r'[-+]?[0-9.]+([eE][-+]?[0-9]+)?|-?(inf|nan)', text.strip()
+        r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][-+]?[0-9]+)?|-?(inf|nan)', text.strip()
     ):
         text = "'" + text
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',;"\r\n\t#') else text

@@ -14,7 +14,6 @@ Several processes may use the file at a time; what is written is written whole o
 from __future__ import annotations
 
 import hashlib
-import json
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.monitoring.comparison import Change, compare
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.report.json_file import json_text
@@ -75,7 +75,8 @@ class History:
             if create and not connection.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]:
                 for part in (_TABLE, f'PRAGMA application_id = {APPLICATION}', f'PRAGMA user_version = {VERSION}'):
                     connection.execute(part)
-            layout = {(kind, sql) for kind, sql in connection.execute('SELECT type, sql FROM sqlite_master')}
+            own = "SELECT type, sql FROM sqlite_master WHERE name NOT LIKE 'sqlite^_stat%' ESCAPE '^'"  # of ANALYZE
+            layout = set(connection.execute(own))
             (damage,) = connection.execute('PRAGMA quick_check(1)').fetchone()
             application, version = (
                 connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('application_id', 'user_version')
@@ -146,7 +147,7 @@ class History:
             InputError: it is damaged, or needs what is not installed here.
         """
         try:
-            return Entry(number, robot, CalibrationRecord.of_document(json.loads(document), source))
+            return Entry(number, robot, CalibrationRecord.of_document(parse_document(document, source), source))
         except (ValueError, TypeError, RecursionError, InputError) as error:
             remedy = f'`history remove {self.path} {number}` takes it out'
             raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
@@ -160,7 +161,7 @@ class History:
         """
         with self._open() as connection:
             query = f"{_SELECT} WHERE ? IN (robot, '') ORDER BY robot, measured, created, id"
-            found = [self._entry(*row) for row in connection.execute(query, (robot,)).fetchall()]
+            found = [self._entry(*row) for row in connection.execute(query, (robot,))]
         last = {}
         for entry in sorted(found, key=lambda entry: (entry.record.created, entry.number)):
             last[entry.robot, entry.record.checksums or entry.number] = entry.number

@@ -160,3 +160,8 @@ def test_a_formula_is_no_name(name: str) -> None:
     for text in ('disc_1', 'joint1'):
         with pytest.raises(CellError, match='is a formula to spreadsheets; begin it with a letter'):
             parse_cell(dump_cell(PAPER_CELL).replace(text, quoted))
+
+
+def test_a_number_with_a_decimal_comma_stays() -> None:
+    assert escaping.csv_cell('-1,5') == '"-1,5"'
+    assert escaping.csv_cell('-1,5,2') == '"\'-1,5,2"'

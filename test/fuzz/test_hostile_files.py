@@ -11,7 +11,8 @@ from benchmark.common import CELL
 from benchmark.faults import fuzz
 from benchmark.faults.formats import short_streams
 from benchmark.faults.hostile import CASES, MEGABYTES, SECONDS, Cost, cost_of
-from scara_kinetostatic.bags.budget import MAX_BYTES
+from scara_kinetostatic.bags import budget
+from scara_kinetostatic.bags.budget import MAX_BYTES, Budget
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.cli.main import main
@@ -23,6 +24,8 @@ CHEAP = (
     'mcap_index_repeats_a_chunk', 'ros1_repeated_index', 'ros1_repeated_message', 'ros1_giant_header',
     'sqlite_overflow_chain', 'sqlite_endless_tree', 'heading_of_spaces', 'heading_of_98_characters', 'plates_400',
     'plates_3000', 'discs_3000', 'yaml_dense', 'formula_as_name', 'history_view',
+    'sqlite_generated_column', 'mcap_giant_definition', 'table_of_many_rows', 'json_of_lists_within_the_limit',
+    'history_of_many_values',
 )  # fmt: skip
 
 
@@ -60,15 +63,27 @@ def test_the_limit_can_be_raised(
     streams = short_streams()
     write_streams(path, streams, CELL)
     monkeypatch.setenv(MAX_BYTES, '1000')
+    read_streams(path, CELL)  # it never lowers the limit
+    monkeypatch.setattr(budget, '_BYTES', 1000)
+    monkeypatch.setattr(budget, '_BYTES_RATIO', 0)
     with pytest.raises(RecordingError, match='more than 1000 bytes, implausible for its size; if you trust it, raise'):
         read_streams(path, CELL)
     monkeypatch.setenv(MAX_BYTES, 'many')
     with pytest.raises(RecordingError, match="expected a number of bytes, got 'many'"):
         read_streams(path, CELL)
     assert main(['inspect', str(path), '--max-bytes', '1000']) == 2
-    assert 'raise the limit in bytes by --max-bytes' in capsys.readouterr().err
+    assert 'raise the limit, by --max-bytes 2000 or more' in capsys.readouterr().err
     assert main(['inspect', str(path), '--max-bytes', '1000000']) in (0, 3)
     assert main(['inspect', str(path), '--max-bytes', '-1']) == 2
+
+
+def test_a_sparse_file_beside_a_recording_raises_no_limit(tmp_path: Path) -> None:
+    write_streams(tmp_path / 'a.mcap', short_streams(), CELL)
+    records = Budget(tmp_path).records
+    for name in ('notes.bin', 'b.mcap'):
+        with (tmp_path / name).open('wb') as stream:
+            stream.truncate(1 << 40)
+    assert Budget(tmp_path).records == records
 
 
 def test_a_covariance_has_to_be_positive_semidefinite() -> None:

@@ -257,3 +257,11 @@ def test_a_cluster_gives_the_same_results(recordings: Path, tmp_path: Path) -> N
         assert [done.problem for done in on_cluster(tasks, cluster.scheduler_address)] == ['']
     (here,) = in_processes(tasks_of(paths, cell, tmp_path / 'here', report=False), 1)
     assert parameters(tasks[0].folder) == parameters(here.task.folder)
+
+
+def test_a_history_after_analyze(tmp_path: Path) -> None:
+    History(tmp_path / 'a.sqlite', create=True)
+    with sqlite3.connect(tmp_path / 'a.sqlite') as database:
+        database.execute('ANALYZE')
+        assert database.execute("SELECT count(*) FROM sqlite_master WHERE name LIKE 'sqlite_stat%'").fetchone()[0]
+    assert History(tmp_path / 'a.sqlite').entries() == []
