@@ -190,6 +190,11 @@ def _grade(grade: object) -> str:
     return str(grade)
 
 
+def is_readable(text: str) -> bool:
+    """Whether a `calibration.json` is small enough to be read again."""
+    return len(text) <= _MAX_BYTES and sum(map(text.count, '[{,')) <= _MOST_VALUES
+
+
 def parse_document(text: str, where: str | Path) -> Any:
     """The document of a JSON text, as `parse_arm` takes it.
 
@@ -197,10 +202,9 @@ def parse_document(text: str, where: str | Path) -> Any:
         CalibrationFileError: it is too large, or no JSON.
     """
     try:
-        if len(text) > _MAX_BYTES or sum(map(text.count, '[{,')) > _MOST_VALUES:
-            raise CalibrationFileError(
-                where, f'expected at most {_MAX_BYTES >> 20} MiB, {_MOST_VALUES} values', _REMEDY
-            )
+        if not is_readable(text):
+            limits = f'expected at most {_MAX_BYTES >> 20} MiB, {_MOST_VALUES} values'
+            raise CalibrationFileError(where, limits, _REMEDY)
         return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise CalibrationFileError(where, f'not JSON: {error}', _REMEDY) from error

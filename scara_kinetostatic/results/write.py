@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.errors import ParameterError, expect
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError, expect
 from scara_kinetostatic.files.atomic import write_texts, writing
+from scara_kinetostatic.files.calibration_file import is_readable
 from scara_kinetostatic.files.columns import csv_lines
 from scara_kinetostatic.files.escaping import csv_cell
 from scara_kinetostatic.report.json_file import json_text, utc
@@ -76,6 +77,7 @@ def write_results(outcome: Outcome, folder: str | Path, *, report: bool = True) 
 
     Raises:
         OutputError: the folder cannot be written.
+        UnsupportedDataError: there are too many touches for a `calibration.json`.
         ParameterError: `outcome` is none, or `folder` no path.
 
     Example:
@@ -89,17 +91,21 @@ def write_results(outcome: Outcome, folder: str | Path, *, report: bool = True) 
     if not isinstance(folder, (str, Path)):
         raise ParameterError('folder', f'expected a path, got {type(folder).__name__}')
     folder = Path(folder)
+    document = json_text(calibration_json.as_document(outcome))
+    if not is_readable(document):
+        problem = f'{len(outcome.final.touches)} touches make a {calibration_json.NAME} too large to be read again'
+        raise UnsupportedDataError(problem, 'leave some out')
     contents = {
         parameter_file.NAME: parameter_file.parameter_text(outcome),
-        calibration_json.NAME: json_text(calibration_json.as_document(outcome)),
+        calibration_json.NAME: document,
         **({page.NAME: page.html_text(outcome)} if report else {}),
         RESIDUALS: residual_table(outcome),
     }
     with writing(folder):
         kept = dated_names(folder)
     write_texts(folder, contents, kept)
-    parameters, document, drawn, table = (folder / name for name in RESULTS)
-    return WrittenFiles(folder, parameters, document, drawn, table, tuple(folder / name for name in kept.values()))
+    parameters, written, drawn, table = (folder / name for name in RESULTS)
+    return WrittenFiles(folder, parameters, written, drawn, table, tuple(folder / name for name in kept.values()))
 
 
 def dated_names(folder: Path) -> dict[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,12 @@ import pytest
 from conftest import GROWN, NASTY
 
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.files import calibration_file
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, UNITS
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.calibration_json import as_document
+from scara_kinetostatic.results.write import write_results
 
 REAL = (int, float)
 CONTRACT = {
@@ -179,3 +183,12 @@ def test_covariance_and_touches_agree_with_the_rest(plain: Outcome) -> None:
     assert len(used) == found['touches']['used']
     mean = np.mean([math.hypot(*entry['residual']) for entry in used])
     assert mean == pytest.approx(found['force_error']['calibrated'], rel=1e-12)
+
+
+def test_what_could_not_be_read_again_is_not_written(
+    plain: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calibration_file, '_MOST_VALUES', 1000)
+    with pytest.raises(UnsupportedDataError, match=r'36 touches make a calibration\.json too large .* leave some out'):
+        write_results(plain, tmp_path / 'result', report=False)
+    assert not (tmp_path / 'result').exists()

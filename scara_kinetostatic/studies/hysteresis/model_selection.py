@@ -305,7 +305,9 @@ class LoadStudy:
             alone, together = rms(predict(own, path, path.known).residual), rms(candidate.along[k].residual)
             if together > max(2.5 * alone, 0.05 * np.ptp(path.response)):
                 problem = f'one law for all records errs on it {together / alone:.1f} times as much as one of its own'
-                raise RecordingError(path.record.source, problem, 'give records of one joint: this one or others differ')
+                raise RecordingError(
+                    path.record.source, problem, 'give records of one joint: this one or others differ'
+                )
 
     def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
         """Residuals of the fit to all records under load and after it, as means of blocks."""
@@ -489,8 +491,7 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
     if selected or not is_independent:
         return found._replace(verdict=AMBIGUOUS if rivals else EXPLAINED if selected else UNEXPLAINED)
     is_open = found.detectable > LARGEST_UNSEEN or any(map(found.is_clearly_smaller, compared))
-    halved = any(each.held_out_rms < 0.5 * before.held_out_rms for each in compared)  # whatever the range
-    return found._replace(verdict=UNDECIDED) if halved or (is_open and found.share_of_range > MATERIAL) else found
+    return found._replace(verdict=UNDECIDED) if is_open and found.share_of_range > MATERIAL else found
 
 
 class PredictedRecord(NamedTuple):

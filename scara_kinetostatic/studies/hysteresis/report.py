@@ -167,7 +167,9 @@ def verdict(selection: Selection) -> Verdict:
         return Verdict(headline, level, (found, *_reservations(selection), errors))
     evidence = f'The residual of law (6) {_strongest(selection.dependence_before, record)} ({chances}).'
     if selection.verdict == UNEXPLAINED or selected is None:
-        return Verdict('Law (6) is not sufficient, and no candidate predicts significantly better', 'bad', (evidence, errors))
+        return Verdict(
+            'Law (6) is not sufficient, and no candidate predicts significantly better', 'bad', (evidence, errors)
+        )
     meanings = [record.words(each.law.meaning) for each in (selected, *selection.rivals)]
     headline = f'Law (6) is not sufficient: {meanings[0]}'
     if selection.verdict == AMBIGUOUS:
