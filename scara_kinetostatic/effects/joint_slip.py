@@ -85,6 +85,10 @@ class JointSlip(EffectOfJoint):
             for lag, torque in zip(lags, torques.tolist(), strict=True)
         ]
 
+    def forms(self, at: TouchState) -> Sequence[Floats]:
+        """A small and a large slip torque."""
+        return np.array([0.0, 1.0]), np.array([0.0, 3.0])
+
     def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
         """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""
         return at.history_torques(self.joint), at.torques[:, self.joint]
