@@ -236,7 +236,7 @@ class Calibration:
 
     @cached_property
     def undetermined(self) -> Floats:
-        """Directions of the free values that the fit kept where they were, each by its plausible range, one a column."""
+        """Directions of the values that the fit kept where they were, each by its plausible range, one a column."""
         scales = scales_of(self.model)
         held = self.model.held.union(self.fixed)
         free = np.array([name not in held for name in self.model.names])
@@ -478,6 +478,15 @@ def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
         left = observe(touches.select(part == fold), c.cell, fit.point.errors)
         residual[part == fold] = force_residual(left, fit.point.model)
     return HeldOut(force_error(residual), folds)
+
+
+def undetected_covariance(c: Calibration) -> Floats:
+    """What undetected effects contribute to the covariance of the values of the model, (12 + k, 12 + k): the same
+    robot has it at every calibration.
+    """
+    size = len(c.model.names)
+    parts = [part.covariance[:size, :size] for part in c.contributions if part.label.startswith(UNDETECTED)]
+    return np.asarray(sum(parts, np.zeros((size, size))))
 
 
 class JointCovariance(NamedTuple):

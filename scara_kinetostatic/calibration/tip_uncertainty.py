@@ -176,7 +176,10 @@ class Workspace(NamedTuple):
 def tip_covariance(derivative: Floats, covariance: Floats) -> Floats:
     """J Σ Jᵀ of n poses, (n, 2, 2), m²."""
     moved = derivative @ covariance
-    (xx, xy), yy = np.einsum('nk,nik->in', moved[:, 0], derivative), np.einsum('nk,nk->n', moved[:, 1], derivative[:, 1])
+    (xx, xy), yy = (
+        np.einsum('nk,nik->in', moved[:, 0], derivative),
+        np.einsum('nk,nk->n', moved[:, 1], derivative[:, 1]),
+    )
     return np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1)
 
 

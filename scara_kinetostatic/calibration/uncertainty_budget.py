@@ -55,7 +55,8 @@ _TITLES = {
 def source_title(label: str) -> str:
     """A source in words: ``place of disc_1`` for ``object_position[disc_1]``."""
     kind, _, rest = label.partition('[')
-    return _TITLES.get(kind, label).format(rest.rstrip(']').replace('_', ' ') if kind == UNDETECTED else rest.rstrip(']'))
+    target = rest.rstrip(']')
+    return _TITLES.get(kind, label).format(target.replace('_', ' ') if kind == UNDETECTED else target)
 
 
 class Item(NamedTuple):
@@ -219,7 +220,9 @@ def _improvement(
 ) -> Improvement:
     others = np.zeros_like(c.covariance)
     others[: len(covariance), : len(covariance)] = covariance
-    others += sum(part.covariance for part in c.contributions if part.label.partition('[')[0] in (ALTERNATIVES, UNDETECTED))
+    others += sum(
+        part.covariance for part in c.contributions if part.label.partition('[')[0] in (ALTERNATIVES, UNDETECTED)
+    )
     expanded = COVERAGE_FACTOR * area.std(others)
     known = expanded[np.isfinite(expanded)]
     median, worst = (float(np.median(known)), float(known.max())) if len(known) else (np.nan, np.nan)

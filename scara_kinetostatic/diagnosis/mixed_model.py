@@ -36,7 +36,7 @@ from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import Column, Undetected, columns_of, derivatives, typical_size
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import EffectSizes
+from scara_kinetostatic.model.cell import EffectSizes, SizeMode
 
 _LARGEST_STEP = 1.5
 """Of log τ."""
@@ -72,7 +72,7 @@ def with_undetected(c: Calibration, known: Sequence[Effect]) -> Calibration:
         known: the catalogue.
     """
     declared = c.cell.uncertainty.effects
-    if declared.mode == 'none' and not any(declared.sizes.values()):
+    if declared.sizes is SizeMode.NONE and not any(declared.stated.values()):
         return c
     problem = pose_problem(c)
     random = _random_effects(problem, c, known, declared)
@@ -86,15 +86,13 @@ def with_undetected(c: Calibration, known: Sequence[Effect]) -> Calibration:
     return _contributed(c, random, sizes, moved[: len(c.covariance)])
 
 
-def _random_effects(
-    problem: Problem, c: Calibration, known: Sequence[Effect], declared: EffectSizes
-) -> RandomEffects:
+def _random_effects(problem: Problem, c: Calibration, known: Sequence[Effect], declared: EffectSizes) -> RandomEffects:
     """All columns of the effects that are neither in the fit nor declared, those of the robot by themselves first."""
     fitted = {effect.label if effect.parameters else effect.name for effect in c.model.effects}
     at, columns, sizes, held = problem.touch_state, [], [], []
     for effect in known:
-        stated = declared.sizes.get(effect.label, declared.sizes.get(effect.name))
-        absent = stated == 0.0 or (stated is None and declared.mode == 'none')
+        stated = declared.stated.get(effect.label, declared.stated.get(effect.name))
+        absent = stated == 0.0 or (stated is None and declared.sizes is SizeMode.NONE)
         if absent or effect.label in fitted or effect.name in fitted or problem.is_declared(effect):
             continue
         found = columns_of(effect, at)
@@ -103,7 +101,7 @@ def _random_effects(
             typical = typical_size(effect, column.parameter, declared.arm)
             columns.append(column)
             sizes.append(typical / forms**0.5)
-            held.append(np.log(stated / typical) if stated else 0.0 if declared.mode == 'typical' else np.nan)
+            held.append(np.log(stated / typical) if stated else 0.0 if declared.sizes is SizeMode.TYPICAL else np.nan)
     order = sorted(range(len(columns)), key=lambda k: (not columns[k].moves_robot, columns[k].effect.force_dependence))
     columns = [columns[k] for k in order]
     typical, names = np.array(sizes)[order], tuple(dict.fromkeys(column.effect.name for column in columns))
@@ -114,9 +112,7 @@ def _random_effects(
 
 
 def _sensor_error(problem: Problem, column: Column) -> Floats | None:
-    errors = column.effect.sensor_error_derivative(
-        problem.force, np.array(column.values), problem.touch_state.metadata
-    )
+    errors = column.effect.sensor_error_derivative(problem.force, np.array(column.values), problem.touch_state.metadata)
     return errors[column.parameter] if errors else None
 
 

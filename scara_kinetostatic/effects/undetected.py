@@ -19,7 +19,7 @@ import numpy as np
 from scara_kinetostatic.effects.base import Effect, SensorEffect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import ArmClass, Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 
 TYPICAL = MappingProxyType(
@@ -52,13 +52,13 @@ TYPICAL = MappingProxyType(
 )
 """Typical size of each effect of an industrial arm by label or name, in the unit of its parameters, and what it is.
 Conventions, orders of magnitude: where more is known it is declared."""
-CLASSES = MappingProxyType({'industrial': 1.0, 'desktop': 5.0, 'printed': 25.0})
+CLASSES = MappingProxyType({ArmClass.INDUSTRIAL: 1.0, ArmClass.DESKTOP: 5.0, ArmClass.PRINTED: 25.0})
 """Classes of arms, and by what factor their typical sizes are larger; a convention."""
 _PART = 50.0
 """The typical size of an effect that is not in the table is this part of its largest plausible one."""
 
 
-def typical_size(effect: Effect, parameter: int, arm: str = 'industrial') -> float:
+def typical_size(effect: Effect, parameter: int, arm: ArmClass = ArmClass.INDUSTRIAL) -> float:
     """Of one parameter of an effect on a class of arms, in its unit."""
     known = TYPICAL.get(effect.label) or TYPICAL.get(effect.name)
     return CLASSES[arm] * (known[0] if known else effect.parameters[parameter].scale / _PART)

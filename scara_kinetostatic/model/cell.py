@@ -276,18 +276,37 @@ class Uncertainty:
                 raise ParameterError(f'uncertainty.nominal.{name}', f'expected a number above 0, got {std}')
 
 
+class SizeMode(str, Enum):
+    """Where the sizes of undetected effects come from."""
+
+    ESTIMATED = 'estimated'
+    """From the touches, about those of the class of the arm."""
+    TYPICAL = 'typical'
+    """Those of the class of the arm (`effects.undetected`)."""
+    NONE = 'none'
+    """There are none but those that are stated."""
+
+
+class ArmClass(str, Enum):
+    """What kind of arm it is."""
+
+    INDUSTRIAL = 'industrial'
+    DESKTOP = 'desktop'
+    PRINTED = 'printed'
+
+
 class EffectSizes(NamedTuple):
     """How large effects may be that are not detected.
 
     Attributes:
-        mode: ``estimated`` from the touches, ``typical`` of the class of the arm, or ``none``.
-        arm: its class, a key of `effects.undetected.CLASSES`.
-        sizes: standard deviations that are known, by label or name of the effect, in the unit of its parameters.
+        sizes: where they come from.
+        arm: its class.
+        stated: standard deviations that are known, by label or name of the effect, in the unit of its parameters.
     """
 
-    mode: str = 'estimated'
-    arm: str = 'industrial'
-    sizes: Mapping[str, float] = MappingProxyType({})
+    sizes: SizeMode = SizeMode.ESTIMATED
+    arm: ArmClass = ArmClass.INDUSTRIAL
+    stated: Mapping[str, float] = MappingProxyType({})
 
 
 class Region(NamedTuple):
