@@ -34,8 +34,8 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
     yield Remark(
         Grade.CAUTION,
-        f'a model error was corrected; its cause is not determined: {groups}; the twelve parameters and their '
-        'uncertainties hold whichever it is, the effects do not',
+        f'the cause of a model error is not determined: {groups}; the twelve parameters and their uncertainties hold '
+        'whichever it is, the effects do not',
         tolerance.to_discriminate(d),
     )
 
@@ -51,7 +51,7 @@ def shifted(evidence: Evidence) -> Iterator[Remark]:
     """Something that shifted at a moment: corrected, but a cell in which things move."""
     for item in evidence.diagnosis.found:
         effect, values = item.effect, {value.name: value.value for value in item.values}
-        if not (effect.is_stepwise and item.in_every_model):
+        if not (effect.is_stepwise and item.in_every_model and evidence.diagnosis.extended):
             continue
         moment = _moment(evidence.final, values.get('moment', np.nan), effect)
         moment += '' if evidence.sequence_known else ', in the order given, as that in time is not known'
@@ -101,15 +101,15 @@ def unexplained(evidence: Evidence) -> Iterator[Remark]:
         yield Remark(
             Grade.CAUTION if small else Grade.UNFIT,
             f'a model error is not explained; the residual is correlated with: {largest.name}; the touches are '
-            f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties do '
-            'not cover its bias',
+            f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties '
+            + ('contain it as undetected effects only' if c.undetected else 'do not cover its bias'),
             'look in the report at what the residuals depend on, mend it, and record again',
         )
     elif curves:
         held = ', '.join(evidence.calibration.fixed)
         yield Remark(
             Grade.CAUTION,
-            f'a model error of unknown cause is corrected by a fitted curve ({curves[0].description}): it holds where '
+            f'a model error of unknown cause is described by a fitted curve ({curves[0].description}): it holds where '
             'the touches are, and may not elsewhere',
             f'estimate {held} as well: a wrong value looks like this'
             if held
@@ -362,7 +362,12 @@ def assess(evidence: Evidence) -> Assessment:
         )
         remarks = [Remark(Grade.FIT, reason)]
     for item in evidence.diagnosis.found:  # what stands in the cell description is to be corrected there as well
-        if item.in_every_model and item.effect.is_physical and not item.effect.is_stepwise:
+        if (
+            item.in_every_model
+            and item.effect.is_physical
+            and not item.effect.is_stepwise
+            and evidence.diagnosis.extended
+        ):
             values = {value.name: value.value for value in item.values}
             known = bool(values) and bool(np.isfinite(list(values.values())).all())
             action = item.effect.correction(values) if known else ''
@@ -376,6 +381,8 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     if c.fixed:
         yield f'held at given values, which count as exact: {", ".join(c.fixed)}'
     yield from tolerance.kept(evidence)
+    if not c.undetected:
+        yield 'undetected effects count as absent (uncertainty.effects): the uncertainties are those of a perfect arm'
     missing = []
     if DeclaredErrors.of(c.cell) is None:
         missing.append('no uncertainties (discs, radii and sensor count as exact)')

@@ -75,7 +75,7 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
         return found
     extended = with_undetected(found.extended, known)
     if found.verdict != 'explained' and not _is_more_certain(extended, base):
-        return replace(found, extended=None)
+        return replace(found, extended=None, advice=advice.joined(advice.NOT_CORRECTED, found.advice))
     stds = {label: {name: part.std for name, part in of.items()} for label, of in extended.effects.items()}
     items = [
         item._replace(values=tuple(v._replace(std=stds[item.effect.label].get(v.name, v.std)) for v in item.values))
@@ -208,8 +208,7 @@ def _examine(c: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagn
     if found is None or is_weak:
         ranking = _ranking(Search(problem, rank_singles(problem, candidate_set), None), c)
         evidence = advice.weak_evidence(p_value, fit.dependences) if is_weak else ''
-        text = advice.joined(evidence, advice.detection_limit(c, ranking))
-        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=text)
+        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=evidence)
     if found.extended is not None:
         return _with_extended_model(c, p_value, fit.dependences, found, found.extended, known, effort)
     return Diagnosis(

@@ -11,7 +11,6 @@ import numpy as np
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.tolerance import stated_conformity
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.effects.registry import catalogue
@@ -57,11 +56,14 @@ def text_report(outcome: Outcome) -> str:
     blocks: list[Block | None] = [
         verdict._replace(headline=f'{verdict.headline}.'),
         tables.parameter_table(c),
-        Section('added to the base model', tuple(tables.effect_tables(outcome.diagnosis.found))),
+        Section(
+            'added to the base model' if outcome.diagnosis.extended else 'possible, and not corrected',
+            tuple(tables.effect_tables(outcome.diagnosis.found)),
+        ),
         tables.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
     ]
-    if DeclaredErrors.of(c.cell) is not None or c.cell.tolerance is not None:
+    if len(outcome.budget) > 1 or c.cell.tolerance is not None:
         blocks += [' '.join(messages.tip_sentences(outcome)), tables.tip_budget(outcome, most=5)]
     if outcome.rejected:
         lines = _rejections(outcome)
@@ -307,16 +309,10 @@ def _candidates(outcome: Outcome) -> Section | None:
 def _limits(outcome: Outcome, extended: bool) -> Section:
     d = outcome.diagnosis
     depends = tables.dependence_table(d.remaining if extended else d.dependences)
-    limits, unidentifiable = tables.limit_table(outcome), tables.unidentifiable_table(d)
+    unidentifiable = tables.unidentifiable_table(d)
     blocks: list[Block] = []
     if depends is not None:
         blocks += [*(['Residual of the extended model:'] if extended else []), depends]
-    if limits is not None:
-        blocks += [
-            'Detection limits: an effect just too small to be detected could bias one of the parameters by more than '
-            'its standard deviation.',
-            limits,
-        ]
     if unidentifiable is not None:
         blocks += [f'Effects that these touches cannot identify: {len(unidentifiable.rows)}', unidentifiable]
     return Section('Limits of this diagnosis', tuple(blocks or ['None among the effects of the list.']), folded=True)
