@@ -25,6 +25,7 @@ import numpy as np
 
 from benchmark.common import in_processes, parser, print_targets, save
 from benchmark.diagnosis.cells import NOISE, SETUPS, Setup, seed_of
+from scara_kinetostatic.assessment.evidence import object_left_out
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import workspace
@@ -296,7 +297,7 @@ def run_task(task: Task) -> dict[str, Any]:
         return record | {'error': str(error)}
     final = found.extended or found.refitted or before
     z = (final.parameters.as_array() - robot.parameters.as_array()) / np.where(final.std > 0, final.std, np.nan)
-    judged = judge(final, robot, task.seed)
+    judged = judge(final, robot, task.seed) | {'left_out': object_left_out(final)}
     return (
         record
         | {'verdict': found.verdict, 'extended': found.extended is not None, 'seconds': seconds, 'z': z.tolist()}

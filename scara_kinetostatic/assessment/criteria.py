@@ -173,6 +173,17 @@ def held_out(evidence: Evidence) -> Iterator[Remark]:
     )
 
 
+def left_out(evidence: Evidence) -> Iterator[Remark]:
+    """Objects that the fit has not seen, where the tip is off by much more than is stated."""
+    ratio = evidence.object_left_out
+    if ratio > LIMITS.left_out:
+        yield Remark(
+            Grade.CAUTION,
+            f'at each object, predicted without its touches, the tip is off by {ratio:.2g} times what is stated there',
+            'measure the places of the objects again, and declare how well they are known; touch more objects',
+        )
+
+
 def leverage(evidence: Evidence) -> Iterator[Remark]:
     """Touches that nothing checks."""
     found = evidence.leverages
@@ -332,6 +343,7 @@ CRITERIA: tuple[Callable[[Evidence], Iterator[Remark]], ...] = (
     undetermined,
     rejections.rejected,
     held_out,
+    left_out,
     leverage,
     freedoms,
     unexplained,

@@ -32,7 +32,7 @@ from scipy import linalg
 from scara_kinetostatic.calibration.gauss_helmert import outer
 from scara_kinetostatic.calibration.noise_estimation import whiten_matrix
 from scara_kinetostatic.calibration.result import UNDETECTED, Calibration, Contribution
-from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, pose_problem
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import Column, Undetected, columns_of, derivatives, typical_size
 from scara_kinetostatic.model.arrays import Floats, Indices
@@ -87,28 +87,27 @@ def with_undetected(c: Calibration, known: Sequence[Effect]) -> Calibration:
 
 
 def _random_effects(problem: Problem, c: Calibration, known: Sequence[Effect], declared: EffectSizes) -> RandomEffects:
-    """All columns of the effects that are neither in the fit nor declared, those of the robot by themselves first."""
-    fitted = {effect.label if effect.parameters else effect.name for effect in c.model.effects}
-    at, columns, sizes, held = problem.touch_state, [], [], []
+    """All columns of the effects that are neither in the fit nor declared, those of the robot first."""
+    fitted = {item.effect.label if len(item.values) else item.effect.name for item in fitted_effects(c)}
+    at, found = problem.touch_state, list[tuple[Column, float, float]]()
     for effect in known:
         stated = declared.stated.get(effect.label, declared.stated.get(effect.name))
         absent = stated == 0.0 or (stated is None and declared.sizes is SizeMode.NONE)
         if absent or effect.label in fitted or effect.name in fitted or problem.is_declared(effect):
             continue
-        found = columns_of(effect, at)
-        forms = max(len({column.values for column in found}), 1)
-        for column in found:
-            typical = typical_size(effect, column.parameter, declared.arm)
-            columns.append(column)
-            sizes.append(typical / forms**0.5)
-            held.append(np.log(stated / typical) if stated else 0.0 if declared.sizes is SizeMode.TYPICAL else np.nan)
-    order = sorted(range(len(columns)), key=lambda k: (not columns[k].moves_robot, columns[k].effect.force_dependence))
-    columns = [columns[k] for k in order]
-    typical, names = np.array(sizes)[order], tuple(dict.fromkeys(column.effect.name for column in columns))
+        columns = columns_of(effect, at)
+        forms = max(len({column.values for column in columns}), 1)
+        for column in columns:
+            size = typical_size(effect, column.parameter, declared.arm)
+            held = np.log(stated / size) if stated else 0.0 if declared.sizes is SizeMode.TYPICAL else np.nan
+            found.append((column, size / forms**0.5, held))
+    found.sort(key=lambda item: (not item[0].moves_robot, item[0].effect.force_dependence))
+    columns, typical = [column for column, _, _ in found], np.array([size for _, size, _ in found])
+    names = tuple(dict.fromkeys(column.effect.name for column in columns))
     errors = [_sensor_error(problem, column) for column in columns]
     matrix = problem.changes(derivatives(columns, at), errors) * typical
     group = np.array([names.index(column.effect.name) for column in columns], dtype=np.intp)
-    return RandomEffects(tuple(columns), matrix, typical, group, names, np.array(held)[order])
+    return RandomEffects(tuple(columns), matrix, typical, group, names, np.array([held for _, _, held in found]))
 
 
 def _sensor_error(problem: Problem, column: Column) -> Floats | None:
