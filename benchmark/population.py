@@ -25,10 +25,10 @@ import numpy as np
 
 from benchmark.common import in_processes, parser, print_targets, save
 from benchmark.diagnosis.cells import NOISE, SETUPS, Setup, seed_of
-from scara_kinetostatic.assessment.evidence import object_left_out
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import workspace
+from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, LinearEffect, SensorEffect
 from scara_kinetostatic.effects.registry import catalogue
@@ -294,10 +294,11 @@ def run_task(task: Task) -> dict[str, Any]:
         found = diagnose(before)
         seconds = process_time() - begun
     except ScaraKinetostaticError as error:
-        return record | {'error': str(error)}
+        return record | {'failure': str(error)}
     final = found.extended or found.refitted or before
     z = (final.parameters.as_array() - robot.parameters.as_array()) / np.where(final.std > 0, final.std, np.nan)
-    judged = judge(final, robot, task.seed) | {'left_out': object_left_out(final)}
+    left_out = objects_left_out(final)
+    judged = judge(final, robot, task.seed) | {'left_out': left_out.error / left_out.stated}
     return (
         record
         | {'verdict': found.verdict, 'extended': found.extended is not None, 'seconds': seconds, 'z': z.tolist()}
@@ -331,7 +332,7 @@ def judge(final: Calibration, robot: ExtendedModel, seed: int) -> dict[str, floa
 
 def line(name: str, records: Sequence[dict[str, Any]]) -> str:
     """The figures of some robots in one line."""
-    good = [record for record in records if 'error' not in record]
+    good = [record for record in records if 'failure' not in record]
     c, error, stated, ratio, over = (
         np.array([record[key] for record in good]) for key in ('coverage', 'error', 'stated', 'ratio', 'over_noise')
     )
@@ -347,7 +348,7 @@ def line(name: str, records: Sequence[dict[str, Any]]) -> str:
 
 def targets(records: Sequence[dict[str, Any]], kind: str, least: float, wide: float) -> list[tuple[str, bool]]:
     """Those of robots of one kind with errors."""
-    some = [r for r in records if r['kind'] == kind and r['factor'] > 0 and 'error' not in r]
+    some = [r for r in records if r['kind'] == kind and r['factor'] > 0 and 'failure' not in r]
     if not some:
         return []
     c, ratio = (np.array([r[key] for r in some]) for key in ('coverage', 'ratio'))
@@ -397,10 +398,10 @@ def main() -> int:
     for (kind, factor, declared), group in sorted(groups.items()):
         print(line(f'{kind} {factor:g} {"discs declared" if declared else "not declared"}', group))
     for record in records:
-        if 'error' in record:
-            print(record['cell'], record['kind'], record['factor'], record['seed'], record['error'])
+        if 'failure' in record:
+            print(record['cell'], record['kind'], record['factor'], record['seed'], record['failure'])
     found = [*targets(records, 'all', 0.90, 1.6), *targets(records, 'outside', 0.85, 1.8)]
-    clean = [record['over_noise'] for record in records if not record['factor'] and 'error' not in record]
+    clean = [record['over_noise'] for record in records if not record['factor'] and 'failure' not in record]
     if clean:
         found.append(
             (f'without errors at most 1.6 times noise alone: {np.median(clean):.2f}', float(np.median(clean)) <= 1.6)

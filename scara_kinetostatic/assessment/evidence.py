@@ -38,12 +38,10 @@ from scara_kinetostatic.calibration.tip_uncertainty import (
     workspace,
 )
 from scara_kinetostatic.calibration.uncertainty_budget import Improvement, Item, improvements, uncertainty_budget
-from scara_kinetostatic.diagnosis.comparison import Comparison, compare, whitened_normal
+from scara_kinetostatic.diagnosis.comparison import Comparison, compare, objects_left_out
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.model.arm import Predictor
-from scara_kinetostatic.model.arrays import Floats, read_only, rms
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.arrays import Floats, read_only
 from scara_kinetostatic.model.touch import Rejection
 
 _CONFIDENCE = 0.95
@@ -137,41 +135,6 @@ def leverages(calibration: Calibration) -> Floats:
     return read_only(np.clip(np.linalg.eigvalsh(np.einsum('nik,njk->nij', blocks, blocks))[:, -1], 0.0, 1.0))
 
 
-def object_left_out(c: Calibration) -> float:
-    """Error of the tip at objects that the fit has not seen, over what is stated there: root mean squares of the
-    distances from the circles. It takes no model of what is undetected (leave one group out).
-
-    To first order: without the touches of one object the values move by -C' J'ᵀ r', and the distances at it by J of
-    that. What is stated is the uncertainty of the calibration, what fewer touches add to it, and noise. NaN where too
-    few touches are left to determine what all of them do.
-    """
-    touches, rank = c.touches.select(c.used), c.subspace.basis.shape[1]
-    observations = observe(touches, c.cell, c.errors)
-    point = project(observations, c.model, c.noise)
-    basis = c.subspace.with_errors(len(c.errors))
-    rows, residual = point.whitened.jacobian @ basis, point.whitened.residual
-    prior = ActivePrior.of(observations, c.subspace)
-    known = np.zeros((0, basis.shape[1])) if prior is None else prior.rows @ basis
-    across = whitened_normal(observations, point)
-    tip = Predictor(c.arm).locate(touches.joints, c.force[c.used], TouchMetadata.of(touches)).covariance
-    normal = c.force[c.used] / np.hypot(*c.force[c.used].T)[:, None]
-    stated = np.einsum('ni,nij,nj->n', normal, tip, normal) + (across**2).sum(axis=1)
-    every = np.linalg.pinv(known.T @ known + np.einsum('nik,nil->kl', rows, rows))
-    errors, variances = [], []
-    for disc in np.unique(touches.disc):
-        out = touches.disc == disc
-        kept = rows[~out].reshape(-1, basis.shape[1])
-        system = np.concatenate([kept, known])
-        if np.linalg.matrix_rank(system) < rank or 2 * len(kept) < 3 * rank:
-            return float('nan')
-        fewer = np.linalg.pinv(system.T @ system)
-        moved = residual[out] - rows[out] @ (fewer @ (kept.T @ residual[~out].ravel()))
-        along = np.einsum('nik,ni->nk', rows[out], across[out])
-        errors.append((moved * across[out]).sum(axis=1))
-        variances.append(stated[out] + c.enlargement * np.einsum('nk,kl,nl->n', along, fewer - every, along))
-    return rms(np.concatenate(errors)) / float(np.sqrt(np.mean(np.concatenate(variances))))
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Evidence:
     """A calibration with all that speaks for or against its use; what follows is worked out once, when first read.
@@ -227,7 +190,8 @@ class Evidence:
     @cached_property
     def object_left_out(self) -> float:
         """Error of the tip at objects left out of the fit, over what is stated; NaN where that is not determined."""
-        return object_left_out(self.final)
+        found = objects_left_out(self.final)
+        return found.error / found.stated
 
     @cached_property
     def budget(self) -> tuple[Item, ...]:

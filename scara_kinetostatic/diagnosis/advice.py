@@ -72,8 +72,8 @@ CUT_SHORT = (
 
 
 NOT_CORRECTED = (
-    'none of this is corrected: without it the tip is known about as well, as undetected effects are part of the '
-    'uncertainty'
+    'none of this is corrected: without it objects that the fit has not seen are predicted better; it is part of the '
+    'uncertainty, as undetected effects'
 )
 """Where the base model is to be used although it lacks something."""
 

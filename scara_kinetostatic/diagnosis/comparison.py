@@ -37,13 +37,15 @@ from numpy.typing import NDArray
 from scara_kinetostatic.calibration.fit_point import Point, augmented, base_force, force_error, project
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch, Found
 from scara_kinetostatic.effects.base import at_joint
+from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
-from scara_kinetostatic.model.effect_law import Shift
+from scara_kinetostatic.model.effect_law import Shift, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
@@ -198,6 +200,50 @@ def _left_out(base: Floats, residual: Floats) -> Floats:
     # less is that of a touch which alone determines a parameter
     turned = np.einsum('nij,ni->nj', vectors, residual) / np.maximum(values, 1e-6)
     return np.asarray(np.einsum('nij,nj->ni', vectors, turned))
+
+
+class LeftOut(NamedTuple):
+    """Distance of the predicted tip from the circles of objects that the fit has not seen, root mean squares.
+
+    Attributes:
+        error: of the touches, m; NaN where too few are left to determine what all of them do.
+        stated: its standard uncertainty: that of the calibration, what fewer touches add to it, and noise, m.
+    """
+
+    error: float
+    stated: float
+
+
+def objects_left_out(c: Calibration) -> LeftOut:
+    """Each object predicted without its touches: a check that takes no model of what is undetected.
+
+    To first order: without these touches the values move by -C' J'ᵀ r', and the distances at them by J of that.
+    """
+    touches, rank = c.touches.select(c.used), c.subspace.basis.shape[1]
+    observations = observe(touches, c.cell, c.errors)
+    point = project(observations, c.model, c.noise)
+    basis = c.subspace.with_errors(len(c.errors))
+    rows, residual = point.whitened.jacobian @ basis, point.whitened.residual
+    prior = ActivePrior.of(observations, c.subspace)
+    known = np.zeros((0, basis.shape[1])) if prior is None else prior.rows @ basis
+    across = whitened_normal(observations, point)
+    tip = Predictor(c.arm).locate(touches.joints, c.force[c.used], TouchMetadata.of(touches)).covariance
+    normal = c.force[c.used] / np.hypot(*c.force[c.used].T)[:, None]
+    stated = np.einsum('ni,nij,nj->n', normal, tip, normal) + (across**2).sum(axis=1)
+    every = np.linalg.pinv(known.T @ known + np.einsum('nik,nil->kl', rows, rows))
+    errors, variances = [], []
+    for disc in np.unique(touches.disc):
+        out = touches.disc == disc
+        kept = rows[~out].reshape(-1, basis.shape[1])
+        system = np.concatenate([kept, known])
+        if np.linalg.matrix_rank(system) < rank or 2 * len(kept) < 3 * rank:
+            return LeftOut(np.nan, np.nan)
+        fewer = np.linalg.pinv(system.T @ system)
+        moved = residual[out] - rows[out] @ (fewer @ (kept.T @ residual[~out].ravel()))
+        along = np.einsum('nik,ni->nk', rows[out], across[out])
+        errors.append((moved * across[out]).sum(axis=1))
+        variances.append(stated[out] + c.enlargement * np.einsum('nk,kl,nl->n', along, fewer - every, along))
+    return LeftOut(rms(np.concatenate(errors)), float(np.sqrt(np.mean(np.concatenate(variances)))))
 
 
 def _bias(name: str, base: Calibration, final: Calibration) -> Bias:

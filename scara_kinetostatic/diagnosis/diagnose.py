@@ -22,7 +22,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.alternatives import cover_alternatives, find_moments, widened_by_moments
 from scara_kinetostatic.diagnosis.candidates import all_candidates
-from scara_kinetostatic.diagnosis.comparison import discriminating_touches
+from scara_kinetostatic.diagnosis.comparison import discriminating_touches, objects_left_out
 from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequacy, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
@@ -65,7 +65,7 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
     """The diagnosis with what undetected effects contribute to the uncertainty of the models that it gives.
 
     Where the cause of a model error is not certain, the extended model may be worse than the base model, whose
-    parameters take up a part of every effect: it is the one to use if it is the more certain of the two by far.
+    parameters take up a part of every effect: the one to use is that which predicts objects left out better.
     """
     base = with_undetected(found.refitted or c, known)
     if base is (found.refitted or c):
@@ -74,7 +74,7 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
     if found.extended is None:
         return found
     extended = with_undetected(found.extended, known)
-    if found.verdict != 'explained' and not _is_more_certain(extended, base):
+    if found.verdict != 'explained' and not _predicts_better(extended, base):
         return replace(found, extended=None, advice=advice.joined(advice.NOT_CORRECTED, found.advice))
     stds = {label: {name: part.std for name, part in of.items()} for label, of in extended.effects.items()}
     items = [
@@ -86,15 +86,12 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
     return replace(found, extended=extended, found=tuple(items))
 
 
-def _is_more_certain(extended: Calibration, base: Calibration) -> bool:
-    medians = [tip_uncertainty(c).median for c in (extended, base)]
-    return not medians[0] > _CLEARLY_BETTER * medians[1]
-
-
-_CLEARLY_BETTER = 0.7
-"""Uncertainty of the tip with effects that are not certain, in that without: median over the workspace. A compromise
-between the coverage, which falls beyond it, and the errors of robots with one effect: `benchmark/population.py`.
-"""
+def _predicts_better(extended: Calibration, base: Calibration) -> bool:
+    """Whether objects that the fit has not seen are predicted better; where that is not known, whether the tip is."""
+    errors = [objects_left_out(c).error for c in (extended, base)]
+    if not np.isfinite(errors).all():  # an effect of one object is not determined without it
+        errors = [tip_uncertainty(c).median for c in (extended, base)]
+    return not errors[0] > errors[1]
 
 
 def _named(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:

@@ -12,7 +12,8 @@ undetected.
 **Sizes.** The τ are found by restricted likelihood (REML; Patterson and Thompson, Biometrika 58 (1971) 545), by Fisher
 scoring in log τ. A robot is good or bad as a whole, so they have a common size τ_0 beforehand; τ_g / τ_0 and τ_0 have a
 half-Cauchy prior with scale 1 each (Gelman, Bayesian Analysis 1 (2006) 515), and its density in log τ counts: what the
-touches say nothing of has the common size, not none. Sizes that the cell description declares are held.
+touches say nothing of has the common size, not none. Taken is the mean of τ, exp(log τ + v/2) with v the variance of
+log τ (Laplace's approximation), as sizes that may be larger count for more than those that may be smaller. Sizes that the cell description declares are held.
 
 **Contribution.** The estimate stays what it is: least squares without these effects. With C the covariance of the
 fit and J' its derivatives by all values and declared errors, they move it by C J'ᵀ X u, and what they do to the tip is
@@ -40,6 +41,8 @@ from scara_kinetostatic.model.cell import EffectSizes, SizeMode
 
 _LARGEST_STEP = 1.5
 """Of log τ."""
+_LARGEST_HALF_VARIANCE = 0.7
+"""Of log τ: a size of which nothing is known is at most twice the common one."""
 _ROUNDS, _STEPS = 6, 12
 """Of the noise levels, and of the sizes between them."""
 
@@ -135,12 +138,12 @@ def _log_sizes(problem: Problem, c: Calibration, random: RandomEffects) -> Float
     levels, found = np.ones(2), np.zeros(len(names) + 1)
     for _ in range(_ROUNDS if c.noise_source == 'estimated' else 1):
         inner = _Whitened.of(of_joints, levels, fitted, columns, residual)
-        found, weights = _scored(inner, fixed, group, found)
+        found, half_variance, weights = _scored(inner, fixed, group, found)
         before, levels = levels, _levels(inner, of_joints, levels, weights)
         if c.noise_source != 'estimated' or np.abs(np.log(levels / before)).max() < 0.05:
             break
     log_sizes = random.held.copy()
-    log_sizes[free] = found[:-1][group]
+    log_sizes[free] = (found + np.minimum(half_variance, _LARGEST_HALF_VARIANCE))[:-1][group]
     return log_sizes
 
 
@@ -176,8 +179,10 @@ class _Whitened(NamedTuple):
         return cls(inverse, base, x, y, x.T @ x, x.T @ y)
 
 
-def _scored(inner: _Whitened, fixed: int, group: Indices, start: Floats) -> tuple[Floats, Floats]:
-    """Log sizes of the groups and the common one, (G + 1,), and τ of each column, (k,), at given noise levels."""
+def _scored(inner: _Whitened, fixed: int, group: Indices, start: Floats) -> tuple[Floats, Floats, Floats]:
+    """Log sizes of the groups and the common one, (G + 1,), half of their variances, and τ of each column, (k,), at
+    given noise levels.
+    """
     count = len(start) - 1
 
     def weights_of(logs: Floats) -> Floats:
@@ -221,7 +226,7 @@ def _scored(inner: _Whitened, fixed: int, group: Indices, start: Floats) -> tupl
         decrease, logs, (lowest, part, effects) = lowest - tried[0], logs + step, tried
         if decrease < 0.01:
             break
-    return logs, weights_of(logs)
+    return logs, np.diag(np.linalg.inv(hessian)), weights_of(logs)
 
 
 def _levels(inner: _Whitened, of_joints: Floats, levels: Floats, weights: Floats) -> Floats:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from benchmark.population import DECLARED, Task, draw, judge
-from scara_kinetostatic.assessment.evidence import object_left_out
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
+from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.mixed_model import with_undetected
 from scara_kinetostatic.effects.registry import catalogue
@@ -133,7 +133,9 @@ def test_a_comparison_is_of_the_same_robot(outcome):
 
 
 def test_an_object_left_out_checks_what_is_stated():
-    assert 0.7 < object_left_out(mixed(CELL)) < 1.4
+    found = objects_left_out(mixed(CELL))
+    assert 0.7 < found.error / found.stated < 1.4
     first, *others = PAPER_DISCS
     displaced = replace(CELL, discs=(first._replace(x=first.x + 3e-4), *others))
-    assert object_left_out(calibrate(TOUCHES, replace(displaced, noise=None))) > 2
+    wrong = objects_left_out(calibrate(TOUCHES, replace(displaced, noise=None)))
+    assert wrong.error > 2 * wrong.stated
