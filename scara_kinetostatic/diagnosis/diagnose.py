@@ -65,7 +65,8 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
     """The diagnosis with what undetected effects contribute to the uncertainty of the models that it gives.
 
     Where the cause of a model error is not certain, the extended model may be worse than the base model, whose
-    parameters take up a part of every effect: the one to use is that which predicts objects left out better.
+    parameters take up a part of every effect: the one to use is the base model unless the extended one predicts objects left
+    out as well.
     """
     base = with_undetected(found.refitted or c, known)
     if base is (found.refitted or c):
@@ -74,7 +75,7 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
     if found.extended is None:
         return found
     extended = with_undetected(found.extended, known)
-    if found.verdict != 'explained' and not _predicts_better(extended, base):
+    if found.verdict != 'explained' and not _predicts_as_well(extended, base):
         return replace(found, extended=None, advice=advice.joined(advice.NOT_CORRECTED, found.advice))
     stds = {label: {name: part.std for name, part in of.items()} for label, of in extended.effects.items()}
     items = [
@@ -86,12 +87,12 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
     return replace(found, extended=extended, found=tuple(items))
 
 
-def _predicts_better(extended: Calibration, base: Calibration) -> bool:
-    """Whether objects that the fit has not seen are predicted better; where that is not known, whether the tip is."""
+def _predicts_as_well(extended: Calibration, base: Calibration) -> bool:
+    """Whether objects that the fit has not seen are predicted as well; where that is not known, whether the tip is."""
     errors = [objects_left_out(c).error for c in (extended, base)]
     if not np.isfinite(errors).all():  # an effect of one object is not determined without it
         errors = [tip_uncertainty(c).median for c in (extended, base)]
-    return not errors[0] > errors[1]
+    return not errors[0] > 1.1 * errors[1]  # effects that do not move the tip differ by chance
 
 
 def _named(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:

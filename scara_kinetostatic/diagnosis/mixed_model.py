@@ -12,8 +12,8 @@ undetected.
 **Sizes.** The τ are found by restricted likelihood (REML; Patterson and Thompson, Biometrika 58 (1971) 545), by Fisher
 scoring in log τ. A robot is good or bad as a whole, so they have a common size τ_0 beforehand; τ_g / τ_0 and τ_0 have a
 half-Cauchy prior with scale 1 each (Gelman, Bayesian Analysis 1 (2006) 515), and its density in log τ counts: what the
-touches say nothing of has the common size, not none. Taken is the mean of τ, exp(log τ + v/2) with v the variance of
-log τ (Laplace's approximation), as sizes that may be larger count for more than those that may be smaller. Sizes that the cell description declares are held.
+touches say nothing of has the common size, not none. The mean of τ is taken, exp(log τ + v/2) with the variance v of
+log τ by Laplace's approximation. Sizes that the cell description declares are held.
 
 **Contribution.** The estimate stays what it is: least squares without these effects. With C the covariance of the
 fit and J' its derivatives by all values and declared errors, they move it by C J'ᵀ X u, and what they do to the tip is
