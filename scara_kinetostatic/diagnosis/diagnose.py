@@ -65,8 +65,7 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
     """The diagnosis with what undetected effects contribute to the uncertainty of the models that it gives.
 
     Where the cause of a model error is not certain, the extended model may be worse than the base model, whose
-    parameters take up a part of every effect: the one to use is the base model unless the extended one predicts objects left
-    out as well.
+    parameters take up a part of every effect: then it is used only if it predicts objects left out as well.
     """
     base = with_undetected(found.refitted or c, known)
     if base is (found.refitted or c):

@@ -17,8 +17,8 @@ log τ by Laplace's approximation. Sizes that the cell description declares are 
 
 **Contribution.** The estimate stays what it is: least squares without these effects. With C the covariance of the
 fit and J' its derivatives by all values and declared errors, they move it by C J'ᵀ X u, and what they do to the tip is
-not predicted at all: the errors of the values and of the effects' own columns are (C J'ᵀ X, -I) u τ. Shrinking the
-effects towards zero and predicting with them (BLUP) was measured to be no better: `benchmark/population.py`.
+not predicted at all: the errors of the values and of the effects' own columns are (C J'ᵀ X, -I) u τ. To predict them
+as well, shrunk towards zero (BLUP), displaced the tip of simulated robots no less.
 """
 
 from __future__ import annotations
