@@ -80,12 +80,9 @@ SIZES: dict[str, float | tuple[float, ...]] = {
     'shift[joint1]': 5e-6,
     'shift[joint2]': 5e-6,
     'shift': 3e-6,
-    'tip_shape': 5e-6,
-    'joint_leak': 2e-5,
+    'tip_shape': 2e-6,
     'joint_coupling': 2e-5,
-    'cable': 0.05,
-    'cable_pull': 0.05,
-    'object_friction': 0.004,
+    'cable_pull': 5e-6,
 }
 """Size of each error of the catalogue by label or name: its standard deviation at the factor 1, SI. Those of a robot
 arm and a cell in a workshop: gears of 4 arcsec, discs measured to 10 µm, a base on a steel frame.

@@ -206,6 +206,7 @@ def calibrate_touches(
     except ParameterError:
         raise
     except (UnsupportedDataError, InputError) as error:
+        mistake = mistake or check.displaced
         if mistake is None:
             raise
         raise mistake.error(names) from error

@@ -23,7 +23,7 @@ from benchmark.diagnosis.cells import (
     simulate,
 )
 from benchmark.diagnosis.record import ALONE, NONE, RIVALS, UNNAMED, WRONG, Record
-from benchmark.diagnosis.unlisted import ALIAS_OF, UNLISTED, unlisted
+from benchmark.diagnosis.unlisted import UNLISTED, unlisted
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration, held_out_force_error
@@ -49,6 +49,8 @@ PAIR_SIZE = 2.0
 UNLISTED_SIZES = (2.0, 5.0)
 ALIASES = ('link_bending[link2]', 'gripper along link 2')
 """Exact aliases of the twelve parameters."""
+ALIAS_OF = {'tip_shape[oval]': 'anisotropic_backlash'}
+"""Effects that are named as another one, whose prediction is the same."""
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,6 @@ def unlisted_table(records: Sequence[Record]) -> Iterator[str]:
     if not records:
         return
     yield from _title('Effects outside the list: part of the possible reduction of the held-out error, verdicts')
-    yield 'linear_cable is an exact alias of encoder_gain[joint2]; a torque k sin q2 is one of a transmission error'
     for (label, size), part in _grouped(records, lambda r: (r.simulated[0], r.size)):
         falls = [error_reduction(r) for r in part]
         enough = sum(fall >= REQUIRED_REDUCTION for fall in falls)

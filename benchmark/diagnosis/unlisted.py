@@ -1,9 +1,4 @@
-"""Effects that no list of the package has, written as a user would write them.
-
-A cable that pulls in proportion to the angle is here, too, to show that no touch can tell it from the gain of an
-encoder: its δ2 = p2 k q2 is that of the gain -p2 k, exactly. One that pulls as k sin q2 is likewise a transmission
-error of one cycle per turn. Only a torque of another form is new.
-"""
+"""Effects that no list of the package has, written as a user would write them."""
 
 from __future__ import annotations
 
@@ -16,9 +11,6 @@ from benchmark.diagnosis.cells import Setup, SimulatedEffects, seed_of
 from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import Parameter, TouchState
-
-LARGEST_REST = 0.5
-"""Of the angle at which a cable is slack, rad."""
 
 
 @dataclass(frozen=True)
@@ -47,48 +39,39 @@ class OvalDisc(DiscEffect):
 
 
 @dataclass(frozen=True)
-class Leak(JointEffect):
-    """Joint 2 leaks into joint 1, as in a belt drive through the shoulder: δ1 = k q2."""
+class Ripple(JointEffect):
+    """Joint 1 turns by what a pulley of joint 2 that is not round gives it: δ1 = k sin 2 q2."""
 
-    name: ClassVar[str] = 'joint_leak'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('k', '1', 1e-2, 'angle of joint 1 per angle of joint 2'),)
-    statement: ClassVar[str] = 'joint 2 turns joint 1'
+    name: ClassVar[str] = 'ripple'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('k', 'rad', 1e-3, 'largest angle'),)
+    statement: ClassVar[str] = 'joint 2 turns joint 1 to and fro'
     confounded_with: ClassVar[str] = 'nothing, if the elbow moves far'
     identified_by: ClassVar[str] = 'touches over the whole range of joint 2'
-    plot_variable: ClassVar[str] = 'angle'
+    plot_variable: ClassVar[str] = 'other_angle'
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
-        """The angle of joint 2."""
-        return (at.joints[:, 1],)
+        """A wave over the angle of joint 2."""
+        return (np.sin(2 * at.joints[:, 1]),)
 
 
 @dataclass(frozen=True)
-class Cable(JointEffect):
-    """A cable across the elbow pulls the more the farther it is from where it is slack: δ2 = p2 k (q2 - rest)².
+class UnevenCompliance(JointEffect):
+    """The compliance of a joint depends on its angle, as that of a gear on the teeth in mesh: δ = k q c."""
 
-    Attributes:
-        rest: where it is slack, rad.
-        power: 2; 1 for a cable that is a linear spring.
-    """
-
-    rest: float = 0.0
-    power: int = 2
-
-    name: ClassVar[str] = 'cable'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('k', 'Nm/rad^power', 10.0, 'torque on joint 2'),)
-    statement: ClassVar[str] = 'a cable pulls at {target}'
-    confounded_with: ClassVar[str] = 'the gain of the encoder, if it is linear'
-    identified_by: ClassVar[str] = 'touches over the whole range of joint 2'
+    name: ClassVar[str] = 'uneven_compliance'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('k', '1/Nm', 1e-5, 'compliance per angle'),)
+    statement: ClassVar[str] = 'the compliance of {target} depends on its angle'
+    confounded_with: ClassVar[str] = 'the compliance of the joint, if its angle hardly varies'
+    identified_by: ClassVar[str] = 'touches over the whole range of the joint'
     plot_variable: ClassVar[str] = 'angle'
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
-        """What a unit of k makes of joint 2."""
-        return (at.parameters.p2 * (at.joints[:, 1] - self.rest) ** self.power,)
+        """Angle times torque."""
+        return (at.joints[:, self.joint] * at.torques[:, self.joint],)
 
 
-UNLISTED = ('oval_disc', 'joint_leak[joint1]', 'cable[joint2]', 'linear_cable[joint2]')
-"""What `unlisted` can make; the last is an alias of ``encoder_gain[joint2]``."""
-ALIAS_OF = {'linear_cable[joint2]': 'encoder_gain[joint2]'}
+UNLISTED = ('oval_disc', 'ripple[joint1]', 'uneven_compliance[joint1]', 'uneven_compliance[joint2]')
+"""What `unlisted` can make."""
 
 
 def unlisted(kind: str, setup: Setup, seed: int) -> SimulatedEffects:
@@ -99,10 +82,5 @@ def unlisted(kind: str, setup: Setup, seed: int) -> SimulatedEffects:
         disc, angle = int(random.integers(len(setup.cell.discs))), random.uniform(0, 2 * np.pi)
         effect: Effect = OvalDisc.of(disc, setup.cell.discs[disc].name)
         return SimulatedEffects((effect,), (1e-3 * np.array([np.cos(angle), np.sin(angle)]),))
-    if kind == 'joint_leak[joint1]':
-        effect = Leak(target='joint1', joint=0)
-    elif kind == 'cable[joint2]':
-        effect = Cable(target='joint2', joint=1, rest=random.uniform(-LARGEST_REST, LARGEST_REST))
-    else:
-        effect = Cable(target='joint2', joint=1, power=1)
+    (effect,) = (law.of(joint) for law in (Ripple, UnevenCompliance) for joint in (0, 1) if law.of(joint).label == kind)
     return SimulatedEffects((effect,), (sign * np.array([p.scale for p in effect.parameters]),))

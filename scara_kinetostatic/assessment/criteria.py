@@ -34,8 +34,8 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
     yield Remark(
         Grade.CAUTION,
-        f'the cause of a model error is not determined: {groups}; the twelve parameters and their uncertainties hold '
-        'whichever it is, the effects do not',
+        f'the cause of a model error is not determined: {groups}; the parameters that are determined and their '
+        'uncertainties hold whichever it is, the effects do not',
         tolerance.to_discriminate(d),
     )
 

@@ -166,12 +166,15 @@ class Check(NamedTuple):
         found: the mistake that explains why they do not agree; None where they do, or none explains it.
         misfit: how badly they agree as stated.
         backlash: g_ee of the coarse fit, m.
+        displaced: a disc without whose displacement they agree, where no mistake is found; it is one where the fit
+            fails, and an effect where the fit corrects it.
     """
 
     cell: Cell
     found: Mistake | None = None
     misfit: float = np.inf
     backlash: float = 0.0
+    displaced: Mistake | None = None
 
     def mistake(self, calibration: Calibration | None = None) -> Mistake | None:
         """The mistake found, or one of all radii, of which a calibration of the touches says more."""
@@ -200,11 +203,13 @@ def check_touches(
     which = np.unique(np.linspace(0, n - 1, min(n, _LIMITS.touches)).round().astype(np.intp))
     reading = _reading(touches.select(which), cell, fixed or {})
     stated, named = _fit(reading), touches.disc[which]
+    displaced = None
     if stated.misfit > _LIMITS.gross:
-        found = _gross(reading, stated, cell, origin)
+        found = _gross(stated, cell, list(_candidates(reading, cell, origin)))
+        displaced = found or _gross(stated, cell, list(_displaced(reading, stated, cell)))
     else:
         found = _mislabelled(named, stated.disc, cell)
-    return Check(cell, found, stated.misfit, float(stated.parameters[G_EE]))
+    return Check(cell, found, stated.misfit, float(stated.parameters[G_EE]), displaced)
 
 
 def wrong_unit(joints: Floats, force: float) -> Mistake | None:
@@ -256,6 +261,7 @@ class _Agreement(NamedTuple):
         disc: the touched one, (n,).
         distance: d, (n,), m.
         angle: a, (n,), rad.
+        miss: from the place of contact to the disc less its radius along the force, (n, 2), m.
         misfit: the mean of log(1 + (d/D)²) + log(1 + (a/A)²); infinite where it cannot be evaluated.
     """
 
@@ -263,15 +269,17 @@ class _Agreement(NamedTuple):
     disc: Indices
     distance: Floats
     angle: Floats
+    miss: Floats
     misfit: float
 
 
 class _Misses(NamedTuple):
-    """The touched disc, d and a of n touches, (n,), and their derivatives by the parameters, (n, 12)."""
+    """Touched disc, d and a of n touches, (n,), miss, (n, 2), and derivatives by the parameters, (n, 12)."""
 
     disc: Indices
     distance: Floats
     angle: Floats
+    miss: Floats
     by_distance: Floats
     by_angle: Floats
 
@@ -302,9 +310,9 @@ def _fit(r: _Reading) -> _Agreement:
         if not np.isfinite(system).all():
             break
         change = prior * np.linalg.lstsq(system, np.concatenate(right), rcond=None)[0]
-    disc, distance, angle, *_ = _misses(r, r.nominal + change)
+    disc, distance, angle, miss, *_ = _misses(r, r.nominal + change)
     loss = np.log1p((distance / _LIMITS.distance) ** 2) + np.log1p((angle / _LIMITS.angle) ** 2)
-    return _Agreement(r.nominal + change, disc, distance, angle, float(np.nan_to_num(loss.mean(), nan=np.inf)))
+    return _Agreement(r.nominal + change, disc, distance, angle, miss, float(np.nan_to_num(loss.mean(), nan=np.inf)))
 
 
 def _misses(r: _Reading, values: Floats) -> _Misses:
@@ -330,14 +338,14 @@ def _misses(r: _Reading, values: Floats) -> _Misses:
     by_distance[:, P_EE], by_distance[:, G_EE] = size, 1.0
     by_angle = np.einsum('nk,nkj->nj', quarter_turn(inward), moves) / away[:, None]
     by_angle[:, [THETA1, THETA2]] += float(r.tool)
-    return _Misses(disc, away - reach, angle, by_distance, by_angle)
+    return _Misses(disc, away - reach, angle, miss[every, disc], by_distance, by_angle)
 
 
-def _gross(reading: _Reading, stated: _Agreement, cell: Cell, origin: Origin) -> Mistake | None:
+def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> Mistake | None:
     """The mistake without which the touches agree, where they do not as stated."""
     found = [
         (candidate, _fit(candidate.mended))
-        for candidate in _candidates(reading, cell, origin)
+        for candidate in candidates
         if not layout_problems(cell, candidate.mended.centers, candidate.mended.radii)
     ]
     found.sort(key=lambda item: item[1].misfit)
@@ -519,6 +527,21 @@ def _of_objects(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
             radii[[i, j]] = radii[[j, i]]
             statement = f'the radii, or the centers, of {names[i]} and {names[j]} are swapped'
             yield _Candidate('objects', statement, 'exchange them', r._replace(radii=radii))
+
+
+def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[_Candidate]:
+    """Each of three discs or more displaced by the median miss of its touches, again and again as the fit follows."""
+    for number, disc in enumerate(cell.discs if len(cell.discs) > 2 else ()):
+        mended, found = r, stated
+        for _ in range(4):
+            miss = found.miss[found.disc == number]
+            off = -np.median(miss, axis=0) if len(miss) else np.zeros(2)
+            this = (np.arange(len(r.centers)) == number)[:, None]
+            mended = mended._replace(centers=mended.centers + this * off)
+            found = _fit(mended)
+        far = 1e3 * np.hypot(*(mended.centers - r.centers)[number])
+        statement = f'{disc.name} stands about {far:.0f} mm from where it is stated'
+        yield _Candidate(f'objects: {disc.name}', statement, f'measure the place of {disc.name} again', mended)
 
 
 def _of_nominal(r: _Reading) -> Iterator[_Candidate]:

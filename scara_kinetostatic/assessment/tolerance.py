@@ -37,8 +37,7 @@ def conformity(evidence: Evidence) -> Iterator[Remark]:
     if found is None or tip.at is None:
         yield Remark(Grade.UNFIT, f'the uncertainty of the tip is not determined, the tolerance is {limit}')
         return
-    x, y = (round(float(value), 2) + 0.0 for value in tip.at.tip)
-    reason = f'the expanded uncertainty of the tip is up to {worst} (k = 2), at x {x:.2f} m, y {y:.2f} m'
+    reason = f'the expanded uncertainty of the tip is up to {worst} (k = 2), at {tip.at.title}'
     if tip.undetermined > 0:
         reason += f', and not determined in {100 * tip.undetermined:.0f} % of the {region}'
     reason += f', the tolerance {limit}; it conforms in {100 * found.share:.0f} % of the {region}'
@@ -113,6 +112,6 @@ def to_discriminate(d: Diagnosis) -> str:
     if labels and d.discriminating == ():
         effect = effects[labels[0]]
         fixed = ' '.join(f"--fix '{effect.label}.{parameter.name}=VALUE'" for parameter in effect.parameters)
-        return f'measure one of the possible causes by other means and hold it, such as by {fixed}'
+        return f'measure one of the causes by other means and hold it (true less stated, SI), such as by {fixed}'
     touches = dict.fromkeys(effects[label].identified_by for label in labels)
     return f'to tell the causes apart, record {"; or ".join(touches)}' if touches else ''

@@ -100,6 +100,12 @@ class WorstPose(NamedTuple):
     direction: Floats
     gradient: Floats
 
+    @property
+    def title(self) -> str:
+        """The place in words: ``x 161 mm, y −607 mm``."""
+        x, y = (f'{round(1e3 * value)} mm'.replace('-', '−') for value in self.tip)
+        return f'x {x}, y {y}'
+
 
 class TipUncertainty(NamedTuple):
     """Expanded uncertainty (k = 2) of the tip over the workspace.
@@ -235,20 +241,29 @@ def workspace(c: Calibration) -> Workspace:
     touched = np.concatenate(
         [_is_between(joints[posture == sign], touches.joints[touches.posture == sign]) for sign in postures]
     )
-    forces = _forces(c)
-    poses = Poses(
-        np.repeat(joints, len(forces), axis=0), np.repeat(posture, len(forces)), np.tile(forces, (len(joints), 1))
-    )
+    forces = _forces(c, joints)
+    each = np.arange(len(joints)).repeat(forces.shape[1])
+    poses = Poses(joints[each], posture[each], forces.reshape(-1, 2))
     derivative = tip_derivative(c, poses)
     dependent = np.linalg.norm(derivative @ c.undetermined, axis=(1, 2))
     return Workspace(x, y, reached, postures, poses, touched, derivative, dependent)
 
 
-def _forces(c: Calibration) -> Floats:
-    """No force, and the mean force of the used touches in all directions, (13, 2), N."""
+def _forces(c: Calibration, joints: Floats) -> Floats:
+    """No force, and the mean force of the used touches in 12 directions of each pose, (P, 13, 2), N.
+
+    A torque changes its sense, and the tip jumps by the backlash, where the force passes through the axis of the joint:
+    both sides of these directions, as near as the noise of the force leaves the sense known (4 σ), and the middles
+    between them.
+    """
     mean = float(np.hypot(*c.force[c.used].T).mean())
-    angles = 2 * np.pi * (np.arange(12) + 0.5) / 12
-    return np.concatenate([np.zeros((1, 2)), mean * np.stack([np.cos(angles), np.sin(angles)], axis=-1)])
+    link_1, link_2 = link_vectors(c.parameters, joints)
+    first, second = (np.arctan2(arm[:, 1], arm[:, 0]) for arm in (link_1 + link_2, link_2))
+    between, aside = np.mod(second - first, np.pi), np.full(len(joints), 4 * max(c.noise.force_levels) / mean)
+    middles = between / 2, (between + np.pi) / 2
+    half = first + np.stack([aside, np.pi - aside, between - aside, between + aside, *middles])
+    angles = np.concatenate([half, half + np.pi]).T
+    return mean * np.pad(np.stack([np.cos(angles), np.sin(angles)], axis=-1), ((0, 0), (1, 0), (0, 0)))
 
 
 def _is_between(joints: Floats, touched: Floats) -> Mask:

@@ -46,6 +46,7 @@ def command() -> int:
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # read when NumPy is imported
     gc.set_threshold(100_000)
     status = main()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is written
     gc.freeze()
     return status
 

@@ -107,8 +107,10 @@ def fit_table(fits: Sequence[ShapeFit]) -> Table:
     rows = []
     for fit in fits:
         values = [
-            f'{value} ± {std}' if std else value
-            for value, std, _ in (shown(item.value, item.std, item.unit, FIT_UNITS) for item in fit.values)
+            shown(item.value, item.std, item.unit, FIT_UNITS)._replace(unit='').text
+            if item.std > 0
+            else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}'
+            for item in fit.values
         ]
         name = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
         rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
@@ -184,11 +186,14 @@ def uncertainty_picture(contour: Contour) -> Markup:
     step = np.hypot(*np.diff(contour.surface, axis=0).T) * (np.diff(contour.passes) == 0)
     drawn = np.linspace(0, len(contour) - 1, min(1500, len(contour))).astype(np.intp)
     along, breaks = np.append(0.0, np.cumsum(step))[drawn], np.flatnonzero(np.diff(contour.passes[drawn])) + 1
-    curves = (contour.std_normal, SERIES[0], 'all'), (contour.std_systematic, SERIES[2], 'calibration and tip alone')
+    curves = (
+        (contour.std_normal, SERIES[0], 'combined'),
+        (contour.std_systematic, SERIES[2], 'calibration and tip alone'),
+    )
     for std, colour, label in curves:
         x, y = (np.insert(values, breaks, np.nan) for values in (_MILLI * along, _MICRO * std[drawn]))
         axes.plot(x, y, color=colour, lw=1.2, label=label)
     axes.set_ylim(bottom=0)
-    axes.set(xlabel='distance along the slide  [mm]', ylabel='u normal  [µm]')
+    axes.set(xlabel='distance along the slide  [mm]', ylabel='std. uncertainty  [µm]')
     axes.legend(loc='best', frameon=False, ncols=2)
     return as_svg(figure, 'uncertainty', 'uncertainty along the slide')

@@ -13,7 +13,7 @@ from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.linear_problem import DISTINCT, STRICT_SIGNIFICANCE, fitted_effects
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, DiscriminatingTouch, Found
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import NAMES, UNITS, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
 _MOST_NAMES = 4
@@ -29,8 +29,8 @@ def contradicted(test: Contradiction) -> str:
     """A trusted nominal value that the touches contradict, in words."""
     unit = UNITS[test.name]
     return (
-        f'the nominal value of {test.name}, which is trusted to {_with_prefix(test.std, unit)}, is '
-        f'{_with_prefix(abs(test.off), unit)} ({abs(test.off) / test.std:.2g} times its uncertainty) off'
+        f'the nominal value of {test.name}, which is trusted to {quantity(test.std, unit)}, is '
+        f'{quantity(abs(test.off), unit)} ({abs(test.off) / test.std:.2g} times its uncertainty) off'
     )
 
 
@@ -243,12 +243,6 @@ def _enumerated(labels: Sequence[str]) -> str:
     left = len(labels) - _MOST_NAMES
     parts = [*labels[:_MOST_NAMES], *([f'{left} other{"s" if left > 1 else ""}'] if left > 0 else [])]
     return f'{", ".join(parts[:-1])} and {parts[-1]}' if len(parts) > 1 else parts[0]
-
-
-def _with_prefix(value: float, unit: str) -> str:
-    """A value in SI units, three digits, with a prefix that fits."""
-    prefix, factor = next(((p, f) for p, f in (('', 1.0), ('m', 1e3), ('µ', 1e6)) if value * f >= 1.0), ('n', 1e9))
-    return f'{value * factor:.3g} {prefix}{unit}'
 
 
 def implausible_noise(c: Calibration) -> tuple[str, str] | None:

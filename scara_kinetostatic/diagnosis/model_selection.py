@@ -254,9 +254,25 @@ def _needed(scored_subsets: ScoredSubsets, subset: Subset, best: Subset) -> bool
     has_curve = [any(not candidates[k].effect.is_physical for k in e.members) for e in (subset, best)]
     if not has_curve[0] or has_curve[1]:
         return True
-    gain = (best.rest - subset.rest) / scored_subsets.scale
     more = scored_subsets.freedoms(subset) - scored_subsets.freedoms(best)
-    return more <= 0 or float(special.chdtrc(more, gain)) < STRICT_SIGNIFICANCE
+    return more <= 0 or _is_significantly_better(scored_subsets, subset, best)
+
+
+def _is_significantly_better(scored_subsets: ScoredSubsets, subset: Subset, other: Subset) -> bool:
+    gain = (other.rest - subset.rest) / scored_subsets.scale
+    more = scored_subsets.freedoms(subset) - scored_subsets.freedoms(other)
+    return float(special.chdtrc(max(more, 1), max(gain, 0.0))) < STRICT_SIGNIFICANCE
+
+
+def _is_replaced(scored_subsets: ScoredSubsets, subset: Subset, near: Sequence[Subset]) -> bool:
+    """Whether, with a special case in place of an effect of a set, another set is as good, or needs fewer effects."""
+    cases = _special_cases(scored_subsets.members(subset))
+    named = [(set(scored_subsets.labels(other)), other) for other in near if cases]
+    return any(
+        names < case or (names == case and not _is_significantly_better(scored_subsets, subset, other))
+        for case in cases
+        for names, other in named
+    )
 
 
 def _special_cases(members: Sequence[Candidate]) -> set[frozenset[str]]:
@@ -300,8 +316,7 @@ def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
     found: list[Subset] = []
     some = [subset for subset in scored_subsets.subsets if subset.members]
     near = [e for e in some if e.score <= some[0].score + CREDIBLE and _needed(scored_subsets, e, some[0])]
-    named = {frozenset(scored_subsets.labels(e)) for e in near}
-    near = [e for e in near if not named & _special_cases(scored_subsets.members(e))]
+    near = [e for e in near if not _is_replaced(scored_subsets, e, near)]
     for subset in sorted(near, key=lambda e: (len(e.members), e.score)):
         names = set(scored_subsets.labels(subset))
         if not any(set(scored_subsets.labels(other)) <= names for other in found):

@@ -59,8 +59,8 @@ class Effect(EffectLaw):
 
     Attributes:
         target: the joint (``joint1``), link or disc it is about; None if it is about the whole cell.
-        special_cases: labels of effects that it contains: one of these is named in its place unless it explains the
-            touches significantly better.
+        special_cases: labels of effects that it contains or equals: one of these is named in its place unless it
+            explains the touches significantly better.
         diverges_with_alias: whether it runs to large values beside a rival that is nearly the same, instead of
             sharing with it.
         is_physical: whether it has a physical meaning; else it is a fitted curve.
@@ -325,6 +325,35 @@ class DiscEffect(LinearEffect):
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         return np.asarray((at.metadata.disc == self.disc) | (self.plot_variable == 'disc'))
+
+
+@dataclass(frozen=True)
+class EffectOfDiscs(Effect):
+    """An effect of all discs, or of one. The catalogue has one of all, and one of each where there are two or more.
+
+    Attributes:
+        disc: number in the cell of the one disc; None for all.
+    """
+
+    disc: int | None = None
+    on_object: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, disc: int, name: str) -> EffectOfDiscs:
+        """That of one disc, by number and name."""
+        return cls(target=name, disc=disc)
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        discs = enumerate(cell.discs) if len(cell.discs) > 1 else ()
+        return [cls(), *(cls.of(number, disc.name) for number, disc in discs)]
+
+    @property
+    def title(self) -> str:
+        return super().title if self.target else self.statement.format(target='the discs')
+
+    def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
+        return super().acts_on(at) if self.disc is None else np.asarray(at.metadata.disc == self.disc)
 
 
 def at_joint(angle: Floats, joint: int) -> Floats:

@@ -1,13 +1,14 @@
-"""Friction at the contact: in the direction of the slide, or of either sense."""
+"""Friction at the contact, with all discs or with one: in the direction of the slide, or of either sense."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.base import Effect, EffectOfDiscs
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, slide
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
@@ -16,7 +17,7 @@ from scara_kinetostatic.model.parameters import Parameters
 
 
 @dataclass(frozen=True)
-class ContactFriction(Effect):
+class ContactFriction(EffectOfDiscs):
     """Coulomb friction: the tip drags the disc along, so the force is turned in the direction of the slide.
 
     The force on the object is turned by α = coefficient · slide from the disc's inward normal: the tip touches at
@@ -34,30 +35,36 @@ class ContactFriction(Effect):
     parameters = (
         Parameter('coefficient', '1', 0.1, 'angle of friction: that of the force from the normal', typical=0.1, sign=1),
     )
-    statement = 'friction between tip and disc turns the contact force, in the direction of the slide'
-    confounded_with = 'a turned force sensor, if the tip slides the same way in all touches'
-    identified_by = 'touches that slide in both directions: preload every other touch'
+    statement = 'friction between the tip and {target} turns the contact force, in the direction of the slide'
+    confounded_with = (
+        'a turned force sensor, if the tip slides the same way in all touches; that of one disc with that of all, if '
+        'no other is touched, where they are the same'
+    )
+    identified_by = 'touches that slide in both directions on two or more discs: preload every other touch'
     plot_variable = 'slide'
     force_dependence = ForceDependence.DIRECTION
-    on_object = True
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
-        """One, its slide judged by the nominal parameters."""
-        return [cls(reference=cell.nominal)]
+        """Their slide is judged by the nominal parameters."""
+        return [replace(cast('ContactFriction', effect), reference=cell.nominal) for effect in super().instances(cell)]
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         """The slide as the effect judges it."""
         return VARIABLES[self.plot_variable].axis(at)._replace(values=slide(at, self.reference))
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        return _off_normal(at, values[0] * slide(at, self.reference))
+        return _off_normal(at, values[0] * self._direction(at))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
-        direction = slide(at, self.reference)
+        direction = self._direction(at)
         angle = values[0] * direction
         along, across = -at.radii * np.sin(angle) * direction, -at.radii * np.cos(angle) * direction
         return (Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent),)
+
+    def _direction(self, at: TouchState) -> Floats:
+        """The slide, (n,); 0 on discs without friction."""
+        return np.asarray(slide(at, self.reference) * self.acts_on(at))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,6 @@
-"""Linear errors of a joint: gain and drift of its encoder, a compliance that depends on the torque, hysteresis."""
+"""Linear errors of a joint: gain and drift of its encoder, the other joint's angle, a cable's torque, a compliance that
+depends on the torque, hysteresis.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Touc
 class EncoderGain(JointEffect):
     """The encoder reports q where the actuator is at (1 + gain) q: δ = -gain q.
 
-    A torque on the joint that grows with its angle, as a cable or a spring makes it, looks the same.
+    A torque on the joint that grows with its angle looks the same: a `CablePull` of a slope alone.
     """
 
     name = 'encoder_gain'
@@ -28,6 +30,68 @@ class EncoderGain(JointEffect):
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.joints[:, self.joint],)
+
+
+@dataclass(frozen=True)
+class JointCoupling(JointEffect):
+    """The other joint turns this one, as a belt drive through it does: the actuator is at q_i + coupling q_j, so that
+    δ_i = -coupling q_j.
+
+    A ratio of the drives that the controller takes to be 0, or slightly wrong, leaks so. Its constant is the offset
+    theta_i. Of joint 1 it turns the arm about the base by an angle that grows as the elbow bends. In one elbow posture
+    that is a function of the reach alone, and l1, l2, theta1 and theta2 take up its constant and slope; in both it has
+    opposite signs.
+    """
+
+    name = 'joint_coupling'
+    parameters = (Parameter('coupling', '1', 1e-2, 'true angle of the joint per angle of the other', typical=1e-4),)
+    statement = 'the angle of the other joint leaks into {target}'
+    confounded_with = 'base, offsets and link lengths, if there is one elbow posture or the other joint hardly turns'
+    identified_by = 'touches over the whole range of the other joint, in both elbow postures'
+    plot_variable = 'other_angle'
+    force_dependence = ForceDependence.NONE
+
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
+        return (-at.joints[:, 1 - self.joint],)
+
+
+@dataclass(frozen=True)
+class CablePull(JointEffect):
+    """A cable or hose across the joint turns it by a torque τ that depends smoothly on its angle.
+
+    The actuator holds only what the cable leaves, c - τ, so that q - q* = p (c - τ) + …, and
+
+        δ = -p τ(q) = -(slope q + bend q² + twist q³).
+
+    The touches show p τ, whatever p is: the torque is that over p. A constant τ turns the joint by an angle that is
+    always the same: another offset theta, exactly. The slope alone is an `EncoderGain`, exactly, and is named so. A
+    torque of k sin q, as of a weight, is a transmission error of one cycle per turn. That the flank of the backlash
+    might change is left out.
+    """
+
+    name = 'cable_pull'
+    parameters = (
+        Parameter('slope', '1', 1e-3, 'compliance times torque, per angle', typical=4e-5),
+        Parameter('bend', '1/rad', 1e-3, 'the same per square of the angle', typical=-6e-5),
+        Parameter('twist', '1/rad^2', 1e-3, 'the same per cube of the angle', typical=3e-5),
+    )
+    statement = 'a cable pulls at {target}'
+    confounded_with = (
+        'encoder_gain of the joint, by its slope, and the offset, by a constant torque, **always**; '
+        'transmission_error of one or two cycles per turn, if the joint hardly turns'
+    )
+    identified_by = 'touches over the whole range of the joint, in both elbow postures; or without the cable'
+    plot_variable = 'angle'
+    force_dependence = ForceDependence.NONE
+
+    @property
+    def special_cases(self) -> tuple[str, ...]:  # type: ignore[override]
+        """A slope alone."""
+        return (EncoderGain.of(self.joint).label,)
+
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
+        angle = at.joints[:, self.joint]
+        return -angle, -(angle**2), -(angle**3)
 
 
 @dataclass(frozen=True)

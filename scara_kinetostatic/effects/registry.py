@@ -32,6 +32,7 @@ from scara_kinetostatic.effects import contact_friction, joints, objects, robot,
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.joint_slip import JointSlip
 from scara_kinetostatic.effects.shift import Stepped
+from scara_kinetostatic.effects.tip_shape import TipShape
 from scara_kinetostatic.effects.transmission_error import TransmissionError
 from scara_kinetostatic.errors import ParameterError, expect
 from scara_kinetostatic.model.cell import Cell
@@ -51,12 +52,15 @@ BUILT_IN: tuple[type[Effect], ...] = (
     sensor.SensorBias,
     sensor.SensorNonlinearity,
     joints.EncoderGain,
+    joints.JointCoupling,
+    joints.CablePull,
     TransmissionError,
     joints.JointHardening,
     joints.JointHysteresis,
     JointSlip,
     robot.AnisotropicGripper,
     robot.AnisotropicBacklash,
+    TipShape,
     robot.LinkBending,
     robot.BaseCompliance,
     robot.BaseTilt,

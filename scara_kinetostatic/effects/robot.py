@@ -52,7 +52,7 @@ class AnisotropicBacklash(LinearEffect):
         Parameter('a', 'm', 1e-3, 'backlash along link 2 beyond the mean; as much less across it', typical=4e-5),
         Parameter('b', 'm', 1e-3, 'backlash at 45° to link 2 beyond the mean', typical=-3e-5),
     )
-    statement = 'the backlash of the gripper depends on the direction of the force'
+    statement = 'the backlash of the gripper depends on the direction of the force, or the tip is oval'
     confounded_with = (
         'an anisotropic compliance of the gripper, and g_ee and g2, if there is one force level or few directions'
     )

@@ -197,8 +197,8 @@ def empirical_effects(at: TouchState, discs: Sequence[str], one_level: bool = Fa
                 value = Unnamed(variable=name).axis(at).values
                 middle, half = float(value.max() + value.min()) / 2, float(np.ptp(value)) / 2 or 1.0
             yield Unnamed(None, channel, name, middle, half)
-            if name in JOINTS and channel in ('joint1', 'joint2'):
-                # few parameters, such as for what a cable does
+            if (channel, name) in (('joint1', 'q2'), ('joint2', 'q1')):
+                # few parameters; over the joint's own angle that is a cable's pull
                 yield Unnamed(None, channel, name, middle, half, powers=3)
     for disc in np.unique(at.metadata.disc):
         for channel in ('along', 'across'):

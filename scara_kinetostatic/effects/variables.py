@@ -106,6 +106,9 @@ VARIABLES = MappingProxyType(
         'link1_torque': Variable(
             'bending moment in the middle of link 1', 'Nm', lambda at, _: 0.5 * at.torques.sum(axis=1)
         ),
+        'other_angle': Variable(
+            'angle of the joint beside joint {joint}', 'rad', lambda at, joint: at.joints[:, 1 - (joint or 0)], _NONE
+        ),
         'magnitude': Variable('force', 'N', lambda at, _: at.magnitude),
         'direction': Variable('direction of the force', 'rad', lambda at, _: _angle(at.normal), _DIRECTION),
         'direction_from_link2': Variable(

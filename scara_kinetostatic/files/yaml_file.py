@@ -249,9 +249,10 @@ class Section:
                 close = difflib.get_close_matches(name, known, 1)
                 remedy = f'did you mean {close[0]!r}?' if close else f'the keys here are {", ".join(known)}'
                 raise self.error('', f'unknown key {name!r}', remedy)
-        for name in required:
-            if data.get(name) is None:
-                raise self.error('', f'the key {name!r} is missing', 'add it')
+        if missing := [repr(name) for name in required if data.get(name) is None]:
+            one = len(missing) == 1
+            text = f'the {"key" if one else "keys"} {", ".join(missing)} {"is" if one else "are"} missing'
+            raise self.error('', text, 'add it' if one else 'add them')
 
     def error(self, name: str, problem: str, remedy: str = '') -> InputError:
         """An error that names the key `name` of this section, or the section itself where it is empty."""

@@ -329,7 +329,7 @@ class Region(NamedTuple):
 
     def out_of_reach(self) -> ParameterError:
         """The error that no place in it is within reach."""
-        return ParameterError('region', f'no place of {tuple(self)} is within reach', 'give x and y limits in m')
+        return ParameterError('region', 'no place in it is within reach of the arm', 'give x and y limits in m')
 
 
 class Sensor(NamedTuple):
@@ -518,13 +518,13 @@ def layout_problems(cell: Cell, centers: Floats, radii: Floats) -> list[str]:
     """
     base = np.array([cell.nominal.x0, cell.nominal.y0])
     farthest, nearest = cell.nominal.l1 + cell.nominal.l2, abs(cell.nominal.l1 - cell.nominal.l2)
-    names, found = [disc.name for disc in cell.discs], []
+    names, found, place = [disc.name for disc in cell.discs], [], f'({base[0]:.4g}, {base[1]:.4g})'
     for name, radius, away in zip(names, radii, np.linalg.norm(centers - base, axis=1), strict=True):
         if away <= radius:
             found.append(f'disc {name!r} covers the base of the robot')
         elif away - radius > farthest or away + radius < nearest:
             reach = f'the tip reaches {nearest:.4g} to {farthest:.4g} m'
-            found.append(f'disc {name!r} is out of reach, {away:.4g} m from the base where {reach}')
+            found.append(f'disc {name!r} is out of reach, {away:.4g} m from the base at {place} m where {reach}')
     for i in range(1, len(radii)):
         gaps = np.linalg.norm(centers[:i] - centers[i], axis=1) - radii[:i] - radii[i]
         found += [

@@ -167,10 +167,12 @@ class ExtendedModel:
     def contact_normal(self, at: TouchState) -> Floats:
         """Unit vector m from the tip to the centre of the circle of contact, (n, 2), base frame.
 
-        m is along r n + d_object, with d_object the displacement d by effects on the object. It is the direction n of
-        the force unless friction turns the force.
+        m is along r n + d, with d by the effects on the object that depend on the force: it is the direction n of the
+        force unless friction turns the force. One that displaces the whole object leaves its normals as they are.
         """
-        inward = at.radii[:, None] * at.normal + self.object_shift(at)
+        turning = [pair for pair in self.pairs if pair[0].on_object and pair[0].force_dependence > ForceDependence.NONE]
+        place = _sum_of_shifts(at, turning).place
+        inward = at.radii[:, None] * at.normal + (0.0 if place is None else place)
         return np.asarray(inward / np.linalg.norm(inward, axis=1)[:, None])
 
     def shift_by_effects(self, at: TouchState) -> list[Shift]:

@@ -140,9 +140,11 @@ def _with_effects_of(record: CalibrationRecord, other: CalibrationRecord) -> Cal
     own = {effect.label for effect in record.arm.model.effects}
     values = dict(zip((effect.label for effect in model.effects), model.effect_values, strict=True))
     missing = [e for e in alone(other, record) if e.label not in own and is_comparable(e, cell, other.arm.cell)]
-    effects = []
+    effects, discs = [], [disc.name for disc in cell.discs]
     for entry in map(effect_entry, missing):  # the cell may number its objects otherwise
-        fields = {name: value for name, value in entry['fields'].items() if name not in ('disc', 'discs', 'plate')}
+        fields = {name: value for name, value in entry['fields'].items() if name not in ('discs', 'plate')}
+        if 'disc' in fields and fields.get('target') in discs:
+            fields['disc'] = discs.index(fields['target'])
         effects.append(read_effect(entry | {'fields': fields}, cell, other.source))
     return extended(record, effects, [values[effect.label] for effect in effects]) if effects else record
 

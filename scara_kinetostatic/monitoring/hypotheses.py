@@ -13,7 +13,7 @@ from typing import NamedTuple
 from scara_kinetostatic.calibration.result import UNDETECTED
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, State, p_values
-from scara_kinetostatic.report.quantities import shown
+from scara_kinetostatic.report.quantities import SCALES, scale_of, shown
 
 PENALTY = 4.0
 """Of each changed value, as Schwarz's criterion log n for about fifty measured numbers."""
@@ -78,7 +78,8 @@ def change_title(name: str) -> str:
     if name in _TITLES:
         return _TITLES[name]
     kind, _, target = name.partition('[')
-    return _TITLES.get(kind, f'{name} changed').format(target.rstrip(']'))
+    words = f'the {kind.replace("_", " ")}{" of {}" * bool(target)} changed'
+    return _TITLES.get(kind, words).format(target.rstrip(']'))
 
 
 def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[Hypothesis, ...]:
@@ -139,7 +140,10 @@ class Explanation(NamedTuple):
     def text(self) -> str:
         """The change with its standard uncertainty; several values with their names."""
         h = self.hypothesis
-        changes = [shown(*row).text for row in zip(self.change, self.std, h.units, strict=True)]
+        largest = max(map(abs, self.change))
+        scales = [SCALES.get(name) or scale_of(largest, unit) for name, unit in zip(h.values, h.units, strict=True)]
+        rows = zip(self.change, self.std, h.units, scales, strict=True)
+        changes = [shown(value, std, unit, {unit: scale}).text for value, std, unit, scale in rows]
         if len(changes) == 1:
             return changes[0]
         return ', '.join(f'{name} {change}' for name, change in zip(h.values, changes, strict=True))

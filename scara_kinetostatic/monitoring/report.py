@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.model.parameters import NAMES, UNITS, quantity
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.comparison import LEVEL, Change, ParameterChange
 from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.hypotheses import Causes, change_title
@@ -30,7 +30,7 @@ from scara_kinetostatic.report import (
 )
 from scara_kinetostatic.report.content import Level
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, WARN, as_svg, new_figure
-from scara_kinetostatic.report.quantities import SCALES, Shown, chance, count, p_equals, scale_of, shown
+from scara_kinetostatic.report.quantities import SCALES, Shown, chance, count, micrometres, p_equals, scale_of, shown
 from scara_kinetostatic.report.text import sentence
 from scara_kinetostatic.results.messages import answer
 
@@ -59,7 +59,7 @@ def _causes(causes: Causes) -> list[Block]:
     rows = []
     for number, item in enumerate(causes.ranking[:8]):
         remark = 'best' if number == 0 else 'rival' if item.name in causes.rivals else ''
-        rows.append((item.hypothesis.title, f'{item.statistic:.1f}', str(len(item.change)), item.text, remark))
+        rows.append((item.hypothesis.title, f'{item.statistic:.4g}', str(len(item.change)), item.text, remark))
     table = Table(('what changed', 'explains', 'values', 'by', ''), ('', 'chi-square', '', '', ''), tuple(rows))
     rivals = [f'About as likely: {"; ".join(map(change_title, causes.rivals))}.'] if causes.rivals else []
     return [*rivals, Section('What may have changed', (table,), shown='page')]
@@ -126,7 +126,7 @@ def verdict(change: Change) -> str:
 
 
 def _answer(change: Change) -> Verdict:
-    tip = f'The predicted tip moved by {quantity(change.tip, "m")} (rms), {quantity(change.largest_tip, "m")} at most'
+    tip = f'The predicted tip moved by {micrometres(change.tip)} µm (rms), {micrometres(change.largest_tip)} µm at most'
     found = [f'{tip}, at the touches of the second calibration.']
     for effects, which in ((change.only_before, 'first'), (change.only_after, 'second')):
         if effects:
@@ -202,9 +202,9 @@ def verification_report(v: Verification) -> Report:
     level: Level = {'fit': 'good', 'caution': 'caution', 'unfit': 'bad'}[a.grade.value]  # type: ignore[assignment]
     rows = (
         ('touches', str(v.touches)),
-        ('tip error, rms', quantity(v.tip_error, 'm')),
-        ('expected from noise and uncertainty', quantity(v.expected, 'm')),
-        ('chi-square', f'{v.test.chi_square:.1f}, {v.test.freedoms} degrees of freedom'),
+        ('tip error, rms', f'{micrometres(v.tip_error)} µm'),
+        ('expected from noise and uncertainty', f'{micrometres(v.expected)} µm'),
+        ('chi-square', f'{v.test.chi_square:.4g}, {v.test.freedoms} degrees of freedom'),
         ('p-value', chance(v.p_value)),
         *([('p-value without the outliers', chance(v.others.p_value))] if v.few_outlie else []),
     )
@@ -259,9 +259,9 @@ def history_report(trends: Sequence[Trend]) -> Report:
         rows = [
             (
                 str(entry.number),
-                entry.record.measured,
+                entry.record.measured.replace('T', ' ').replace('Z', ' UTC'),
                 entry.record.arm.grade,
-                NOT_DETERMINED if entry.worst_tip is None else quantity(entry.worst_tip, 'm'),
+                NOT_DETERMINED if entry.worst_tip is None else f'{micrometres(entry.worst_tip)} µm',
                 'first' if change is None else verdict(change),
             )
             for entry, change in zip(trend.entries, trend.changes, strict=True)
@@ -282,13 +282,14 @@ def _trend_picture(trend: Trend, name: str) -> Markup:
     for place, (axes, parameter) in enumerate(zip(panels, NAMES, strict=True)):
         rows = [entry.record.document['parameters'][parameter] for entry in trend.entries]
         moved = [c is not None and c.has_changed and c.parameters[place].p_value < LEVEL for c in trend.changes]
-        values = MICRO * np.array([row['value'] - rows[0]['value'] for row in rows])
+        unit, per_si = SCALES[parameter]
+        values = per_si * np.array([row['value'] - rows[0]['value'] for row in rows])
         for key, width, colour in (('std', 0.8, FAINT), ('std_noise', 2.4, INK)):
-            stds = 2 * MICRO * np.array([np.nan if row[key] is None else row[key] for row in rows])
+            stds = 2 * per_si * np.array([np.nan if row[key] is None else row[key] for row in rows])
             axes.errorbar(days, values, stds, fmt='none', ecolor=colour, elinewidth=width)
         axes.plot(days, values, 'o', color=INK, markerfacecolor=PAPER, markersize=6, zorder=3)
         axes.plot(days[moved], values[moved], 'o', color=WARN, markersize=6, zorder=3)
-        axes.set_title(f'{parameter} [µ{UNITS[parameter]}]')
+        axes.set_title(f'{parameter}  [{unit}]')
     for axes in panels[-3:]:
         axes.set_xlabel('days since the first')
     return as_svg(figure, name, 'every parameter over time')

@@ -24,12 +24,12 @@ from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of
 from scara_kinetostatic.monitoring.linear import Evidence, Information, PredictionTest, State, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.pipeline import gather_touches, recording_of
+from scara_kinetostatic.report.quantities import micrometres
 from scara_kinetostatic.touches.detection import Detection
 from scara_kinetostatic.touches.of_table import cell_of_files
 
@@ -129,8 +129,8 @@ class Verification(NamedTuple):
 
 
 def _size(v: Verification) -> str:
-    error, expected = (quantity(value, 'm') for value in (v.others_tip_error, v.expected))
-    return f'the error of the tip is {error} (rms), {expected} are expected'
+    error, expected = map(micrometres, (v.others_tip_error, v.expected))
+    return f'the error of the tip is {error} µm (rms), {expected} µm are expected'
 
 
 def _remarks(v: Verification) -> Iterator[tuple[object, Grade, str, str]]:
@@ -143,19 +143,19 @@ def _remarks(v: Verification) -> Iterator[tuple[object, Grade, str, str]]:
     reason += f'; {v.causes.title(LEVEL)}' if v.causes.ranking else ''
     action = 'check that robot, objects and sensor are those of the calibration, then ' * v.causes.is_open(LEVEL)
     yield contradicts, Grade.UNFIT if beyond else Grade.CAUTION, reason, f'{action}calibrate again'
-    reason = f'{len(v.outlying)} of {v.touches} touches are outliers'
+    reason = f'outliers: {len(v.outlying)} of {v.touches} touches'
     agree = f'; the others agree with the calibration (p = {v.others.p_value:.2g}): {_size(v)}'
     yield v.few_outlie, Grade.CAUTION, reason + agree * (not contradicts), 'look at the outliers'
     for sentence in v.differing:
         yield True, Grade.CAUTION, sentence, 'give the cell of the recording by --cell'
     seen = ', '.join(v.seen) or f'{v.repeated} of {v.touches} touches'
     action = 'verify with touches made after the calibration'
-    yield v.seen or v.repeated, Grade.CAUTION, f'{seen} were part of the calibration: they verify nothing', action
+    yield v.seen or v.repeated, Grade.CAUTION, f'part of the calibration: {seen}; that verifies nothing', action
     yield v.touches < 6, Grade.CAUTION, f'{v.touches} touches say little', 'make 6 or more, all round'
-    tolerance, errors = v.tolerance or np.inf, quantity(2 * v.expected, 'm')
-    reason = f'these touches cannot show a tolerance of {quantity(tolerance, "m")}: twice the expected error of the tip'
+    tolerance, errors = v.tolerance or np.inf, micrometres(2 * v.expected)
+    reason = f'these touches cannot show a tolerance of {micrometres(tolerance)} µm: twice the expected tip error'
     action = 'reduce the largest of noise, uncertainty of the objects and uncertainty of the calibration'
-    yield 2 * v.expected > tolerance, Grade.CAUTION, f'{reason} is {errors}', action
+    yield 2 * v.expected > tolerance, Grade.CAUTION, f'{reason} is {errors} µm', action
     reason = f'there is no touch of {", ".join(v.untouched)}: what changed there is not seen'
     yield v.untouched and v.tolerance, Grade.CAUTION, reason, 'make touches all round all objects'
     highest = v.record.arm.used.highest_force  # from 1.5 times that on compliances are extrapolated

@@ -128,6 +128,12 @@ def new_figure(
     return figure, list(axes.ravel())
 
 
+def in_mm(axes: Axes) -> None:
+    """Labels the ticks of axes in metres by millimetres."""
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(lambda value, _: f'{1e3 * value:.0f}'.replace('-', '−'))
+
+
 def as_svg(figure: Figure, name: str, description: str) -> Markup:
     """The figure as an SVG element.
 
@@ -147,7 +153,8 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
     svg = _NUMBERED.sub('', svg)
     head, rest = svg.split('>', 1)
     box = re.search(r'viewBox="[^"]*"', head)
-    size = f'style="max-width: {figure.get_figwidth() * _PER_INCH:.0f}px"'
+    width = figure.get_figwidth() * _PER_INCH
+    size = f'style="max-width: {width:.0f}px; min-width: {0.68 * width:.0f}px"'  # where it is wider, it scrolls
     head = f'<svg {box.group() if box else ""} {size} role="img" aria-label="{description}"'
     svg = f'{head}>{rest}'
     for stand_in, variable in COLOURS.items():

@@ -11,8 +11,11 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.report.content import Report
 from scara_kinetostatic.report.text import sentence
 
-_UNIT = r'(?<=\d) (?=(?:mm|µm|m|N|Nm|rad|mrad|µrad|°|σ|%)[\s,;.:)<])'
-"""The blank between them."""
+_UNIT = (
+    r'(?<=\d) (?=(?:mm|µm|m|N|Nm|rad|mrad|µrad|°|σ|%)[\s,;.:)<])'
+    r'|(?<=±) (?=\d)|(?<=\b[kp]) (?=(?:=|&lt;) )|(?<=[kp] =) (?=\d)|(?<=p &lt;) (?=\d)'
+)
+"""The blank between them, and those of ``± 2``, ``k = 2`` and ``p < 0.01``."""
 
 
 def as_page(report: Report) -> str:

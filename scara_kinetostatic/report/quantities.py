@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.report.table import NOT_DETERMINED
 
 
 class Scale(NamedTuple):
@@ -71,7 +72,9 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
 def micrometres(metres: float) -> str:
     """An error or uncertainty of the tip, in µm."""
     size = 1e6 * metres
-    return f'{size:.3g}' if abs(size) < 1000 else f'{size:.0f}'
+    if not math.isfinite(size):
+        return NOT_DETERMINED
+    return f'{size:#.3g}'.rstrip('.') if abs(size) < 999.5 else f'{size:.0f}'
 
 
 def unsigned_zero(number: str) -> str:

@@ -13,9 +13,9 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.comparison import EffectResidual
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, WARN, Margins, as_svg, mark, new_figure
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, WARN, Margins, as_svg, in_mm, mark, new_figure
 
-_WIDTH, _HALF = 920.0, 450.0
+_WIDTH = 920.0
 _LONGEST_ARROW = 0.14
 """Of the largest force, as a part of the arm's length."""
 _FEW = 6
@@ -33,8 +33,7 @@ def cell_picture(c: Calibration) -> Markup:
     _draw_arms(axes, c, tip, elbow, base, arm)
     _draw_touches(axes, c, tip, arm)
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal')
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(lambda value, _: f'{1e3 * value:.0f}'.replace('-', '−'))
+    in_mm(axes)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     return as_svg(figure, 'cell', 'the cell from above with its discs, the arm and the touches')
@@ -81,7 +80,7 @@ def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Flo
             axes.plot(x[1], y[1], 'o', ms=6.5, mfc=PAPER, mec=INK, mew=1.4)
     axes.add_patch(Circle((base[0], base[1]), 0.022 * arm, facecolor=PAPER, edgecolor=INK, lw=1.6, zorder=4))
     axes.add_patch(Circle((base[0], base[1]), 0.006 * arm, facecolor=INK, lw=0, zorder=5))
-    axes.annotate('base', (base[0], base[1]), (11, 8), textcoords='offset points', color=FAINT)
+    axes.annotate('base', (base[0], base[1]), (11, -18), textcoords='offset points', color=FAINT)
     axes.axhline(base[1], color=LINE, lw=0.7, zorder=0)
 
 
@@ -140,7 +139,7 @@ def _draw_marks(axes: Axes, disc: Indices, posture: Indices, places: Floats, siz
 
 def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = ('without it', 'with it')) -> Markup:
     """The deviation by an effect, estimated from each touch, without it in the model and with it, on the same axes."""
-    figure, axes = new_figure(_WIDTH, 300, columns=2, sharey=True, sharex=True)
+    figure, axes = new_figure(_WIDTH, 340, columns=2, sharey=True, sharex=True)
     x = _side_by_side(found.x)
     kinds = len(x) > 0 and len(np.unique(found.x)) <= _FEW
     largest = _largest(found)

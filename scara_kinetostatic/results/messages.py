@@ -12,7 +12,7 @@ from scara_kinetostatic.assessment.tolerance import advice
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Found
-from scara_kinetostatic.model.parameters import NAMES, quantity
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.report import Level, Verdict, sentence
 from scara_kinetostatic.report.quantities import micrometres, p_equals, shown
 from scara_kinetostatic.results.tables import base_rank
@@ -127,9 +127,8 @@ def tip_sentences(outcome: Outcome) -> list[str]:
         return ['The uncertainty of the tip is not determined by these touches.']
     largest = max(outcome.budget, key=lambda item: item.tip)
     share = largest.tip**2 / sum(item.tip**2 for item in outcome.budget)
-    at = f'x {tip.at.tip[0]:.2f} m, y {tip.at.tip[1]:.2f} m'
     where = outcome.final.cell.region.title
-    sizes = f'at most {quantity(tip.worst, "m")}, at {at}, median {quantity(tip.median, "m")}.'
+    sizes = f'at most {micrometres(tip.worst)} µm, at {tip.at.title}, median {micrometres(tip.median)} µm.'
     help_most = advice(outcome)
     found = [
         f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the {where}: {sizes}',

@@ -80,7 +80,8 @@ def _rejections(outcome: Outcome) -> list[str]:
 def html_text(outcome: Outcome) -> str:
     """The page: the answer, the result, the diagnosis; in an appendix, folded, what they rest on."""
     c = outcome.final
-    sensor = f'force sensor in the {c.cell.sensor.frame.value} frame, sign {c.cell.sensor.sign.value}'
+    sign = c.cell.sensor.sign.value.replace('on_', 'on the ')
+    sensor = f'force sensor: {c.cell.sensor.frame.value} frame, force {sign}'
     report = Report(
         title='Kinetostatic calibration',
         answer=_answer(outcome),
@@ -126,7 +127,7 @@ def _head(outcome: Outcome) -> tuple[tuple[str, str], ...]:
         found.append((_TITLES.get(name, name.capitalize()), text or 'not stated'))
     for item in outcome.recordings:
         start = '' if item.start is None else _date(item.start) if item.start.year > 2000 else 'simulated clock'
-        found.append(('Recording', ' '.join(filter(None, (item.path, start, item.turned, f'SHA-256 {item.sha256}')))))
+        found.append(('Recording', ', '.join(filter(None, (item.path, start, item.turned, f'SHA-256 {item.sha256}')))))
     return (*found, *((('Recording', path) for path in outcome.sources) if not outcome.recordings else ()))
 
 
@@ -280,11 +281,12 @@ def _errors(outcome: Outcome, extended: bool) -> Section:
         'Force error: mean distance of measured and predicted force, e_f. Tip error: rms distance of the predicted tip '
         f'from the circle of contact. Held out: touches not used in the fit, {outcome.extended_held_out.folds} folds '
         'for the force, one by one and to first order for the tip. All on the same touches and with the noise of the '
-        'final model. Bias: estimate of the base model less that of the extended model, σ that of the former.'
+        'final model.'
     )
     blocks: list[Block] = [tables.error_table(outcome.comparison), note]
     if extended:
-        blocks.append(tables.bias_table(outcome.comparison))
+        bias = Note('Bias: estimate of the base model less that of the extended model, σ that of the former.')
+        blocks += [tables.bias_table(outcome.comparison), bias]
     return Section('Errors of the models', tuple(blocks), folded=True)
 
 
@@ -298,10 +300,9 @@ def _candidates(outcome: Outcome) -> Section | None:
         return None
     note = Note(
         'Each candidate is added to the base model alone. Gain: twice the logarithm of the odds against no effect, '
-        'less the penalty for its parameters and for the length of the list. Held-out gain: the same for touches '
-        'left out one by one, without penalty. Share: part of the residual sum of squares that it explains. The '
-        'decision is between sets of effects: a large effect raises the gain of similar ones, so that a rejected '
-        'effect may have a high gain alone and none beside those found.'
+        'less the penalty for its parameters and for the length of the list. Share: part of the residual sum of '
+        'squares that it explains. The decision is between sets of effects: a large effect raises the gain of similar '
+        'ones, so that a rejected effect may have a high gain alone and none beside those found.'
     )
     return Section('Candidate effects', (table, note), folded=True)
 

@@ -115,7 +115,7 @@ def bias_table(compared: Comparison) -> Table:
         places = 3 if digits is None else digits
 
         def text(value: float, std: float, per_si: float = per_si, places: int = places) -> str:
-            number = unsigned_zero(f'{value * per_si:.{places}f}').replace('-', '−')
+            number = unsigned_zero(f'{value * per_si:.{places}f}')
             return f'{number} ± {std * per_si:.{places}f}' if std > 0 and math.isfinite(std) else number
 
         shift = '' if digits is None else text(bias.shift, 0.0)
@@ -129,7 +129,7 @@ def bias_table(compared: Comparison) -> Table:
 def _signed(value: float) -> str:
     if not math.isfinite(value):
         return ''
-    return '0.0' if round(value, 1) == 0 else f'{value:+.1f}'.replace('-', '−')
+    return '0.0' if round(value, 1) == 0 else f'{value:+.1f}'
 
 
 def candidate_table(d: Diagnosis, items: Iterable[Ranked]) -> Table | None:

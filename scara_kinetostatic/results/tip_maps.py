@@ -86,8 +86,7 @@ def _uncertainty_caption(tip: TipUncertainty, cell: Cell) -> str:
         f'mean force of the touches in any direction, µm; median {micrometres(tip.median)} µm'
     ]
     if tip.at is not None:
-        x, y = (f'{round(_MILLI * value)} mm'.replace('-', '−') for value in tip.at.tip)
-        parts[0] += f', largest {micrometres(tip.worst)} µm at x {x}, y {y}'
+        parts[0] += f', largest {micrometres(tip.worst)} µm at {tip.at.title}'
     if tolerance is not None and tip.worst > tolerance:
         parts.append(f'Thick line: the tolerance, {micrometres(tolerance)} µm')
     if tip.undetermined > 0:
@@ -119,21 +118,24 @@ def _moved(c: Calibration, joints: Floats, force: Floats) -> Floats:
 
 def deviation_picture(c: Calibration, places: UncertaintyMap, found: Deviation) -> Markup:
     """Lines of equal deviation under the mean force, and arrows of that without load."""
-    figure, axes = _draw_map(c, places, _MILLI * found.loaded)
+    figure, axes = _draw_map(c, places, _MILLI * found.loaded, 'mm')
     step = slice(1, None, 3)
     u, v = np.moveaxis(found.unloaded[step, step] * _MILLI, -1, 0)
     x, y = np.meshgrid(places.x[step] * _MILLI, places.y[step] * _MILLI)
     largest = float(np.nanmax(np.hypot(u, v), initial=0.0))
     if largest > 0:
         per_mm = 2.7 * (places.x[1] - places.x[0]) * _MILLI / largest
-        axes.quiver(x, y, u, v, angles='xy', scale_units='xy', scale=1 / per_mm, color=INK, width=0.0045, zorder=4)
+        axes.quiver(
+            x, y, u, v, angles='xy', scale_units='xy', scale=1 / per_mm, color=INK, width=0.0045, zorder=4,
+            clip_on=False,
+        )  # fmt: skip
     name = _posture(places)
     return as_svg(figure, f'deviation_{name}', f'deviation of the tip, nominal to calibrated, posture {name}')
 
 
 def uncertainty_picture(c: Calibration, places: UncertaintyMap) -> Markup:
     """Lines of equal expanded uncertainty of the tip; a thick one at the tolerance."""
-    figure, axes = _draw_map(c, places, 1e6 * places.expanded)
+    figure, axes = _draw_map(c, places, 1e6 * places.expanded, 'µm')
     tolerance = c.cell.tolerance
     if tolerance is not None and np.nanmin(places.expanded) < tolerance < np.nanmax(places.expanded):
         grid = (np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y))
@@ -147,16 +149,14 @@ def _posture(places: UncertaintyMap) -> str:
 
 
 def _smooth(values: Floats) -> Floats:
-    """A grid of values four times as fine, without the steps that the 12 directions of the force leave; what is not
-    determined is filled from what is near.
-    """
+    """A grid of values four times as fine, smoothed; what is not determined is filled from what is near."""
     known = np.isfinite(values)
     rows, columns = (np.exp(-0.35 * (np.linspace(0, n - 1, 4 * n)[:, None] - np.arange(n)) ** 2) for n in values.shape)
     weight = rows @ known @ columns.T
     return np.asarray(rows @ np.where(known, values, 0.0) @ columns.T / np.maximum(weight, 1e-300), dtype=float)
 
 
-def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats) -> tuple[Canvas, Axes]:
+def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats, unit: str) -> tuple[Canvas, Axes]:
     """Filled lines of equal value with labels, the discs and touches in mm, the extrapolated part faded."""
     p, touches = c.parameters, c.touches.select(c.used)
     grid = [np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y)]
@@ -172,7 +172,7 @@ def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats) -> tuple[C
         fills = [to_rgba(SERIES[0], 0.05 + 0.5 * k / len(levels)) for k in range(len(levels) + 1)]
         axes.contourf(*grid, shown, levels=levels, colors=fills, extend='both')
         lines = axes.contour(*grid, shown, levels=levels, colors=[SERIES[0]], linewidths=0.8)
-        axes.clabel(lines, fontsize=10, colors=[INK], inline=True, fmt=lambda value: f'{value:g}')
+        axes.clabel(lines, fontsize=10, colors=[INK], inline=True, zorder=5, fmt=lambda value: f'{value:g}')
     touched = _smooth(places.touched.astype(float))
     axes.contourf(*grid, touched, levels=[-1.0, 0.5], colors=[to_rgba(PAPER, 0.62)], zorder=2)
     axes.add_patch(
@@ -187,7 +187,7 @@ def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats) -> tuple[C
         name.set_parse_math(False)
         axes.plot(*tip[chosen].T, look.shape, ls='none', ms=3.2, color=look.colour, mew=0, zorder=3)
     axes.plot(p.x0 * _MILLI, p.y0 * _MILLI, 'o', ms=8, mfc=PAPER, mec=INK, mew=1.5, zorder=4)
-    axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', title=f'posture {_posture(places)}  [mm]')
+    axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', title=f'posture {_posture(places)}, lines in {unit}')
     axes.set_xlim(grid[0][0], grid[0][-1])
     axes.set_ylim(grid[1][0], grid[1][-1])
     axes.grid(visible=False)

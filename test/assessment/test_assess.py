@@ -91,7 +91,7 @@ def test_touches_that_would_not_help_are_not_advised() -> None:
     actions = replace(good(), diagnosis=d).assessment.actions
     assert actions[0].startswith('to tell the causes apart, record touches of two or more discs')
     actions = replace(good(), diagnosis=replace(d, discriminating=())).assessment.actions
-    assert actions[0].endswith("by other means and hold it, such as by --fix 'object_radius[disc_1].radius=VALUE'")
+    assert actions[0].endswith("SI), such as by --fix 'object_radius[disc_1].radius=VALUE'")
     assert 'record' not in ' '.join(actions)
 
 

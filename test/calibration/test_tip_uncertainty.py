@@ -13,6 +13,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
     Poses,
+    tip_covariance,
     tip_derivative,
     tip_uncertainty,
     workspace,
@@ -55,6 +56,19 @@ def random_poses(count: int) -> Poses:
     posture = random.choice([1, -1], count)
     joints = np.column_stack([random.uniform(-3, 3, count), posture * random.uniform(0.4, 2.6, count)])
     return Poses(joints, posture, random.normal(scale=25.0, size=(count, 2)))
+
+
+def test_twelve_directions_of_the_force_hold_the_worst_of_all(measured: Calibration) -> None:
+    area = workspace(measured)
+    joints, posture, force = (each.reshape(area.places, 13, -1)[::40] for each in area.poses)
+    assert not force[:, 0].any()
+    angles = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+    every = np.hypot(*force[0, 1]) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    count = len(joints)
+    poses = Poses(joints[:, 0].repeat(360, axis=0), posture[:, 0, 0].repeat(360), np.tile(every, (count, 1)))
+    variances = np.linalg.eigvalsh(tip_covariance(tip_derivative(measured, poses), measured.covariance))[:, -1]
+    ratio = area.std(measured.covariance)[::40] / np.sqrt(variances.reshape(count, 360).max(axis=1))
+    assert ratio.min() > 0.9 and ratio.max() < 1.01 and np.median(ratio) > 0.95
 
 
 @pytest.mark.parametrize('effect', ['', 'base_compliance', 'transmission_error[joint2]', 'object_radius[disc_2]'])

@@ -56,7 +56,7 @@ def test_the_page_stands_alone(folder):
     page = (folder / 'design.html').read_text().replace('\u00a0', ' ')
     assert page.count('<svg') == 4
     assert 'touches reach 11.0 µm and check themselves' in page
-    first = page.index('Noise of a touch is assumed: 1e-05 rad (joint), 0.3 N (force)')
+    first = page.index('Noise of a touch is assumed: 10 µrad per joint, 0.3 N per component')
     assert first < page.index('Lower bound for any set that survives a loss')
     assert 'http://' not in page.replace('http://www.w3.org', '')
 

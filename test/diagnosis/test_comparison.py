@@ -66,6 +66,17 @@ def test_biases_are_in_units_of_what_was_claimed(grown: Outcome, confounded: Out
     assert none['x0'].in_std == 0
 
 
+def test_the_tip_error_beside_a_displaced_disc_is_that_of_its_place() -> None:
+    """A displaced circle keeps its normals: neither the error nor that by noise grows with the displacement."""
+    near, far = (
+        conclude_outcome(simulate((effect('object_position[disc_2]'), (x, 0.0))), CELL).comparison.extended.tip
+        for x in (2e-4, 5e-3)
+    )
+    assert far.fitted == pytest.approx(near.fitted, rel=0.1)
+    assert far.held_out == pytest.approx(near.held_out, rel=0.1)
+    assert far.noise == pytest.approx(near.noise, rel=0.02)
+
+
 def test_an_effect_residual_shows_the_effect_before_and_noise_after(grown: Outcome) -> None:
     (found,) = grown.effect_residuals
     assert found.x_label == 'number of the disc'

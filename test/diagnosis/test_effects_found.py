@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from diagnosis.simulated import CELL, UNKNOWN_NOISE, deviations, effect, examined, simulate
+from diagnosis.simulated import CELL, NOISE, UNKNOWN_NOISE, deviations, effect, examined, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
@@ -16,6 +16,10 @@ from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import DiscEffect, JointEffect
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import Parameter, TouchState
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
 
 SIZES = {
     'contact_friction': (0.04,),
@@ -35,6 +39,12 @@ SIZES = {
     'thermal_drift[joint1]': (6e-7,),
     'joint_hardening[joint1]': (-5e-8,),
     'anisotropic_backlash': (1e-5, 1.5e-5),
+    'joint_coupling[joint1]': (2e-4,),
+    'joint_coupling[joint2]': (-6e-5,),
+    'cable_pull[joint1]': (2e-5, 3e-5, -1.2e-5),
+    'cable_pull[joint2]': (-3e-5, 4e-5, 2e-5),
+    'tip_shape[three-lobed]': (-1e-5, 1.5e-5),
+    'contact_friction[disc_2]': (0.07,),
 }
 
 
@@ -110,6 +120,53 @@ def test_two_effects_are_both_named():
     assert np.abs(deviations(found.extended)).max() < 4
 
 
+@pytest.mark.parametrize(
+    ('label', 'values', 'name'),
+    [
+        ('tip_shape[oval]', (-1e-5, -1.5e-5), 'anisotropic_backlash'),
+        ('cable_pull[joint2]', (8e-5, 0.0, 0.0), 'encoder_gain[joint2]'),
+    ],
+)
+def test_an_alias_has_the_name_of_the_simpler_effect_and_the_parameters_are_right(label, values, name):
+    _, found = examined(label, values)
+    assert found.verdict == 'explained'
+    assert named(found.found) == [name]
+    assert found.extended is not None
+    assert np.abs(deviations(found.extended)).max() < 4
+    (effect_found,) = found.found
+    alias = {'anisotropic_backlash': (1e-5, 1.5e-5), 'encoder_gain[joint2]': (8e-5,)}[name]
+    for value, truth in zip(effect_found.values, alias, strict=True):
+        assert abs(value.value - truth) < 4 * value.std
+
+
+def test_a_weak_cable_is_a_rival_of_the_gain_that_it_contains():
+    _, found = examined('cable_pull[joint1]', (1.1e-6, -1.4e-7, 2.8e-6), seed=11)
+    assert found.verdict == 'ambiguous'
+    assert any({'cable_pull[joint1]', 'encoder_gain[joint1]'} <= set(group) for group in found.rivals)
+    assert found.extended is not None
+    assert np.abs(deviations(found.extended)).max() < 4
+
+
+def test_an_oval_tip_on_pins_is_told_from_a_backlash():
+    """On discs of 5 mm the oval turns the force by 2 d / r."""
+    pins = replace(CELL, discs=tuple(disc._replace(radius=0.005) for disc in CELL.discs))
+    law, values = effect('tip_shape[oval]'), (6e-5, -4e-5)
+    plan = default_plan(pins, per_disc=18, preload=0.3)
+    touches = simulate_touches(pins, ExtendedModel(PAPER_ACTUAL, (law,), (values,)), plan, NOISE, 1)
+    found = diagnose(calibrate(touches, pins))
+    assert named(found.found) == ['tip_shape[oval]']
+    assert found.verdict == 'explained'
+    for value, truth in zip(found.found[0].values, values, strict=True):
+        assert abs(value.value - truth) < 4 * value.std
+
+
+def test_friction_with_the_only_disc_touched_has_the_name_of_the_disc_or_of_all():
+    touches = simulate((effect('contact_friction[disc_2]'), (0.03,)))
+    found = diagnose(calibrate(touches.select(touches.disc == 1), CELL))
+    assert {item.effect.name for item in found.found} == {'contact_friction'}
+    assert all(abs(item.values[0].value - 0.03) < 4 * item.values[0].std for item in found.found)
+
+
 def test_discs_that_only_change_their_distance_are_rivals():
     """A disc moved away from another is, to first order, the other one moved and the base with it."""
     _, found = examined('object_position[disc_3]', (4e-5, -3e-5))
@@ -152,23 +209,23 @@ class OvalDisc(DiscEffect):
 
 
 @dataclass(frozen=True)
-class JointCoupling(JointEffect):
-    name: ClassVar[str] = 'joint_coupling'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('part', '1', 1e-4, 'of joint 2 in joint 1'),)
-    statement: ClassVar[str] = 'joint 2 turns joint 1'
+class Ripple(JointEffect):
+    name: ClassVar[str] = 'ripple'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('size', 'rad', 1e-4, 'largest angle of joint 1'),)
+    statement: ClassVar[str] = 'joint 2 turns joint 1 to and fro'
     confounded_with: ClassVar[str] = 'nothing'
     identified_by: ClassVar[str] = 'both postures'
     plot_variable: ClassVar[str] = 'angle'
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
-        return (at.joints[:, 1],)
+        return (np.sin(2 * at.joints[:, 1]),)
 
 
 @pytest.mark.parametrize(
     ('law', 'size', 'where', 'given'),
     [
         (OvalDisc.of(0, 'disc_1'), 5e-5, 'the tip deviates along the force on disc_1', True),
-        (JointCoupling.of(0), 6e-5, 'joint 1 deviates by an angle, depending on the angle of joint 2', False),
+        (Ripple.of(0), 1.5e-4, 'joint 1 deviates by an angle, depending on the angle of joint 2', False),
     ],
 )
 def test_an_effect_outside_the_list_is_caught_described_and_corrected(law, size, where, given):
@@ -187,7 +244,7 @@ def test_an_effect_outside_the_list_is_caught_described_and_corrected(law, size,
 
 
 def test_a_user_s_own_effect_takes_part():
-    law = JointCoupling.of(0)
-    found = diagnose(calibrate(simulate((law, (6e-5,))), CELL), effects=(law, effect('encoder_gain[joint1]')))
+    law = Ripple.of(0)
+    found = diagnose(calibrate(simulate((law, (1.5e-4,))), CELL), effects=(law, effect('encoder_gain[joint1]')))
     assert found.verdict == 'explained'
-    assert named(found.found) == ['joint_coupling[joint1]']
+    assert named(found.found) == ['ripple[joint1]']

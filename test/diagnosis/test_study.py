@@ -63,15 +63,6 @@ def test_the_oval_disc_is_touched_where_its_normal_is() -> None:
     np.testing.assert_allclose((away * aside).sum(axis=1), turned, atol=1e-3 * size)
 
 
-def test_a_linear_cable_is_the_gain_of_an_encoder() -> None:
-    cable = unlisted('linear_cable[joint2]', PAPER, seed=1)
-    gain = random_effect(find(PAPER.cell, 'encoder_gain[joint2]'), seed=1)
-    gain = gain._replace(values=(-PAPER.truth.p2 * cable.values[0],))
-    one, other = (simulate(PAPER, simulated) for simulated in (cable, gain))
-    np.testing.assert_allclose(one.joints, other.joints, atol=1e-9)
-    np.testing.assert_allclose(one.force, other.force, atol=1e-6)
-
-
 def test_a_task_gives_a_record_per_size_and_noise_that_the_tables_take() -> None:
     records = run_task(Task('effects', 'paper', ('encoder_gain[joint1]',), 0, sizes=(2.0,)))
     assert [(r.size, r.noise) for r in records] == [(2.0, noise) for noise in NOISES]

@@ -45,9 +45,12 @@ class Visibility(NamedTuple):
     unit: str
 
 
-def visibility(robot: Parameters, per_disc: int = 18, preload: float = 0.3) -> list[Visibility]:
-    """Of every effect, for exact touches of the default plan and the usual noise."""
+def visibility(
+    robot: Parameters, per_disc: int = 18, preload: float = 0.3, both_postures: bool = True
+) -> list[Visibility]:
+    """Of every effect, for exact touches of the default plan, or its left elbow posture, and the usual noise."""
     plan = default_plan(CELL, per_disc=per_disc, preload=preload)
+    plan = plan if both_postures else plan.select(plan.posture > 0)
     touches = exact_touches(robot, plan)
     observations = observe(touches, CELL)
     point = project(observations, ExtendedModel(robot), NOISE)

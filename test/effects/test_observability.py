@@ -23,3 +23,11 @@ def test_hysteresis_shows_by_approaches_from_both_sides():
         label = f'joint_hysteresis[joint{joint}].width'
         assert alike[label] < 0.5
         assert both[label] > 0.95
+
+
+def test_a_coupling_of_the_joints_and_the_slope_of_a_cable_show_by_both_postures():
+    one, both = ({v.label: v.new for v in visibility(ROBOTS[0], both_postures=some)} for some in (False, True))
+    for label in ('joint_coupling[joint1].coupling', 'joint_coupling[joint2].coupling', 'cable_pull[joint2].slope'):
+        assert one[label] < 0.3 * both[label]
+    for label in ('tip_shape[three-lobed].a', 'contact_friction[disc_1].coefficient'):
+        assert one[label] > 0.9

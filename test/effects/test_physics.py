@@ -9,10 +9,25 @@ from effects.scenes import Scene, random_scene
 
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import ContactFriction
-from scara_kinetostatic.effects.joints import EncoderGain, JointHardening, JointHysteresis, ZeroDrift
+from scara_kinetostatic.effects.joints import (
+    CablePull,
+    EncoderGain,
+    JointCoupling,
+    JointHardening,
+    JointHysteresis,
+    ZeroDrift,
+)
 from scara_kinetostatic.effects.objects import ContactCompliance, ObjectPosition, ObjectRadius
-from scara_kinetostatic.effects.robot import AnisotropicGripper, BaseCompliance, BaseTilt, LinkBending, LinkGrowth
+from scara_kinetostatic.effects.robot import (
+    AnisotropicBacklash,
+    AnisotropicGripper,
+    BaseCompliance,
+    BaseTilt,
+    LinkBending,
+    LinkGrowth,
+)
 from scara_kinetostatic.effects.sensor import SensorBias, SensorRotation
+from scara_kinetostatic.effects.tip_shape import TipShape
 from scara_kinetostatic.effects.variables import STICKING, slide
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -50,6 +65,49 @@ def test_errors_of_a_joint_are_those_of_its_angle(joint):
     assert_same(with_effect(EncoderGain.of(joint), 1e-4), plain(joints=SCENE.joints * (1 + 1e-4 * chosen)))
     drifted = SCENE.joints + 1e-6 * SCENE.metadata.time[:, None] * chosen
     assert_same(with_effect(ZeroDrift.of(joint), 1e-6), plain(joints=drifted))
+    leaked = SCENE.joints + 1e-4 * SCENE.joints[:, ::-1] * chosen
+    assert_same(with_effect(JointCoupling.of(joint), 1e-4), plain(joints=leaked))
+
+
+@pytest.mark.parametrize('joint', [0, 1])
+def test_a_cable_turns_the_joint_by_the_compliance_times_its_torque(joint):
+    """The joint gives way to the torque: q* = q - p (c - τ)."""
+    compliance = (SCENE.parameters.p1, SCENE.parameters.p2)[joint]
+    angle, chosen = SCENE.joints[:, joint], np.arange(2) == joint
+    torque = 3.0 * angle - 4.0 * angle**2 + 2.0 * angle**3
+    turned = SCENE.joints + compliance * torque[:, None] * chosen
+    values = compliance * np.array([3.0, -4.0, 2.0])
+    assert_same(with_effect(CablePull.of(joint), *values), plain(joints=turned))
+    assert_same(with_effect(CablePull.of(joint), 6e-5, 0.0, 0.0), with_effect(EncoderGain.of(joint), 6e-5))
+
+
+@pytest.mark.parametrize('lobes', [1, 2, 3, 5])
+def test_the_outline_of_a_tip_with_lobes_touches_the_disc(lobes):
+    """Of all points of the outline the nearest to the disc's centre is on the disc's edge."""
+    mean, a, b, at = 5e-3, 6e-5, -4e-5, SCENE.touch_state
+    place = TipShape(lobes=lobes).shift(at, np.array([a, b])).place
+    center = at.centers - at.radii[:, None] * at.normal - place  # of the tip
+    turn = np.linspace(-np.pi, np.pi, 20_001)
+    wave = (a - 1j * b) * np.exp(1j * lobes * turn)  # its derivative is k times the same, a quarter turn on
+    outline = (mean + wave.real - 1j * lobes * wave.imag) * np.exp(1j * turn)
+    for k in range(0, len(center), 10):
+        to_tip = (center[k] - at.centers[k]) @ (1, 1j)
+        distance = np.abs(to_tip + outline * (at.link2[k] @ (1, 1j))).min()
+        assert distance == pytest.approx(at.radii[k] - mean, abs=1e-9)
+
+
+def test_one_lobe_is_the_tip_elsewhere_on_link_2():
+    """It is another l2 and theta2, which the turn of link 2 by theta2 shows by its torques in second order only."""
+    l2, size = SCENE.parameters.l2, 1e-5
+    assert_same(with_effect(TipShape(lobes=1), size, 0.0), plain(l2=l2 + size), 0.02)
+    assert_same(with_effect(TipShape(lobes=1), 0.0, size), plain(theta2=SCENE.parameters.theta2 + size / l2), 0.02)
+
+
+def test_an_oval_tip_is_a_backlash_that_differs_along_and_across_link_2():
+    at, values = SCENE.touch_state, np.array([4e-5, -3e-5])
+    tip, gap = TipShape(lobes=2).shift(at, values).place, AnisotropicBacklash().shift(at, -values).place
+    assert np.abs((tip * at.normal).sum(axis=1)).max() > 4e-5
+    np.testing.assert_allclose((tip * at.normal).sum(axis=1), (gap * at.normal).sum(axis=1), rtol=0, atol=1e-18)
 
 
 @pytest.mark.parametrize('joint', [0, 1])
@@ -143,6 +201,14 @@ def test_friction_drags_the_disc_along():
     off_normal = np.arctan2(cross, (to_center * found.force).sum(axis=1))[found.magnitude > 0]
     assert len(off_normal) > 100
     np.testing.assert_allclose(off_normal, 0.15 * sense[found.magnitude > 0], rtol=0, atol=1e-9)
+
+
+def test_friction_with_one_disc_is_that_with_all_in_its_touches_alone():
+    every, one = with_effect(ContactFriction(), 0.1), with_effect(ContactFriction.of(0, 'disc_1'), 0.1)
+    np.testing.assert_allclose(one.force[FIRST], every.force[FIRST], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(one.force[~FIRST], plain().force[~FIRST], rtol=0, atol=1e-9)
+    assert np.abs(one.force - plain().force)[FIRST].max() > 1
+    assert np.abs(one.force - every.force)[~FIRST].max() > 1
 
 
 def test_a_tip_pressed_along_the_normal_sticks():

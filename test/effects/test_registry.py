@@ -20,7 +20,7 @@ NAMES = {
     'contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity', 'encoder_gain', 'transmission_error',
     'joint_hardening', 'joint_hysteresis', 'joint_slip', 'anisotropic_gripper', 'anisotropic_backlash', 'link_bending',
     'base_compliance', 'contact_compliance', 'object_position', 'object_radius', 'thermal_drift', 'base_tilt',
-    'sensor_cross_talk', 'shift',
+    'sensor_cross_talk', 'shift', 'joint_coupling', 'cable_pull', 'tip_shape',
 }  # fmt: skip
 
 
@@ -29,17 +29,18 @@ def test_all_kinds_of_effects_are_listed():
     assert len(set(LABELS)) == len(LABELS)
     assert all('during the recording' in effect.title for effect in EFFECTS if effect.name == 'shift')
     kinds = 'encoder_gain', 'transmission_error', 'joint_hardening', 'joint_hysteresis', 'joint_slip', 'thermal_drift'
-    for kind in kinds:
+    for kind in (*kinds, 'joint_coupling', 'cable_pull'):
         assert {f'{kind}[joint1]', f'{kind}[joint2]'} <= set(LABELS)
     assert {'shift[base]', 'shift[tool]', 'shift[sensor]', 'shift[joint1]', 'shift[joint2]'} <= set(LABELS)
-    for kind in ('contact_compliance', 'object_position', 'object_radius', 'shift'):
+    assert {f'tip_shape[{shape}]' for shape in ('oval', 'three-lobed', 'four-lobed', 'five-lobed')} <= set(LABELS)
+    for kind in ('contact_compliance', 'contact_friction', 'object_position', 'object_radius', 'shift'):
         assert {f'{kind}[{disc.name}]' for disc in CELL.discs} <= set(LABELS)
 
 
-def test_a_cell_of_one_disc_has_no_soft_one_among_others():
+def test_a_cell_of_one_disc_has_no_soft_or_rough_one_among_others():
     labels = [effect.label for effect in catalogue(replace(CELL, discs=CELL.discs[:1]))]
     assert 'contact_compliance' in labels
-    assert 'contact_compliance[disc_1]' not in labels
+    assert not {'contact_compliance[disc_1]', 'contact_friction[disc_1]'} & set(labels)
 
 
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)

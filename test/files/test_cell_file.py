@@ -134,6 +134,7 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
         (changed('sign: on_object', 'singn: on_object'), "sensor: unknown key 'singn'; did you mean 'sign'?"),
         (changed('radius: 0.15', 'radius: 0.15, diameter: 1'), "objects[0]: unknown key 'diameter'"),
         (changed('l1: 0.33, ', ''), "robot.nominal: the key 'l1' is missing"),
+        (changed('l1: 0.33, ', '').replace('l2: 0.33,', ''), "robot.nominal: the keys 'l1', 'l2' are missing"),
         (changed('theta1: 0.0', 'theta_1: 0.0'), "'theta_1'; did you mean 'theta1'?"),
         (changed('radius: 0.15', 'radius: -0.15'), 'objects[0].radius: expected a number above 0'),
         (

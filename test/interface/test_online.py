@@ -18,7 +18,16 @@ from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.online import OnlineArm
 from scara_kinetostatic.model.parameters import G_EE, P_EE
 
-EFFECTS = ('', 'transmission_error[joint1]', 'anisotropic_backlash', 'base_compliance', 'joint_hardening[joint2]')
+EFFECTS = (
+    '',
+    'transmission_error[joint1]',
+    'anisotropic_backlash',
+    'base_compliance',
+    'joint_hardening[joint2]',
+    'joint_coupling[joint1]',
+    'cable_pull[joint2]',
+    'tip_shape[three-lobed]',
+)
 
 
 @pytest.fixture(scope='module')

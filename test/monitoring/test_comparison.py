@@ -11,6 +11,7 @@ from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, touches_of
 from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
+from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.cell import Cell, Identification
 from scara_kinetostatic.model.touch import TouchSet
@@ -141,6 +142,16 @@ def test_an_object_whose_description_was_corrected_has_not_moved() -> None:
     mixed = replace(CELL, discs=CELL.discs[::-1])
     moved = compare(found, record_of(mixed, 2, world=None))
     assert moved.causes.ranking[0].name == 'object_position[disc_2]' and moved.degrees_of_freedom == 14
+
+
+def test_a_curve_that_only_one_has_is_compared() -> None:
+    curve = Unnamed(target='disc_3', disc=2, channel='along', variable='direction')
+    touches = touches_of(CELL, 1, world=None, count=18)
+    curved, mixed = as_record(calibrate(touches, CELL, (curve,))), replace(CELL, discs=CELL.discs[::-1])
+    plain = record_of(mixed, 2, world=None)
+    for change in (compare(curved, plain), compare(plain, curved)):
+        assert (*change.only_before, *change.only_after) == (curve.label,)
+        assert change.p_value > 1e-3 and change.degrees_of_freedom > 12
 
 
 def test_an_extension_is_what_the_fit_of_both_gives() -> None:

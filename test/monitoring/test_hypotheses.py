@@ -40,12 +40,12 @@ def test_names_and_units() -> None:
     assert everything['force_gain'].units == ('1',)
     assert everything['tool'].values == ('theta2', 'l2') and everything['object_position[disc_3]'].values == ('x', 'y')
     tool = Explanation(everything['tool'], 1.0, (1e-4, 2e-5), (1e-5, 1e-6))
-    assert tool.text == 'theta2 100 ± 10 µrad, l2 20.0 ± 1.0 µm'
+    assert tool.text == 'theta2 0.100 ± 0.010 mrad, l2 0.0200 ± 0.0010 mm'
     touched = {h.name for h in hypotheses_of(state, [1])}
     gone = {f'object_{what}[disc_{k}]' for what in ('position', 'radius') for k in (1, 3)}
     assert everything.keys() - touched == gone | {'plate_position[a]', 'plate_angle[a]'}
     assert change_title('object_position[disc_2]') == 'disc_2 moved'
-    assert change_title('encoder_gain[joint1]') == 'encoder_gain[joint1] changed'
+    assert change_title('encoder_gain[joint1]') == 'the encoder gain of joint1 changed'
 
 
 def test_models_with_effects() -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.model.cell import Identification
+from scara_kinetostatic.report.quantities import micrometres
 from scara_kinetostatic.results.report import html_text, numbers
 from scara_kinetostatic.results.tip_maps import _smooth
 
@@ -148,7 +149,7 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     assert f'{item.effect.title} {item.effect.label}' in text
     compared = grown.comparison
     for side in (compared.base, compared.extended):
-        cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e6 * side.tip.fitted:.3g}')
+        cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', micrometres(side.tip.fitted))
         assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
     assert f'{1e6 * item.values[0].value:.1f} ± {1e6 * item.values[0].std:.1f} µm' in text
     assert page.count('<svg') == 2 + 1 + 4
@@ -231,7 +232,7 @@ def test_head_says_what_was_calibrated_by_whom_and_from_what(plain: Outcome) -> 
     text = words_of(html_text(outcome))
     assert 'Date 2026-11-21 14:03 UTC Robot TS60 <b>, serial No. 0047 Cell not stated Force sensor not stated' in text
     assert 'Operator Ä. Sato Customer ACME' in text
-    assert f'a/monday 2026-11-21 14:03 UTC SHA-256 {"0" * 64} Recording touches.csv SHA-256 {"1" * 64}' in text
+    assert f'a/monday, 2026-11-21 14:03 UTC, SHA-256 {"0" * 64} Recording touches.csv, SHA-256 {"1" * 64}' in text
 
 
 def test_the_tolerance_is_beside_the_uncertainty(plain: Outcome) -> None:

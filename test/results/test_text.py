@@ -16,7 +16,7 @@ from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import Rejection
-from scara_kinetostatic.report.quantities import SCALES
+from scara_kinetostatic.report.quantities import SCALES, micrometres
 from scara_kinetostatic.results import messages
 from scara_kinetostatic.results.report import MOST_REJECTED, html_text, text_report
 from scara_kinetostatic.results.tables import parameter_table
@@ -70,8 +70,9 @@ def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: O
     assert f'added to the base model {item.effect.title} {item.effect.label} radius ' in joined(grown)
     for name, side in (('base model', grown.comparison.base), ('extended model', grown.comparison.extended)):
         (line,) = (line for line in text.splitlines() if line.startswith(name))
-        sizes = side.force_error, side.held_out, 1e6 * side.tip.fitted, 1e6 * side.tip.held_out
-        assert line.split()[2:] == [*(f'{size:.3g}' for size in sizes), f'{side.reduced_chi_square:.2f}']
+        forces = (f'{size:.3g}' for size in (side.force_error, side.held_out))
+        tips = map(micrometres, (side.tip.fitted, side.tip.held_out))
+        assert line.split()[2:] == [*forces, *tips, f'{side.reduced_chi_square:.2f}']
     assert 'bias ignoring it would bias l2 by ' in joined(grown)
     assert 'the force sensor is rotated about its axis (one of' in joined(ambiguous)
     assert 'a fitted curve (joint 1 deviates by an angle, depending on the angle of joint 2)' in joined(unnamed)

@@ -163,7 +163,7 @@ def test_repeated_runs_that_disagree_are_reported_and_widen_the_mean():
 
 
 def test_what_cannot_be_analysed_is_named():
-    with pytest.raises(UnsupportedDataError, match='gripper at 0 deg: there is no reversal'):
+    with pytest.raises(UnsupportedDataError, match='gripper at 0°: there is no reversal'):
         analyse_points(ONE.select(ONE.force >= 0))
     with pytest.raises(ParameterError, match='lever'):
         analyse_points(DialGaugeReadings.of([1.0, -1.0], [0.0, 0.0], part=JOINT1))

@@ -289,7 +289,7 @@ def load_engine() -> Any:
     Raises:
         InputError: it is not installed, or too old.
     """
-    remedy = "pip install 'scara_kinetostatic[physics]'"
+    remedy = "pip install '.[physics]' in the repository"
     try:
         import mujoco
     except ImportError as error:

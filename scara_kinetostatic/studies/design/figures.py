@@ -12,7 +12,7 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, SERIES, WARN, as_svg, mark, new_figure
+from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, SERIES, WARN, as_svg, in_mm, mark, new_figure
 from scara_kinetostatic.studies.design.optimal_design import Design
 from scara_kinetostatic.studies.design.prediction import free_tip, loaded_tip, make_workspace, tip_std
 
@@ -68,10 +68,11 @@ def tip_picture(design: Design) -> Markup:
             vmax=high, rasterized=True,
         )  # fmt: skip
         _discs(axes[k], robot.cell.discs, INK)
-        axes[k].set(aspect='equal', xlabel='x  [m]', title=name)
+        axes[k].set(aspect='equal', xlabel='x  [mm]', title=name)
+        in_mm(axes[k])
         axes[k].grid(visible=False)
         axes[k].plot(*base, 'o', ms=6, mfc=PAPER, mec=INK)
-    axes[0].set(ylabel='y  [m]')
+    axes[0].set(ylabel='y  [mm]')
     figure.colorbar(drawn, ax=axes, label='std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
     return as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
 
@@ -95,8 +96,9 @@ def plan_picture(design: Design) -> Markup:
             axes.plot(*head, look.shape, ms=5.5, mfc=fill, mec=look.colour, mew=1.2, zorder=3)
     base = (cell.nominal.x0, cell.nominal.y0)
     axes.plot(*base, 'o', ms=7, mfc=PAPER, mec=INK, mew=1.4)
-    axes.annotate('base', base, (9, 4), textcoords='offset points', color=FAINT)
-    axes.set(aspect='equal', xlabel='x  [m]', ylabel='y  [m]')
+    axes.annotate('base', base, (-9, 4), ha='right', textcoords='offset points', color=FAINT)
+    axes.set(aspect='equal', xlabel='x  [mm]', ylabel='y  [mm]')
+    in_mm(axes)
     return as_svg(figure, 'recommended', 'the chosen touches from above')
 
 
@@ -112,7 +114,8 @@ def additional_disc_picture(design: Design) -> Markup:
         axes.add_patch(Circle(best[:2], m.radius, fill=False, edgecolor=SERIES[1], lw=2.0))
         axes.plot(*best[:2], '+', ms=9, color=SERIES[1], mew=2)
     axes.plot(cell.nominal.x0, cell.nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
-    axes.set(aspect='equal', xlabel='x of its centre  [m]', ylabel='y  [m]')
+    axes.set(aspect='equal', xlabel='x of its centre  [mm]', ylabel='y  [mm]')
+    in_mm(axes)
     axes.grid(visible=False)
     figure.colorbar(drawn, ax=axes, label='largest std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
     return as_svg(

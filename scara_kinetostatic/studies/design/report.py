@@ -23,7 +23,7 @@ from scara_kinetostatic.report import (
     json_text,
 )
 from scara_kinetostatic.report.figure import COLOURS, mark
-from scara_kinetostatic.report.quantities import SCALES, count
+from scara_kinetostatic.report.quantities import SCALES, count, micrometres
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 from scara_kinetostatic.studies.design import figures
 from scara_kinetostatic.studies.design.optimal_design import Design, Row, contributions
@@ -117,31 +117,24 @@ def _row(row: Row) -> dict[str, Any]:
     }
 
 
-def _micrometres(value: float) -> str:
-    """A length in µm."""
-    return f'{1e6 * value:#.3g}'.rstrip('.') if math.isfinite(value) else NOT_DETERMINED
-
-
 def requirement(design: Design) -> str:
     """The required accuracy in words."""
     load = f'under {design.requirements.load:g} N in any direction' if design.requirements.under_load else 'free'
     frame = f', in the frame of plate {design.plate.name}' if design.plate else ''
-    return (
-        f'standard deviation of the tip ({load}) at most {_micrometres(design.accuracy)} µm over the workspace{frame}'
-    )
+    return f'standard deviation of the tip ({load}) at most {micrometres(design.accuracy)} µm over the workspace{frame}'
 
 
 def headline(design: Design) -> str:
     """The result in one line."""
     number = count(len(design.plan), 'touch', 'touches')
-    return f'{number} reach {_micrometres(design.accuracy)} µm and check themselves'
+    return f'{number} reach {micrometres(design.accuracy)} µm and check themselves'
 
 
 def noise_sentences(design: Design) -> list[str]:
     """The noise of a touch and where it comes from, and what the cell declares as uncertain."""
-    robot, um = design.robot, _micrometres
+    robot, um = design.robot, micrometres
     growth = f', and {100 * robot.noise.growth:.3g} % of the force' if robot.noise.growth else ''
-    of_touch = f'{robot.noise.joint_rms:.3g} rad (joint), {robot.noise.force_rms:.3g} N (force){growth}'
+    of_touch = f'{1e6 * robot.noise.joint_rms:.3g} µrad per joint, {robot.noise.force_rms:.3g} N per component{growth}'
     sentences = [f'Noise of a touch: {of_touch}.']
     if robot.assumed:
         sentences = [
@@ -170,7 +163,7 @@ def noise_sentences(design: Design) -> list[str]:
 
 def set_sentences(design: Design) -> list[str]:
     """Accuracy and checks of the recommended set, one sentence each."""
-    um, sentences = _micrometres, []
+    um, sentences = micrometres, []
     if design.tried:
         fewer = max(design.tried)
         reached = f'gives {um(design.tried[fewer])} µm after a loss'
@@ -191,12 +184,12 @@ def disc_sentence(design: Design) -> str:
     """The best place for one more disc."""
     additional = design.additional_disc
     if additional.best is None:
-        return f'There is no place for an additional disc of radius {additional.radius:.3f} m.'
+        return f'There is no place for an additional disc of radius {1e3 * additional.radius:.0f} mm.'
     x, y, reached = additional.best
     return (
-        f'An additional disc of radius {additional.radius:.3f} m is best at about ({x:.2f}, {y:.2f}) m: '
-        f'{_micrometres(reached)} µm with {additional.touches} touches evenly distributed, against '
-        f'{_micrometres(additional.without)} µm on the discs of the cell.'
+        f'An additional disc of radius {1e3 * additional.radius:.0f} mm is best at about '
+        f'({1e3 * x:.0f}, {1e3 * y:.0f}) mm: {micrometres(reached)} µm with {additional.touches} touches evenly '
+        f'distributed, against {micrometres(additional.without)} µm on the discs of the cell.'
     )
 
 
@@ -207,8 +200,6 @@ def parameter_table(design: Design) -> Table:
     body = []
     for k, name in enumerate(NAMES):
         unit, per_si = SCALES[name]
-        if unit in ('mm', 'mrad'):  # uncertainties of the geometry are some micrometres and microradians
-            unit, per_si = {'mm': 'µm', 'mrad': 'µrad'}[unit], 1e3 * per_si
         values = (row.prediction.std[k] * per_si for row in rows)
         body.append((name, unit, *(f'{value:.3g}' if math.isfinite(value) else 'not determined' for value in values)))
     return Table(heading, ('',) * 4, tuple(body))
@@ -225,17 +216,17 @@ def plan_table(design: Design) -> Table:
             'left' if plan.posture[k] > 0 else 'right',
             f'{plan.force[k]:g}',
             f'{100 * leverage[k]:.0f}',
-            _micrometres(design.without_each[k]),
+            micrometres(design.without_each[k]),
         )
         for k in range(len(plan))
     )
     heading = ('touch', 'disc', 'angle', 'posture', 'force', 'leverage', 'tip without it')
-    return Table(heading, ('', '', 'deg', '', 'N', '%', 'µm'), rows)
+    return Table(heading, ('', '', '°', '', 'N', '%', 'µm'), rows)
 
 
 def number_table(design: Design) -> Table:
     """Accuracy by the number of touches."""
-    rows = tuple((f'{number:g}', *map(_micrometres, values)) for number, *values in zip(*design.curve, strict=True))
+    rows = tuple((f'{number:g}', *map(micrometres, values)) for number, *values in zip(*design.curve, strict=True))
     return Table(('touches', 'best set found', 'evenly distributed', 'lower bound'), ('', 'µm', 'µm', 'µm'), rows)
 
 
@@ -248,7 +239,7 @@ def factor_tables(design: Design) -> list[Table]:
 
 def _cells(row: Row) -> tuple[str, ...]:
     p, tips = row.prediction, (row.free.largest, row.free.rms, row.loaded.largest, row.loaded.rms)
-    return (row.label, str(p.rank), f'{p.condition:.3g}', *map(_micrometres, tips))
+    return (row.label, str(p.rank), f'{p.condition:.3g}', *map(micrometres, tips))
 
 
 def design_report(design: Design) -> Report:

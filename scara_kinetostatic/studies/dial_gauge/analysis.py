@@ -248,7 +248,8 @@ def _split_runs(readings: DialGaugeReadings) -> list[DialGaugeReadings]:
 
 def _label(part: str, direction: float) -> str:
     """Name of a part in messages, with the direction (rad, NaN for none) in which it was loaded."""
-    return part if np.isnan(direction) else f'{part} at {np.degrees(direction):g} deg'
+    name = part.replace('joint', 'joint ')
+    return name if np.isnan(direction) else f'{name} at {np.degrees(direction):g}°'
 
 
 def _fit(rows: DialGaugeReadings, zero_band: float) -> Run:

@@ -24,7 +24,7 @@ from scara_kinetostatic.report import (
     Verdict,
 )
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, new_figure
-from scara_kinetostatic.report.quantities import count, decimals, p_equals
+from scara_kinetostatic.report.quantities import Scale, count, p_equals, shown
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, DirectionMap, Ellipse, Part, Run
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, Reversal, Sense
 from scara_kinetostatic.studies.dial_gauge.statistics import FALSE_ALARM_LEVEL, CombinedEstimate, Estimate
@@ -136,7 +136,9 @@ def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
         for part in analysis.parts.values()
     ]
     if analysis.parts:
-        note = 'gap: displacement jump at zero force; half gap: g of equations (6) and (7); ±: one standard deviation'
+        note = (
+            'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
+        )
         blocks.append(Section('Summary', (summary_table(analysis), note)))
     blocks += [_loop_section(record, f'loop{k}') for k, record in enumerate(analysis.loops)]
     what = [
@@ -155,10 +157,7 @@ def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
 
 def with_std(estimate: Estimate, factor: float = 1e6) -> str:
     """Value ± one standard deviation, with the digits that the latter allows; `factor`: displayed units per SI unit."""
-    digits = decimals(estimate.std * factor)
-    if digits is None:
-        return f'{estimate.value * factor:.6g}'
-    return f'{estimate.value * factor:.{digits}f} ± {estimate.std * factor:.{digits}f}'
+    return shown(estimate.value, estimate.std, '', {'': Scale('', factor)}).text
 
 
 def _cells(each: Part | Run) -> tuple[str, str, str]:
@@ -188,7 +187,7 @@ def _run_table(part: Part) -> Table:
         for run in part.runs
     )
     heading = ('direction', 'compliance', 'gap', 'half gap g', 'reading σ', 'rows', 'checks')
-    return Table(heading, ('deg', slope_unit, gap_unit, gap_unit, 'µm', '', ''), rows)
+    return Table(heading, ('°', slope_unit, gap_unit, gap_unit, 'µm', '', ''), rows)
 
 
 def _test(test: CombinedEstimate) -> str:
@@ -209,7 +208,7 @@ def _map_sentences(part: Part) -> list[str]:
             ellipse = each.ellipse
             fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
             limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} µ{unit}'
-            text += f'; ellipse from {limits}, largest at {with_std(ellipse.axis, 180 / np.pi)} deg{fits}'
+            text += f'; ellipse from {limits}, largest at {with_std(ellipse.axis, 180 / np.pi)}°{fits}'
         found.append(f'{text}.')
     return found
 
@@ -222,7 +221,7 @@ def part_figures(part: Part) -> tuple[Figures, ...]:
     ]
     order = sorted(range(len(part.runs)), key=lambda k: -part.runs[k].gap.value)
     forces = [
-        Figure(partial(force_picture, part.runs[k], f'{part.name}_force{k}'), title=part.runs[k].name)
+        Figure(partial(force_picture, part.runs[k], f'{part.name}_force{k}'), title=part.runs[k].name.capitalize())
         for k in dict.fromkeys((order[0], order[-1]))
     ]
     found = [Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')]
@@ -274,7 +273,7 @@ def force_picture(run: Run, name: str) -> Markup:
         above.plot([0, far], [offset, offset + slope * far], color=colour, lw=1.2)
         offsets.append(offset)
     above.plot([0, 0], offsets, color=INK, lw=2.2, solid_capstyle='butt')
-    text = f'gap {MICRO * fit.gap.value:.4g} µm'
+    text = f'gap {MICRO * fit.gap.value:.4g} µm at the gauge'
     above.annotate(text, (0, np.mean(offsets)), (10, 0), textcoords='offset points', va='center', color=INK)
     for axes, values in ((above, displacement), (below, MICRO * fit.residual)):
         axes.plot(force[list(run.outliers)], values[list(run.outliers)], 'X', ms=8, mfc=WARN, mec=PAPER)

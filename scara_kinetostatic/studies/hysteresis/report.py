@@ -23,7 +23,7 @@ from scara_kinetostatic.report import (
     Verdict,
 )
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, SERIES, Margins, as_svg, new_figure
-from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals, shown
+from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals, scale_of, shown
 from scara_kinetostatic.studies.hysteresis.dependence import VARIABLES, Dependence
 from scara_kinetostatic.studies.hysteresis.fit import Prediction
 from scara_kinetostatic.studies.hysteresis.laws import Law
@@ -68,13 +68,20 @@ class _Words(NamedTuple):
     held_out: str
     uncertainty: str
     errors: str
+    dependence: str
 
+
+_DEPENDENCE = (
+    'Share of the square of the residual that the variable explains, and the p-value of no dependence on it. The '
+    'verdict states that of no dependence on any of them.'
+)
 
 _BY_MOTION = _Words(
     'Driven by their motion: the {load} is predicted from the {response}.',
     'On sweeps not used in the fit, the error',
     'delete-one-cycle jackknife',
     'Errors: rms of the {load}, without the first sweep. Held out: each half of the sweeps predicted from the other.',
+    _DEPENDENCE,
 )
 _BY_LOAD = _Words(
     'Driven by their load: the {response} is predicted from the {load}.',
@@ -82,6 +89,7 @@ _BY_LOAD = _Words(
     'delete-one-record jackknife',
     'Errors: rms of the {response} after unloading. Held out: predicted with the parameters of the other records; zero '
     'and state of friction from its own samples up to the unloading.',
+    f'{_DEPENDENCE} The load before: at rest after the load the residual is not that at rest before it.',
 )
 _BY_ONE_LOAD = _BY_LOAD._replace(
     held_out='The later half predicted from the earlier half, the error',
@@ -199,15 +207,11 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
     return (
         Section('Records', (_record_table(selection), *_figures(selection, name))),
         Section('Laws compared', (_candidate_table(selection), record.words(_words(selection).errors), _COMPARED)),
-        Section('What the residual depends on', (_dependence_table(selection), _DEPENDENCE)),
+        Section('What the residual depends on', (_dependence_table(selection), Note(_words(selection).dependence))),
         Section('Parameters', (_parameter_table(selection), _parameter_note(selection))),
     )
 
 
-_DEPENDENCE = Note(
-    'Share of the square of the residual that the variable explains, and the p-value of no dependence. '
-    'The load before: at rest after the load the residual is not that at rest before it.'
-)
 _COMPARED = Note(
     'p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), which counts the parameters. '
     'Better: the residual of law (6) shows a dependence, and the law predicts better (1 %, shared among the laws). '
@@ -306,19 +310,23 @@ def _parameter_table(selection: Selection) -> Table:
         laws['after'] = selection.selected
     rows = []
     for name, title in _PARAMETERS.items():
-        cells = [_value(each, name, record) for each in laws.values()]
+        found = [each.parameters[name] for each in laws.values() if name in each.parameters]
+        size = float(np.nanmax([0.0, *(abs(number) for each in found for number in (each.value, each.std))]))
+        cells = [_value(each, name, record, size) for each in laws.values()]
         if any(cells):
             rows.append((record.words(title), *cells))
     return Table(('parameter', *laws), ('',) * (1 + len(laws)), tuple(rows))
 
 
-def _value(candidate: Candidate, name: str, record: Record) -> str:
+def _value(candidate: Candidate, name: str, record: Record, size: float) -> str:
+    """A parameter with its standard deviation, in the unit that fits a size; empty where the law has none."""
     estimate = candidate.parameters.get(name)
     if estimate is None:
         return ''
     if np.nanmax(np.abs([estimate.value, estimate.std])) < 1e-12:  # at a bound of 0
         return '0'
-    return shown(estimate.value, estimate.std, unit_of(candidate.law, name, record)).text
+    unit = unit_of(candidate.law, name, record)
+    return shown(estimate.value, estimate.std, unit, {unit: scale_of(size, unit)}).text
 
 
 def unit_of(law: Law, name: str, record: Record) -> str:
@@ -352,35 +360,36 @@ def _predicted_section(selection: Selection, predicted: Sequence[PredictedRecord
     for k, each in enumerate(predicted):
         path = LoadPath(each.record, direction=selection.study.direction)
         after = each.after if selection.selected else None
-        sections.append(_pictures(path, ~path.known, each.before, after, f'other{k}'))
+        sections.append(_pictures(path, ~path.known, each.before, after, scale, f'other{k}'))
     return Section('Further records, predicted', (note, table, *sections))
 
 
 def _figures(selection: Selection, name: str) -> list[Block]:
     """Pictures of each record, that with the largest error of law (6) first; all but the first four are folded."""
     study, sections = selection.study, []
-    errors = record_errors(selection, selection.before)
+    errors, scale = record_errors(selection, selection.before), _error_scale(selection)
     for k in sorted(range(len(errors)), key=lambda number: -errors[number]):
         after = selection.selected.held_out[k] if selection.selected else None
         before = selection.before.held_out[k]
-        sections.append(_pictures(study.paths[k], study.judged[k], before, after, f'{name}_{k}'))
+        sections.append(_pictures(study.paths[k], study.judged[k], before, after, scale, f'{name}_{k}'))
     more = Section(f'{len(sections) - 4} more', tuple(sections[4:]), folded=True)
     return [Note(_PICTURES), *sections[:4], *([more] if sections[4:] else [])]
 
 
 _PICTURES = (
-    'Left: measured, and predicted where it was held out. Right: measured less predicted; what is shaded is judged.'
+    'Before, after: error (rms) by law (6) and by the selected law. Left: measured, and predicted where it was held '
+    'out. Right: measured less predicted; what is shaded is judged.'
 )
 
 
 def _pictures(
-    path: Motion | LoadPath, judged: Mask, before: Prediction, after: Prediction | None, name: str
+    path: Motion | LoadPath, judged: Mask, before: Prediction, after: Prediction | None, scale: Scale, name: str
 ) -> Section:
     residuals = [(before.residual, SERIES[1], 'law (6)')]
     residuals += [(after.residual, SERIES[0], 'selected law')] if after else []
     pictures = (
         Figure(partial(_loop_picture, path, residuals, name)),
-        Figure(partial(_residual_picture, path, judged, residuals, name)),
+        Figure(partial(_residual_picture, path, judged, residuals, scale, name)),
     )
     return Section(path.record.name, (Figures(pictures),))
 
@@ -415,11 +424,9 @@ def _loop_picture(path: Motion | LoadPath, residuals: _Residuals, name: str) -> 
     return as_svg(figure, f'{name}_loop', record.words(f'{words[1]} over {words[0]}, measured and predicted'))
 
 
-def _residual_picture(path: Motion | LoadPath, judged: Mask, residuals: _Residuals, name: str) -> Markup:
+def _residual_picture(path: Motion | LoadPath, judged: Mask, residuals: _Residuals, scale: Scale, name: str) -> Markup:
     """Residuals over time, what is judged shaded."""
     figure, (axes,) = new_figure(450.0, 300.0, margins=_MARGINS)
-    unit = path.record.unit('N' if isinstance(path, Motion) else 'm')
-    scale = _scale(max(rms(residual) for residual, _, _ in residuals), unit)
     axes.axvspan(path.time[int(judged.argmax())], path.time[-1], color=LINE, lw=0, alpha=0.5)
     axes.axhline(0, color=FAINT, lw=0.9)
     for residual, colour, label in residuals:

@@ -9,9 +9,10 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import MaxNLocator
 
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, UNITS, Parameters
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.report import Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure
+from scara_kinetostatic.report.quantities import SCALES
 from scara_kinetostatic.studies.dial_gauge.report import TITLES, dial_gauge_document, part_figures, summary_table
 from scara_kinetostatic.studies.paper.study import Reproduction
 from scara_kinetostatic.studies.paper.table_2 import (
@@ -248,8 +249,8 @@ def _experiments(r: Reproduction) -> tuple[Section, ...]:
                 'measured readings.',
                 summary_table(r.dial_gauge),
                 Note(
-                    'Figure 4(d), measured by the authors: gripper 3.76e-5 m/N and 5.49e-5 to 2.05e-4 m over the '
-                    'directions; joint 1 3.23e-5 rad/Nm and 2.64e-4 rad; joint 2 1.08e-4 rad/Nm and 2.68e-4 rad.'
+                    'Figure 4(d), measured by the authors: gripper 37.6 µm/N and 54.9 to 205 µm over the directions; '
+                    'joint 1 32.3 µrad/Nm and 264 µrad; joint 2 108 µrad/Nm and 268 µrad.'
                 ),
                 *(Section(TITLES[part.name], part_figures(part)) for part in r.dial_gauge.parts.values()),
             ),
@@ -271,9 +272,9 @@ def _table_2(r: Reproduction) -> tuple[Table | Note, ...]:
         'weighted, with noise': (noisy.weighted.parameters, noisy.weighted.force_error),
     }
     rows = [
-        (name, UNITS[name], *(f'{getattr(values, name):.6e}' for values, _ in columns.values()),
-         f'{noisy.weighted.std_of(name):.1e}')
-        for name in NAMES
+        (name, unit, *(f'{per_si * getattr(values, name):#.7g}' for values, _ in columns.values()),
+         f'{per_si * noisy.weighted.std_of(name):.2g}')
+        for name, (unit, per_si) in SCALES.items()
     ]  # fmt: skip
     errors = ('' if error is None else f'{error:.3e}' for _, error in columns.values())
     note = (
@@ -307,8 +308,8 @@ def _monte_carlo_table(r: Reproduction) -> Table:
     paper, weighted = r.monte_carlo['paper'], r.monte_carlo['weighted']
     values = np.stack([paper.predicted, paper.found, weighted.predicted, weighted.found], axis=1)
     rows = tuple(
-        (name, UNITS[name], *(f'{value:.3e}' for value in row), f'{row[3] / row[1]:.3f}')
-        for name, row in zip(NAMES, values, strict=True)
+        (name, unit, *(f'{per_si * value:#.4g}' for value in row), f'{row[3] / row[1]:.3f}')
+        for (name, (unit, per_si)), row in zip(SCALES.items(), values, strict=True)
     )
     heading = ('parameter', 'unit', 'unweighted: predicted', 'found', 'weighted: predicted', 'found', 'ratio found')
     return Table(heading, ('',) * len(heading), rows)
@@ -320,10 +321,10 @@ def _gripper_table(r: Reproduction) -> Table:
         (
             part.name,
             f'{100 * part.explained:.1f}',
-            f'{part.std:.1e}' if np.isfinite(part.std) else 'not determined',
+            f'{1e6 * part.std:#.2g}' if np.isfinite(part.std) else 'not determined',
             ', '.join(f'{value:+.3g} in {name}' for name, value in part.biases.items()) or 'none',
         )
         for part in r.gripper
     )
     heading = ('part of P', 'explained by the twelve parameters', 'standard deviation', 'bias per unit, if ignored')
-    return Table(heading, ('', '%', 'm/N', ''), rows)
+    return Table(heading, ('', '%', 'µm/N', ''), rows)
