@@ -22,7 +22,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.alternatives import cover_alternatives, find_moments, widened_by_moments
 from scara_kinetostatic.diagnosis.candidates import all_candidates
-from scara_kinetostatic.diagnosis.comparison import discriminating_touches, objects_left_out
+from scara_kinetostatic.diagnosis.comparison import discriminating_touches, objects_left_out, tip_error
 from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequacy, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
@@ -65,7 +65,7 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
     """The diagnosis with what undetected effects contribute to the uncertainty of the models that it gives.
 
     Where the cause of a model error is not certain, the extended model may be worse than the base model, whose
-    parameters take up a part of every effect: then it is used only if it predicts objects left out as well.
+    parameters take up a part of every effect: then it is used only if it predicts what is left out as well.
     """
     base = with_undetected(found.refitted or c, known)
     if base is (found.refitted or c):
@@ -87,7 +87,12 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
 
 
 def _predicts_as_well(extended: Calibration, base: Calibration) -> bool:
-    """Whether objects that the fit has not seen are predicted as well; where that is not known, whether the tip is."""
+    """Whether objects that the fit has not seen are predicted as well or, where that is not known, the tip is known as
+    well; or single touches, left out one by one, are predicted far better.
+    """
+    single = [tip_error(c).held_out for c in (extended, base)]
+    if single[0] < 0.5 * single[1]:
+        return True
     errors = [objects_left_out(c).error for c in (extended, base)]
     if not np.isfinite(errors).all():  # an effect of one object is not determined without it
         errors = [tip_uncertainty(c).median for c in (extended, base)]

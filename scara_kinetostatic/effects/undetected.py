@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, SensorEffect
+from scara_kinetostatic.effects.base import Effect, SensorEffect, combined
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import ArmClass, Cell
@@ -162,8 +162,15 @@ class Undetected(Effect):
         return tuple(p._replace(name=text, meaning='undetected', start=0.0) for text, p in described)
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        """None: their values are zero."""
-        return Shift()
+        """None where their values are zero, as always but in a Monte Carlo analysis."""
+        if not values.any():
+            return Shift()
+        parts = self.derivative(at, values)
+        joints, places = (
+            [(part, value) for part, value in zip(column, values, strict=True) if part is not None]
+            for column in zip(*parts, strict=True)
+        )
+        return Shift(*(combined(*zip(*some, strict=True)) if some else None for some in (joints, places)))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return derivatives(self._parsed, at)
