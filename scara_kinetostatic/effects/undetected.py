@@ -166,11 +166,9 @@ class Undetected(Effect):
         if not values.any():
             return Shift()
         parts = self.derivative(at, values)
-        joints, places = (
-            [(part, value) for part, value in zip(column, values, strict=True) if part is not None]
-            for column in zip(*parts, strict=True)
+        return Shift(
+            combined([part.joints for part in parts], values), combined([part.place for part in parts], values)
         )
-        return Shift(*(combined(*zip(*some, strict=True)) if some else None for some in (joints, places)))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return derivatives(self._parsed, at)
