@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.calibration.result import Calibration, joint_covariance, undetected_covariance
-from scara_kinetostatic.files.columns import csv_lines, quoted
+from scara_kinetostatic.files.columns import csv_lines
+from scara_kinetostatic.files.escaping import csv_cell
 from scara_kinetostatic.files.touch_table import EXAMPLE, TouchTable
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
@@ -215,7 +216,7 @@ def dump_touch_table(table: TouchTable) -> str:
     numbers = np.concatenate([table.joints, table.force], axis=1).T.tolist()
     columns = {name: [*map(repr, column)] for name, column in zip(EXAMPLE.split(','), numbers, strict=True)}
     if any(table.objects):
-        columns['object'] = [quoted(name) for name in table.objects]
+        columns['object'] = [csv_cell(name) for name in table.objects]
     if table.time.any():
         columns['time_s'] = [*map(repr, table.time.tolist())]
     if table.approach.any():

@@ -25,16 +25,16 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
+from scara_kinetostatic.bags.messages import JOINT_STATE, LARGEST_MESSAGE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.touches.streams import FixedTransform
 
 _LARGEST_VALUE = 1e9
 """Larger values, and those that are not finite, are dropped, rad or N."""
-_LONGEST = 1 << 24
-"""Longer messages are dropped, bytes."""
-_MOST_PROBLEMS = 64
-"""After so many unusable layouts in a batch, the rest of it is dropped: these are not the expected messages."""
+_MOST_COMPARED = 4_000_000
+"""After so many comparisons of a message with a layout, the rest of a batch is dropped: there are too many layouts."""
+_MOST_NAMES = 1000
+"""Most joints in a message."""
 _INCOMPLETE = 'incomplete'
 _STRINGS = 12
 """Where the first string of a message with a header begins: `frame_id`."""
@@ -78,6 +78,8 @@ def joint_fields(message: bytes) -> Fields:
     count, at = _count(message, at)
     if 4 * count > len(message):
         raise ValueError(_INCOMPLETE)
+    if count > _MOST_NAMES:
+        raise ValueError(f'of more than {_MOST_NAMES} joints')
     names = []
     for _ in range(count):
         name, at = _text(message, at)
@@ -188,7 +190,7 @@ class Decoder:
 
     def _same_layout(self, batch: Batch) -> Iterator[tuple[Fields, NDArray[np.uint8], NDArray[np.intp]]]:
         """Messages that share a layout, as a matrix of bytes, with their places in the batch."""
-        plausible = (batch.length >= 20) & (batch.length <= _LONGEST)
+        plausible = (batch.length >= 20) & (batch.length <= LARGEST_MESSAGE)
         where = np.flatnonzero(plausible)
         start = batch.start[where]
         plain = (batch.buffer[start] == 0) & (batch.buffer[start + 1] == 1)
@@ -196,17 +198,20 @@ class Decoder:
             {_INCOMPLETE: int(np.sum(~plausible)), 'in an encoding other than plain CDR': int(np.sum(~plain))}
         )
         where = where[plain]
-        problems = 0
+        compared, left = 0, len(where)
         for size in np.unique(batch.length[where]).tolist():
             places = where[batch.length[where] == size]
             rows = sliding_window_view(batch.buffer, size)[batch.start[places]]
+            compared += len(where)
             while len(rows):
-                message = rows[0].tobytes()
-                fields, problem = self._fields(message)
+                compared += len(rows)
+                if compared > _MOST_COMPARED:
+                    self._dropped['in too many layouts'] += left
+                    return
+                fields, problem = self._fields(rows[0].tobytes())
                 same = np.all(rows[:, _STRINGS : fields.end] == rows[0, _STRINGS : fields.end], axis=1)
+                left -= int(np.sum(same))
                 if problem:
-                    problems += 1
-                    same |= problems == _MOST_PROBLEMS
                     self._dropped[problem] += int(np.sum(same))
                 else:
                     yield fields, rows[same], places[same]

@@ -9,9 +9,10 @@ damage that changes what is read becomes a warning. The messages of a chunk beco
 from __future__ import annotations
 
 import struct
+import zlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
-from io import BytesIO
+from io import SEEK_END, BytesIO
 from pathlib import Path
 from typing import IO
 
@@ -22,19 +23,20 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Message, Schema, Statistics
-from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
+from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from scara_kinetostatic.bags.budget import Budget, unpack
 from scara_kinetostatic.bags.messages import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
-_LARGEST_CHUNK = 1 << 28
-"""Larger chunks are refused, bytes."""
 _MESSAGE_HEAD = 9 + 22
 """Bytes before the payload of a message: opcode, length; channel, sequence, log time, publish time."""
+_ENTRY, _DEFINITION = 16, 10
+"""Bytes of an index that cost as much as a record, and records as which a schema or channel counts."""
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OSError, RuntimeError, ValueError)
 
 
@@ -45,8 +47,9 @@ class McapFile:
         cut_off: that of the warnings which says that the file ends amid its data; empty where it does not.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, budget: Budget) -> None:
         self.path = path
+        self._budget = budget
         self.cut_off = ''
         self.warnings: list[str] = []
         self._limit = path.stat().st_size
@@ -78,6 +81,10 @@ class McapFile:
     def _summary(self, stream: IO[bytes]) -> Summary | None:
         """The index at the end of the file; None if it cannot be used."""
         try:
+            stream.seek(-28, SEEK_END)
+            start = int.from_bytes(stream.read(8), 'little')
+            self._budget.charge(0, max(self._limit - start, 0) // _ENTRY if start else 0)
+            stream.seek(0)
             summary = SeekingReader(stream, record_size_limit=self._limit).get_summary()
         except _DAMAGE:
             summary = None
@@ -114,10 +121,10 @@ class McapFile:
         offset, ended = len(MAGIC), False
         records = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self._limit).records
         try:
-            for record in records:
-                if isinstance(record, (Schema, Channel)):
-                    self._define([record])
-                elif isinstance(record, Message):
+            for number, record in enumerate(records, start=1):
+                if number % BATCH == 0:
+                    self._budget.charge(0, BATCH)
+                if isinstance(record, Message):
                     topic = self._channels.get(record.channel_id)
                     if topic is not None and topic.name in wanted:
                         times, payloads = loose.setdefault(topic, ([], []))
@@ -127,8 +134,12 @@ class McapFile:
                             yield Batch.from_payloads(topic, *loose.pop(topic))
                 elif isinstance(record, Chunk):
                     yield from self._chunk(record, offset, wanted)
-                elif isinstance(record, Statistics):
-                    self._statistics = record
+                else:
+                    self._budget.charge(0, (stream.tell() - offset) // _ENTRY)
+                    if isinstance(record, (Schema, Channel)):
+                        self._define([record])
+                    elif isinstance(record, Statistics):
+                        self._statistics = record
                 ended = ended or isinstance(record, DataEnd)
                 offset = stream.tell()
         except CRCValidationError:
@@ -144,12 +155,15 @@ class McapFile:
 
     def _chunk(self, chunk: Chunk, offset: int, wanted: Collection[str]) -> Iterator[Batch]:
         try:
-            if chunk.uncompressed_size > _LARGEST_CHUNK:
-                raise ValueError(f'a chunk of {chunk.uncompressed_size} bytes, expected at most {_LARGEST_CHUNK}')
-            stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-            data = stream.read(size)
-            starts, definitions = _records(data)
-            self._define(definitions)
+            self._budget.check_piece(max(chunk.uncompressed_size, len(chunk.data)))
+            data = unpack(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
+            if chunk.compression and len(data) != chunk.uncompressed_size:
+                raise ValueError(f'it unpacks to {len(data)} bytes, expected {chunk.uncompressed_size}')
+            if chunk.uncompressed_crc and chunk.uncompressed_crc != zlib.crc32(data):
+                raise ValueError('its checksum does not match')
+            starts, definitions, number = _records(data, self._budget.records)
+            self._budget.charge(len(chunk.data) + len(data), number + _DEFINITION * len(definitions))
+            self._define(map(_definition, definitions))
         except _DAMAGE as error:
             self._damaged(offset, error)
             return
@@ -176,18 +190,19 @@ class McapFile:
         self.warnings.append(f'{self.path.name}: the damaged chunk at byte {offset} was skipped ({reason})')
 
 
-def _records(data: bytes) -> tuple[dict[int, list[int]], list[Schema | Channel]]:
-    """By channel number, where its messages start in the bytes of a chunk; and the schemas and channels.
+def _records(data: bytes, most: int) -> tuple[dict[int, list[int]], list[bytes], int]:
+    """By channel number, where its messages start in the bytes of a chunk; each schema and channel, once; and the
+    number of all records. With more than `most` that are no messages, the others are left out.
 
     Raises:
         ValueError: the chunk does not consist of valid records to its end.
     """
     places: dict[int, list[int]] = {}
-    definitions: list[Schema | Channel] = []
-    unpack, size, message = struct.Struct('<BQH').unpack_from, len(data), int(Opcode.MESSAGE)
-    at = 0
+    definitions: dict[bytes, None] = {}
+    parts, size, message = struct.Struct('<BQH').unpack_from, len(data), int(Opcode.MESSAGE)
+    at = others = 0
     while at + 11 <= size:
-        opcode, length, key = unpack(data, at)
+        opcode, length, key = parts(data, at)
         end = at + 9 + length
         if end > size:
             break
@@ -196,15 +211,21 @@ def _records(data: bytes) -> tuple[dict[int, list[int]], list[Schema | Channel]]
                 places[key].append(at)
             else:
                 places[key] = [at]
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            content = ReadDataStream(BytesIO(data[at + 9 : end]))
-            definitions.append(Schema.read(content) if opcode == Opcode.SCHEMA else Channel.read(content))
-        elif opcode == message:
+        elif opcode == message or others > most:
             break
+        else:
+            others += 1
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                definitions[data[at:end]] = None
         at = end
-    if at != size:
+    if at != size and others <= most:
         raise ValueError('invalid records')
-    return places, definitions
+    return places, list(definitions), others + sum(map(len, places.values()))
+
+
+def _definition(record: bytes) -> Schema | Channel:
+    content = ReadDataStream(BytesIO(record[9:]))
+    return Schema.read(content) if record[0] == Opcode.SCHEMA else Channel.read(content)
 
 
 def _integers(buffer: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, Protocol, TypeAlias
@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.bags.budget import Budget
 from scara_kinetostatic.errors import RecordingError, ScaraKinetostaticError
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -23,8 +24,10 @@ number, the middle of its hold by the clock of the streams, and when that was re
 
 LARGEST_MESSAGE = 1 << 20
 """A joint state, wrench or cell description is smaller than this, bytes; larger messages are refused."""
-BATCH = 8192
-"""Messages per batch where the source does not set its own portion."""
+BATCH, BATCH_BYTES = 8192, 1 << 25
+"""Messages and bytes after which a batch ends, where the source does not set its own portion."""
+PORTION = 64
+"""Messages that are in memory before their bytes are counted: many may be the same bytes of a file."""
 
 
 class Topic(NamedTuple):
@@ -81,6 +84,28 @@ class Batch(NamedTuple):
 
 
 Batches: TypeAlias = Generator[Batch, None, None]
+
+
+def batched(topic: Topic, portions: Iterable[tuple[Sequence[int], Sequence[bytes]]], budget: Budget) -> Iterator[Batch]:
+    """Batches of messages that lie apart, each charged to the budget.
+
+    Args:
+        topic: their topic.
+        portions: when each was recorded, ns, and their payloads; a few at a time.
+        budget: of the recording.
+    """
+    times, payloads, size = list[int](), list[bytes](), 0
+    for some_times, some_payloads in portions:
+        times += some_times
+        payloads += some_payloads
+        part = sum(map(len, some_payloads))
+        budget.charge(part, len(some_times))
+        size += part
+        if len(times) >= BATCH or size >= BATCH_BYTES:
+            yield Batch.from_payloads(topic, times, payloads)
+            times, payloads, size = [], [], 0
+    if times:
+        yield Batch.from_payloads(topic, times, payloads)
 
 
 class Source(Protocol):

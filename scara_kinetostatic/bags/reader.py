@@ -16,11 +16,13 @@ from typing import NamedTuple
 
 import zstandard
 
+from scara_kinetostatic.bags.budget import ZSTD_MAGIC, Budget, unpack
 from scara_kinetostatic.bags.cdr import Decoder, Samples, decode_string, decode_transforms
 from scara_kinetostatic.bags.messages import (
     DISCARD_TOPIC,
     JOINT_STATE,
     LARGEST_MESSAGE,
+    PORTION,
     STRING,
     TF_MESSAGE,
     TF_STATIC,
@@ -28,10 +30,11 @@ from scara_kinetostatic.bags.messages import (
     Batch,
     Source,
     Topic,
+    batched,
     printable,
     reading,
 )
-from scara_kinetostatic.bags.sources import ZSTD_MAGIC, open_recording
+from scara_kinetostatic.bags.sources import open_recording
 from scara_kinetostatic.errors import CellError, InputError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.files.touch_table import is_touch_table
@@ -46,6 +49,9 @@ from scara_kinetostatic.touches.streams import (
     WrenchStream,
     interleaved_seconds,
 )
+
+_JSON = 100
+"""Messages on `/tf_static` and of discarded touches cost as much as so many others."""
 
 
 class _Discard(NamedTuple):
@@ -117,38 +123,41 @@ def _read(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
     """What a recording holds of two topics."""
     types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
     decoders = dict(zip(names, (Decoder(cell.joint_names), Decoder()), strict=True))
-    contents = _Contents(open_recording(path), decoders, [], WrenchFrame(cell.sensor.frame))
+    budget = Budget(Path(path))
+    contents = _Contents(open_recording(path, budget), decoders, [], WrenchFrame(cell.sensor.frame))
     for batch in contents.source.batches((*types, DISCARD_TOPIC, TF_STATIC)):
         topic = batch.topic
-        for portion in _decompressed(batch) if topic.encoding == 'cdr' else ():
+        for portion in _decompressed(batch, budget) if topic.encoding == 'cdr' else ():
             if topic.msgtype == types.get(topic.name):
                 decoders[topic.name].add(portion)
             elif (topic.name, topic.msgtype) == (DISCARD_TOPIC, STRING):
+                budget.charge(0, _JSON * len(portion.start))
                 contents.discarded.extend(_discarded(portion))
             elif (topic.name, topic.msgtype) == (TF_STATIC, TF_MESSAGE):
+                budget.charge(0, _JSON * len(portion.start) + int(portion.length.sum()) // _JSON)
                 for transform in (each for payload in portion.payloads() for each in decode_transforms(payload)):
                     contents.frame.add(transform)
     return contents
 
 
-def _decompressed(batch: Batch, portion: int = 1 << 25) -> Iterator[Batch]:
+def _decompressed(batch: Batch, budget: Budget) -> Iterator[Batch]:
     """The same messages, decompressed where each was compressed on its own (rosbag2's compression mode `message`).
 
-    They come in portions of so many bytes. A message that is not compressed never starts with the magic number of zstd.
+    A message that is not compressed never starts with the magic number of zstd; one that is damaged or too large is
+    empty.
     """
     if len(batch.start) == 0 or batch.payload(0)[:4] != ZSTD_MAGIC:
         yield batch
         return
-    times, payloads, size = batch.log_time.tolist(), list[bytes](), 0
-    for index in range(len(times)):
-        message = b''
-        with suppress(zstandard.ZstdError), zstandard.ZstdDecompressor().stream_reader(batch.payload(index)) as reader:
-            message = reader.read(LARGEST_MESSAGE + 1)
-        payloads.append(message if len(message) <= LARGEST_MESSAGE else b'')
-        size += len(message)
-        if size > portion or index == len(times) - 1:
-            yield Batch.from_payloads(batch.topic, times[index + 1 - len(payloads) : index + 1], payloads)
-            payloads, size = [], 0
+
+    def content(index: int) -> bytes:
+        with suppress(zstandard.ZstdError, ValueError):
+            return unpack(batch.payload(index), LARGEST_MESSAGE)
+        return b''
+
+    times = batch.log_time.tolist()
+    parts = (range(start, min(start + PORTION, len(times))) for start in range(0, len(times), PORTION))
+    yield from batched(batch.topic, ((times[part.start : part.stop], [*map(content, part)]) for part in parts), budget)
 
 
 def _discarded(batch: Batch) -> list[_Discard]:
@@ -183,10 +192,13 @@ def embedded_cell(path: str | Path) -> Cell | None:
 
 def _embedded(path: str | Path) -> tuple[Cell | None, list[str]]:
     """The same, and what is wrong with the recording."""
-    with reading(path), closing((source := open_recording(path)).batches({CELL_TOPIC})) as batches:
+    with reading(path):
+        budget = Budget(Path(path))
+        source = open_recording(path, budget)
+    with reading(path), closing(source.batches({CELL_TOPIC})) as batches:
         for batch in batches:
             if batch.topic.msgtype == STRING and batch.topic.encoding == 'cdr':
-                text = decode_string(next(_decompressed(batch)).payload(0))
+                text = decode_string(next(_decompressed(batch, budget)).payload(0))
                 return parse_cell(text, f'{path}: {CELL_TOPIC}'), source.warnings
     return None, source.warnings
 

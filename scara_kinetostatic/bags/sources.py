@@ -18,24 +18,25 @@ from pathlib import Path, PurePosixPath
 
 import zstandard
 
+from scara_kinetostatic.bags.budget import ZSTD_MAGIC, Budget, BudgetError
 from scara_kinetostatic.bags.mcap_file import MAGIC, McapFile
 from scara_kinetostatic.bags.messages import Batch, Batches, Source, Topic, reading, ros_topic
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.yaml_file import parse_strings
 
 METADATA = 'metadata.yaml'
-ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _FORMS = 'a rosbag2 folder, an .mcap or .db3 file, a ROS 1 .bag, or a touch table (.csv)'
 _STORED = re.compile(r'[^.].*\.(mcap|db3)(\.zstd)?\Z')
 _NUMBERED = re.compile(r'\.?(?P<stem>.+)_(?P<number>[0-9]+)\.mcap(\.part)?\Z')
 """A file of a split recording, hidden and with `.part` while it is being written."""
 
 
-def open_recording(path: str | Path) -> Source:
+def open_recording(path: str | Path, budget: Budget | None = None) -> Source:
     """The source of a recording.
 
     Args:
         path: a rosbag2 folder, an `.mcap` or `.db3` file, plain or `.zstd`, or a ROS 1 `.bag`.
+        budget: of the recording; None: one in proportion to its size.
 
     Raises:
         RecordingError: it does not exist, or its form is not known.
@@ -44,10 +45,11 @@ def open_recording(path: str | Path) -> Source:
     with reading(path):
         if not path.exists():
             raise RecordingError(path, 'there is no such recording', 'check the path')
-        return BagFolder(path) if path.is_dir() else _open_file(path)
+        budget = budget or Budget(path)
+        return BagFolder(path, budget) if path.is_dir() else _open_file(path, budget)
 
 
-def _open_file(path: Path) -> Source:
+def _open_file(path: Path, budget: Budget) -> Source:
     """The source of a single file.
 
     Raises:
@@ -60,17 +62,17 @@ def _open_file(path: Path) -> Source:
     if not start:
         raise RecordingError(path, 'the file is empty', 'the recorder was perhaps not stopped properly; record again')
     if start.startswith(ZSTD_MAGIC):
-        return _Decompressed(path)
+        return _Decompressed(path, budget)
     if start.startswith(MAGIC):
-        return McapFile(path)
+        return McapFile(path, budget)
     if start.startswith(b'SQLite format 3\0'):
         from scara_kinetostatic.bags.sqlite_file import SqliteFile
 
-        return SqliteFile(path)
+        return SqliteFile(path, budget)
     if start.startswith(b'#ROSBAG V'):
         from scara_kinetostatic.bags.ros1_file import Ros1File
 
-        return Ros1File(path)
+        return Ros1File(path, budget)
     remedy = f'give the folder {path.parent}' if path.name == METADATA else f'give {_FORMS}'
     raise RecordingError(path, 'not a recording', remedy)
 
@@ -78,9 +80,10 @@ def _open_file(path: Path) -> Source:
 class _Decompressed:
     """A file compressed as a whole: decompressed into a temporary file while it is read; a `Source`."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, budget: Budget) -> None:
         self.path = path
         self.warnings: list[str] = []
+        self._budget = budget
         self._topics: list[Topic] = []
 
     def topics(self) -> list[Topic]:
@@ -93,26 +96,23 @@ class _Decompressed:
             plain = Path(folder) / self.path.stem
             self._decompress(plain)
             try:
-                source = _open_file(plain)
+                source = _open_file(plain, self._budget)
                 yield from source.batches(wanted)
             except RecordingError as error:
-                raise RecordingError(self.path, f'decompressed: {error.problem}', error.remedy) from error
+                raise type(error)(self.path, f'decompressed: {error.problem}', error.remedy) from error
             self._topics = source.topics()
             self.warnings += source.warnings
 
-    def _decompress(self, plain: Path, least_allowed: int = 1 << 28, largest_ratio: int = 200) -> None:
-        """Decompresses the file, to so many bytes or so many times its size at most.
+    def _decompress(self, plain: Path) -> None:
+        """Decompresses the file.
 
         Raises:
-            ValueError: it grows beyond the limit; nothing beyond that is written.
+            BudgetError: it grows beyond the limit; nothing beyond that is written.
         """
-        left = limit = max(least_allowed, largest_ratio * self.path.stat().st_size)
         with zstandard.open(self.path, 'rb') as packed, plain.open('wb') as unpacked:
             try:
                 while part := packed.read(1 << 20):
-                    left -= len(part)
-                    if left < 0:
-                        raise ValueError(f'it exceeds {limit} bytes when decompressed')
+                    self._budget.charge(len(part))
                     unpacked.write(part)
             except zstandard.ZstdError as error:
                 self.warnings.append(f'{self.path.name} ends early ({error}): read up to there')
@@ -125,9 +125,10 @@ class BagFolder:
         RecordingError: the folder holds no recording.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, budget: Budget) -> None:
         self.path = path
         self.warnings: list[str] = []
+        self._budget = budget
         self._topics: list[Topic] = []
         self._counts: dict[str, int] = {}
         self._read_counts: Counter[str] = Counter()
@@ -163,12 +164,12 @@ class BagFolder:
     def _read(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
         try:
             with reading(path):
-                source = _open_file(path)
+                source = _open_file(path, self._budget)
                 for batch in source.batches(wanted):
                     self._read_counts[batch.topic.name] += len(batch.start)
                     yield batch
         except RecordingError as error:
-            if len(self._files) == 1:
+            if len(self._files) == 1 or isinstance(error, BudgetError):
                 raise
             self.warnings.append(f'{path.name} was skipped: {error.problem}')
             return
@@ -181,7 +182,7 @@ class BagFolder:
         """The messages of a file that the metadata does not list; that it ends early is expected and not reported."""
         count = 0
         with suppress(RecordingError), reading(path):
-            for batch in _open_file(path).batches(wanted):
+            for batch in _open_file(path, self._budget).batches(wanted):
                 count += len(batch.start)
                 yield batch
         if count:

@@ -7,11 +7,14 @@ from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
 
-from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Topic, ros2_type, ros_topic
+from scara_kinetostatic.bags.budget import Budget
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Topic, batched, ros2_type, ros_topic
 from scara_kinetostatic.errors import RecordingError
 
 _LARGEST_CHECKED = 1 << 30
 """The structure of a file up to this size is checked, bytes; larger ones contain camera images or the like."""
+_STEPS, _STEPS_PER_RECORD = 1_000_000, 100
+"""Steps of SQLite after which they are charged, and how many cost a record; a row that is skipped needs 8."""
 
 
 class SqliteFile:
@@ -20,8 +23,9 @@ class SqliteFile:
     Of a database that is damaged in the middle, the messages before the damage are read, with a warning.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, budget: Budget) -> None:
         self.path = path
+        self._budget = budget
         self.warnings: list[str] = []
         self._topics: dict[int, Topic] = {}
 
@@ -36,7 +40,7 @@ class SqliteFile:
             self._read_topics(database)
             for key, topic in self._topics.items():
                 if topic.name in wanted:
-                    yield from self._read_messages(database, key, topic)
+                    yield from batched(topic, self._portions(database, key, topic), self._budget)
             if not self.warnings:
                 self._check_rows(database)
 
@@ -72,6 +76,7 @@ class SqliteFile:
         for mode in [*modes, 'mode=ro&immutable=1']:
             database = sqlite3.connect(f'{uri}?{mode}', uri=True)
             database.text_factory = lambda text: text.decode('utf-8', 'replace')
+            database.set_progress_handler(self._charge_steps, _STEPS)
             try:
                 database.execute('PRAGMA trusted_schema = OFF')  # expressions in a schema call no functions
                 database.execute('SELECT count(*) FROM sqlite_master').fetchone()
@@ -86,20 +91,33 @@ class SqliteFile:
         tables = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
         if database.execute(tables).fetchone() != (2,):
             raise RecordingError(self.path, 'this database is not a recording', 'expected the tables of rosbag2')
-        rows = database.execute('SELECT id, name, type, serialization_format FROM topics ORDER BY id')
-        for key, name, msgtype, encoding in rows:
+        texts = ', '.join(f'substr({name}, 1, 1000)' for name in ('name', 'type', 'serialization_format'))
+        for key, name, msgtype, encoding in database.execute(f'SELECT id, {texts} FROM topics ORDER BY id'):
+            self._budget.charge(0, 10)
             self._topics[key] = Topic(ros_topic(str(name)), ros2_type(str(msgtype)), str(encoding))
 
-    def _read_messages(self, database: sqlite3.Connection, key: int, topic: Topic) -> Iterator[Batch]:
+    def _charge_steps(self) -> bool:
+        """Charges what SQLite has done without a row; ends it where nothing is left."""
+        self._budget.records -= _STEPS // _STEPS_PER_RECORD
+        return self._budget.records < 0
+
+    def _portions(
+        self, database: sqlite3.Connection, key: int, topic: Topic
+    ) -> Iterator[tuple[list[int], list[bytes]]]:
+        """The times and payloads of a topic's messages, some at a time."""
         data = f'CASE WHEN length(data) <= {LARGEST_MESSAGE} THEN data END'
-        cursor = database.execute(f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id', (key,))
+        cursor: sqlite3.Cursor | None = None
         while True:
             try:
-                rows = cursor.fetchmany(BATCH)
+                cursor = cursor or database.execute(
+                    f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id', (key,)
+                )
+                rows = cursor.fetchmany(PORTION)
             except sqlite3.DatabaseError as error:
+                self._budget.charge(0)
                 self.warnings.append(f'{self.path.name} is damaged ({error}): messages of {topic.name} may be missing')
                 return
             if not rows:
                 return
             times = [time if isinstance(time, int) else 0 for time, _ in rows]
-            yield Batch.from_payloads(topic, times, [data if isinstance(data, bytes) else b'' for _, data in rows])
+            yield times, [data if isinstance(data, bytes) else b'' for _, data in rows]

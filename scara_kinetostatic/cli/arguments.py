@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -121,6 +122,19 @@ SEVERAL = {'action': 'append', 'default': []}
 def add_cell(parser: argparse.ArgumentParser, default: str = "the paper's cell") -> None:
     """Adds ``--cell``; `default` says what is taken without it."""
     add_options(parser, ('--cell', 'FILE', Path, f'cell description (default: {default})'))
+
+
+def add_max_bytes(parser: argparse.ArgumentParser) -> None:
+    """Adds ``--max-bytes``, which holds for child processes as well."""
+
+    def convert(text: str) -> int:
+        from scara_kinetostatic.bags.budget import MAX_BYTES
+
+        os.environ[MAX_BYTES] = str(value := whole(1)(text))
+        return value
+
+    meaning = 'a recording may unpack to so many bytes (default: 256 MiB or, if more, 200 times its size)'
+    add_options(parser, ('--max-bytes', 'N', convert, meaning))
 
 
 def add_seed(parser: argparse._ActionsContainer, of: str = 'the noise') -> None:

@@ -31,7 +31,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import SEVERAL, add_cell, add_options, add_results, check_file, progress
+from scara_kinetostatic.cli.arguments import (
+    SEVERAL,
+    add_cell,
+    add_max_bytes,
+    add_options,
+    add_results,
+    check_file,
+    progress,
+)
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 
@@ -39,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
     add_options(parser, ('bags', 'BAG', Path, 'recordings, or touch tables (.csv), of one robot', {'nargs': '+'}))
     add_cell(parser, 'the one in the recording')
+    add_max_bytes(parser)
     add_results(parser, 'calibration', json=False)
     fix = 'hold a parameter at VALUE in SI units, or at its nominal value; also one of an effect; repeatable'
     leave_out = 'leave out touches (5, 10-14, or NAME:5 of one recording), or a whole recording (NAME); repeatable'

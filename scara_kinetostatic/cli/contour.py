@@ -27,7 +27,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import SEVERAL, add_options, add_results, print_result, real
+from scara_kinetostatic.cli.arguments import SEVERAL, add_max_bytes, add_options, add_results, print_result, real
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--fit', '', shapes, fit, SEVERAL),
     )
     add_results(parser, required=True)
+    add_max_bytes(parser)
 
 
 def run(args: argparse.Namespace) -> int:

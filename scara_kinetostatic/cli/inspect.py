@@ -15,7 +15,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import add_cell, add_options, cell_or_recorded, print_result
+from scara_kinetostatic.cli.arguments import add_cell, add_max_bytes, add_options, cell_or_recorded, print_result
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
     add_options(parser, ('bag', 'BAG', Path, 'the recording, or a touch table (.csv)'))
     add_cell(parser, 'the one in the recording')
+    add_max_bytes(parser)
     add_options(parser, ('--json', '', bool, 'print JSON instead of text'))
 
 

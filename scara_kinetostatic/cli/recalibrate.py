@@ -18,7 +18,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_cell, add_options, add_results, progress, whole
+from scara_kinetostatic.cli.arguments import add_cell, add_max_bytes, add_options, add_results, progress, whole
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 
@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
     add_options(parser, ('bags', 'BAG', Path, 'recordings, or touch tables (.csv)', {'nargs': '+'}))
     add_cell(parser, 'the one in the recording')
+    add_max_bytes(parser)
     add_results(parser, 'recalibrated', json=False)
     add_options(
         parser,

@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, print_result
+from scara_kinetostatic.cli.arguments import add_max_bytes, add_options, add_results, print_result
 from scara_kinetostatic.errors import UnsupportedDataError
 
 
@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--strict', '', bool, 'exit status 3 where the calibration is unfit; results are written anyway'),
     )
     add_results(parser, 'verification')
+    add_max_bytes(parser)
 
 
 def run(args: argparse.Namespace) -> int:

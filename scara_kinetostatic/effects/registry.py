@@ -122,8 +122,8 @@ def catalogue(cell: Cell) -> tuple[Effect, ...]:
     Example:
         >>> import scara_kinetostatic as sk
         >>> cell = sk.load_cell('cell.yaml')
-        >>> [effect.label for effect in sk.catalogue(cell)][:4]
-        ['contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
+        >>> [effect.label for effect in sk.catalogue(cell)][4:7]
+        ['sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
     """
     expect(cell, Cell, 'cell', "read it by load_cell('cell.yaml')")
     effects = {effect.label: effect for kind in BUILT_IN for effect in kind.instances(cell)}

@@ -35,7 +35,8 @@ SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""
 RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 """Of the document on `~/result` of the calibrator."""
-_MAX_BYTES = 1 << 28
+_MAX_BYTES = 12 << 20
+"""Larger documents are refused; one has about 1.2 kB for each touch."""
 _REMEDY = 'give the calibration.json that calibrate writes'
 _VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'identification')
 """Keys of `cell` that are those of a cell description."""
@@ -297,8 +298,13 @@ def stored_covariance(rows: Any, size: int) -> Floats:
     if (variance < 0).any():
         raise ValueError('a variance is negative')
     limit, rounding = np.sqrt(np.outer(variance, variance)), 1e-6
-    if (np.abs(found - found.T) > rounding * limit).any() or (np.abs(found) > (1 + rounding) * limit).any():
-        raise ValueError('the covariance is not that of anything')
+    if (np.abs(found - found.T) > rounding * limit).any() or (np.abs(found[limit == 0]) > 0).any():
+        raise ValueError('the covariance is not symmetric, or correlates what is fixed')
+    smallest = np.linalg.eigvalsh(found / np.where(limit > 0, limit, 1.0))[0] if size else 0.0
+    if smallest < -rounding:
+        raise ValueError(
+            f'the covariance is not positive semidefinite: the correlation has an eigenvalue {smallest:.2g}'
+        )
     return found
 
 

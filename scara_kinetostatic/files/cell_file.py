@@ -51,6 +51,7 @@ _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
 
 _COMMON = ('radius', 'force_gain', 'force_rotation')
 """Keys of the section `uncertainty` beside `nominal`."""
+_MOST_PLATES = 16
 _LENGTH = Within(0.0, 2e-3, 'it is in m: 1.5e-5 for 15 µm', unit='m')
 """Standard uncertainties that are accepted: what is known worse than that is not known."""
 _PLATE = _LENGTH._replace(most=0.02)
@@ -214,8 +215,10 @@ def _nominal(robot: Section) -> Parameters:
 def _joint_names(robot: Section) -> tuple[str, str]:
     names = robot.data.get('joint_names', ['joint1', 'joint2'])
     two = isinstance(names, list) and len(names) == 2
-    if not two or not all(isinstance(name, str) and name.strip() and name.isprintable() for name in names):
+    if not two:
         raise robot.error('joint_names', f'expected the two names of q1 and q2 in JointState, got {shown(names)}')
+    entries = robot.entries('joint_names', {'q1': names[0], 'q2': names[1]})
+    names = [entries.word('q1'), entries.word('q2')]
     if names[0] == names[1]:
         raise robot.error('joint_names', f'both joints are named {names[0]!r}', 'name q1 and q2 as JointState does')
     return names[0], names[1]
@@ -252,6 +255,8 @@ def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc, ...]:
             raise section.error('plate', f'no plate is named {plate!r}', remedy)
         center_std, radius_std = _stds(section, center=_LENGTH, radius=_LENGTH)
         discs.append(Disc(name, x, y, radius, center_std, radius_std, plate))
+    if empty := [plate.name for plate in plates if plate.name not in {disc.plate for disc in discs}]:
+        raise top.error('plates', f'no disc is on plate {empty[0]!r}', 'leave it out, or name it at its discs')
     return tuple(discs)
 
 
@@ -296,7 +301,7 @@ def _plates(top: Section) -> tuple[Plate, ...]:
     if top.data.get('plates') is None:
         return ()
     plates: list[Plate] = []
-    for section in top.items('plates', 'plates', ('name', 'origin'), ('uncertainty',)):
+    for section in top.items('plates', 'plates', ('name', 'origin'), ('uncertainty',), _MOST_PLATES):
         name = section.word('name')
         if name in (plate.name for plate in plates):
             raise section.error('name', f'another plate is named {name!r}, too', 'give every plate its own name')

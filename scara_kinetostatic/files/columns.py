@@ -27,6 +27,8 @@ from scara_kinetostatic.model.arrays import Floats
 
 MAX_BYTES = 64 * 2**20
 """Larger files are refused."""
+MAX_COLUMNS, MAX_HEADING = 1000, 100
+"""More columns are refused, and longer headings, which regular expressions take apart."""
 LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
 ANGLE = {
     'rad': 1.0,
@@ -319,6 +321,11 @@ def parse_table(text: str, source: str, example: str) -> Table:
     if not rows:
         raise RecordingError(source, 'the file is empty', f'begin with a line such as {example}')
     heading = tuple(cell.strip() for cell in rows[0][1])
+    longest = max(heading, key=len)
+    if len(heading) > MAX_COLUMNS or len(longest) > MAX_HEADING:
+        problem = f'expected at most {MAX_COLUMNS} columns with headings of {MAX_HEADING} characters'
+        got = f'{len(heading)} columns, the longest heading {longest[:40]!r}'
+        raise RecordingError(source, f'{problem}, got {got}', 'shorten the first line')
     if any(_NUMBER.match(plain(cell)) for cell in heading):
         problem = 'expected a heading in the first line, got numbers'
         raise RecordingError(source, problem, f'begin with a line such as {example}')
@@ -336,8 +343,3 @@ def csv_lines(columns: Mapping[str, Sequence[str]]) -> str:
     """A CSV text of columns of equal length by name."""
     lines = [','.join(columns), *(','.join(row) for row in zip(*columns.values(), strict=True))]
     return '\n'.join(lines) + '\n'
-
-
-def quoted(text: str) -> str:
-    """A cell of text, in quotes where it needs them."""
-    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',;"\n\t#') else text

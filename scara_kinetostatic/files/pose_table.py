@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.atomic import write_texts
-from scara_kinetostatic.files.columns import Column, load_table, one_of, plain, quoted
+from scara_kinetostatic.files.columns import Column, load_table, one_of, plain
+from scara_kinetostatic.files.escaping import csv_cell
 from scara_kinetostatic.files.touch_table import APPROACH, FORCE, JOINTS, TIME
 from scara_kinetostatic.model.arrays import Floats
 
@@ -77,10 +78,10 @@ class PoseTable:
     def text_with(self, results: Mapping[str, NDArray[Any]]) -> str:
         """The table with columns of results, (n,) each, behind its own."""
         kept = [place for place, name in enumerate(self.heading) if name not in results]
-        heading = [*(quoted(self.heading[place]) for place in kept), *results]
+        heading = [*(csv_cell(self.heading[place]) for place in kept), *results]
         texts = zip(*([_text(value) for value in column.tolist()] for column in results.values()), strict=True)
         rows = zip(self.cells, texts, strict=True)
-        lines = [','.join((*(quoted(cells[place]) for place in kept), *text)) for cells, text in rows]
+        lines = [','.join((*(csv_cell(cells[place]) for place in kept), *text)) for cells, text in rows]
         return '\n'.join([','.join(heading), *lines, ''])
 
 

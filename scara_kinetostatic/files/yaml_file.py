@@ -24,10 +24,15 @@ from typing import Any, NamedTuple, TypeVar
 import yaml
 
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.escaping import FORMULA
 from scara_kinetostatic.model.parameters import implausible_size
 
 _MAX_BYTES = 256 * 1024
 """Largest file that a user writes, bytes."""
+_MOST_VALUES, _MOST_STRINGS = 40_000, 400_000
+"""Most values and keys in one that a user writes, and in one of a program: the metadata of 10 000 files has 110 000."""
+_MOST_ITEMS = 64
+"""Most objects or other items in a list, where nothing else is said."""
 _MAX_DEPTH = 32
 """Deepest nesting; a cell description has 4 levels, the metadata of a recording 8."""
 _StringLoader = getattr(yaml, 'CBaseLoader', yaml.BaseLoader)
@@ -115,7 +120,7 @@ def parse_yaml(text: str, where: str | Path, problem: _Problem) -> Any:
         raise problem(where, f'expected at most {_MAX_BYTES // 1024} KiB of YAML, got {len(text)} characters')
     loader = None
     try:
-        _check_events(text, yaml.BaseLoader)
+        _check_events(text, yaml.BaseLoader, _MOST_VALUES)
         loader = _Loader(text)
         return loader.get_single_data()
     except (yaml.YAMLError, ValueError, RecursionError) as error:
@@ -150,20 +155,21 @@ def parse_strings(text: str) -> Any:
         ValueError: the text is not valid, with the line.
     """
     try:
-        _check_events(text, _StringLoader)
+        _check_events(text, _StringLoader, _MOST_STRINGS)
         return yaml.load(text, Loader=_StringLoader)
     except yaml.YAMLError as error:
         raise ValueError(_reason(error)) from error
 
 
-def _check_events(text: str, loader: Any) -> None:
-    """Refuses tags, anchors, aliases and deep nesting before anything is built: the loaders recurse at every level.
+def _check_events(text: str, loader: Any, most: int) -> None:
+    """Refuses tags, anchors, aliases, deep nesting and more than so many values before anything is built: the loaders
+    recurse at every level.
 
     Raises:
         yaml.YAMLError: one of these is there, or the text is not valid.
     """
     depth = 0
-    for event in yaml.parse(text, Loader=loader):
+    for number, event in enumerate(yaml.parse(text, Loader=loader)):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         problem, tag = '', getattr(event, 'tag', None)
         if isinstance(event, yaml.AliasEvent) or getattr(event, 'anchor', None) is not None:
@@ -172,6 +178,8 @@ def _check_events(text: str, loader: Any) -> None:
             problem = f'the tag {tag!r} is not allowed'
         elif depth > _MAX_DEPTH:
             problem = f'nested deeper than {_MAX_DEPTH}'
+        elif number > most:
+            problem = f'more than {most} values'
         if problem:
             mark: Any = event.start_mark
             raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
@@ -263,11 +271,15 @@ class Section:
         """The mapping under a key; an empty one where it is missing and nothing in it is required."""
         return self._inside(self._path(name), self.data.get(name), required, optional)
 
-    def items(self, name: str, what: str, required: Iterable[str] = (), optional: Iterable[str] = ()) -> list[Section]:
-        """The mappings in the list under a key, at least one; `what` names them in the message."""
+    def items(
+        self, name: str, what: str, required: Iterable[str], optional: Iterable[str], most: int = _MOST_ITEMS
+    ) -> list[Section]:
+        """The mappings in the list under a key, from one to `most`; `what` names them in the message."""
         items = self.data[name]
         if not isinstance(items, list) or not items:
             raise self.error(name, f'expected a list of {what}, got {shown(items)}', 'give at least one')
+        if len(items) > most:
+            raise self.error(name, f'expected at most {most} {what}, got {len(items)}')
         path = self._path(name)
         return [self._inside(f'{path}[{number}]', item, required, optional) for number, item in enumerate(items)]
 
@@ -316,6 +328,8 @@ class Section:
             raise self.error(name, f'expected a name, got {shown(value)}')
         if len(value) > 200:
             raise self.error(name, f'expected at most 200 characters, got {len(value)}')
+        if value.startswith(FORMULA):
+            raise self.error(name, f'{shown(value)} is a formula to spreadsheets', 'begin it with a letter')
         return value
 
     def choice(self, name: str, default: _E) -> _E:

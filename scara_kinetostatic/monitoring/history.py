@@ -75,6 +75,8 @@ class History:
             if create and not connection.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]:
                 for part in (_TABLE, f'PRAGMA application_id = {APPLICATION}', f'PRAGMA user_version = {VERSION}'):
                     connection.execute(part)
+            layout = {(kind, sql) for kind, sql in connection.execute('SELECT type, sql FROM sqlite_master')}
+            (damage,) = connection.execute('PRAGMA quick_check(1)').fetchone()
             application, version = (
                 connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('application_id', 'user_version')
             )
@@ -83,6 +85,10 @@ class History:
         if version != VERSION:
             problem = f'expected a history of version {VERSION}, got {version}'
             raise InputError(self.path, problem, 'use the version of this package that wrote it, or add the files anew')
+        if layout != {('table', _TABLE), ('index', None)} or damage != 'ok':
+            foreign = 'has other tables, views or triggers than a history'
+            problem = foreign if damage == 'ok' else f'is damaged: {damage:.100}'
+            raise InputError(self.path, problem, 'add the files to a new one')
 
     @contextmanager
     def _open(self, *, write: bool = False) -> Iterator[sqlite3.Connection]:
@@ -93,10 +99,11 @@ class History:
         """
         try:
             with closing(sqlite3.connect(self.path, timeout=30.0, isolation_level=None)) as connection:
+                connection.execute('PRAGMA trusted_schema = OFF')  # expressions in a schema call no functions
                 connection.execute('BEGIN IMMEDIATE' if write else 'BEGIN')
                 with connection:
                     yield connection
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeError) as error:
             raise InputError(self.path, f'cannot be used as a history: {error}', 'check the file') from error
 
     def add(self, records: Sequence[CalibrationRecord], robot: str = '') -> list[bool]:

@@ -25,7 +25,7 @@ from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA, read_docume
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.calibrator_parameters import Announced, CalibratorSettings, ResultParameters
-from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
+from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results import calibration_json, parameter_file
@@ -59,8 +59,9 @@ class Calibrator(CellNode):
         self.create_subscription(String, 'collector/stopped', lambda said: self._announced.stop(said.data), LATCHED)
         self._result = self.create_publisher(String, '~/result', LATCHED)
         self._progress = self.create_publisher(String, '~/progress', LATCHED)
-        self.create_service(Trigger, '~/calibrate', self._calibrate, callback_group=ReentrantCallbackGroup())
-        self.create_service(Trigger, '~/cancel', self._cancel, callback_group=ReentrantCallbackGroup())
+        group = ReentrantCallbackGroup()
+        self.create_service(Trigger, '~/calibrate', self._calibrate, qos_profile=CALLS, callback_group=group)
+        self.create_service(Trigger, '~/cancel', self._cancel, qos_profile=CALLS, callback_group=group)
         self.serve('load', self._load)
         self._timer = self.every(0.05, self._poll)
         self._timer.cancel()
@@ -83,7 +84,7 @@ class Calibrator(CellNode):
     def _restore_result(self) -> None:
         """Takes the result in the folder of the results where it is newer than the present one."""
         if self._restore and self._process is None:
-            with suppress(ScaraKinetostaticError):  # there is none yet
+            with suppress(ScaraKinetostaticError, OSError):  # there is none yet
                 stored = load_result(self._settings.stored / parameter_file.NAME)
                 if str(stored.facts.get('created', '')) > str(self._results.facts().get('created', '')):
                     self._load()

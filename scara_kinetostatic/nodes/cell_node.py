@@ -17,11 +17,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError
+from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError, one_line
 from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm, read_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import Cell
@@ -32,6 +33,8 @@ from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.calibration_json import NAME
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+CALLS = QoSProfile(depth=1000)
+"""Of services: so many calls at once wait for their answer; with the default of 10 the others are lost unanswered."""
 
 
 class Condition(NamedTuple):
@@ -76,19 +79,20 @@ class CellNode(Node):
 
         Args:
             name: of the service.
-            do: returns the answer; an error of this package says why there is no success. Both are logged.
+            do: returns the answer; an error of this package or of the file system says why there is no success.
+                Both are logged.
         """
 
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
                 response.success, response.message = True, do()
                 self.get_logger().info(response.message)
-            except ScaraKinetostaticError as error:
-                response.success, response.message = False, str(error)
+            except (ScaraKinetostaticError, OSError) as error:
+                response.success, response.message = False, one_line(str(error))
                 self.get_logger().warning(response.message)
             return response
 
-        self.create_service(Trigger, f'~/{name}', answer)
+        self.create_service(Trigger, f'~/{name}', answer, qos_profile=CALLS)
 
     def serve_tare(self, tare: Callable[[], Sequence[float]]) -> None:
         """Answers `~/tare`: the present force becomes zero.
@@ -117,7 +121,7 @@ class CellNode(Node):
             logger.info(message)
 
     def publish_status(self, title: str, examine: Callable[[], Condition]) -> None:
-        """Publishes the status of the node once a second.
+        """Publishes the status of the node once a second; a second node of its name is a warning there and in the log.
 
         Args:
             title: of the status, after the node's name.
@@ -126,9 +130,14 @@ class CellNode(Node):
         publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         name = f'{self.get_fully_qualified_name()}: {title}'
         hardware = self.get_namespace().strip('/') or 'scara_kinetostatic'
+        own, complaints = (self.get_name(), self.get_namespace()), PersistentComplaints(self.get_logger().warning)
+        twin = f'another node is named {self.get_fully_qualified_name()} (one that was killed counts for 20 s): end one'
 
         def publish() -> None:
             condition = examine()
+            if complaints.note([twin] * (self.get_node_names_and_namespaces().count(own) > 1)):
+                level, message = max(condition.level, WARN), f'{twin}; {condition.message}'
+                condition = condition._replace(level=level, message=message)
             values = [KeyValue(key=key, value=value) for key, value in condition.values.items()]
             status = DiagnosticStatus(
                 level=condition.level, name=name, message=condition.message, hardware_id=hardware, values=values

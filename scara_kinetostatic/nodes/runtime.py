@@ -132,10 +132,11 @@ class PollingExecutor(SingleThreadedExecutor):
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """One round."""
         if timeout_sec:
-            self._wait(min(timeout_sec, _SERVE))
+            self._wait(min(timeout_sec, max(self._next - time.monotonic(), 0.0)))  # not while a call is waiting
             self._polled.poll()
         if not timeout_sec or time.monotonic() >= self._next:
-            self._next = time.monotonic() + (0.0 if self._serve() else _SERVE)
+            found = self._serve() or self._serve()  # the first may only have ended the round before
+            self._next = time.monotonic() + (0.0 if found else _SERVE)
 
     def _serve(self) -> bool:
         """One callback of what waits besides; whether there was one."""

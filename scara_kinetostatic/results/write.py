@@ -16,7 +16,8 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ParameterError, expect
 from scara_kinetostatic.files.atomic import write_texts, writing
-from scara_kinetostatic.files.columns import csv_lines, quoted
+from scara_kinetostatic.files.columns import csv_lines
+from scara_kinetostatic.files.escaping import csv_cell
 from scara_kinetostatic.report.json_file import json_text, utc
 from scara_kinetostatic.results import calibration_json, parameter_file
 from scara_kinetostatic.results import report as page
@@ -162,7 +163,7 @@ def residual_table(outcome: Outcome) -> str:
 
     columns = {
         'index': [str(number) for number in index],
-        'object': column([quoted(names[disc]) for disc in touches.disc]),
+        'object': column([csv_cell(names[disc]) for disc in touches.disc]),
         'posture': column(['left' if side > 0 else 'right' for side in touches.posture]),
         'time_s': column(touches.time),
         'q1_rad': column(touches.joints[:, 0]),
@@ -181,7 +182,7 @@ def residual_table(outcome: Outcome) -> str:
             f'used_{model}': column([str(int(used)) for used in fit.used]),
         }
     columns['used'] = [str(int(number not in reasons)) for number in index]
-    columns['reason'] = [quoted(reasons.get(number, '')) for number in index]
+    columns['reason'] = [csv_cell(reasons.get(number, '')) for number in index]
     return csv_lines(columns)
 
 

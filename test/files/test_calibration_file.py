@@ -96,7 +96,7 @@ def _with(*path: str | int, value: Any) -> Callable[[dict[str, Any]], Any]:
         (_with('model', 'covariance', value=[[None] * 12] * 12), 'damaged'),
         (_with('model', 'names', value=['x0']), 'other parameters'),
         (_with('model', 'covariance', 3, 3, value=-1e-12), 'a variance is negative'),
-        (_with('model', 'covariance', 3, 4, value=1.0), 'the covariance is not that of anything'),
+        (_with('model', 'covariance', 3, 4, value=1.0), 'the covariance is not symmetric'),
         (_with('model', 'values', 3, value=-0.33), 'a link has no length'),
         (_with('model', 'values', 3, value=0.34), r'parameters.l1 is 0.33.*, but the calibrated model has 0.34'),
         (_with('parameters', 'l1', 'value', value=0.34), r'parameters.l1 is 0.34, but the calibrated model has 0.33'),

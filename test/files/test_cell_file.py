@@ -92,7 +92,10 @@ def test_dump_is_read_by_any_yaml_reader() -> None:
 
 
 small = st.floats(0, 1e-3)
-names = st.text(st.characters(exclude_categories=['Cc', 'Cs', 'Zs', 'Zl', 'Zp', 'Cn', 'Cf', 'Co']), min_size=1)
+names = st.text(
+    st.characters(exclude_categories=['Cc', 'Cs', 'Zs', 'Zl', 'Zp', 'Cn', 'Cf', 'Co'], exclude_characters='=+-@'),
+    min_size=1,
+)
 
 
 @settings(deadline=None)
@@ -176,7 +179,7 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
         (changed('[0.20, 0.40]', '[0.01, 0.01]'), "disc 'disc_2' covers the base"),
         (changed('[joint1, joint2]', '[joint1, joint1]'), "both joints are named 'joint1'"),
         (changed('[joint1, joint2]', '[joint1]'), 'robot.joint_names: expected the two names'),
-        (changed('[joint1, joint2]', '[1, 2]'), 'robot.joint_names: expected the two names'),
+        (changed('[joint1, joint2]', '[1, 2]'), 'robot.joint_names.q1: expected a string, got 1'),
         (changed('/wrench ', '/joint_states '), 'both topics are named /joint_states'),
         (changed('/wrench ', '/my wrench '), "'/my wrench' is not a topic name"),
         (changed('/wrench ', '""'), 'sensor.wrench: expected a name'),

@@ -146,5 +146,5 @@ def test_without_the_engine_the_command_says_what_to_install(
     assert main(['mujoco', 'made']) == 2
     error = capsys.readouterr().err
     assert error.count('\n') == 1
-    assert "pip install 'scara_kinetostatic[physics]'" in error
+    assert "pip install '.[physics]'" in error
     assert list(tmp_path.iterdir()) == []

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from nodes.waiting import WAIT, eventually, meet
 from rcl_interfaces.srv import SetParameters
@@ -17,6 +18,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from benchmark.faults.services import SECONDS, TEXTS, Caller
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL
@@ -25,7 +27,7 @@ from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.demo_client import DemoClient
+from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM, Stream, StreamMonitor
 
 NOBODY = '~nobody_of_that_name/recordings'
@@ -208,3 +210,45 @@ def test_a_driver_that_does_not_stamp_is_named(spin: Callable[..., Node], tmp_pa
     publisher.publish(conversion.joint_state(Sample(1_700_000_000_000_000_000, 0.1, 0.2), ('joint1', 'joint2')))
     assert eventually(lambda: monitor.count == 3)
     assert eventually(lambda: monitor.problem == '')
+
+
+def test_a_hundred_calls_at_once_are_answered(processes: NodeProcesses, domain: int, tmp_path: Path) -> None:
+    processes.start('collector', {'output': tmp_path})
+    caller = Caller(domain)
+    try:
+        assert caller.spin(lambda: '/collector/start' in caller.services('collector'), WAIT)
+        for clients in (1, 10):
+            answered, seconds = caller.flood('/collector/start', Trigger, 100, clients)
+            assert (answered, seconds < SECONDS) == (100, True)
+    finally:
+        caller.close()
+    assert len(list(tmp_path.glob('touches*'))) == 1
+
+
+def test_no_text_of_a_parameter_ends_the_collector(
+    processes: NodeProcesses, client: DemoClient, tmp_path: Path
+) -> None:
+    processes.start('collector', {'output': tmp_path})
+    refused = []
+    for text in (*TEXTS, str(tmp_path)):
+        request = SetParameters.Request(parameters=[Parameter('output', value=text).to_parameter_msg()])
+        client.call('/collector/set_parameters', SetParameters, request, WAIT)
+        if text.startswith(('x' * 300, '/dev', '/proc', str(tmp_path))):
+            answer = client.call('/collector/start', Trigger, Trigger.Request(), WAIT)
+            refused.append(not answer.success)
+            assert '\n' not in answer.message
+    processes.check()
+    assert refused == [True] * (len(refused) - 1) + [False]
+
+
+def test_a_second_node_of_a_name_is_said(
+    processes: NodeProcesses, client: DemoClient, spin: Callable[..., Node]
+) -> None:
+    spin(Collector)
+    processes.start('collector', {})
+    said: list[str] = []
+    client._node.create_subscription(
+        DiagnosticArray, '/diagnostics', lambda array: said.extend(status.message for status in array.status), 10
+    )
+    client.wait('a warning', lambda: any('another node is named /collector' in text for text in said), WAIT)
+    assert eventually(lambda: 'another node is named /collector' in processes.log('collector').read_text())

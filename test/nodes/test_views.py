@@ -116,7 +116,7 @@ def test_foxglove(published: dict[str, str]) -> None:
 def test_foxglove_in_a_namespace(tmp_path: Path) -> None:
     """The command on the page puts the namespace before all names but /diagnostics, which all cells share."""
     page = (CONFIG.parent / 'docs/how_to/ros_cell.md').read_text(encoding='utf-8')
-    (edit,) = re.findall(r"^sed -E '(.*)' foxglove.json > left.json$", page, re.MULTILINE)
+    (edit,) = re.findall(r"^sed -E '(.*)' config/foxglove.json > left.json$", page, re.MULTILINE)
     text = subprocess.run(
         ['sed', '-E', edit, str(CONFIG / 'foxglove.json')], capture_output=True, text=True, check=True
     ).stdout

@@ -38,7 +38,7 @@ def test_the_robot_has_the_chosen_effects_with_their_values():
     assert truth.effect_values == tuple(chosen.values for chosen in CHOSEN)
     assert truth.parameters == PAPER_ACTUAL
     assert with_effects(PAPER_ACTUAL, []) == ExtendedModel(PAPER_ACTUAL)
-    with pytest.raises(ParameterError, match=r"sensor_bias': is given twice"):
+    with pytest.raises(ParameterError, match='is given twice'):
         with_effects(PAPER_ACTUAL, [CHOSEN[2], *CHOSEN])
 
 

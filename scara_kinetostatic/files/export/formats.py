@@ -6,7 +6,6 @@ from which calibration it is.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +14,8 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.errors import UnsupportedDataError, one_line
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.files import escaping
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
@@ -69,7 +69,7 @@ class ExportFacts(NamedTuple):
         miss = rigid_miss(arm) if effects else 0.0
         if miss:
             lines += (f'Not contained: {", ".join(effects)}, up to {1e3 * miss:.3g} mm at the unloaded tip.',)
-        cleaned = tuple(map(_as_comment, lines))
+        cleaned = tuple(map(escaping.comment, lines))
         return cls(cleaned, _stds(arm), effects, miss, arm.reservations)
 
     def notes(self, *, is_rigid: bool) -> list[str]:
@@ -84,11 +84,6 @@ class ExportFacts(NamedTuple):
             miss = f'{1e3 * self.rigid_miss:.3g} mm'
             found.append(f'it cannot hold {effects}: the tip is up to {miss} elsewhere even without load; see `locate`')
         return found
-
-
-def _as_comment(line: str) -> str:
-    """A line that ends no comment of XML or C, and is one line, whatever the name of a file or robot."""
-    return re.sub('-(?=-|$)', '- ', one_line(line)).replace('*/', '* /')
 
 
 def _is_of_robot(effect: EffectLaw) -> bool:
@@ -127,10 +122,10 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     """
     return render(
         Path(__file__).with_name('arm.xacro.j2'),
-        comment=Markup(_comment(facts)),
-        name=_name(arm),
+        comment=Markup(escaping.xacro(_comment(facts))),
+        name=escaping.xacro(_name(arm)),
         properties=[row for row in _values(arm, facts) if row[0] in RIGID],
-        joints=[_literal(name) for name in arm.cell.joint_names],
+        joints=[escaping.xacro(name) for name in arm.cell.joint_names],
     )
 
 
@@ -138,11 +133,6 @@ def _values(arm: CalibratedArm, facts: ExportFacts) -> list[tuple[str, float, st
     """Name, value, uncertainty in words and unit of the twelve parameters."""
     values = zip(UNITS, arm.model.parameters.as_array().tolist(), facts.std, strict=True)
     return [(name, value, std, UNITS[name]) for name, value, std in values]
-
-
-def _literal(name: str) -> str:
-    """A name in which xacro expands nothing."""
-    return name.replace('${', '$${').replace('$(', '$$(')
 
 
 def _name(arm: CalibratedArm) -> str:
@@ -164,12 +154,12 @@ def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
     tip is displaced from frame 2 by l2 along x, row ``tool``. All d and alpha are zero.
     """
     p = arm.model.parameters
-    j1, j2 = (name.replace('"', '""') for name in arm.cell.joint_names)
+    j1, j2 = map(escaping.csv_cell, arm.cell.joint_names)
     lengths = (p.l1, p.l2) if convention == 'standard' else (0.0, p.l1)
     rows = [('base', '', p.x0, p.y0, 0.0, 0.0, 0.0, 0.0)]
     rows += [
-        ('joint1', f'"{j1}"', 0.0, 0.0, p.theta1, 0.0, lengths[0], 0.0),
-        ('joint2', f'"{j2}"', 0.0, 0.0, p.theta2, 0.0, lengths[1], 0.0),
+        ('joint1', j1, 0.0, 0.0, p.theta1, 0.0, lengths[0], 0.0),
+        ('joint2', j2, 0.0, 0.0, p.theta2, 0.0, lengths[1], 0.0),
     ]
     if convention == 'modified':
         rows.append(('tool', '', p.l2, 0.0, 0.0, 0.0, 0.0, 0.0))

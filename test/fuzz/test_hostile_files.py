@@ -1,0 +1,79 @@
+"""A part of `benchmark.faults.hostile` and `benchmark.faults.fuzz`: small files that cost little."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmark.common import CELL
+from benchmark.faults import fuzz
+from benchmark.faults.formats import short_streams
+from benchmark.faults.hostile import CASES, MEGABYTES, SECONDS, Cost, cost_of
+from scara_kinetostatic.bags.budget import MAX_BYTES
+from scara_kinetostatic.bags.reader import read_streams
+from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.cli.main import main
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files.calibration_file import stored_covariance
+
+CHEAP = (
+    'mcap_length_beyond_the_file', 'mcap_repeated_schemas', 'mcap_many_layouts', 'mcap_many_joints',
+    'mcap_index_repeats_a_chunk', 'ros1_repeated_index', 'ros1_repeated_message', 'ros1_giant_header',
+    'sqlite_overflow_chain', 'sqlite_endless_tree', 'heading_of_spaces', 'heading_of_98_characters', 'plates_400',
+    'plates_3000', 'discs_3000', 'yaml_dense', 'formula_as_name', 'history_view',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize('name', CHEAP)
+def test_a_hostile_file_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    cost = cost_of(CASES[name](tmp_path), tmp_path)
+    assert (cost.status, cost.problem) == (2, ''), cost
+    assert cost.megabytes > 10  # it was measured
+
+
+def test_the_judge_of_costs() -> None:
+    good = Cost(2, SECONDS - 1, MEGABYTES - 1, 'scara-kinetostatic: file: wrong')
+    assert good.problem == ''
+    for change in (
+        {'status': 1},
+        {'status': -9},
+        {'seconds': SECONDS + 1},
+        {'megabytes': MEGABYTES + 1},
+        {'message': 'a\nb'},
+    ):
+        assert good._replace(**change).problem
+
+
+def test_mutated_files_of_every_format(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr('sys.argv', ['fuzz', '--files', '168', '--seed', '1'])
+    monkeypatch.setattr(fuzz, 'MEMORY', np.inf)  # of this process, which has done other things
+    assert fuzz.main() == 0
+    assert '168 files of 28 formats: 0 failures' in capsys.readouterr().out
+
+
+def test_the_limit_can_be_raised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'a.mcap'
+    streams = short_streams()
+    write_streams(path, streams, CELL)
+    monkeypatch.setenv(MAX_BYTES, '1000')
+    with pytest.raises(RecordingError, match='more than 1000 bytes, implausible for its size; if you trust it, raise'):
+        read_streams(path, CELL)
+    monkeypatch.setenv(MAX_BYTES, 'many')
+    with pytest.raises(RecordingError, match="expected a number of bytes, got 'many'"):
+        read_streams(path, CELL)
+    assert main(['inspect', str(path), '--max-bytes', '1000']) == 2
+    assert 'raise the limit in bytes by --max-bytes' in capsys.readouterr().err
+    assert main(['inspect', str(path), '--max-bytes', '1000000']) in (0, 3)
+    assert main(['inspect', str(path), '--max-bytes', '-1']) == 2
+
+
+def test_a_covariance_has_to_be_positive_semidefinite() -> None:
+    rows = np.array([[1.0, 0.9, 0.9], [0.9, 1.0, -0.9], [0.9, -0.9, 1.0]])
+    with pytest.raises(ValueError, match=r'not positive semidefinite: the correlation has an eigenvalue -0\.8'):
+        stored_covariance(rows.tolist(), 3)
+    singular = np.outer([1.0, 1e-6, 0.0], [1.0, 1e-6, 0.0])
+    np.testing.assert_array_equal(stored_covariance(singular.tolist(), 3), singular)
