@@ -19,19 +19,19 @@ import numpy as np
 from scipy.signal import lfilter
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.hysteresis.dependence import motion_dependences, p_independent
+from scara_kinetostatic.studies.hysteresis.dependence import loop_dependences, p_independent
 from scara_kinetostatic.studies.hysteresis.fit import fit_motion
 from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, MOTION_LAWS, Law, Values
 from scara_kinetostatic.studies.hysteresis.model_selection import (
-    LEVEL,
     NONE,
+    UNDECIDED,
     UNEXPLAINED,
     MotionStudy,
     Selection,
     select_model,
 )
 from scara_kinetostatic.studies.hysteresis.motion import cut_at_reversals
-from scara_kinetostatic.studies.hysteresis.record import Record
+from scara_kinetostatic.studies.hysteresis.record import LEVEL, Record
 
 NOISE = 100.0
 CORRELATIONS = (0.0, 0.9)
@@ -70,7 +70,7 @@ def simulate_record(law: Law, values: Values, noise: float, seed: int, correlati
     white = np.random.default_rng(seed).standard_normal(len(force))
     white[1:] *= np.sqrt(1 - correlation**2)
     measured = force + noise * lfilter([1.0], [1.0, -correlation], white)
-    return Record('simulated', motion.time, measured, motion.displacement, 'N')
+    return Record('simulated', motion.time, measured, motion.driver, 'N')
 
 
 def values(law: Law, size: float) -> dict[str, float]:
@@ -90,8 +90,8 @@ def alarmed(record: Record) -> bool:
     """Whether the residual of law (6) is found to have structure."""
     motion = cut_at_reversals(record)
     fitted = fit_motion(BACKLASH, motion, np.ones(len(motion), dtype=bool))
-    residual = motion.force - BACKLASH.function(motion, fitted.values)
-    return p_independent(motion_dependences(motion, residual)) < LEVEL
+    residual = motion.driven - BACKLASH.function(motion, fitted.values)
+    return p_independent(loop_dependences([motion], [residual])) < LEVEL / 2
 
 
 def main() -> int:
@@ -116,7 +116,11 @@ def main() -> int:
     total = sum(sum(counts.values()) for name, counts in found.items() if not name.startswith('backlash'))
     for name, counts in found.items():
         print(f'{name:40}', ', '.join(f'{word}: {count}' for word, count in counts.items()))
-    missed = sum(counts.get(NONE, 0) + counts.get(UNEXPLAINED, 0) for name, counts in found.items() if name[0] != 'b')
+    missed = sum(
+        sum(counts.get(each, 0) for each in (NONE, UNDECIDED, UNEXPLAINED))
+        for name, counts in found.items()
+        if name[0] != 'b'
+    )
     print(f'named alone and rightly: {right} of {total}; not named at all: {missed}')
     if args.json:
         args.json.write_text(json.dumps(found, indent=2) + '\n', encoding='utf-8')

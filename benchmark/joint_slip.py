@@ -1,13 +1,16 @@
 """Slip with memory in a joint: named, and corrected as well as the true model does; false alarms.
 
-    python -m benchmark.joint_slip [--seeds N] [--first N] [--clean N] [--cells NAME…] [--streams N] [--jobs N]
-                                   [--json FILE]
+    python -m benchmark.joint_slip [--effect NAME] [--seeds N] [--first N] [--clean N] [--cells NAME…] [--streams N]
+                                   [--jobs N] [--json FILE]
 
 All recordings are simulated, by this package's own simulator: 108 touches, every other one preloaded by 0.3 of its
 force, in two cells, one of them with the links and the compliance of a Franka Panda. One joint in turn slips, in two
 sizes: 100 to 190 µrad/Nm beyond 0.5 to 2.2 Nm, as measured on such an arm; and with a slip torque from the same range,
 the compliance that doubles the reduced chi-square. `--streams` does as many of each from whole recordings, whose
 touches and load histories are found in the streams.
+
+With `--effect load_friction` the friction is a part of 0.1 to 0.4 of the load that it carries, and the preloads take
+turns from 0.15 to 1.0: one alone does not show both parameters of this effect.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -23,7 +26,7 @@ from benchmark.common import in_processes, parser, print_targets, save
 from benchmark.diagnosis.cells import SETUPS, TOUCHES, Setup, SimulatedEffects, at_sizes, seed_of, simulate
 from benchmark.diagnosis.record import Record, correctly_named, named_text, predicts_like_truth, unbiased
 from benchmark.diagnosis.runs import diagnosed
-from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.effects.joint_slip import JointSlip, LoadFriction
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.cell import Cell, Disc, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
@@ -33,8 +36,12 @@ from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.detection import find_touches
 
 MEASURED, DOUBLED = SIZES = ('as measured', 'doubles chi-square')
-COMPLIANCES, SLIP_TORQUES = (1.0e-4, 1.9e-4), (0.5, 2.2)
-"""rad/Nm and Nm, as on a Panda's joints."""
+COMPLIANCES = 1.0e-4, 1.9e-4
+"""rad/Nm, as on a Panda's joints."""
+EFFECTS = {'joint_slip': (JointSlip, (0.5, 2.2)), 'load_friction': (LoadFriction, (0.1, 0.4))}
+"""Each with the range of its friction: Nm, as on a Panda's joints; a part of the load, as in printed gears."""
+PRELOADS = 0.15, 0.3, 0.6, 1.0
+"""Of friction that grows with the load, in turn."""
 LEAST_NAMED = 0.95
 PRELOAD = 0.3
 
@@ -81,11 +88,24 @@ class Job:
     seed: int
     noise: str = 'given'
     from_streams: bool = False
+    effect: str = 'joint_slip'
+
+    @property
+    def setup(self) -> Setup:
+        """The cell with its touches."""
+        setup = CELLS[self.cell]()
+        if self.effect == 'joint_slip':
+            return setup
+        plan = setup.plan
+        preload = np.resize(PRELOADS, np.count_nonzero(plan.preload))
+        several = plan.preload.copy()
+        several[several > 0] = preload
+        return setup._replace(plan=replace(plan, preload=several))
 
 
 def run_job(job: Job) -> Record:
     """Its record."""
-    setup = CELLS[job.cell]()
+    setup = job.setup
     section = 'effects' if job.size else 'clean'
     blank = Record(section, job.cell, job.noise, job.seed)
     simulated, reason = _slip(setup, job) if job.size else (SimulatedEffects((), ()), '')
@@ -105,8 +125,9 @@ def run_job(job: Job) -> Record:
 def _slip(setup: Setup, job: Job) -> tuple[SimulatedEffects, str]:
     """A random slip of one joint, at the size asked for, or why there is none."""
     random = np.random.default_rng([job.seed, seed_of(job.cell, job.size)])
-    values = np.array([random.uniform(*COMPLIANCES), random.uniform(*SLIP_TORQUES)])
-    one = SimulatedEffects((JointSlip.of(job.seed % 2),), (values,))
+    kind, friction = EFFECTS[job.effect]
+    values = np.array([random.uniform(*COMPLIANCES), random.uniform(*friction)])
+    one = SimulatedEffects((kind.of(job.seed % 2),), (values,))
     if job.size == MEASURED:
         return one, ''
     (sized,) = at_sizes(setup, one, (2.0,))
@@ -178,6 +199,7 @@ def targets(records: Sequence[tuple[Job, Record]]) -> list[tuple[str, bool]]:
 def parse() -> argparse.Namespace:
     """The options."""
     options = parser(__doc__)
+    options.add_argument('--effect', choices=list(EFFECTS), default='joint_slip', help='(default: joint_slip)')
     options.add_argument('--seeds', type=int, default=50, help='recordings of each cell and size (default: 50)')
     options.add_argument('--first', type=int, default=0, help='the first seed (default: 0)')
     options.add_argument('--clean', type=int, default=200, help='recordings without effect, in all (default: 200)')
@@ -189,14 +211,14 @@ def parse() -> argparse.Namespace:
 
 def jobs_of(options: argparse.Namespace) -> list[Job]:
     """The recordings to simulate."""
-    found = []
+    found, effect = [], options.effect
     for cell in options.cells:
         seeds = range(options.first, options.first + options.seeds)
-        found += [Job(cell, size, seed) for size in SIZES for seed in seeds]
+        found += [Job(cell, size, seed, effect=effect) for size in SIZES for seed in seeds]
         streamed = range(options.first, options.first + options.streams)
-        found += [Job(cell, size, seed, from_streams=True) for size in SIZES for seed in streamed]
+        found += [Job(cell, size, seed, from_streams=True, effect=effect) for size in SIZES for seed in streamed]
         clean = range(options.first, options.first + options.clean // len(options.cells))
-        found += [Job(cell, '', seed) for seed in clean]
+        found += [Job(cell, '', seed, effect=effect) for seed in clean]
     return found
 
 

@@ -36,18 +36,17 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.report.quantities import p_equals
 from scara_kinetostatic.studies.hysteresis.dependence import p_independent
-from scara_kinetostatic.studies.hysteresis.fit import Fit, Prediction, fit_load, moments, predict
+from scara_kinetostatic.studies.hysteresis.fit import Fit, Moments, Prediction, fit_load, predict
 from scara_kinetostatic.studies.hysteresis.laws import LOAD_BACKLASH, LOAD_LAWS, Law
 from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
 from scara_kinetostatic.studies.hysteresis.model_selection import (
-    LEVEL,
     Candidate,
     LoadStudy,
     Selection,
     predict_records,
     select_model,
 )
-from scara_kinetostatic.studies.hysteresis.record import Record, load_record
+from scara_kinetostatic.studies.hysteresis.record import LEVEL, Record, load_record
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'panda'
 LOADING = 'loading.csv'
@@ -106,8 +105,8 @@ def poses(joint: int, nested: bool = False, with_long: bool = True) -> Poses:
         else:
             chosen = analysis.selected or analysis.before
             pair, law = (analysis.before.held_out[number], chosen.held_out[number]), chosen.law.name
-        before, after = (each.residual[record.unloaded :] for each in pair)
-        own_zero = before - pair[0].residual[: record.unloaded].mean()
+        before, after = (each.residual[record.judged_from :] for each in pair)
+        own_zero = before - pair[0].residual[: record.judged_from].mean()
         by_pose[record.name] = (rms(before), rms(after))
         laws.append(law)
         for several, each in zip(residuals, (before, own_zero, after), strict=True):
@@ -144,8 +143,7 @@ def later_half(joint: int) -> tuple[Half, Fit]:
 
 
 def _fit(law: Law, study: LoadStudy, rows: Sequence[Mask]) -> Fit:
-    grids = [moments(law, path, which, study.size) for path, which in zip(study.blocks, rows, strict=True)]
-    return fit_load(law, grids, study.size)
+    return fit_load([Moments(law, path, which, study.size) for path, which in zip(study.blocks, rows, strict=True)])
 
 
 class Arm(NamedTuple):
@@ -234,7 +232,7 @@ def pose_picture(found: Poses, record: int) -> Markup:
     analysis, each = found.analysis, found.analysis.study.records[record]
     response = each.response_change
     figure, (axes,) = new_figure(520.0, 300.0, margins=_MARGINS)
-    axes.axvspan(each.time[each.unloaded], each.time[-1], color=LINE, lw=0, alpha=0.5)
+    axes.axvspan(each.time[each.judged_from], each.time[-1], color=LINE, lw=0, alpha=0.5)
     axes.plot(each.time, 1e3 * response, color=INK, lw=0.9, label='measured')
     chosen = analysis.selected or analysis.before
     for candidate, colour, label in ((analysis.before, SERIES[1], 'law (6)'), (chosen, SERIES[0], chosen.law.title)):
@@ -294,7 +292,7 @@ def false_alarms(count: int, form: str, seed: int) -> int:
             exact = compliance * each.load + half_gap * sign
             noise = random.normal(0.0, each.response[each.rest].std(ddof=1), len(each))
             simulated.append(Record(each.source, each.time, each.load, exact + noise))
-        alarms += p_independent(LoadStudy(simulated).law6()[1]) < LEVEL
+        alarms += p_independent(LoadStudy(simulated).law6()[1]) < LEVEL / 2
     return alarms
 
 

@@ -39,6 +39,7 @@ ARGUMENTS = {
     'joint_slip': '--seeds 1 --clean 2 --cells short',
     'live': '--seconds 10 --rate 100',
     'measured_data': '--joints 2',
+    'measured_gears': '--only base_init1 base_init1_again',
     'mistakes': '--only swap',
     'mujoco': '--scene tilted_base --per-disc 3',
     'mujoco_slip': '--scene joint_slip --per-disc 2',

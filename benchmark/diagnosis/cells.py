@@ -113,6 +113,8 @@ def random_values(effect: Effect, random: np.random.Generator) -> Floats:
         return np.array([scales[0], random.uniform(0, 2 * np.pi), random.uniform(1.0, 110.0)])
     if effect.name == 'joint_slip':  # with a slip torque as measured on a real arm or up to twice as large
         return np.array([scales[0], random.uniform(0.5, 4.0)])
+    if effect.name == 'load_friction':  # as measured on real gears, and less
+        return np.array([scales[0], random.uniform(0.1, 0.5)])
     if effect.name == 'base_tilt':
         angle, (first, second) = random.uniform(0, 2 * np.pi), random.uniform(0.3, 1.0, 2)
         downhill = np.array([np.cos(angle), np.sin(angle)])

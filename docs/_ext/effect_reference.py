@@ -41,6 +41,7 @@ SHOWN = {
     'joint_hardening': 'joint_hardening[joint1]:rate=-1e-7',
     'joint_slip': 'joint_slip[joint1]:compliance=5e-5,slip_torque=2',
     'tip_shape': 'tip_shape[three-lobed]:a=3e-5,b=-2e-5',
+    'load_friction': 'load_friction[joint1]:compliance=5e-5,friction_ratio=0.1',
     'link_bending': 'link_bending[link1]:compliance=1.5e-4',
     'base_tilt': 'base_tilt:m1_x=15,m1_y=-8,m2_x=9,m2_y=-5',
     'contact_compliance': 'contact_compliance[disc_2]:yield=5e-6',

@@ -7,8 +7,9 @@ reported with those that the data cannot distinguish from it, and with the error
 before and after.
 
 Driven by its motion: full loops, six sweeps or more; the force is predicted.
-Driven by its load: at rest, loaded, unloaded, once or several times; the
-response is predicted; several records of one joint are judged together.
+Driven by its load: at rest, loaded, unloaded, once or several times, or loops of
+six sweeps or more; the response is predicted; several records of one joint are
+judged together. A column such as commanded_Nm says what drives.
 
 A table needs time_s and a response with its load: displacement_m and force_N
 (or mm, um, kN), or angle_rad and torque_Nm (or mrad, urad, deg, mNm).
@@ -40,7 +41,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--response', 'COLUMN', str, 'column of the displacement or the angle, among many'),
         ('--load', 'COLUMN', str, 'column of the force or the torque, among many'),
         ('--driven', '', ('load', 'motion'), 'what drives the records (default: as they look)'),
-        ('--predict', 'OTHER.csv', Path, 'records driven by load, to predict from the moment they are unloaded', many),
+        (
+            '--predict',
+            'OTHER.csv',
+            Path,
+            'records driven by load, to predict: from the unloading on, in loops after the first third',
+            many,
+        ),
     )
     add_results(parser, files='hysteresis.json and hysteresis.html')
 

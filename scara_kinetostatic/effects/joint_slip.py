@@ -1,9 +1,17 @@
-"""Slip with memory in a joint: a play operator over the torque.
+"""Slip with memory in a joint: a second spring behind friction, constant or growing with the load that it carries.
 
-A play of half width r follows a torque C only where C drives it: p ← min(max(p, C - r), C + r). Its state depends on
-the turning points of C alone, `TouchSet.history`.
+δ = compliance · P(C), with P the play operator (`model.play_operator`) over the torque C. Its state depends on the
+turning points of C alone, `TouchSet.history`.
 
-Source: Brokate and Sprekels, Hysteresis and Phase Transitions (1996), section 2.2.
+**The two are not the same, nor are they another together with `joint_hysteresis`.** By constant friction of half width
+r, a joint that was pressed up to C_m > 2 r and let go keeps compliance · r, whatever C_m was, and stands still while
+the torque comes down by 2 r. By friction of a part μ it keeps nothing, and stands still down to C_m (1 - μ) / (1 + μ):
+the lag grows with the load. `joint_hysteresis` is the limit of the first for r → 0 at a constant compliance · r: a lag
+of one size. No sum of these has a lag in proportion to the load it began at, so two preloads tell them apart.
+
+**What touches show of friction that grows with the load.** Loaded from rest, P = C / (1 + μ): another compliance. Let
+down from (1 + β) C, P = min((1 + β) C / (1 + μ), C / (1 - μ)). Both are in proportion to C, so that with one preload β
+compliance, μ and p are confounded. Two preloads, one below and one above 2 μ / (1 - μ), determine them.
 """
 
 from __future__ import annotations
@@ -17,6 +25,7 @@ import numpy as np
 from scara_kinetostatic.effects.base import EffectOfJoint, Trial
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import Parameter, Shift, TouchState
+from scara_kinetostatic.model.play_operator import LARGEST_RATIO, PlayState, play_operator
 
 
 @dataclass(frozen=True)
@@ -53,14 +62,12 @@ class JointSlip(EffectOfJoint):
     )
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        compliance, slip_torque = values
-        return self.turned(compliance * play_operator(*self._loads(at), abs(slip_torque))[0])[0]
+        return self.turned(values[0] * self._slipped(*self._loads(at), self._folded(values[1])[0]).value)[0]
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
-        compliance, slip_torque = values
-        value, by_slip_torque = play_operator(*self._loads(at), abs(slip_torque))
-        by_slip_torque = by_slip_torque * np.sign(slip_torque)  # a step of a fit beyond 0 is sent back
-        return self.turned(value, compliance * by_slip_torque)
+        friction, sense = self._folded(values[1])
+        state = self._slipped(*self._loads(at), friction)
+        return self.turned(state.value, values[0] * sense * self._by_friction(state))
 
     def amplitudes(self, values: Floats) -> Floats:
         """Its compliance alone."""
@@ -71,18 +78,14 @@ class JointSlip(EffectOfJoint):
         return bool(values[0] > 0 and values[1] > 0)
 
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
-        """One per slip torque of a grid; without a history it cannot be told from the base model."""
+        """One per value of a grid of the friction; without a history it cannot be told from the base model."""
         history, load = self._loads(at)
         if not history.shape[1]:
             return (Trial(self.turned(np.zeros(len(load))), values=partial(np.append, values=1.0)),)
-        # neighbours on the grid resemble each other: the play of one explains most of that of the next. It reaches up
-        # to the torque that nine touches of ten do not exceed: with a larger one few touches would move the play, with
-        # a very small one it is a spring with friction
-        torques = np.quantile(np.abs(load), 0.9) * np.geomspace(0.01, 0.9, 12)
-        lags, _ = play_operator(history, load, torques[:, None])
+        grid = self._grid(load)
         return [
-            Trial(self.turned(lag), values=partial(np.append, values=torque), place=torque)
-            for lag, torque in zip(lags, torques.tolist(), strict=True)
+            Trial(self.turned(slipped), values=partial(np.append, values=friction), place=friction)
+            for slipped, friction in zip(self._slipped(history, load, grid[:, None]).value, grid.tolist(), strict=True)
         ]
 
     def forms(self, at: TouchState) -> Sequence[Floats]:
@@ -93,23 +96,68 @@ class JointSlip(EffectOfJoint):
         """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""
         return at.history_torques(self.joint), at.torques[:, self.joint]
 
+    def _slipped(self, history: Floats, load: Floats, friction: Floats | float) -> PlayState:
+        """The play for one value of the friction, or for (t, 1) at once."""
+        return play_operator(history, load, friction)
 
-def play_operator(history: Floats, load: Floats, half_width: Floats | float) -> tuple[Floats, Floats]:
-    """The play of half width r that rested at 0, driven through a history to a load.
+    def _by_friction(self, state: PlayState) -> Floats:
+        return state.by_half_width
 
-    Args:
-        history: turning points of the load, the oldest first, (n, K).
-        load: the load at last, (n,).
-        half_width: r > 0, one, or (t, 1) for t plays at once.
+    def _folded(self, friction: float) -> tuple[float, float]:
+        """The friction that a value stands for, and its derivative: a step of a fit beyond a limit is sent back."""
+        return abs(friction), np.sign(friction)
 
-    Returns:
-        P_r, of the unit of the load, and ∂P_r/∂r: -1 where it follows a rising load, +1 a falling one, 0 where it has
-        never moved. Of every load, (n,); of t plays, (t, n).
+    def _grid(self, load: Floats) -> Floats:
+        """Slip torques up to the torque that nine touches of ten do not exceed.
+
+        With a larger one few touches would move the play, with a very small one it is a spring with friction.
+        Neighbours on the grid resemble each other.
+        """
+        return np.quantile(np.abs(load), 0.9) * np.geomspace(0.01, 0.9, 12)
+
+
+@dataclass(frozen=True)
+class LoadFriction(JointSlip):
+    """A second spring behind friction that grows with its load: δ = compliance (1 + μ) P(C), |C - P| ≤ μ |P|.
+
+    The compliance is that of the joint loaded from rest, where P = C / (1 + μ); μ is `friction_ratio`. In these two a
+    touch that friction holds after its preload depends on the compliance alone.
+
+    So act gears whose friction is that of the flanks they press together. Loaded from rest the joint only has another
+    compliance. When the torque comes down, the spring holds its load until friction reverses; without load nothing
+    remains.
     """
-    width = np.maximum(half_width, 0.0)
-    value = by_half_width = np.zeros(np.broadcast_shapes(np.shape(width), load.shape))
-    for turn in (*history.T, load):
-        low, high = turn - width, turn + width
-        by_half_width = np.where(value < low, -1.0, np.where(value > high, 1.0, by_half_width))
-        value = np.minimum(np.maximum(value, low), high)
-    return value, by_half_width
+
+    name = 'load_friction'
+    parameters = (
+        Parameter('compliance', 'rad/Nm', 3e-4, 'of the part behind friction, loaded from rest', typical=1e-5, sign=1),
+        Parameter('friction_ratio', '1', 0.6, 'friction over the load of that part', 0.2, typical=0.2, sign=1),
+    )
+    statement = '{target} has friction that grows with its load'
+    confounded_with = (
+        'the compliance of the joint, if every touch is loaded from rest; its parameters with each other and with that '
+        'compliance, if all preloads are the same part of the force'
+    )
+    identified_by = 'recorded touches, preloaded by several parts of their force and partly unloaded'
+    grid_parameter = 'friction_ratio'
+    premise = (
+        'the arm travels and approaches so slowly that the torques of its inertia stay far below those of the touches: '
+        'they move the friction, too, and no force sensor shows them'
+    )
+
+    def is_plausible(self, values: Floats) -> bool:
+        return bool(values[0] > 0 and 0 < values[1] < LARGEST_RATIO)
+
+    def _slipped(self, history: Floats, load: Floats, friction: Floats | float) -> PlayState:
+        value, _, by_ratio = play_operator(history, load, 0.0, friction)
+        return PlayState((1 + friction) * value, value, (1 + friction) * by_ratio + value)
+
+    def _by_friction(self, state: PlayState) -> Floats:
+        return state.by_ratio
+
+    def _folded(self, friction: float) -> tuple[float, float]:
+        beyond = (friction + LARGEST_RATIO) % (2 * LARGEST_RATIO) - LARGEST_RATIO
+        return abs(beyond), np.sign(beyond)
+
+    def _grid(self, load: Floats) -> Floats:
+        return np.geomspace(0.1, 0.8, 16)

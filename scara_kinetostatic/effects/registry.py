@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 
 from scara_kinetostatic.effects import contact_friction, joints, objects, robot, sensor
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.effects.joint_slip import JointSlip, LoadFriction
 from scara_kinetostatic.effects.shift import Stepped
 from scara_kinetostatic.effects.tip_shape import TipShape
 from scara_kinetostatic.effects.transmission_error import TransmissionError
@@ -58,6 +58,7 @@ BUILT_IN: tuple[type[Effect], ...] = (
     joints.JointHardening,
     joints.JointHysteresis,
     JointSlip,
+    LoadFriction,
     robot.AnisotropicGripper,
     robot.AnisotropicBacklash,
     TipShape,

@@ -23,7 +23,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 
 FREQUENCIES = (1.0, 2.0, 7.3, 100.0)
 """Of a transmission error, cycles per turn."""
-SLIP_TORQUES = (0.5, 1.0, 2.0, 4.0)
+FRICTION = {'joint_slip': (0.5, 1.0, 2.0, 4.0), 'load_friction': (0.05, 0.1, 0.2, 0.4)}
 """Of a joint that slips, Nm."""
 
 
@@ -73,9 +73,9 @@ def _cases(effect: Effect) -> Iterator[tuple[str, tuple[float, ...], int]]:
         for cycles in FREQUENCIES:
             for wave, phase in (('cos', 0.0), ('sin', np.pi / 2)):
                 yield f'{effect.label} {wave} {cycles:g}', (0.0, phase, cycles), 0
-    elif effect.name == 'joint_slip':
-        for slip_torque in SLIP_TORQUES:
-            yield f'{effect.label} {slip_torque:g} Nm', (0.0, slip_torque), 0
+    elif effect.name in FRICTION:
+        for friction in FRICTION[effect.name]:
+            yield f'{effect.label} {friction:g} {effect.parameters[1].unit}', (0.0, friction), 0
     else:
         values = effect.typical if effect.is_stepwise else effect.start
         for k, label in enumerate(effect.labels):

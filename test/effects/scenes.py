@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -88,9 +89,12 @@ def exact_touches(parameters: Parameters, plan: Plan, cell: Cell = CELL) -> Touc
 def press(effect: Effect, values: np.ndarray, parameters: Parameters = PAPER_ACTUAL, cell: Cell = CELL) -> TouchSet:
     """108 exact touches or more of a robot with an effect: Ḡ with δ and d, found by repetition.
 
-    The places of contact are as planned, and every other touch is pressed beyond its force first.
+    The places of contact are as planned, and every other touch is pressed beyond its force first, by two parts in turn.
     """
     plan = default_plan(cell, per_disc=20, preload=0.3)
+    preload = plan.preload.copy()
+    preload[preload > 0] = np.resize((0.3, 1.0), np.count_nonzero(preload))
+    plan = replace(plan, preload=preload)
     rigid = exact_touches(parameters, plan, cell)
     metadata = TouchMetadata.of(rigid)
     centers, radii = cell.centers[plan.disc], cell.radii[plan.disc]

@@ -11,11 +11,12 @@ from calibration.studies import CELL, EXACT
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.effects.joint_slip import JointSlip, LoadFriction
 from scara_kinetostatic.effects.joints import JointHysteresis
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.play_operator import LARGEST_RATIO
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -84,3 +85,41 @@ def test_a_fit_ends_at_a_kink_of_the_law():
         touches = simulate_touches(CELL, SLIP, PLAN, seed=seed)
         start = ExtendedModel(CELL.nominal, SLIP.effects, ((5e-5, 1.7),))
         assert calibrate(touches, CELL, start=start).termination is Termination.CONVERGED
+
+
+SEVERAL = replace(PLAN, preload=np.where(PLAN.preload > 0, np.resize([0.15, 0.3, 1.0], len(PLAN)), 0.0))
+"""The same touches with three preloads."""
+
+
+def test_friction_that_grows_with_the_load_is_found_with_its_values():
+    truth = ExtendedModel(PAPER_ACTUAL, (LoadFriction.of(1),), ((4e-5, 0.25),))
+    found = diagnose(calibrate(simulate_touches(CELL, truth, SEVERAL, seed=1), CELL))
+    assert (found.verdict, [item.effect.label for item in found.found]) == ('explained', ['load_friction[joint2]'])
+    for value, true in zip(found.found[0].values, (4e-5, 0.25), strict=True):
+        assert abs(value.value - true) < 4 * value.std
+    off = found.extended.parameters.as_array() - PAPER_ACTUAL.as_array()
+    assert np.abs(off / found.extended.std).max() < 4
+
+
+def test_loaded_from_rest_friction_that_grows_with_the_load_is_compliance():
+    truth = ExtendedModel(PAPER_ACTUAL, (LoadFriction.of(1),), ((1e-5, 0.25),))
+    plan = default_plan(CELL, 18)
+    found = calibrate(simulate_touches(CELL, truth, plan, EXACT), CELL)
+    assert found['p2'].value == pytest.approx(PAPER_ACTUAL.p2 + 1e-5, rel=1e-6)
+    assert found.force_error < 1e-6
+
+
+def test_one_preload_does_not_tell_its_parameters_from_compliance():
+    start = ExtendedModel(CELL.nominal, (LoadFriction.of(1),), ((1.1e-5, 0.3),))
+    truth = ExtendedModel(PAPER_ACTUAL, start.effects, ((1e-5, 0.25),))
+    for plan, rank in ((PLAN, 13), (SEVERAL, 14)):
+        found = calibrate(simulate_touches(CELL, truth, plan, EXACT), CELL, start=start)
+        assert found.identifiability.rank == rank
+
+
+def test_a_step_beyond_the_largest_friction_is_sent_back():
+    at = np.linspace(-9.0, 9.0, 7)
+    slip, history = LoadFriction.of(0), np.column_stack([1.5 * at, 1.3 * at])
+    inside, beyond = (slip._slipped(history, at, slip._folded(value)[0]).value for value in (0.5, -0.5))
+    np.testing.assert_array_equal(inside, beyond)
+    assert slip._folded(2 * LARGEST_RATIO - 0.5) == (pytest.approx(0.5), -1.0)

@@ -20,7 +20,7 @@ NAMES = {
     'contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity', 'encoder_gain', 'transmission_error',
     'joint_hardening', 'joint_hysteresis', 'joint_slip', 'anisotropic_gripper', 'anisotropic_backlash', 'link_bending',
     'base_compliance', 'contact_compliance', 'object_position', 'object_radius', 'thermal_drift', 'base_tilt',
-    'sensor_cross_talk', 'shift', 'joint_coupling', 'cable_pull', 'tip_shape',
+    'sensor_cross_talk', 'shift', 'joint_coupling', 'cable_pull', 'tip_shape', 'load_friction',
 }  # fmt: skip
 
 

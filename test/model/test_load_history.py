@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from model.helpers import ROBOTS, random_poses
 
-from scara_kinetostatic.effects.joint_slip import play_operator
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.kinetostatics import joint_torques
+from scara_kinetostatic.model.play_operator import play_limits, play_operator, play_range
 from scara_kinetostatic.model.touch import remembered, torques_of
 
 
@@ -77,3 +77,38 @@ def test_torques_in_both_frames(robot):
     seen = rotate(poses.force, -(joints.sum(axis=1) + robot.theta1 + robot.theta2))
     found = torques_of(robot, np.concatenate([joints, seen], axis=1), SensorFrame.TOOL)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+def test_friction_that_grows_with_the_load() -> None:
+    """Against its definition |C - p| ≤ r + μ |p|, one small step after the other, and its derivatives."""
+    random = np.random.default_rng(4)
+    turns, r, mu = random.uniform(-10.0, 10.0, (20, 5)), 0.7, 0.35
+    found = play_operator(turns[:, :-1], turns[:, -1], r, mu)
+    value, here = np.zeros(20), np.zeros(20)
+    for turn in turns.T:
+        for load in np.linspace(here, turn, 301)[1:]:
+            for _ in range(60):  # friction lets through what it cannot hold
+                excess = np.abs(load - value) - r - mu * np.abs(value)
+                value = value + 0.3 * np.sign(load - value) * np.maximum(excess, 0.0)
+                if not (excess > 1e-9).any():
+                    break
+        here = turn
+    np.testing.assert_allclose(found.value, value, atol=1e-6)
+    step = 1e-6
+    for k, derivative in ((0, found.by_half_width), (1, found.by_ratio)):
+        up, down = (
+            play_operator(turns[:, :-1], turns[:, -1], *(np.array([r, mu]) + sign * step * np.eye(2)[k])).value
+            for sign in (1, -1)
+        )
+        np.testing.assert_allclose((up - down) / (2 * step), derivative, atol=1e-6)
+
+
+def test_the_range_of_the_operator_holds_every_beginning() -> None:
+    load = np.cumsum(np.random.default_rng(5).normal(0.0, 1.0, 300))
+    low, high = play_range(load, 0.5, 0.3)
+    for end in (1, 17, 300):
+        value = play_operator(load[None, : end - 1], load[end - 1 : end], 0.5, 0.3).value[0]
+        assert low[end - 1] - 1e-12 <= value <= high[end - 1] + 1e-12
+        least, most = play_limits(load[0], 0.5, 0.3)
+        start = min(max(0.0, least), most)
+        assert np.clip(start, low[end - 1], high[end - 1]) == pytest.approx(value)

@@ -7,9 +7,10 @@ from calibration.studies import CELL, EXACT
 
 from scara_kinetostatic.calibration.fit_point import force_residual
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.effects.joint_slip import JointSlip, play_operator
+from scara_kinetostatic.effects.joint_slip import JointSlip
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.play_operator import play_operator
 from scara_kinetostatic.model.touch import torques_of
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches

@@ -18,20 +18,20 @@ SLIP, SLIP_NO_GAP = LAWS['slip'], LAWS['slip_no_gap']
 
 def test_slip_agrees_with_an_independent_simulation_in_small_steps():
     motion = cut_at_reversals(slipping())
-    assert motion.force[0] == TRUTH['force_zero']  # inside the gap, where the reading tells no place
-    force = SLIP.function(motion, {**TRUTH, **SLIPS, 'start': motion.displacement[0]})
-    assert np.abs(force - motion.force).max() < 1e-6 * SLIPS['slip_positive']
+    assert motion.driven[0] == TRUTH['force_zero']  # inside the gap, where the reading tells no place
+    force = SLIP.function(motion, {**TRUTH, **SLIPS, 'start': motion.driver[0]})
+    assert np.abs(force - motion.driven).max() < 1e-6 * SLIPS['slip_positive']
     assert force.max() == pytest.approx(SLIPS['slip_positive'] + TRUTH['force_zero'])
 
 
 def test_without_slip_it_is_law_6():
     motion = cut_at_reversals(simulate_record(BACKLASH, TRUTH, 0.0, 0))
-    start = motion.displacement[0] - motion.displacement.mean() - TRUTH['zero']
-    first = motion.force[0] - TRUTH['force_zero']
-    place = np.clip(first / (0.02 * motion.force_range), -1, 1)
+    start = motion.driver[0] - motion.driver.mean() - TRUTH['zero']
+    first = motion.driven[0] - TRUTH['force_zero']
+    place = np.clip(first / (0.02 * motion.driven_range), -1, 1)
     state = TRUTH['compliance'] * first + TRUTH['half_gap'] * place
     high = {'slip_positive': 1e9, 'slip_negative': 1e9, 'start': start - state}
-    assert SLIP.function(motion, {**TRUTH, **high}) == pytest.approx(motion.force, abs=1e-6)
+    assert SLIP.function(motion, {**TRUTH, **high}) == pytest.approx(motion.driven, abs=1e-6)
 
 
 def test_no_gap_is_slip_with_a_gap_of_zero():
@@ -71,5 +71,5 @@ def test_parameters_come_back_from_half_of_the_sweeps():
         fitted = fit_motion(SLIP, motion, rows | ~motion.scored)
         assert fitted.values['slip_positive'] == pytest.approx(SLIPS['slip_positive'], rel=0.01)
         assert fitted.values['half_gap'] == pytest.approx(TRUTH['half_gap'], rel=0.03)
-        residual = (motion.force - SLIP.function(motion, fitted.values))[rows | ~motion.scored]
+        residual = (motion.driven - SLIP.function(motion, fitted.values))[rows | ~motion.scored]
         assert fitted.square == pytest.approx(residual @ residual)

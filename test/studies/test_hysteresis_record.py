@@ -99,7 +99,7 @@ def test_measured_records_are_driven_by_their_load(path: Path) -> None:
     assert found.joint == 4
     assert what_drives([found]) == LOAD
     assert 2.0 < found.time[found.rest][-1] < 5.0
-    assert 8.0 < found.time[found.unloaded] < 20.0
+    assert 8.0 < found.time[found.judged_from] < 20.0
 
 
 def loops(rest: int, zero: float = 0.0) -> Record:
@@ -122,23 +122,23 @@ def test_parts_and_noise() -> None:
     found = record(torque())
     assert 195 <= found.rest.sum() <= 203
     assert not found.rest[205:].any()
-    assert 620 <= found.unloaded <= 635
-    assert found.load_noise == pytest.approx(TORQUE_NOISE, rel=0.2)
+    assert 620 <= found.judged_from <= 635
+    assert found.noise(found.load) == pytest.approx(TORQUE_NOISE, rel=0.2)
     with pytest.raises(ValueError, match='read-only'):
         found.load[0] = 1.0
     time, load, angle = columns(torque())
     shifted = Record('a', time, load + 7.5, angle)
-    assert found.unloaded == shifted.unloaded
+    assert found.judged_from == shifted.judged_from
     assert np.array_equal(found.rest, shifted.rest)
 
 
 def test_it_is_unloaded_after_the_last_loading() -> None:
     several = record(np.concatenate([torque(), 0.5 * torque(), torque()]))
-    assert several.unloaded > 2 * len(torque()) + 600
+    assert several.judged_from > 2 * len(torque()) + 600
     assert several.rest.sum() < 205
     load = torque()
     load[640] = 1.3 * load[300]  # an impact
-    assert record(load).unloaded == 641
+    assert record(load).judged_from == 641
 
 
 def without(rows: slice) -> Record:
@@ -192,7 +192,7 @@ def test_a_motion_is_cut_at_its_reversals_and_its_still_ends_are_left_out() -> N
     assert motion.sweeps == 11
     assert len(motion) < 645
     assert set(np.unique(motion.sense)) == {-1.0, 1.0}
-    assert np.all(np.diff(motion.displacement) * motion.sense[1:] >= 0)
+    assert np.all(np.diff(motion.driver) * motion.sense[1:] >= 0)
     assert np.abs(np.diff(motion.distance)[motion.edges[1:-1] - 1]).min() > 1e-3  # far from the reversal, then near it
     assert motion.distance[motion.edges[1:-1]].max() < 1e-3
     with pytest.raises(UnsupportedDataError, match=r'a: 1 sweeps of 99 samples in all; 6 sweeps of 8 samples each'):

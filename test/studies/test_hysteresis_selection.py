@@ -43,7 +43,7 @@ def test_held_out_residuals_are_those_of_the_fit_that_has_not_seen_them(slip_sel
     held_out = selected.held_out[0].residual
     for unseen in (motion.earlier, ~motion.earlier):
         fitted = fit_motion(selected.law, motion, ~unseen | ~motion.scored)
-        residual = motion.force - selected.law.function(motion, fitted.values)
+        residual = motion.driven - selected.law.function(motion, fitted.values)
         assert held_out[unseen] == pytest.approx(residual[unseen])
     assert selected.held_out_rms == pytest.approx(rms(held_out[motion.scored]))
 

@@ -1,14 +1,14 @@
 """What the residual of a law depends on.
 
-Driven by its motion: curves fitted to half of the cycles, tested on the other half. The residual of the odd cycles is
+In loops: curves fitted to half of the cycles, tested on the other half. The residual of the odd cycles is
 averaged in bins of a variable; this curve predicts the residual of the even cycles, and the other way round. The share
 of the squared residual that it explains measures the dependence. The p-value is that of a one-sided t-test of the
 correlation between residual and curve over the sweeps (the smaller of both halves, doubled). It assumes that for a
 sufficient law the residuals of different sweeps are independent with a symmetric distribution; within a sweep they may
-be correlated. Displacement alone cannot explain hysteresis: where a variable explains more together with the sense of
+be correlated. What drives alone cannot explain hysteresis: where a variable explains more together with the sense of
 the motion, no elastic law is sufficient.
 
-Driven by its load: from means of half a second, in which vibrations average out.
+Under a load from rest to rest: from means of half a second, in which vibrations average out.
 
 - memory: the residual at rest after the load less that before it. The load is the same, so a law without memory
   predicts zero. t-test of the block means of each record.
@@ -16,8 +16,11 @@ Driven by its load: from means of half a second, in which vibrations average out
   with the effective number of independent blocks.
 
 Differences count against their scatter and 1 % of the range of the response: no law holds better where the load goes
-through zero. The p-values of the records are combined by Fisher's method, -2 Σ ln p ~ χ² with twice as many degrees of
-freedom as records, so that evidence adds up.
+through zero.
+
+The detection limit is the share of the squared residual that a test would have found with a probability of `POWER`,
+from the scatter that it met. The p-values of the records are combined by Fisher's method, -2 Σ ln p ~ χ² with twice as
+many degrees of freedom as records, so that evidence adds up.
 """
 
 from __future__ import annotations
@@ -33,12 +36,14 @@ from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.studies.hysteresis.fit import effective_count
 from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
 from scara_kinetostatic.studies.hysteresis.motion import Motion
-from scara_kinetostatic.studies.hysteresis.record import UNLOADED_BELOW
+from scara_kinetostatic.studies.hysteresis.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, UNLOADED_BELOW
 
 _BINS = 16
 
 
-_OF_MOTION = ('displacement', 'displacement_sense', 'speed', 'distance_sense', 'time')
+POWER = 0.9
+_OF_LOOPS = ('driver', 'driver_sense', 'speed', 'distance_sense', 'time')
+_DRIVER = {MOTION: 'displacement', LOAD: 'load'}
 _OF_LOAD = ('memory', 'load', 'time')
 VARIABLES = {
     'displacement': 'the {response}',
@@ -48,6 +53,7 @@ VARIABLES = {
     'time': 'the time',
     'memory': 'the load before',
     'load': 'the load',
+    'load_sense': 'the load and the sense in which it changes',
 }
 """In words; memory: the residual at rest after the load is not that at rest before it."""
 
@@ -60,12 +66,14 @@ class Dependence(NamedTuple):
         share: explained share of the squared residual, for a motion on the half held out; below 0 if it increases.
         p_value: of no dependence, all records together.
         by_record: the same of each record driven by its load; NaN where it could not be tested.
+        detectable: share that the test would have found with a probability of `POWER`; 1 where none.
     """
 
     variable: str
     share: float
     p_value: float
     by_record: tuple[float, ...] = ()
+    detectable: float = 1.0
 
     @property
     def is_tested(self) -> bool:
@@ -78,24 +86,41 @@ def p_independent(found: Sequence[Dependence]) -> float:
     return min(1.0, len(found) * min(each.p_value for each in found))
 
 
-def motion_dependences(motion: Motion, residual: Floats) -> tuple[Dependence, ...]:
-    """Dependence on all variables of a motion, in decreasing order of the explained share.
+def loop_dependences(motions: Sequence[Motion], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
+    """Dependence on all variables of loops, in decreasing order of the explained share.
 
     Args:
-        motion: the record.
-        residual: (n,), N or Nm; the first sweep does not count.
+        motions: the records.
+        residuals: of each, (n,); the first sweep does not count.
     """
-    return _by_share(_on_variable(motion, residual, variable) for variable in _OF_MOTION)
+    records = list(zip(motions, residuals, strict=True))
+    squares = np.array([float((residual[motion.scored] ** 2).sum()) for motion, residual in records])
+    weights = squares / squares.sum() if squares.any() else np.ones(len(squares)) / len(squares)
+    found = []
+    for variable in _OF_LOOPS:
+        name = variable.replace('driver', _DRIVER[motions[0].driven_by])
+        shares, p_values, detectable = zip(*(_on_variable(*each, variable) for each in records), strict=True)
+        by_record = p_values if motions[0].driven_by == LOAD else ()
+        found.append(Dependence(name, float(weights @ shares), _fisher(p_values), by_record, min(detectable)))
+    return _by_share(found)
+
+
+def _fisher(p_values: Sequence[float]) -> float:
+    """p-value of all together; 1 where there is none."""
+    if len(p_values) == 1:
+        return p_values[0]
+    return float(stats.chi2.sf(-2 * np.log(np.maximum(p_values, 1e-300)).sum(), 2 * len(p_values)))
 
 
 def _by_share(found: Iterable[Dependence]) -> tuple[Dependence, ...]:
     return tuple(sorted(found, key=lambda each: -each.share))
 
 
-def _on_variable(motion: Motion, residual: Floats, variable: str) -> Dependence:
+def _on_variable(motion: Motion, residual: Floats, variable: str) -> tuple[float, float, float]:
+    """Share, p-value and detectable share of one record."""
     place = _bin(motion, variable)
     odd = motion.cycle % 2 == 1
-    unexplained, p_values = residual.copy(), []
+    unexplained, p_values, detectable = residual.copy(), [], []
     for fitted in (odd & motion.scored, ~odd & motion.scored):
         held_out = motion.scored & ~fitted
         count, total = (
@@ -105,13 +130,26 @@ def _on_variable(motion: Motion, residual: Floats, variable: str) -> Dependence:
         unexplained[held_out] -= curve[held_out]
         sums = [
             np.bincount(motion.sweep[held_out], weights=values[held_out], minlength=motion.sweeps)
-            for values in (residual * curve, residual**2, curve**2)
+            for values in (residual * curve, residual**2, curve**2, np.ones(len(motion)))
         ]
         size = np.sqrt(sums[1] * sums[2])
-        p_values.append(p_positive(sums[0][size > 0] / size[size > 0]))
+        counts = (size > 0) & (sums[3] >= FEWEST_ROWS)
+        alike = sums[0][counts] / size[counts]
+        p_values.append(p_positive(alike))
+        detectable.append(_detectable(alike))
     rows = motion.scored
     share = 1 - float((unexplained[rows] ** 2).sum() / (residual[rows] ** 2).sum()) if np.any(residual[rows]) else 0.0
-    return Dependence(variable, share, min(1.0, 2 * min(p_values)))
+    return share, min(1.0, 2 * min(p_values)), min(detectable)
+
+
+def _detectable(alike: Floats) -> float:
+    """Square of the mean correlation that the test would have found."""
+    free = len(alike) - 1
+    if free < 1:
+        return 1.0
+    level = LEVEL / (4 * len(_OF_LOOPS))  # half of it, shared among the variables and the halves
+    quantiles = stats.t.isf(level, free) + stats.t.isf(1 - POWER, free)
+    return min(1.0, float(quantiles**2 * alike.var(ddof=1) / len(alike)))
 
 
 def _bin(motion: Motion, variable: str) -> NDArray[np.int64]:
@@ -139,16 +177,15 @@ def load_dependences(paths: Sequence[LoadPath], residuals: Sequence[Floats]) -> 
     total = sum(square for square, _ in tested)
     found = []
     for variable in _OF_LOAD:
-        p_values, explained = zip(*(by_variable[variable] for _, by_variable in tested), strict=True)
-        share = sum(explained) / total if total > 0 else 0.0
-        finite = np.maximum([p for p in p_values if np.isfinite(p)], 1e-300)
-        p_value = float(stats.chi2.sf(-2 * np.log(finite).sum(), 2 * len(finite))) if len(finite) else 1.0
-        found.append(Dependence(variable, share, p_value, p_values))
+        p_values, explained, detectable = zip(*(by_variable[variable] for _, by_variable in tested), strict=True)
+        share, limit = ((sum(each) / total if total > 0 else 0.0) for each in (explained, detectable))
+        finite = [p for p in p_values if np.isfinite(p)]
+        found.append(Dependence(variable, share, _fisher(finite) if finite else 1.0, p_values, min(limit, 1.0)))
     return _by_share(found)
 
 
-def _record(path: LoadPath, residual: Floats) -> tuple[float, dict[str, tuple[float, float]]]:
-    """Sum of squares of the block means less that at rest; p-value and explained part of it by variable."""
+def _record(path: LoadPath, residual: Floats) -> tuple[float, dict[str, tuple[float, float, float]]]:
+    """Sum of squares of the block means less that at rest; p-value, explained and detectable part of it by variable."""
     loaded = path.known & (np.abs(path.smooth) >= UNLOADED_BELOW * path.size)
     before, after = (_blocks(path, residual, rows) for rows in (path.rest, _at_rest_again(path)))
     under_load, loads, times = (_blocks(path, values, loaded) for values in (residual, np.abs(path.load), path.time))
@@ -161,7 +198,7 @@ def _record(path: LoadPath, residual: Floats) -> tuple[float, dict[str, tuple[fl
 
 def _at_rest_again(path: LoadPath) -> Mask:
     """The samples at rest after the load, without 0.25 s of settling, or half of them if that is less."""
-    quiet = np.abs(path.smooth) < max(0.05 * path.size, 4.0 * path.record.load_noise)
+    quiet = np.abs(path.smooth) < max(0.05 * path.size, 4.0 * path.record.noise(path.record.load))
     after = np.flatnonzero(~path.known & (np.cumsum(~quiet[::-1])[::-1] == 0))
     settling = min(round(0.25 / float(np.median(np.diff(path.time)))), len(after) // 2)
     return np.isin(np.arange(len(quiet)), after[settling:])
@@ -175,22 +212,28 @@ def _blocks(path: LoadPath, values: Floats, rows: Mask) -> Floats:
     return np.concatenate([*found, np.empty(0)])
 
 
-def _difference(before: Floats, after: Floats, tolerance: float) -> tuple[float, float]:
-    """p-value of equal means, and the sum of squares that the difference explains."""
+def _quantiles(free: float) -> float:
+    """Standard deviations of a quantity that a two-sided test would have found."""
+    return float(stats.t.isf(LEVEL / (4 * len(_OF_LOAD)), free) + stats.t.isf(1 - POWER, free))
+
+
+def _difference(before: Floats, after: Floats, tolerance: float) -> tuple[float, float, float]:
+    """p-value of equal means, and the sums of squares that the difference explains, and that would have been found."""
     if min(len(before), len(after)) < 2:
-        return float('nan'), 0.0
+        return float('nan'), 0.0, 0.0
     difference = float(after.mean() - before.mean())
     parts = [float(each.var(ddof=1)) / len(each) for each in (before, after)]
     variance = sum(parts) + tolerance**2
     free = variance**2 / max(sum(p**2 / (len(v) - 1) for p, v in zip(parts, (before, after), strict=True)), 1e-300)
     p_value = 2 * float(stats.t.sf(abs(difference) / np.sqrt(variance), min(free, 1e6)))
-    return p_value, difference**2 * len(after)
+    found = _quantiles(min(free, 1e6)) ** 2 * variance * len(after)
+    return p_value, difference**2 * len(after), found
 
 
-def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> list[tuple[float, float]]:
-    """p-values of no slope over load and over time, and the sums of squares that they explain."""
+def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> list[tuple[float, float, float]]:
+    """p-values of no slope over load and over time, and the sums of squares as for `_difference`."""
     count = len(residual)
-    unknown = [(float('nan'), 0.0)] * 2
+    unknown = [(float('nan'), 0.0, 0.0)] * 2
     # two slopes and their scatter
     if count < 6 or not np.ptp(residual) > 0:
         return unknown
@@ -201,8 +244,8 @@ def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> l
         return unknown
     left = residual - design @ beta
     free = max(effective_count(left) - 3.0, 1.0) if np.ptp(left) > 0 else count - 3.0
-    variance = float(left @ left) / free * np.diagonal(np.linalg.inv(design.T @ design))
-    t_values = np.abs(beta) / np.sqrt(variance + tolerance**2)
-    return [
-        (float(2 * stats.t.sf(t_values[k], free)), float(beta[k] ** 2 * design[:, k] @ design[:, k])) for k in (1, 2)
-    ]
+    variance = float(left @ left) / free * np.diagonal(np.linalg.inv(design.T @ design)) + tolerance**2
+    sizes = np.diagonal(design.T @ design)
+    p_values = 2 * stats.t.sf(np.abs(beta) / np.sqrt(variance), free)
+    detectable = _quantiles(free) ** 2 * variance * sizes
+    return [(float(p_values[k]), float(beta[k] ** 2 * sizes[k]), float(detectable[k])) for k in (1, 2)]

@@ -46,6 +46,7 @@ def _common(selection: Selection) -> Document:
     return {
         'verdict': selection.verdict,
         'p_value': selection.p_value,
+        'detectable_share': selection.detectable,
         'p_value_after': selection.p_after,
         'law': {'before': selection.before.law.name, 'after': selected.law.name if selected else None},
         'effects': effects[:1],
@@ -61,6 +62,7 @@ def _dependences(found: Sequence[Dependence]) -> Document:
     return {
         each.variable: {
             'share': each.share,
+            'detectable_share': each.detectable if each.is_tested else None,
             'p_value': each.p_value if each.is_tested else None,
             **({'p_value_by_record': each.by_record} if each.by_record else {}),
         }
@@ -96,7 +98,7 @@ def _motion_record(selection: Selection, motion: Motion) -> Document:
             'held_out': each.held_out_rms,
             'later_from_earlier': rms(residual[~motion.earlier]),
             'earlier_from_later': rms(residual[motion.earlier & motion.scored]),
-            'held_out_share_of_range': each.held_out_rms / motion.force_range,
+            'held_out_share_of_range': each.held_out_rms / motion.driven_range,
             'held_out_as_displacement': each.held_out_rms * selection.final.whole.values['compliance'],
         }
 
@@ -105,7 +107,7 @@ def _motion_record(selection: Selection, motion: Motion) -> Document:
         'source': record.source,
         'sweeps': motion.sweeps,
         'samples': len(motion),
-        'force_range': motion.force_range,
+        'force_range': motion.driven_range,
         'travel': motion.travel,
         **_common(selection),
         'force_error': {'before': errors(selection.before), 'after': errors(selected) if selected else None},
@@ -146,8 +148,8 @@ def _load_content(selection: Selection, study: LoadStudy, predicted: Sequence[Pr
                 'before': each.before_rms,
                 'after': each.after_rms,
                 'unit': unit,
+                'from_s': each.record.time[each.record.judged_from],
                 'state': each.after.state if has_state else None,
-                'unloaded': each.record.time[each.record.unloaded],
             }
             for each in predicted
         ],
@@ -159,17 +161,17 @@ def _load_records(selection: Selection, study: LoadStudy) -> list[dict[str, Any]
     before = record_errors(selection, selection.before)
     after = record_errors(selection, selected) if selected else [None] * len(before)
     for k, (record, path, block) in enumerate(zip(study.records, study.paths, study.blocks, strict=True)):
-        moved = block.response - record.response[record.rest].mean()
+        moved, rests = block.response - record.response[0] + record.response_change[0], record.is_at_rest_first
         found.append(
             {
                 'source': record.source,
                 'samples': len(record),
-                'loaded': record.time[record.rest][-1],
-                'unloaded': record.time[record.unloaded],
+                'loaded': record.time[record.rest][-1] if rests else None,
+                'judged_from': record.time[record.judged_from],
                 'largest_load': path.smooth[int(np.abs(path.smooth).argmax())],
                 'deflection': moved[int(np.abs(moved).argmax())],
-                'remaining': record.remaining,
-                'noise': {'load': record.load_noise, 'response': record.response[record.rest].std(ddof=1)},
+                'remaining': record.remaining if rests else None,
+                'noise': {'load': record.noise(record.load), 'response': record.noise(record.response)},
                 'response_error': {'before': before[k], 'after': after[k]},
                 'state': selected.along[k].state if selected and selected.law.has_state else None,
             }

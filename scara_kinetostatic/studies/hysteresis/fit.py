@@ -22,6 +22,7 @@ number of independent means of half a second: a vibration is no evidence on the 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -127,7 +128,7 @@ def _best(problem: _MotionProblem | _LoadProblem, firsts: Sequence[Floats]) -> F
         minimise(problem.residual, problem.jacobian, first, problem.bounds, problem.penalty(first)) for first in firsts
     ]
     best = found[_first_least([float(np.sum(problem.residual(each) ** 2)) for each in found])]
-    return out_of_kinks(problem.residual, best, problem.bounds)
+    return out_of_kinks(problem.residual, best, problem.bounds) if problem.has_kinks else best
 
 
 def fit_motion(law: Law, motion: Motion, rows: Mask, start: Values | None = None, followed: int = 5) -> Fit:
@@ -149,16 +150,18 @@ def fit_motion(law: Law, motion: Motion, rows: Mask, start: Values | None = None
 class _MotionProblem:
     """The least-squares problem, scaled to the order of 1."""
 
+    has_kinks = True
+
     def __init__(self, law: Law, motion: Motion, rows: Mask) -> None:
         self.law, self.motion, self.rows = law, motion, rows
         self.scale = np.array([self._size(each) * max(0.01, min(map(abs, each.starts))) for each in law.parameters])
         least = np.array([each.least for each in law.parameters]) / self.scale
         self.bounds = least, np.full(len(least), np.inf)
-        self.extent = float(np.linalg.norm(motion.force[rows]))
+        self.extent = float(np.linalg.norm(motion.driven[rows]))
 
     def _size(self, parameter: Parameter) -> float:
         """Range of the data in the unit of a parameter."""
-        length, force = self.motion.travel, self.motion.force_range / 2
+        length, force = self.motion.travel, self.motion.driven_range / 2
         speed = float(np.abs(self.motion.speed).max())
         return {'m': length, 'N': force, 'm/N': length / force, 'N·s/m': force / speed}[parameter.unit]
 
@@ -170,7 +173,7 @@ class _MotionProblem:
 
     def residual(self, scaled: Floats) -> Floats:
         force = self.law.function(self.motion, self.values(scaled))
-        return np.asarray((force - self.motion.force)[self.rows] / self.extent)
+        return np.asarray((force - self.motion.driven)[self.rows] / self.extent)
 
     def jacobian(self, scaled: Floats) -> Floats:
         here = self.residual(scaled)
@@ -191,25 +194,44 @@ class _MotionProblem:
 
     def _scaled_to_force(self, start: Values) -> Floats:
         """A start with its forces scaled, and shifted where the law has a zero of the force, to fit best."""
-        force, measured = self.law.function(self.motion, start)[self.rows], self.motion.force[self.rows]
+        force, measured = self.law.function(self.motion, start)[self.rows], self.motion.driven[self.rows]
         has_zero = 'force_zero' in start
-        design = np.stack([force, np.full(len(force), self.motion.force_range if has_zero else 0.0)], axis=1)
+        design = np.stack([force, np.full(len(force), self.motion.driven_range if has_zero else 0.0)], axis=1)
         (factor, shift), *_ = np.linalg.lstsq(design, measured, rcond=1e-9)
         if not factor > 0:
             return self.scaled(start)
         powers = {'N': 1, 'm/N': -1, 'N·s/m': 1}
         values = {each.name: start[each.name] * factor ** powers.get(each.unit, 0) for each in self.law.parameters}
         if has_zero:
-            values['force_zero'] += shift * self.motion.force_range
+            values['force_zero'] += shift * self.motion.driven_range
         return self.scaled(values)
 
 
-class Moments(NamedTuple):
-    """What a fit needs of one record: BᵀB, Bᵀy, yᵀy after centring, on the grid: (shapes, states, k + 1, k + 1)."""
+class Moments:
+    """Samples of one record in a fit.
 
-    grid: Floats
-    path: LoadPath
-    rows: Mask
+    Args:
+        law: the law.
+        path: the record.
+        rows: samples in the fit, (n,).
+        size: largest load of all records, the same for all of one fit.
+    """
+
+    def __init__(self, law: Law, path: LoadPath, rows: Mask, size: float) -> None:
+        self.law, self.path, self.rows, self.size = law, path, rows, size
+
+    @cached_property
+    def grid(self) -> Floats:
+        """BᵀB, Bᵀy, yᵀy after centring, on the grid: (shapes, states, k + 1, k + 1)."""
+        grid, states = [], _states(self.law, self.path)
+        for shape in _shapes(self.law, self.size):
+            for state in states:
+                basis = self.law.function(self.path, {**shape, 'state': state})
+                columns = np.column_stack([basis, self.path.response])[self.rows]
+                columns -= columns.mean(axis=0)
+                grid.append(columns.T @ columns)
+        wide = len(self.law.amplitudes) + 1
+        return np.reshape(grid, (-1, len(states), wide, wide))
 
 
 def _shapes(law: Law, size: float) -> list[Values]:
@@ -222,40 +244,24 @@ def _scale(parameter: Parameter, size: float) -> float:
     return size if parameter.unit == 'N' else 1.0
 
 
-def _states(law: Law) -> list[float]:
-    """Initial states of friction from which a fit starts."""
-    return np.linspace(-1.0, 1.0, 21).tolist() if law.has_state else [0.0]
+def _states(law: Law, path: LoadPath) -> list[float]:
+    """Initial states of friction from which a fit starts; the first loops wipe them out."""
+    return np.linspace(-1.0, 1.0, 21 if path.rest.any() else 5).tolist() if law.has_state else [0.0]
 
 
-def moments(law: Law, path: LoadPath, rows: Mask, size: float) -> Moments:
-    """Moments of a record on the grid.
-
-    Args:
-        law: the law.
-        path: the record.
-        rows: samples in the fit, (n,).
-        size: largest load of all records, the same in every call for one fit.
-    """
-    grid = []
-    for shape in _shapes(law, size):
-        for state in _states(law):
-            columns = np.column_stack([law.function(path, {**shape, 'state': state}), path.response])[rows]
-            columns -= columns.mean(axis=0)
-            grid.append(columns.T @ columns)
-    wide = len(law.amplitudes) + 1
-    return Moments(np.reshape(grid, (-1, len(_states(law)), wide, wide)), path, rows)
-
-
-def fit_load(law: Law, records: Sequence[Moments], size: float, warm_start: Fit | None = None) -> Fit:
+def fit_load(records: Sequence[Moments], warm_start: Fit | None = None, near: bool = False) -> Fit:
     """Fits a law to records driven by their load.
 
     Args:
-        law: the law.
-        records: moments of each record, with the same `size`.
-        size: see `moments`.
+        records: of the same law and `size`.
         warm_start: a fit to the same records or more samples of them, a further starting point.
+        near: whether it is the only one.
     """
-    states, starts = np.array(_states(law)), []
+    law, size = records[0].law, records[0].size
+    problem = _LoadProblem(law, records, size)
+    if warm_start is not None and near:
+        return problem.fitted(_best(problem, [problem.scaled(warm_start)]))
+    states, starts = np.array(_states(law, records[0].path)), []
     for number, shape in enumerate(_shapes(law, size)):
         grids = [each.grid[number] for each in records]
         begins = sorted({0, len(states) // 2, len(states) - 1})
@@ -264,7 +270,6 @@ def fit_load(law: Law, records: Sequence[Moments], size: float, warm_start: Fit 
         starts.append(Fit(law, dict(shape), states[picked], square))
     starts.sort(key=lambda start: round(start.square, 12))
     followed = [warm_start, starts[0]] if warm_start else starts[:2]
-    problem = _LoadProblem(law, records, size)
     return problem.fitted(_best(problem, [problem.scaled(start) for start in followed]))
 
 
@@ -299,6 +304,7 @@ class _LoadProblem:
 
     def __init__(self, law: Law, records: Sequence[Moments], size: float) -> None:
         self.law, self.records = law, records
+        self.has_kinks = any(each.path.rest.any() for each in records)  # many loops smooth them out
         responses = [each.path.response[each.rows] for each in records]
         self._response = np.concatenate([each - each.mean() for each in responses])
         self._ends = np.cumsum([0, *(len(each) for each in responses)])
@@ -379,7 +385,7 @@ def response_to(fitted: Fit, path: LoadPath, state: float) -> Floats:
 def predict(fitted: Fit, path: LoadPath, known: Mask, states: int = 41) -> Prediction:
     """The law along a record driven by its load, its zero and state from the samples known.
 
-    Law (6), which has no memory, takes its zero from the samples at rest alone.
+    Law (6), which has no memory, takes its zero from the samples at rest alone, if there are some.
 
     Args:
         fitted: the law with its parameters.
@@ -389,7 +395,7 @@ def predict(fitted: Fit, path: LoadPath, known: Mask, states: int = 41) -> Predi
     """
     if not fitted.law.has_state:
         off = path.response - response_to(fitted, path, 0.0)
-        zero = float(off[path.rest].mean())
+        zero = float(off[path.rest if path.rest.any() else known].mean())
         return Prediction(off - zero, 0.0, zero)
     grid = np.linspace(-1.0, 1.0, states)
     for _ in range(3):

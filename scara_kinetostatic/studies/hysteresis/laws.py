@@ -28,12 +28,12 @@ to 1, are each record's own: they depend on what happened before it. Functions:
 
 - backlash, law (6): τ, and sign(τ), linear within the scatter of the load at rest or not; no memory.
 - gap, law (6) as well: τ, and the sign that the load had last: an unloaded joint may stay where the load left it.
-- softening: law (6) with |τ| τ: the compliance increases with the load.
-- friction: a spring with Coulomb friction in parallel, the play operator P_r(τ) alone.
+- friction: spring and gap with Coulomb friction in parallel: the play τ_e = P_r(τ), and τ_e / √(τ_e² + s²), the sign of
+  τ_e with the gap rounded over a load s, where the flanks meet one after the other.
+- load_friction: the same with friction that grows with the load, |τ - τ_e| ≤ r + μ |τ_e|.
 - slip: τ and P_r(τ): a spring in series with such a spring with friction. Up to a load change of 2 r from the last
   reversal it is elastic, from there on it slips, and stays when the load goes.
 - slips: τ and two of them, of half widths r and r + Δr, that begin in the same state.
-- creep: law (6) with a lag of first order in the load.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.play_operator import LARGEST_RATIO
 from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
 from scara_kinetostatic.studies.hysteresis.motion import Motion
 
@@ -108,13 +109,13 @@ def _dead_zone(deflection: Floats, half_gap: float) -> Floats:
 
 
 def _spring(motion: Motion, values: Values) -> Floats:
-    deflection = motion.displacement - motion.displacement.mean() - values['zero']
+    deflection = motion.driver - motion.driver.mean() - values['zero']
     return values['force_zero'] + _dead_zone(deflection, values['half_gap']) / values['compliance']
 
 
 def _softening(motion: Motion, values: Values) -> Floats:
     force = _spring(motion, values) - values['force_zero']
-    top = np.where(force > 0, values['slip_positive'], values['slip_negative']) + 1e-9 * motion.force_range
+    top = np.where(force > 0, values['slip_positive'], values['slip_negative']) + 1e-9 * motion.driven_range
     return np.asarray(values['force_zero'] + top * np.tanh(force / top))
 
 
@@ -131,15 +132,15 @@ def _slip(motion: Motion, values: Values) -> Floats:
     rising, falling = (half_gap + compliance * values[f'slip_{sense}'] for sense in ('positive', 'negative'))
     deflection = np.empty(len(motion))
     # the first reading tells the deflection; where it is below 2 % of the range it may be anywhere in the gap
-    first_force = motion.force[0] - zero
-    place = min(max(first_force / (0.02 * motion.force_range), -1.0), 1.0)
-    here, before = first_force * compliance + place * half_gap + values['start'], motion.displacement[0]
+    first_force = motion.driven[0] - zero
+    place = min(max(first_force / (0.02 * motion.driven_range), -1.0), 1.0)
+    here, before = first_force * compliance + place * half_gap + values['start'], motion.driver[0]
     for first, last in zip(motion.edges[:-1], motion.edges[1:], strict=True):
         sense = motion.sense[first]
-        moved = sense * (motion.displacement[first:last] - before)
+        moved = sense * (motion.driver[first:last] - before)
         room = np.minimum.accumulate((rising if sense > 0 else falling) - moved)
         deflection[first:last] = sense * (moved + np.minimum(sense * here, room))
-        here, before = deflection[last - 1], motion.displacement[last - 1]
+        here, before = deflection[last - 1], motion.driver[last - 1]
     return zero + _dead_zone(deflection, half_gap) / compliance
 
 
@@ -218,6 +219,16 @@ def _slipping(path: LoadPath, values: Values) -> Floats:
     return path.play_operator(values['slip_load'], values['state'])
 
 
+def _elastic(path: LoadPath, values: Values) -> Floats:
+    """The load that friction in parallel leaves to the spring."""
+    return path.play_operator(values['friction'], values['state'], values.get('friction_ratio', 0.0))
+
+
+def _rounded_sign(path: LoadPath, values: Values) -> Floats:
+    elastic = _elastic(path, values)
+    return elastic / np.hypot(elastic, values['rounding'])
+
+
 def _slipping_later(path: LoadPath, values: Values) -> Floats:
     return path.play_operator(values['slip_load'] + values['further_load'], values['state'])
 
@@ -225,6 +236,8 @@ def _slipping_later(path: LoadPath, values: Values) -> Floats:
 _SLOPE, _HALF_GAP = Parameter('compliance', 'm/N'), Parameter('half_gap', 'm')
 _SLIP = Parameter('slip_compliance', 'm/N')
 _SLIP_LOAD = Parameter('slip_load', 'N', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0)
+_FRICTION = Parameter('friction', 'N', (0.04, 0.1, 0.2, 0.35), most=3.0)
+_ROUNDING = Parameter('rounding', 'N', (0.01, 0.03, 0.1), most=1.0)
 LOAD_BACKLASH = BACKLASH._replace(parameters=(_SLOPE, _HALF_GAP), function=_basis(_load, _sign))
 GAP = Law(
     'gap',
@@ -248,20 +261,27 @@ GAP_FORMS = (
 """The same for the largest load that counts as none."""
 LOAD_LAWS = (
     Law(
-        'softening',
-        'softening',
-        'softening spring',
-        'a softening spring: the compliance increases with the load',
-        (_SLOPE, _HALF_GAP, Parameter('softening', 'm/N²')),
-        _basis(_load, _sign, lambda path, values: path.load * np.abs(path.load)),
-    ),
-    Law(
         'friction',
         'friction',
         'friction in parallel',
         'friction in parallel with the spring: it holds part of the load in either sense',
-        (_SLOPE, _SLIP_LOAD._replace(name='friction')),
-        _basis(lambda path, values: path.play_operator(values['friction'], values['state'])),
+        (_SLOPE, _HALF_GAP, _FRICTION, _ROUNDING),
+        _basis(_elastic, _rounded_sign),
+        True,
+    ),
+    Law(
+        'load_friction',
+        'load_friction',
+        'friction in parallel that grows with the load',
+        'friction in parallel with the spring that grows with the load',
+        (
+            _SLOPE,
+            _HALF_GAP,
+            _FRICTION,
+            Parameter('friction_ratio', '1', (0.1, 0.3, 0.5), most=LARGEST_RATIO),
+            _ROUNDING,
+        ),
+        _basis(_elastic, _rounded_sign),
         True,
     ),
     Law(
@@ -287,19 +307,6 @@ LOAD_LAWS = (
         ),
         _basis(_load, _slipping, _slipping_later),
         True,
-    ),
-    Law(
-        'creep',
-        'creep',
-        'creep',
-        'creep: the response goes on increasing under a constant load',
-        (
-            _SLOPE,
-            _HALF_GAP,
-            Parameter('creep_compliance', 'm/N'),
-            Parameter('time_constant', 's', (0.3, 1.0, 3.0, 10.0, 30.0), most=100.0),
-        ),
-        _basis(_load, _sign, lambda path, values: path.lag(values['time_constant'])),
     ),
 )
 """Laws that are compared with law (6) where the load drives, beside `GAP`."""

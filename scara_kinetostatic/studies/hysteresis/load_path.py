@@ -1,12 +1,5 @@
 """A record driven by its load as the laws need it: counted from rest, smoothed, passed through operators with memory.
 
-Play operator of half width r (Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989): with the load τ,
-
-    p_k = min(max(p_{k-1}, τ_k - r), τ_k + r).
-
-Each step is a clip, and a clip after a clip is a clip again; so the limits of all steps up to k follow by a parallel
-prefix of log2(n) vector operations, whatever the initial state p_0 is.
-
 The friction of a joint follows the load averaged over `SMOOTHING`: a single sample of a jerk, which the inertia of the
 arm takes up, does not make it slip.
 """
@@ -17,7 +10,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.studies.hysteresis.record import Record, check_rest_to_rest
+from scara_kinetostatic.model.play_operator import play_limits, play_range
+from scara_kinetostatic.studies.hysteresis.record import Record, check_driven_by_load
 
 SMOOTHING = 0.06
 """Averaging time of the load that friction follows, s: half a period of an arm that vibrates at some 8 Hz."""
@@ -36,24 +30,25 @@ class LoadPath:
         response: measured, (n,), m or rad.
         size: largest |smooth|.
         rest: before the load comes on, (n,).
-        known: before the load is gone for good, (n,).
+        known: what a prediction may use of it, `Record.judged_from`, (n,).
 
     Raises:
-        UnsupportedDataError: see `check_rest_to_rest`.
+        UnsupportedDataError: see `check_driven_by_load`.
     """
 
     def __init__(self, record: Record, block: int = 1, direction: float = 1.0) -> None:
-        check_rest_to_rest(record)
+        check_driven_by_load(record)
         self.record, self.block, self.direction = record, block, direction
+        count = len(record) // block * block
+        self._middle = slice(block // 2, count, block)
         self.time, self.load, self.response = map(self._means, (record.time, record.load_change, record.response))
-        count = len(self.time) * block
         self._every_smooth: Floats = uniform_filter1d(record.load_change, _samples(record), mode='nearest')
-        self.smooth: Floats = self._every_smooth[block // 2 : count : block]
+        self.smooth: Floats = self._every_smooth[self._middle]
         self.size = float(np.abs(self._every_smooth).max())
         last = np.arange(block - 1, count, block)
         self.rest: Mask = record.rest[last]
-        self.known: Mask = last < record.unloaded
-        self._limits: dict[float, tuple[Floats, Floats]] = {}
+        self.known: Mask = last < record.judged_from
+        self._ranges: dict[tuple[float, float], tuple[Floats, Floats]] = {}
 
     @classmethod
     def in_blocks(cls, record: Record) -> LoadPath:
@@ -65,32 +60,31 @@ class LoadPath:
         """The samples of the first half of the time."""
         return np.asarray(self.time < (self.time[0] + self.time[-1]) / 2)
 
-    def play_operator(self, half_width: float, state: float) -> Floats:
-        """Output of the play operator, (n,), N or Nm.
+    def play_operator(self, half_width: float, state: float, ratio: float = 0.0) -> Floats:
+        """Output of the play operator (`model.play_operator`), (n,), N or Nm.
 
         Args:
             half_width: r, N or Nm.
-            state: initial output, from -1 to 1 times r.
+            state: initial output, from -1 to 1: the least to the largest that no load, in loops the first, allows.
+            ratio: μ.
         """
-        if half_width not in self._limits:  # a fit asks for many states of one or two widths
-            if len(self._limits) > 8:
-                self._limits.clear()
-            self._limits[half_width] = _play_limits(self.smooth, half_width)
-        low, high = self._limits[half_width]
-        return np.clip(state * half_width, low, high)
-
-    def lag(self, time_constant: float) -> Floats:
-        """The load behind a first-order lag, (n,): T dy/dt = τ - y, at rest at first."""
-        share = -np.expm1(-np.diff(self.time, prepend=self.time[0]) / time_constant)
-        output, here = [], 0.0
-        for each, part in zip(self.load.tolist(), share.tolist(), strict=True):
-            here += part * (each - here)
-            output.append(here)
-        return np.array(output)
+        shape = (half_width, ratio)
+        if shape not in self._ranges:  # a fit asks for many states of one or two shapes
+            if len(self._ranges) > 8:
+                self._ranges.clear()
+            if self.rest.any():
+                self._ranges[shape] = play_range(self.smooth, half_width, ratio)
+            else:  # loops turn round between the middles of blocks
+                limits = play_range(self._every_smooth, half_width, ratio)
+                self._ranges[shape] = limits[0][self._middle], limits[1][self._middle]
+        low, high = self._ranges[shape]
+        first = np.zeros(()) if self.rest.any() else self._every_smooth[0]
+        least, most = play_limits(first, half_width, ratio)
+        return np.clip(least + (most - least) * (state + 1) / 2, low, high)
 
     def sign(self, band: float) -> Floats:
         """Sign of the load, linear within a band of so many standard deviations of the load at rest, (n,)."""
-        width = band * self.record.load_noise
+        width = band * self.record.noise(self.record.load)
         change = self.record.load_change
         return self._means(np.clip(change / width, -1.0, 1.0) if width > 0 else np.sign(change))
 
@@ -100,14 +94,14 @@ class LoadPath:
 
     def last_sign(self, band: float, state: float) -> Floats:
         """Sign of the load where it exceeds a band, else the last such sign; `state` before the first one, (n,)."""
-        width = band * self.record.load_noise
+        width = band * self.record.noise(self.record.load)
         sign = np.where(np.abs(self._every_smooth) > width, np.sign(self._every_smooth), 0.0)
         last = np.maximum.accumulate(np.where(sign != 0, np.arange(len(sign)), -1))
         return self._means(np.where(last >= 0, sign[last], state))
 
     def _means(self, values: Floats) -> Floats:
-        """Means of the blocks."""
-        return block_means(values, self.block)
+        """Means of the blocks; in loops, whose load moves on, the values in their middle."""
+        return block_means(values, self.block) if self.record.is_at_rest_first else values[self._middle]
 
     def long_block(self, samples: int) -> int:
         """Number of samples in half a second, whose mean has no vibrations, or in a quarter of so many samples."""
@@ -123,15 +117,3 @@ def block_means(values: Floats, block: int) -> Floats:
 def _samples(record: Record) -> int:
     """Samples in `SMOOTHING`."""
     return max(round(SMOOTHING / float(np.median(np.diff(record.time)))), 1)
-
-
-def _play_limits(load: Floats, half_width: float) -> tuple[Floats, Floats]:
-    """Limits (n,) between which the output lies after each sample, whatever the initial state."""
-    low, high = load - half_width, load + half_width
-    step = 1
-    while step < len(load):
-        lower, upper = low[step:], high[step:]
-        low = np.concatenate([low[:step], np.clip(low[:-step], lower, upper)])
-        high = np.concatenate([high[:step], np.clip(high[:-step], lower, upper)])
-        step *= 2
-    return low, high

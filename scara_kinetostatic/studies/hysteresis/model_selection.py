@@ -1,23 +1,31 @@
 """Selection of a law by cross-validation: fitted to a part of the data, tested on the rest.
 
 Driven by its motion, a record is judged by itself: both halves of the sweeps are held out in turn, so that each sample
-but those of the first sweep is predicted once by a law that was not fitted to it. Two laws are compared sweep by sweep:
-a one-sided t-test of the logarithms of the ratios of their mean squares, which assumes independent sweeps and normal
-logarithms. Standard deviations are those of the delete-one-cycle jackknife, since residuals within a cycle are
-correlated.
+but those of the first sweep is predicted once by a law that was not fitted to it. Standard deviations are those of the
+delete-one-cycle jackknife, since residuals within a cycle are correlated.
 
 Driven by their load, records of one joint are judged together: each is predicted with the parameters fitted to all
-others; its own samples, until the load has gone for good, give only its zero and its initial state of friction. With a
-single record, its later half is predicted from the earlier one. Two laws are compared on the held-out residuals in
-blocks of `SMOOTHING` from the load's coming on: a one-sided Pitman-Morgan test of the variances of two correlated
-residuals, with the effective number of independent blocks. A record with a load far beyond those of all others is not
-compared: they do not determine its prediction. Standard deviations: delete-one-record jackknife.
+others; its own samples, up to `Record.judged_from`, give only its zero and its initial state of friction. Of a single
+record the later half is predicted from the earlier one. Standard deviations: delete-one-record jackknife; of a single
+record in loops delete-one-sweep, as few of its cycles are large.
 
-A candidate is accepted if the residual of law (6), in each of its forms, depends on any variable, and if the candidate
-predicts better than law (6) in the rms, in BIC and in the test, the level shared among the candidates (Bonferroni). BIC
-counts the effective number of samples n / (1 + 2 Σρ), ρ being the autocorrelations of the residual of the law that
-fits best. The accepted candidate with the smallest BIC is selected, of several forms of one effect the simplest
-within 2; its rivals are the accepted ones of other effects that do not predict significantly worse.
+**Two laws** are compared in loops sweep by sweep, in a single record over both halves: a one-sided t-test of the
+logarithms of the ratios of their mean squares, which assumes independent sweeps and normal logarithms. From rest to
+rest they are compared on the held-out residuals in blocks of `SMOOTHING` from the load's coming on: a one-sided
+Pitman-Morgan test of the variances of two correlated residuals, with the effective number of independent blocks. A
+record with a load far beyond those of all others is not compared: they do not determine its prediction.
+
+**A candidate** is accepted if it predicts better than law (6) in the rms and in BIC, and one of them does so in the
+test at half of the level, shared among the candidates (Bonferroni): once law (6) is rejected, all that are better
+compete. BIC counts the effective number of samples n / (1 + 2 Σρ), ρ being the autocorrelations of the residual of the
+law that fits best. The accepted candidate with the smallest BIC is selected, of several forms of one effect the
+simplest within 2; its rivals are the accepted ones of other effects that do not predict significantly worse.
+
+**Law (6) is sufficient** if no candidate is accepted, its residual depends on no variable (the other half of the
+level), and its error is below `MATERIAL` of the range, or each such test would have found a share of `LARGEST_UNSEEN`
+of the squared residual and no candidate has a held-out error below `CLEARLY_SMALLER` of its own; otherwise the records
+decide nothing. Below `MATERIAL` only a dependence counts against law (6): a candidate may be better by the form alone
+that its gap has near zero load.
 """
 
 from __future__ import annotations
@@ -34,7 +42,7 @@ from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.dependence import (
     Dependence,
     load_dependences,
-    motion_dependences,
+    loop_dependences,
     p_independent,
     p_positive,
 )
@@ -45,20 +53,23 @@ from scara_kinetostatic.studies.hysteresis.fit import (
     effective_count,
     fit_load,
     fit_motion,
-    moments,
     predict,
     response_to,
 )
 from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, BACKLASH_FORMS, GAP_FORMS, LOAD_LAWS, MOTION_LAWS, Law
 from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
-from scara_kinetostatic.studies.hysteresis.motion import cut_at_reversals
-from scara_kinetostatic.studies.hysteresis.record import MOTION, Record
+from scara_kinetostatic.studies.hysteresis.motion import Motion, cut_at_reversals
+from scara_kinetostatic.studies.hysteresis.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record
 
-LEVEL = 0.01
-"""Level of all tests."""
 BIC_GAIN = 2.0
 """Smallest decrease of BIC that is evidence."""
-NONE, EXPLAINED, AMBIGUOUS, UNEXPLAINED = 'none', 'explained', 'ambiguous', 'unexplained'
+LARGEST_UNSEEN = 0.5
+"""Share of the squared residual of law (6) above which a detection limit supports no verdict."""
+CLEARLY_SMALLER = 0.8
+"""Ratio of two held-out errors."""
+MATERIAL = 0.05
+"""Held-out error of law (6) over the range of what is predicted, below which only a dependence counts against it."""
+NONE, EXPLAINED, AMBIGUOUS, UNEXPLAINED, UNDECIDED = 'none', 'explained', 'ambiguous', 'unexplained', 'undecided'
 
 
 class Candidate(NamedTuple):
@@ -115,7 +126,7 @@ class MotionStudy:
         motion, scored = self.motion, self.motion.scored
         rows = (np.ones(len(motion), dtype=bool), motion.earlier | ~scored, ~motion.earlier | ~scored)
         fits = [fit_motion(law, motion, each) for each in rows]
-        whole, first, last = (motion.force - law.function(motion, each.values) for each in fits)
+        whole, first, last = (motion.driven - law.function(motion, each.values) for each in fits)
         held_out, train = (np.where(motion.earlier, *pair) for pair in ((last, first), (first, last)))
         parameters = {name: Estimate(value, float('nan')) for name, value in fits[0].values.items()}
         along, predicted = (Prediction(whole),), (Prediction(held_out),)
@@ -131,19 +142,30 @@ class MotionStudy:
 
     def dependences(self, candidate: Candidate) -> tuple[Dependence, ...]:
         """Of the residual of the fit to all samples."""
-        return motion_dependences(self.motion, candidate.along[0].residual)
+        return loop_dependences([self.motion], [candidate.along[0].residual])
 
     def p_better(self, one: Candidate, other: Candidate) -> float:
         """p-value of one law predicting no better than another, from the mean squares of the sweeps."""
-        motion = self.motion
-        size = np.bincount(motion.sweep)
-        squares = [np.bincount(motion.sweep, each.held_out[0].residual ** 2) / size for each in (other, one)]
-        tiny = 1e-12 * motion.force_range**2
-        return p_positive(np.log((squares[0] + tiny) / (squares[1] + tiny))[1:])
+        return _p_better([self.motion], one, other, [self.motion.scored])
 
     def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
         """Residuals of the fit to all samples."""
         return [candidate.along[0].residual[self.motion.scored]]
+
+
+def _p_better(motions: Sequence[Motion], one: Candidate, other: Candidate, rows: Sequence[Mask]) -> float:
+    """p-value of one law predicting no better than another, from the mean squares of the rows of each sweep."""
+    ratios = []
+    for k, (motion, which) in enumerate(zip(motions, rows, strict=True)):
+        size = np.bincount(motion.sweep[which], minlength=motion.sweeps)
+        squares = [
+            np.bincount(motion.sweep[which], each.held_out[k].residual[which] ** 2, motion.sweeps)
+            for each in (other, one)
+        ]
+        tiny = 1e-12 * motion.driven_range**2 * size
+        enough = size >= FEWEST_ROWS
+        ratios.append(np.log((squares[0] + tiny)[enough] / (squares[1] + tiny)[enough]))
+    return p_positive(np.concatenate(ratios))
 
 
 class LoadStudy:
@@ -172,13 +194,19 @@ class LoadStudy:
             path.direction = self.direction
         check_sense(self.blocks)
         self.is_single = len(records) == 1
+        self.in_loops = not records[0].is_at_rest_first
+        for record in records:
+            if record.is_at_rest_first == self.in_loops:
+                problem = f'it is {"at rest" if self.in_loops else "not at rest"} at first, unlike {records[0].source}'
+                raise RecordingError(record.source, problem, 'give records of one kind')
+        self.motions = [cut_at_reversals(record, LOAD) for record in records] if self.in_loops else []
         self.judged = tuple(~path.earlier if self.is_single else ~path.known for path in self.paths)
         self.laws: tuple[Law, ...] = ()
 
     def forms(self, laws: Sequence[Law]) -> tuple[Law, tuple[Dependence, ...]]:
         """Of the forms of law (6) the one of the least squares, and the dependence of that which explains best."""
-        fits = [self._fit(law, self._moments(law)) for law in laws]
-        found = [load_dependences(self.paths, [each.residual for each in self._along(fitted)]) for fitted in fits]
+        fits = [fit_load(self._moments(law)) for law in laws]
+        found = [self._dependences(self._along(fitted)) for fitted in fits]
         return min(fits, key=lambda each: each.square).law, max(found, key=p_independent)
 
     def law6(self) -> tuple[Candidate, tuple[Dependence, ...], float]:
@@ -200,31 +228,56 @@ class LoadStudy:
     def candidate(self, law: Law) -> Candidate:
         """The law fitted to all records and held out from each."""
         grids = self._moments(law)
-        whole = self._fit(law, grids)
+        whole = fit_load(grids)
         if self.is_single:
-            earlier = self._fit(law, [moments(law, self.blocks[0], self.blocks[0].earlier, self.size)])
-            held_out: tuple[Prediction, ...] = (predict(earlier, self.paths[0], self.paths[0].earlier),)
+            held_out: tuple[Prediction, ...] = (self._halves(law),)
             parameters = {name: Estimate(value, float('nan')) for name, value in whole.values.items()}
         else:
             fits = []
             for k in range(len(grids)):
                 warm_start = whole._replace(states=np.delete(whole.states, k))
-                fits.append(self._fit(law, grids[:k] + grids[k + 1 :], warm_start))
+                fits.append(fit_load(grids[:k] + grids[k + 1 :], warm_start))
             held_out = tuple(predict(each, path, path.known) for each, path in zip(fits, self.paths, strict=True))
             parameters = _jackknife(whole.values, [each.values for each in fits])
         along = self._along(whole)
         return Candidate(law, whole, along, held_out, self._rms(along), self._rms(held_out), parameters)
 
+    def _halves(self, law: Law) -> Prediction:
+        """The later half of a single record predicted by a fit to the earlier one; in loops also the reverse."""
+        (path,), (block,) = self.paths, self.blocks
+        later = predict(fit_load([Moments(law, block, block.earlier, self.size)]), path, path.earlier)
+        if not self.in_loops:
+            return later
+        earlier = predict(fit_load([Moments(law, block, ~block.earlier, self.size)]), path, ~path.earlier)
+        return later._replace(residual=np.where(path.earlier, earlier.residual, later.residual))
+
     def with_std(self, candidate: Candidate) -> Candidate:
-        """The same: its fits without one record are those held out."""
-        return candidate
+        """Parameters with their standard deviations; of several records they are there."""
+        if not (self.is_single and self.in_loops):
+            return candidate
+        (motion,), (block,), whole = self.motions, self.blocks, candidate.whole
+        sweep = motion.sweep[: len(block.time) * block.block : block.block]
+        several = [
+            fit_load([Moments(candidate.law, block, sweep != each, self.size)], whole, near=True).values
+            for each in np.unique(sweep)
+        ]
+        return candidate._replace(parameters=_jackknife(whole.values, several))
 
     def dependences(self, candidate: Candidate) -> tuple[Dependence, ...]:
         """Of the residual along the records."""
-        return load_dependences(self.paths, [each.residual for each in candidate.along])
+        return self._dependences(candidate.along)
+
+    def _dependences(self, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
+        residuals = [each.residual for each in along]
+        return loop_dependences(self.motions, residuals) if self.in_loops else load_dependences(self.paths, residuals)
 
     def p_better(self, one: Candidate, other: Candidate) -> float:
-        """p-value of one law predicting no better: Pitman and Morgan's test of two correlated variances."""
+        """p-value of one law predicting no better; from rest to rest by Pitman and Morgan's test."""
+        if self.in_loops:
+            rows = (
+                [motion.scored for motion in self.motions] if self.is_single else [~path.known for path in self.paths]
+            )
+            return _p_better(self.motions, one, other, rows)
         rows = [~path.earlier if self.is_single else ~path.rest for path in self.paths]
         compared = [self.is_single or not self._is_extrapolated(path) for path in self.paths]
         residuals = []
@@ -240,6 +293,20 @@ class LoadStudy:
         correlation = min(max(float(total @ difference) / norm, -1 + 1e-12), 1 - 1e-12)
         return float(stats.t.sf(correlation * np.sqrt((count - 2) / (1 - correlation**2)), count - 2))
 
+    def check_one_joint(self, candidate: Candidate) -> None:
+        """Checks that loops of several records may be of one joint.
+
+        Raises:
+            RecordingError: the law of all errs on one by 5 % of its range, and 2.5 times as much as one of its own.
+        """
+        parts = enumerate(zip(self._moments(candidate.law), self.paths, candidate.whole.states, strict=True))
+        for k, (part, path, state) in parts if self.in_loops and not self.is_single else ():
+            own = fit_load([part], candidate.whole._replace(states=np.array([state])), near=True)
+            alone, together = rms(predict(own, path, path.known).residual), rms(candidate.along[k].residual)
+            if together > max(2.5 * alone, 0.05 * np.ptp(path.response)):
+                problem = f'one law for all records errs on it {together / alone:.1f} times as much as one of its own'
+                raise RecordingError(path.record.source, problem, 'give records of one joint')
+
     def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
         """Residuals of the fit to all records under load and after it, as means of blocks."""
         found = []
@@ -249,10 +316,7 @@ class LoadStudy:
         return self._in_blocks(found, [~path.rest for path in self.paths])
 
     def _moments(self, law: Law) -> list[Moments]:
-        return [moments(law, block, np.ones(len(block.time), dtype=bool), self.size) for block in self.blocks]
-
-    def _fit(self, law: Law, grids: Sequence[Moments], warm_start: Fit | None = None) -> Fit:
-        return fit_load(law, grids, self.size, warm_start)
+        return [Moments(law, block, np.ones(len(block.time), dtype=bool), self.size) for block in self.blocks]
 
     def _along(self, fitted: Fit) -> tuple[Prediction, ...]:
         return tuple(predict(fitted, path, path.known) for path in self.paths)
@@ -313,7 +377,8 @@ class Selection(NamedTuple):
         p_without_memory: p-value of law (6) without a gap that keeps its place.
         dependence_after: of the residual of the selected law, or of law (6).
         verdict: none (law (6) is sufficient), explained (one law selected), ambiguous (with rivals), unexplained
-            (the residual of law (6) depends on a variable, but no candidate is accepted).
+            (the residual of law (6) depends on a variable, but no candidate is accepted), undecided (the records could
+            not show that it is not sufficient).
     """
 
     study: MotionStudy | LoadStudy
@@ -342,9 +407,26 @@ class Selection(NamedTuple):
         return p_independent(self.dependence_after)
 
     @property
+    def detectable(self) -> float:
+        """Share of the squared residual of law (6) that each test would have found; 1 where there was none."""
+        return max((each.detectable for each in self.dependence_before if each.is_tested), default=1.0)
+
+    @property
+    def share_of_range(self) -> float:
+        """Held-out error of law (6) over the range of what is predicted."""
+        paths = self.study.paths
+        return self.before.held_out_rms / max(
+            float(np.ptp(each.driven if isinstance(each, Motion) else each.response)) for each in paths
+        )
+
+    def is_clearly_smaller(self, candidate: Candidate) -> bool:
+        """Whether its held-out error is clearly below that of law (6)."""
+        return candidate.held_out_rms < CLEARLY_SMALLER * self.before.held_out_rms
+
+    @property
     def needs_memory(self) -> bool:
         """Whether law (6) is sufficient only with a gap that keeps its place when unloaded."""
-        return self.verdict == NONE and self.p_without_memory < LEVEL
+        return self.verdict == NONE and self.p_without_memory < LEVEL / 2
 
 
 def analyse(records: Sequence[Record], driven: str) -> tuple[Selection, ...]:
@@ -355,19 +437,22 @@ def analyse(records: Sequence[Record], driven: str) -> tuple[Selection, ...]:
         driven: `MOTION` or `LOAD`.
 
     Raises:
-        RecordingError: see `LoadStudy`.
+        RecordingError: see `LoadStudy` and `LoadStudy.check_one_joint`.
         UnsupportedDataError: a record is not of full loops, or does not go from rest to rest; it is named.
     """
     if driven == MOTION:
         studies = [MotionStudy(record) for record in records]
         return tuple(select_model(study) for study in studies)
-    return (select_model(LoadStudy(records)),)
+    study = LoadStudy(records)
+    selection = select_model(study)
+    study.check_one_joint(selection.final)
+    return (selection,)
 
 
 def select_model(study: MotionStudy | LoadStudy) -> Selection:
     """Selects the law that records need beyond law (6)."""
     before, dependence_before, p_without_memory = study.law6()
-    sufficient = p_independent(dependence_before) >= LEVEL
+    is_independent = p_independent(dependence_before) >= LEVEL / 2
     candidates = [study.candidate(law) for law in study.laws]
     blocks = {each.law.name: study.fitted_blocks(each) for each in (before, *candidates)}
     squares = {name: sum(float(part @ part) for part in parts) for name, parts in blocks.items()}
@@ -377,11 +462,15 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
     def bic(each: Candidate) -> float:
         return float(count * np.log(max(squares[each.law.name], 1e-300)) + len(each.law.parameters) * np.log(count))
 
-    compared = []
+    compared, significant = [], False
     for each in candidates:
         p_gain, gain = study.p_better(each, before), bic(each) - bic(before)
-        better = each.held_out_rms < before.held_out_rms and gain < -BIC_GAIN and p_gain < LEVEL / len(candidates)
-        compared.append(each._replace(p_gain=p_gain, bic=gain, accepted=bool(better and not sufficient)))
+        better = each.held_out_rms < before.held_out_rms and gain < -BIC_GAIN
+        significant |= bool(better and p_gain < LEVEL / (2 * len(candidates)))
+        compared.append(each._replace(p_gain=p_gain, bic=gain, accepted=bool(better)))
+    found = Selection(study, before, (), None, (), dependence_before, p_without_memory, dependence_before, NONE)
+    significant &= not is_independent or found.share_of_range > MATERIAL
+    compared = [each._replace(accepted=each.accepted and significant) for each in compared]
     accepted = [each for each in compared if each.accepted]
     selected, rivals = None, []
     if accepted:
@@ -390,18 +479,17 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
         selected = next(each for each in forms if each.bic - least.bic < BIC_GAIN)
         others = (each for each in accepted if each.law.effect != least.law.effect)
         rivals = [each for each in others if study.p_better(selected, each) >= LEVEL]
-    verdict = AMBIGUOUS if rivals else EXPLAINED if selected else NONE if sufficient else UNEXPLAINED
-    return Selection(
-        study=study,
+    found = found._replace(
         before=study.with_std(before),
         candidates=tuple(compared),
         selected=selected and study.with_std(selected),
         rivals=tuple(rivals),
-        dependence_before=dependence_before,
-        p_without_memory=p_without_memory,
         dependence_after=study.dependences(selected) if selected else dependence_before,
-        verdict=verdict,
     )
+    if selected or not is_independent:
+        return found._replace(verdict=AMBIGUOUS if rivals else EXPLAINED if selected else UNEXPLAINED)
+    is_open = found.detectable > LARGEST_UNSEEN or any(map(found.is_clearly_smaller, compared))
+    return found._replace(verdict=UNDECIDED) if is_open and found.share_of_range > MATERIAL else found
 
 
 class PredictedRecord(NamedTuple):
@@ -411,7 +499,7 @@ class PredictedRecord(NamedTuple):
         record: the record.
         before: by law (6).
         after: by the law selected; by law (6) if none is.
-        before_rms: rms error of the response from the unloading on, m or rad.
+        before_rms: rms error of the response from `Record.judged_from` on, m or rad.
         after_rms: the same by the law selected.
     """
 
@@ -423,11 +511,11 @@ class PredictedRecord(NamedTuple):
 
 
 def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[PredictedRecord, ...]:
-    """Predicts further records driven by their load, each from the moment on at which it is unloaded.
+    """Predicts further records driven by their load, each from `Record.judged_from` on.
 
     Args:
         selection: of the records that give the parameters.
-        others: to be predicted; what comes before they are unloaded gives their zero and their state of friction.
+        others: to be predicted; what comes before gives their zero and their state of friction.
 
     Raises:
         RecordingError: the response of a record changes in the opposite sense of the others.

@@ -1,6 +1,6 @@
-"""A record driven by its motion, cut into sweeps, each from one reversal of the motion to the next.
+"""A record in loops, cut into sweeps, each from one reversal of what drives, motion or load, to the next.
 
-Standstill before and after the motion is left out, where errors would be small without meaning. For cross-validation a
+Standstill before and after a motion is left out, where errors would be small without meaning. For cross-validation a
 law is fitted to half of the sweeps and predicts the other half, in turn. A law with memory needs the initial state: the
 first sweep, up to the first reversal, is in every fit and never counts for an error.
 """
@@ -15,34 +15,36 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import reversals
-from scara_kinetostatic.studies.hysteresis.record import FEWEST_ROWS, FEWEST_SWEEPS, Record
+from scara_kinetostatic.studies.hysteresis.record import FEWEST_ROWS, FEWEST_SWEEPS, MOTION, Record
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The moving part of a record; arrays (n,).
+    """The moving part of a record driven by its motion, or all of one driven by its load; arrays (n,).
 
     Attributes:
         record: the record.
         time: s, increasing.
-        displacement: m or rad.
-        force: N or Nm.
+        driver: what drives, the displacement (m, rad) or the load (N, Nm).
+        driven: the other one.
         edges: first sample of each sweep, and n, (sweeps + 1,); the sample at a reversal is the last of its sweep.
         sweep: number of the sweep of each sample.
-        sense: of the motion, +1 or -1.
-        distance: since the reversal, m or rad.
-        speed: of the displacement, signed, m/s or rad/s.
+        sense: of the driver, +1 or -1.
+        distance: of the driver since the reversal.
+        speed: of the driver, signed, per second.
+        driven_by: `MOTION` or `LOAD`.
     """
 
     record: Record
     time: Floats
-    displacement: Floats
-    force: Floats
+    driver: Floats
+    driven: Floats
     edges: NDArray[np.int64]
     sweep: NDArray[np.int64]
     sense: Floats
     distance: Floats
     speed: Floats
+    driven_by: str = MOTION
 
     def __len__(self) -> int:
         return len(self.time)
@@ -54,13 +56,13 @@ class Motion:
 
     @property
     def travel(self) -> float:
-        """Range of the displacement, m or rad."""
-        return float(np.ptp(self.displacement))
+        """Range of the driver."""
+        return float(np.ptp(self.driver))
 
     @property
-    def force_range(self) -> float:
-        """Range of the force, N or Nm."""
-        return float(np.ptp(self.force))
+    def driven_range(self) -> float:
+        """Range of what is driven."""
+        return float(np.ptp(self.driven))
 
     @property
     def earlier(self) -> Mask:
@@ -78,32 +80,34 @@ class Motion:
         return self.sweep // 2
 
 
-def cut_at_reversals(record: Record) -> Motion:
-    """Cuts a record at its reversals.
+def cut_at_reversals(record: Record, driven_by: str = MOTION) -> Motion:
+    """Cuts a record at the reversals of what drives.
 
     Raises:
         UnsupportedDataError: there are too few; the file is named.
     """
-    moving = _moving(record.response)
-    time, displacement, force = record.time[moving], record.response[moving], record.load[moving]
-    edges = np.array([0, *(reversals(displacement) + 1).tolist(), len(time)], dtype=np.int64)
+    moving = _moving(record.response) if driven_by == MOTION else slice(None)
+    time, *pair = (each[moving] for each in (record.time, record.response, record.load))
+    driver, driven = pair if driven_by == MOTION else pair[::-1]
+    edges = np.array([0, *(reversals(driver) + 1).tolist(), len(time)], dtype=np.int64)
     sweeps = len(edges) - 1
     if sweeps < FEWEST_SWEEPS or len(time) < FEWEST_ROWS * sweeps:
         need = f'{FEWEST_SWEEPS} sweeps of {FEWEST_ROWS} samples each are needed'
         problem = f'{record.source}: {sweeps} sweeps of {len(time)} samples in all; {need}'
         raise UnsupportedDataError(problem, 'record more loops or faster, or, where the load drives, from rest to rest')
     sweep = np.repeat(np.arange(sweeps), np.diff(edges))
-    start, last = displacement[np.maximum(edges[:-1] - 1, 0)], displacement[edges[1:] - 1]
+    start, last = driver[np.maximum(edges[:-1] - 1, 0)], driver[edges[1:] - 1]
     return Motion(
         record=record,
         time=time,
-        displacement=displacement,
-        force=force,
+        driver=driver,
+        driven=driven,
         edges=edges,
         sweep=sweep,
         sense=np.where(last > start, 1.0, -1.0)[sweep],
-        distance=np.abs(displacement - start[sweep]),
-        speed=np.gradient(displacement, time),
+        distance=np.abs(driver - start[sweep]),
+        speed=np.gradient(driver, time),
+        driven_by=driven_by,
     )
 
 
@@ -122,12 +126,12 @@ def repeatability(motion: Motion) -> float:
     the same places, but for 1 % of the travel. NaN if no motion repeats.
     """
     square, count = 0.0, 0
-    turns = np.append(motion.displacement[np.maximum(motion.edges[:-1] - 1, 0)], motion.displacement[-1])
+    turns = np.append(motion.driver[np.maximum(motion.edges[:-1] - 1, 0)], motion.driver[-1])
     for k in range(motion.sweeps - 2):
         if np.abs(turns[k + 2 : k + 4] - turns[k : k + 2]).max() > 0.01 * motion.travel:
             continue
         one, other = (slice(motion.edges[j], motion.edges[j + 1]) for j in (k, k + 2))
         there = np.maximum.accumulate(motion.distance[other])
-        difference = np.interp(motion.distance[one], there, motion.force[other]) - motion.force[one]
+        difference = np.interp(motion.distance[one], there, motion.driven[other]) - motion.driven[one]
         square, count = square + float(difference @ difference) / 2, count + len(difference)
     return float(np.sqrt(square / count)) if count else float('nan')

@@ -4,20 +4,24 @@ Columns: the response, the load and the time among any others, chosen by name or
 displacement goes with a force, an angle with a torque. A heading such as `q2_rad` or `tau2_ext_Nm` tells the number
 of its joint: the columns of two joints do not go together.
 
-Driven by its motion is a record of full loops: six sweeps or more between the reversals of the response, of comparable
-extent; the load is predicted. Driven by its load is one whose load is at rest at first, comes on and goes off again,
-once or a few times; the response is predicted. Full loops after a rest are those of a load put on again and again where
-the load keeps to one side of its rest; a motion back and forth meets it on both.
+A column such as `commanded_Nm` says what drives: a commanded load or a commanded response. Without one, driven by its
+motion is a record of full loops: six sweeps or more between the reversals of the response, of comparable extent; the
+load is predicted. Driven by its load is one whose load is at rest at first, comes on and goes off again, once or a few
+times; the response is predicted. Full loops after a rest are those of a load put on again and again where the load
+keeps to one side of its rest; a motion back and forth meets it on both.
 
-With τ₀ the load at rest, the load is on from the first sample on with |τ − τ₀| > 10 % of its maximum; the rest ends
-where it begins to rise there. It is off for good after the last sample with |τ − τ₀| ≥ 60 % of the maximum: from there
-on a prediction of the response is judged.
+A load may drive loops as well, and need not be at rest then: six sweeps or more between its reversals. It is counted
+from its zero, and a prediction is judged from the end of the first third of the samples on.
+
+Otherwise, with τ₀ the load at rest, the load is on from the first sample on with |τ − τ₀| > 10 % of its maximum; the
+rest ends where it begins to rise there. It is off for good after the last sample with |τ − τ₀| ≥ 60 % of the maximum:
+from there on a prediction of the response is judged.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -38,6 +42,8 @@ FEWEST_ROWS = 8
 """Mean number of samples of a sweep."""
 UNLOADED_BELOW = 0.6
 """Share of its largest below which the load counts as gone."""
+LEVEL = 0.01
+"""Probability of an alarm, by a dependence of the residual of law (6) or by a candidate, where law (6) is right."""
 _FEWEST_AT_REST = 10
 """For the zero of load and response and for their noise, known to about a quarter of itself then."""
 _QUANTITIES = {
@@ -127,6 +133,15 @@ def choose_columns(
     return chosen
 
 
+def _driven_by(headings: Sequence[str], chosen: Mapping[str, RecordColumn]) -> str:
+    """What a column of commands says that drives: `LOAD`, `MOTION`, or nothing."""
+    units = {split_heading(each)[1] for each in headings if each.lower().startswith('command')}
+    for driver, kind in ((LOAD, 'load'), (MOTION, 'response')):
+        if units & set(_QUANTITIES[chosen[kind].unit][0]):
+            return driver
+    return ''
+
+
 def _only(of_kind: list[RecordColumn], kind: str, other: RecordColumn | None, where: str) -> RecordColumn:
     """The only column of a kind that goes with the other one, or the one of them whose name says so."""
     fitting = [column for column in of_kind if other is None or column.goes_with(other)]
@@ -167,6 +182,7 @@ class Record:
         response: m where the load is a force, rad where it is a torque.
         load_unit: 'N' or 'Nm'.
         joint: its number in the headings, if there is one.
+        driven_by: `LOAD` or `MOTION` where a column of commands says so, else empty.
 
     Raises:
         UnsupportedDataError: the time does not rise, or the load or the response never changes; `source` is named.
@@ -178,6 +194,7 @@ class Record:
     response: Floats
     load_unit: str = 'Nm'
     joint: int | None = None
+    driven_by: str = ''
 
     def __post_init__(self) -> None:
         for name in ('time', 'load', 'response'):
@@ -214,35 +231,44 @@ class Record:
         return text.format(load=load, response=response)
 
     @cached_property
-    def rest(self) -> Mask:
-        """The samples before the load comes on, (n,)."""
-        return np.arange(len(self)) < _load_comes_on(self.load)
+    def is_at_rest_first(self) -> bool:
+        """Whether the load is at rest at first, and not one of full loops that a column says it drives."""
+        return is_at_rest_first(self.load) and not (self.driven_by and _has_full_loops(self))
 
     @cached_property
-    def unloaded(self) -> int:
-        """The first sample from which on the load stays below 60 % of its largest."""
+    def rest(self) -> Mask:
+        """The samples before the load comes on, (n,); none in loops."""
+        return np.arange(len(self)) < (_load_comes_on(self.load) if self.is_at_rest_first else 0)
+
+    @cached_property
+    def judged_from(self) -> int:
+        """The first sample from which on the load stays below 60 % of its largest, or that after a third of loops."""
+        if not self.is_at_rest_first:
+            return len(self) // 3
         size = np.abs(self.load_change)
         return int(np.flatnonzero(size >= UNLOADED_BELOW * size.max())[-1]) + 1
 
     @cached_property
     def load_change(self) -> Floats:
-        """Load less its mean at rest, (n,), N or Nm."""
-        return np.asarray(self.load - self.load[self.rest].mean())
+        """Load less its mean at rest, in loops less nothing, (n,), N or Nm."""
+        return np.asarray(self.load - (self.load[self.rest].mean() if self.is_at_rest_first else 0.0))
 
     @cached_property
     def response_change(self) -> Floats:
-        """Response less its mean at rest, (n,), m or rad."""
-        return np.asarray(self.response - self.response[self.rest].mean())
+        """Response less its mean at rest, in loops less that of all samples, (n,), m or rad."""
+        rows = self.rest if self.is_at_rest_first else slice(None)
+        return np.asarray(self.response - self.response[rows].mean())
 
     @property
     def remaining(self) -> float:
         """Response that stays after the load has gone: mean of the last half of what follows, m or rad."""
-        return float(self.response_change[(self.unloaded + len(self)) // 2 :].mean())
+        return float(self.response_change[(self.judged_from + len(self)) // 2 :].mean())
 
-    @cached_property
-    def load_noise(self) -> float:
-        """Standard deviation of the load at rest, N or Nm."""
-        return float(self.load[self.rest].std(ddof=1))
+    def noise(self, values: Floats) -> float:
+        """Standard deviation of a column at rest, in loops from its differences, in its unit."""
+        if self.is_at_rest_first:
+            return float(values[self.rest].std(ddof=1))
+        return 1.4826 * float(np.median(np.abs(np.diff(values)))) / np.sqrt(2.0)
 
 
 def load_record(path: str | Path, response: str | None = None, load: str | None = None) -> Record:
@@ -271,7 +297,8 @@ def load_record(path: str | Path, response: str | None = None, load: str | None 
         problem = f'line {line}: {chosen["response"].heading} jumps by {steps.max():.3g} rad, more than half a turn'
         raise RecordingError(table.source, problem, 'unwrap the angle, or check the unit of the column')
     joint = chosen['response'].joint if chosen['response'].joint is not None else chosen['load'].joint
-    return Record(table.source, **values, load_unit=chosen['load'].unit, joint=joint)
+    driven_by = _driven_by(table.heading, chosen)
+    return Record(table.source, **values, load_unit=chosen['load'].unit, joint=joint, driven_by=driven_by)
 
 
 def check_alike(records: Sequence[Record]) -> None:
@@ -305,31 +332,43 @@ def what_drives(records: Sequence[Record]) -> str:
 
 
 def _drives(record: Record) -> str:
-    response, change = record.response, record.load - record.load[0]
-    edges = np.array([0, *reversals(response).tolist(), len(response) - 1])
-    sweeps = len(edges) - 1
+    if record.driven_by:
+        return record.driven_by
     if not is_at_rest_first(record.load):
         return MOTION
-    if sweeps < FEWEST_SWEEPS or len(response) < FEWEST_ROWS * sweeps:
+    if not _has_full_loops(record):
         return LOAD
-    # full loops; the median extent is 0.5 of the range where the amplitude grows evenly
-    if np.median(np.abs(np.diff(response[edges]))) < 0.4 * np.ptp(response):
-        return LOAD
-    lowest, highest = np.percentile(change, (2, 98))  # impacts are left out
+    lowest, highest = np.percentile(record.load - record.load[0], (2, 98))  # impacts are left out
     return LOAD if min(-lowest, highest) < 0.25 * max(-lowest, highest) else MOTION
 
 
-def check_rest_to_rest(record: Record) -> None:
+def _has_full_loops(record: Record) -> bool:
+    """Whether there are six sweeps or more of comparable extent."""
+    response = record.response
+    edges = np.array([0, *reversals(response).tolist(), len(response) - 1])
+    sweeps = len(edges) - 1
+    if sweeps < FEWEST_SWEEPS or len(response) < FEWEST_ROWS * sweeps:
+        return False
+    # the median extent is 0.5 of the range where the amplitude grows evenly
+    return bool(np.median(np.abs(np.diff(response[edges]))) >= 0.4 * np.ptp(response))
+
+
+def check_driven_by_load(record: Record) -> None:
     """Checks that a record can be driven by its load.
 
     Raises:
-        UnsupportedDataError: the record is too short or has a gap in time, the load is constant, not at rest at first,
-            or does not go off again; `source` is named.
+        UnsupportedDataError: the record is too short or has a gap in time; the load is constant, or neither loops nor
+            is at rest at first and goes off again; the loops give out energy; `source` is named.
     """
     steps, took = np.diff(record.time), record.time[-1] - record.time[0]
     longest = int(np.argmax(steps))
     gap = f'there is a gap in time from {record.time[longest]:g} to {record.time[longest + 1]:g} s'
-    at_rest = f'the load is not at rest at first, {_FEWEST_AT_REST} samples or more, or constant within its noise'
+    in_loops = not record.is_at_rest_first
+    turns = len(reversals(record.load)) if in_loops else 0
+    neither = (
+        f'the load is not at rest at first, {_FEWEST_AT_REST} samples or more, or constant within its noise, and '
+        f'reverses {turns} times; loops need {FEWEST_SWEEPS - 1} reversals'
+    )
     remedy = 'record from before the load comes on until after it has gone'
     checks = (
         (len(record) < 50, f'{len(record)} samples; 50 or more are needed', 'record longer or faster'),
@@ -341,12 +380,24 @@ def check_rest_to_rest(record: Record) -> None:
         ),
         # what the load did meanwhile is unknown
         (steps[longest] > 5 * np.median(steps), gap, 'give the parts before and after it as files of their own'),
-        (not is_at_rest_first(record.load), at_rest, remedy),
-        (len(record) - record.unloaded < 10, 'the load never falls below 60 % of its largest for good', remedy),
+        (in_loops and not FEWEST_SWEEPS - 1 <= turns < len(record) // FEWEST_ROWS, neither, f'{remedy}, or more loops'),
+        (len(record) - record.judged_from < 10, 'the load never falls below 60 % of its largest for good', remedy),
+        (
+            in_loops and _gives_out_energy(record),
+            record.words('the {response} runs ahead of the {load}, as if the joint gave out energy'),
+            'check whether the two columns are swapped',
+        ),
     )
     for is_wrong, problem, what_to_do in checks:
         if is_wrong:
             raise UnsupportedDataError(f'{record.source}: {problem}', what_to_do)
+
+
+def _gives_out_energy(record: Record) -> bool:
+    """Whether the loops of response over load run the wrong way round, their area beyond 2 % of load times response."""
+    load, response = record.load - record.load.mean(), record.response - record.response.mean()
+    work = float(np.sum((load[1:] + load[:-1]) / 2 * np.diff(response))) * np.sign(load @ response)
+    return work < -0.02 * float(np.ptp(load) * np.ptp(response))
 
 
 def is_at_rest_first(load: Floats) -> bool:
