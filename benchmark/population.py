@@ -64,6 +64,7 @@ SIZES: dict[str, float | tuple[float, ...]] = {
     'joint_hardening': 2e-9,
     'joint_hysteresis': 1e-5,
     'joint_slip': 5e-7,
+    'load_friction': 5e-7,
     'anisotropic_gripper': 2e-7,
     'anisotropic_backlash': 3e-6,
     'link_bending': 4e-7,
@@ -276,6 +277,8 @@ def _values(effect: Effect, size: float, random: np.random.Generator) -> tuple[f
         drawn[1:] = random.uniform(0, 2 * np.pi), random.choice(CYCLES)
     elif effect.name == 'joint_slip':
         drawn[1] = random.uniform(1.0, 4.0)
+    elif effect.name == 'load_friction':
+        drawn[1] = random.uniform(0.1, 0.3)
     elif effect.is_stepwise:
         drawn[-1] = random.integers(10, 98) + 0.5
     return tuple(drawn.tolist())

@@ -89,8 +89,9 @@ class JointSlip(EffectOfJoint):
         ]
 
     def forms(self, at: TouchState) -> Sequence[Floats]:
-        """A small and a large slip torque."""
-        return np.array([0.0, 1.0]), np.array([0.0, 3.0])
+        """With half of a typical friction more, and less."""
+        friction = self.typical[1]
+        return np.array([0.0, friction / 2]), np.array([0.0, 1.5 * friction])
 
     def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
         """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""

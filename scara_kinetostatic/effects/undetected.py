@@ -37,6 +37,7 @@ TYPICAL = MappingProxyType(
         'joint_hardening': (2e-9, '2 µrad at 10 Nm'),
         'joint_hysteresis': (1e-5, '2 arcsec'),
         'joint_slip': (5e-7, 'a tenth of a stiff joint'),
+        'load_friction': (5e-7, 'the same'),
         'anisotropic_gripper': (2e-7, '8 µm at 40 N'),
         'anisotropic_backlash': (3e-6, 'a fit of the gripper'),
         'link_bending': (4e-7, 'a tube of aluminium'),
