@@ -274,6 +274,7 @@ def main() -> int:
     print_parameters(found)
     places = {} if options.only else print_places(options.jobs)
     if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
         with style():
             pictures = {'gear_loop': loop_picture('split_onyx_1pre5'), 'gear_preload': preload_picture(found)}
             for name, picture in pictures.items():
