@@ -96,6 +96,8 @@ def _predicts_as_well(extended: Calibration, base: Calibration) -> bool:
     errors = [objects_left_out(c).error for c in (extended, base)]
     if not np.isfinite(errors).all():  # an effect of one object is not determined without it
         errors = [tip_uncertainty(c).median for c in (extended, base)]
+        if np.isnan(errors[0]):
+            return bool(np.isnan(errors[1]))
     return not errors[0] > 1.1 * errors[1]  # effects that do not move the tip differ by chance
 
 
