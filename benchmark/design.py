@@ -28,10 +28,10 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.interface import diagnose
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.planning.optimal_design import Design, Requirements, optimal_design
+from scara_kinetostatic.planning.prediction import Robot, Tip, free_tip, make_workspace, predict, tip_std
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.optimal_design import Design, Requirements, optimal_design
-from scara_kinetostatic.studies.design.prediction import Robot, Tip, free_tip, make_workspace, predict, tip_std
 
 WITHIN = 0.10
 

@@ -30,6 +30,9 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.planning import figures as design_pictures
+from scara_kinetostatic.planning.optimal_design import optimal_design
+from scara_kinetostatic.planning.prediction import Robot
 from scara_kinetostatic.report.figure import FAINT, SERIES, as_svg, new_figure, style
 from scara_kinetostatic.report.markers import (
     Scales,
@@ -45,9 +48,6 @@ from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
-from scara_kinetostatic.studies.design import figures as design_pictures
-from scara_kinetostatic.studies.design.optimal_design import optimal_design
-from scara_kinetostatic.studies.design.prediction import Robot
 from scara_kinetostatic.studies.dial_gauge.analysis import analyse_points
 from scara_kinetostatic.studies.dial_gauge.report import force_picture, map_picture
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments

@@ -43,6 +43,7 @@ ARGUMENTS = {
     'mistakes': '--only swap',
     'mujoco': '--scene tilted_base --per-disc 3',
     'mujoco_slip': '--scene joint_slip --per-disc 2',
+    'next': '--cells 1 --simulated 1 --runs 2',
     'noise': '--number 1',
     'peers': '--touches 36 --contenders package minimisation scipy',
     'pictures': '--out {folder} --first 1',

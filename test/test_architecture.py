@@ -32,12 +32,12 @@ ORDER = (
     'bags',
     'contour',
     'simulation',
+    'planning',
     'pipeline',
     'results',
     'monitoring',
     'studies.dial_gauge',
     'studies.hysteresis',
-    'studies.design',
     'studies.paper',
     'interface',
     'nodes',
@@ -46,10 +46,10 @@ ORDER = (
 """The packages from the ground up: each imports from those before it alone."""
 ANYWHERE = {'numpy'}
 KEPT_IN = {
-    'scipy': ('assessment', 'calibration', 'diagnosis', 'monitoring', 'studies'),
+    'scipy': ('assessment', 'calibration', 'diagnosis', 'monitoring', 'planning', 'studies'),
     'yaml': ('files', 'simulation', 'bags'),
-    'matplotlib': ('report', 'results', 'studies'),
-    'markupsafe': ('contour', 'files', 'monitoring', 'report', 'results', 'simulation', 'studies'),
+    'matplotlib': ('planning', 'report', 'results', 'studies'),
+    'markupsafe': ('contour', 'files', 'monitoring', 'report', 'planning', 'results', 'simulation', 'studies'),
     'jinja2': ('files', 'report'),
     'rich': ('cli',),
     'mujoco': ('simulation',),

@@ -27,6 +27,7 @@ from rosbags.typesys.store import Typestore
 
 from scara_kinetostatic.bags.messages import JOINT_STATE, LARGEST_MESSAGE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import HELD_WITHIN
 from scara_kinetostatic.touches.streams import FixedTransform
 
 _LARGEST_VALUE = 1e9
@@ -141,13 +142,14 @@ class Decoder:
 
     Args:
         joint_names: names of q1 and q2 where the topic carries `JointState`; None for `WrenchStamped`.
+        hold: other joints and their positions: messages in which one of them is elsewhere are dropped.
 
     Attributes:
         frame_ids: of the messages, in the order in which they came.
     """
 
-    def __init__(self, joint_names: tuple[str, str] | None = None) -> None:
-        self._joint_names = joint_names
+    def __init__(self, joint_names: tuple[str, str] | None = None, hold: Mapping[str, float] | None = None) -> None:
+        self._joint_names, self._hold = joint_names, hold or {}
         self.frame_ids: list[str] = []
         self._parts: list[tuple[NDArray[Any], ...]] = []
         self._dropped: Counter[str] = Counter()
@@ -168,6 +170,11 @@ class Decoder:
                 self.frame_ids.append(fields.frame_id)
             frame[where] = self.frame_ids.index(fields.frame_id)
             good[where] = True
+            for name in set(self._hold) & set(fields.names[: fields.numbers]):
+                at = _column(rows, fields.begin + 8 * fields.names.index(name), '<f8')
+                elsewhere = where[good[where] & ~(np.abs(at - self._hold[name]) <= HELD_WITHIN)]
+                self._dropped[f'with {name} not at {self._hold[name]:g}'] += len(elsewhere)
+                good[elsewhere] = False
         self._parts.append((stamp[good], batch.log_time[good], frame[good], values[good]))
 
     def samples(self, turns: Mapping[str, Floats] | None = None) -> Samples:

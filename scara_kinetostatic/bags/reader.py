@@ -122,7 +122,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
 def _read(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
     """What a recording holds of two topics."""
     types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
-    decoders = dict(zip(names, (Decoder(cell.joint_names), Decoder()), strict=True))
+    decoders = dict(zip(names, (Decoder(cell.joint_names, cell.hold), Decoder()), strict=True))
     budget = Budget(Path(path))
     contents = _Contents(open_recording(path, budget), decoders, [], WrenchFrame(cell.sensor.frame))
     for batch in contents.source.batches((*types, DISCARD_TOPIC, TF_STATIC)):

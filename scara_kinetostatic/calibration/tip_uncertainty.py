@@ -31,6 +31,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.cell import Region
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import (
     LoadedJoints,
@@ -42,6 +43,7 @@ from scara_kinetostatic.model.kinematics import (
     wrap,
 )
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
+from scara_kinetostatic.model.parameters import Parameters
 
 COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""
@@ -218,6 +220,24 @@ def _by_effects(c: Calibration, poses: Poses, links: Floats, torques: Floats) ->
     return np.stack(columns, axis=-1) if columns else np.zeros((n, 2, 0))
 
 
+def region_grid(p: Parameters, region: Region, count: int = 33) -> tuple[Floats, Floats, Floats, Mask]:
+    """The grid of the workspace: x and y of its columns and rows, (count,), m; its places; which the arm reaches.
+
+    Raises:
+        ParameterError: no place of the region is within reach.
+    """
+    length, shortest = p.l1 + p.l2, abs(p.l1 - p.l2)
+    reach, base = NEARLY_STRETCHED * length, np.array([p.x0, p.y0])
+    x, y = np.linspace(np.maximum(base - reach, region[::2]), np.minimum(base + reach, region[1::2]), count).T
+    grid = np.stack(np.meshgrid(x, y), axis=-1)
+    away = np.hypot(grid[..., 0] - p.x0, grid[..., 1] - p.y0)
+    reached = (away <= reach * (1 + 1e-9)) & (away >= shortest + (1 - NEARLY_STRETCHED) * length)
+    reached &= region.holds(grid)
+    if not reached.any():
+        raise region.out_of_reach()
+    return x, y, grid, reached
+
+
 def workspace(c: Calibration) -> Workspace:
     """The workspace of a calibrated arm.
 
@@ -225,16 +245,7 @@ def workspace(c: Calibration) -> Workspace:
         ParameterError: no place of the region of the cell is within reach.
     """
     p, touches = c.parameters, c.touches.select(c.used)
-    length, shortest = p.l1 + p.l2, abs(p.l1 - p.l2)
-    reach = NEARLY_STRETCHED * length
-    region, base = c.cell.region, np.array([p.x0, p.y0])
-    x, y = np.linspace(np.maximum(base - reach, region[::2]), np.minimum(base + reach, region[1::2]), 33).T
-    grid = np.stack(np.meshgrid(x, y), axis=-1)
-    away = np.hypot(grid[..., 0] - p.x0, grid[..., 1] - p.y0)
-    reached = (away <= reach * (1 + 1e-9)) & (away >= shortest + (1 - NEARLY_STRETCHED) * length)
-    reached &= region.holds(grid)
-    if not reached.any():
-        raise region.out_of_reach()
+    x, y, grid, reached = region_grid(p, c.cell.region)
     postures = tuple(sign for sign in (1, -1) if np.any(touches.posture == sign))
     joints = np.concatenate([inverse(p, grid[reached], sign) for sign in postures])
     posture = np.repeat(postures, int(reached.sum()))

@@ -52,7 +52,7 @@ def add_files(parser: argparse.ArgumentParser, table: str, meaning: str) -> None
     """Adds the calibration, the table and ``--out``."""
     add_options(
         parser,
-        ('calibration', 'CALIBRATION.json', Path, 'of calibrate; or its calibration.yaml'),
+        ('calibration', 'CALIBRATION.json', Path, 'or calibration.yaml; or a cell.yaml: the nominal arm'),
         ('table', table, Path, meaning),
         ('--out', 'FILE.csv', Path, 'the table with its results', {'required': True}),
     )
@@ -68,12 +68,11 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from scara_kinetostatic.errors import UnsupportedDataError
-    from scara_kinetostatic.files.calibration_file import load_calibration
+    from scara_kinetostatic.files.calibration_file import load_predictor
     from scara_kinetostatic.files.pose_table import POSES, load_pose_table
-    from scara_kinetostatic.model.arm import Predictor
 
     check_file(args.out, [args.calibration, args.table], suffix='.csv')
-    predictor = Predictor(load_calibration(args.calibration))
+    predictor = load_predictor(args.calibration)
     table = load_pose_table(args.table, POSES)
     sides = _sides(table, predictor)
     found = predictor.compensate(table.pair('x_m', 'y_m'), table.force, sides, metadata_of(table, sides))

@@ -31,8 +31,8 @@ from scara_kinetostatic.cli.arguments import (
 )
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.studies.design.optimal_design import Requirements
-    from scara_kinetostatic.studies.design.prediction import Robot
+    from scara_kinetostatic.planning.optimal_design import Requirements
+    from scara_kinetostatic.planning.prediction import Robot
 
 
 _positive = real(0, above=True)
@@ -73,9 +73,9 @@ def run(args: argparse.Namespace) -> int:
     """
     robot = _robot(args)
     requirements = _requirements(args)
+    from scara_kinetostatic.planning.optimal_design import optimal_design
+    from scara_kinetostatic.planning.report import design_document, design_files, design_report
     from scara_kinetostatic.report import as_text
-    from scara_kinetostatic.studies.design.optimal_design import optimal_design
-    from scara_kinetostatic.studies.design.report import design_document, design_files, design_report
 
     with progress(lines=True) as show_progress:
         design = optimal_design(robot, requirements, show_progress)
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _requirements(args: argparse.Namespace) -> Requirements:
-    from scara_kinetostatic.studies.design.optimal_design import Requirements
+    from scara_kinetostatic.planning.optimal_design import Requirements
 
     return Requirements(
         accuracy=args.accuracy,
@@ -100,9 +100,9 @@ def _requirements(args: argparse.Namespace) -> Requirements:
 
 
 def _robot(args: argparse.Namespace) -> Robot:
+    from scara_kinetostatic.planning.prediction import Robot
     from scara_kinetostatic.simulation.streams import TYPICAL_NOISE
     from scara_kinetostatic.simulation.truth import truth_named
-    from scara_kinetostatic.studies.design.prediction import Robot
 
     cell = cell_or_paper(args.cell)
     usual = cell.noise or TYPICAL_NOISE

@@ -53,23 +53,22 @@ def run(args: argparse.Namespace) -> int:
     """
     import numpy as np
 
-    from scara_kinetostatic.files.calibration_file import load_calibration
+    from scara_kinetostatic.files.calibration_file import load_predictor
     from scara_kinetostatic.files.pose_table import STATES, load_pose_table
-    from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.kinematics import posture
 
     check_file(args.out, [args.calibration, args.table], suffix='.csv')
-    predictor = Predictor(load_calibration(args.calibration), args.nominal, args.rigid)
+    predictor = load_predictor(args.calibration, nominal=args.nominal, rigid=args.rigid)
     table = load_pose_table(args.table, STATES)
     joints = table.pair('q1_rad', 'q2_rad')
-    force = _measured(table, predictor) if args.measured and not args.nominal else table.force
+    force = _measured(table, predictor) if args.measured and not predictor.nominal else table.force
     metadata = metadata_of(table, posture(predictor.law.model.parameters, joints))
     found = predictor.locate(joints, force, metadata)
     (x, y), (std_x, std_y) = found.position.T, np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)).T
     results = {'x_m': x, 'y_m': y, 'std_x_m': std_x, 'std_y_m': std_y, 'cov_xy_m2': found.covariance[:, 0, 1]}
     write(args.out, table, results | {'status': found.status}, predictor)
-    if args.measured and args.nominal:
-        note('--measured changes nothing with --nominal: the nominal arm has no errors of the sensor')
+    if args.measured and predictor.nominal:
+        note('--measured changes nothing: the nominal arm has no errors of the sensor')
     return 0
 
 

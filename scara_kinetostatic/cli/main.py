@@ -23,7 +23,7 @@ from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataErr
 VERBS = {
     'calibration': ('calibrate', 'inspect', 'verify', 'compare', 'history', 'recalibrate'),
     'use of a calibration': ('compensate', 'locate', 'export', 'contour'),
-    'planning': ('simulate', 'design', 'demo'),
+    'planning': ('simulate', 'design', 'next', 'demo'),
     'studies': ('paper', 'dial_gauge', 'hysteresis', 'mujoco'),
 }
 """Modules of this package, one per verb, in the groups and the order of the help."""

@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
@@ -25,11 +27,12 @@ from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError, CellError, ParameterError
 from scara_kinetostatic.files.cell_file import cell_description, read_cell
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
-from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Level, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NAMES
 
 SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""
@@ -38,7 +41,7 @@ RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 _MAX_BYTES = 12 << 20
 """Larger documents are refused; one has about 1.2 kB for each touch."""
 _REMEDY = 'give the calibration.json that calibrate writes'
-_VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'identification')
+_VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'identification', 'obstacles', 'touch')
 """Keys of `cell` that are those of a cell description."""
 
 
@@ -101,6 +104,32 @@ def load_calibration(path: str | Path) -> CalibratedArm:
     if path.suffix.lower() in ('.yaml', '.yml'):
         return _load_yaml(path)
     return read_arm(read_document(path), path)
+
+
+def nominal_arm(cell: Cell) -> CalibratedArm:
+    """The arm as the cell describes it; nothing of it is determined by touches."""
+    size, nothing = len(NAMES), UsedRange(0.0, 0.0, 0.0, ())
+    model, noise = ExtendedModel(cell.nominal), cell.noise or USUAL_NOISE
+    return CalibratedArm(cell, model, np.zeros((size, size)), np.diag(SCALES), noise, SensorErrors(), nothing)
+
+
+def load_predictor(path: str | Path, *, nominal: bool = False, rigid: bool = False) -> Predictor:
+    """H̄ and Ḡ of a result, or of the nominal arm that a cell description has.
+
+    Args:
+        path: as for `load_calibration`, or a cell description.
+        nominal: whether to take the nominal parameters of a result.
+        rigid: as in `Predictor`.
+
+    Raises:
+        InputError: the file cannot be read, or is neither.
+    """
+    path = Path(path)
+    if path.suffix.lower() in ('.yaml', '.yml'):
+        tree = parse_yaml(read_text(path, CalibrationFileError), path, CalibrationFileError)
+        if isinstance(tree, dict) and 'robot' in tree:
+            return Predictor(nominal_arm(read_cell(tree, path)), nominal=True, rigid=rigid)
+    return Predictor(load_calibration(path), nominal, rigid)
 
 
 def read_document(path: Path) -> Any:
@@ -256,6 +285,7 @@ def stored_cell(entry: Mapping[str, Any], where: str | Path) -> Cell:
     """
     model = {'gripper_sign': entry['gripper_sign'], 'gripper_excess': entry['gripper_excess']}
     robot = {'joint_names': entry['joint_names'], 'nominal': entry['nominal']}
+    robot |= {key: entry[key] for key in ('limits', 'lift', 'hold') if key in entry}
     description = {'robot': robot, 'objects': entry['objects'], 'sensor': entry['sensor'], 'model': model}
     description |= {key: entry[key] for key in _VERBATIM if entry.get(key)}
     return read_cell(description, f'{where}: cell', check_layout=False)

@@ -35,10 +35,12 @@ from scara_kinetostatic.model.cell import (
     GripperSign,
     Identification,
     Level,
+    Lift,
     Noise,
     Plate,
     Region,
     Sensor,
+    TouchMotion,
     Uncertainty,
     layout_problems,
 )
@@ -109,14 +111,18 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         CellError: the content is not valid.
     """
     optional = ('sensor', 'noise', 'model', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'gravity')
-    top = Section(CellError, str(where), '', data, ('robot', 'objects'), (*optional, 'identification'))
-    robot = top.section('robot', ('nominal',), ('joint_names',))
+    top = Section(
+        CellError, str(where), '', data, ('robot', 'objects'), (*optional, 'obstacles', 'touch', 'identification')
+    )
+    robot = top.section('robot', ('nominal',), ('joint_names', *_MOTION))
+    joint_names = _joint_names(robot)
+    lift = _lift(robot, joint_names)
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
     plates = _plates(top)
     cell = Cell(
         nominal=_nominal(robot),
         discs=_discs(top, plates),
-        joint_names=_joint_names(robot),
+        joint_names=joint_names,
         sensor=_sensor(top.section('sensor', (), ('joint_states', 'wrench', 'frame', 'sign', 'time_offset'))),
         noise=_noise(top),
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
@@ -126,6 +132,11 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=_TOLERANCE),
         tip_radius=top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE),
         region=_region(top),
+        limits=_limits(robot, joint_names),
+        lift=lift,
+        hold=_hold(robot, (*joint_names, *([lift.joint] if lift else []))),
+        obstacles=_obstacles(top),
+        touch=_touch(top),
         identification=_identification(top.section('identification', (), Identification._fields)),
     )
     cell = replace(cell, uncertainty=replace(cell.uncertainty, effects=_effects(top, cell)))
@@ -157,11 +168,18 @@ def cell_description(cell: Cell) -> dict[str, Any]:
         | ({'effects': _sizes(u.effects)} if u.effects != EffectSizes() else {}),
         'tolerance': {'tip': cell.tolerance} if cell.tolerance else {},
         'tip': {'radius': cell.tip_radius} if cell.tip_radius else {},
+        'obstacles': [{'outline': [list(corner) for corner in outline]} for outline in cell.obstacles],
+        'touch': {name: list(v) if isinstance(v, tuple) else v for name, v in cell.touch._asdict().items()}
+        if cell.touch != TouchMotion()
+        else {},
         'region': {} if cell.region == Region() else {'x': list(cell.region[:2]), 'y': list(cell.region[2:])},
         'identification': cell.identification.given(),
     }
+    limits = dict(zip(cell.joint_names, map(list, cell.limits), strict=True)) if cell.limits else {}
+    motion = {'limits': limits, 'lift': cell.lift._asdict() if cell.lift else {}, 'hold': dict(cell.hold)}
     return {
-        'robot': {'joint_names': list(cell.joint_names), 'nominal': cell.nominal.as_dict()},
+        'robot': {'joint_names': list(cell.joint_names), 'nominal': cell.nominal.as_dict()}
+        | {key: value for key, value in motion.items() if value},
         'objects': [
             {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius}
             | _stated(center=disc.center_std, radius=disc.radius_std)
@@ -224,15 +242,94 @@ def _joint_names(robot: Section) -> tuple[str, str]:
     return names[0], names[1]
 
 
+def _limits(robot: Section, names: tuple[str, str]) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    if robot.data.get('limits') is None:
+        return None
+    section = robot.section('limits', names)
+    within = Within(-12.6, 12.6, 'it is in rad: 2.6 for 150 degrees', unit='rad')
+    one, other = (_interval(section, name, ('lower limit', 'upper limit'), within=within) for name in names)
+    return one, other
+
+
+def _interval(
+    section: Section, key: str, labels: tuple[str, str], unit: str = '', within: Within | None = None
+) -> tuple[float, float]:
+    """Two numbers, the smaller one first."""
+    low, high = section.vector(key, labels, unit, within or Within())
+    if low >= high:
+        raise section.error(key, f'expected the {labels[0]} first, got {shown([low, high])}')
+    return low, high
+
+
+def _lift(robot: Section, names: tuple[str, str]) -> Lift | None:
+    if robot.data.get('lift') is None:
+        return None
+    section = robot.section('lift', ('joint', 'up', 'down'))
+    joint, (up, down) = section.word('joint'), (section.number(name, 'm') for name in ('up', 'down'))
+    if joint in names:
+        raise section.error('joint', f'{joint!r} is one of joint_names', 'name the joint that raises the tip')
+    if up == down:
+        raise section.error('up', f'up and down are both {up:g}: it does not lift', 'give two positions, m')
+    return Lift(joint, up, down)
+
+
+def _hold(robot: Section, others: tuple[str, ...]) -> dict[str, float]:
+    held = robot.data.get('hold')
+    section = robot.section('hold', (), held if isinstance(held, dict) else ('joint4',))
+    for name in section.data:
+        if name in others:
+            raise section.error(name, 'it is a joint of the plane or the lift', 'name the other joints only')
+        if not name.strip() or not name.isprintable():
+            raise section.error('', f'expected names of joints, got {shown(name)}')
+    return {name: section.number(name) for name in section.data}
+
+
+def _obstacles(top: Section) -> tuple[tuple[tuple[float, float], ...], ...]:
+    if not top.data.get('obstacles'):
+        return ()
+    found = []
+    for section in top.items('obstacles', 'outlines', ('outline',), (), _MOST_OBSTACLES):
+        corners = section.data['outline']
+        if not isinstance(corners, list) or not 3 <= len(corners) <= _MOST_CORNERS:
+            raise section.error('outline', f'expected 3 to {_MOST_CORNERS} corners [x, y], got {shown(corners)}')
+        places = section.entries('outline', {f'corner {k}': corner for k, corner in enumerate(corners)})
+        pairs = (places.vector(label, ('x', 'y'), 'm') for label in places.data)
+        found.append(tuple((x, y) for x, y in pairs))
+    return tuple(found)
+
+
+_MOST_OBSTACLES, _MOST_CORNERS = 20, 50
+"""Obstacles that are accepted, and corners of each: ways round more take long to plan."""
+_MOTION = ('limits', 'lift', 'hold')
+"""Keys of the section `robot` that say how it may move."""
+_TOUCH = {
+    'max_force': Within(0.0, 5e3, positive=True, unit='N'),
+    'speed': Within(0.0, 2.0, positive=True, unit='m/s'),
+    'contact_speed': Within(0.0, 0.05, positive=True, unit='m/s'),
+    'clearance': Within(1e-3, 0.1, 'it is in m: 0.012 for 12 mm', unit='m'),
+    'hold': Within(0.2, 10.0, 'a hold of 0.2 s or more is found', unit='s'),
+    'search': Within(1e-3, 0.05, 'it is in m: 0.01 for 10 mm', unit='m'),
+}
+
+
+def _touch(top: Section) -> TouchMotion:
+    section, usual = top.section('touch', (), TouchMotion._fields), TouchMotion()
+    force = usual.force
+    if section.data.get('force') is not None:
+        force = _interval(section, 'force', ('smallest force', 'largest force'), '', _TOUCH['max_force'])
+    given = (section.optional(name, within=within) for name, within in _TOUCH.items())
+    found = TouchMotion(force, *(default if v is None else v for v, default in zip(given, usual[1:], strict=True)))
+    if force[1] >= found.max_force:
+        raise section.error('max_force', f'expected more than the largest force of {force[1]:g} N')
+    return found
+
+
 def _region(top: Section) -> Region:
     if top.data.get('region') is None:
         return Region()
     section = top.section('region', ('x', 'y'))
-    limits = {axis: section.vector(axis, ('lower limit', 'upper limit'), 'm') for axis in ('x', 'y')}
-    for axis, (low, high) in limits.items():
-        if low >= high:
-            raise section.error(axis, f'expected the lower limit first, got {shown([low, high])}')
-    return Region(*limits['x'], *limits['y'])
+    x, y = (_interval(section, axis, ('lower limit', 'upper limit'), 'm') for axis in ('x', 'y'))
+    return Region(*x, *y)
 
 
 def _check_gravity(top: Section) -> None:

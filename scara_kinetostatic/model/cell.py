@@ -332,6 +332,46 @@ class Region(NamedTuple):
         return ParameterError('region', 'no place in it is within reach of the arm', 'give x and y limits in m')
 
 
+HELD_WITHIN = 1e-3
+"""A joint that is to be held and is farther from its position has moved, rad or m."""
+
+
+class Lift(NamedTuple):
+    """A joint that raises the tip over everything.
+
+    Attributes:
+        joint: its name.
+        up: its position while the tip travels, m.
+        down: while it touches, m.
+    """
+
+    joint: str
+    up: float
+    down: float
+
+
+class TouchMotion(NamedTuple):
+    """How the touches are made.
+
+    Attributes:
+        force: smallest and largest force of a hold, N.
+        max_force: never to be exceeded, N.
+        speed: of the tip in free travel, m/s.
+        contact_speed: towards a contact, and back, m/s.
+        clearance: distance kept from objects while the nominal model is all there is, m.
+        hold: duration of a hold, s.
+        search: how far a contact is sought beyond the expected surface, m.
+    """
+
+    force: tuple[float, float] = (20.0, 60.0)
+    max_force: float = 90.0
+    speed: float = 0.2
+    contact_speed: float = 0.006
+    clearance: float = 0.012
+    hold: float = 0.4
+    search: float = 0.01
+
+
 class Sensor(NamedTuple):
     """The two topics and how the wrench is to be read.
 
@@ -413,6 +453,11 @@ class Cell:
         tolerance: largest expanded uncertainty (k = 2) of the tip that the use allows, m; None where none is stated.
         tip_radius: of the tip, m; contained in the radii of the discs. None where it is not stated.
         region: where the uncertainty of the tip has to hold.
+        limits: lower and upper one of each joint, rad, (2, 2); None where they are not stated.
+        lift: the joint that raises the tip; None where there is none.
+        hold: other joints of the controller, by name, and the position that they keep.
+        obstacles: corners of what the tip must not meet beside the discs, m, base frame.
+        touch: how the touches are made.
 
     Raises:
         ParameterError: a noise level is not above 0, an uncertainty negative, a disc on a plate that is not there.
@@ -438,6 +483,11 @@ class Cell:
     tolerance: float | None = None
     tip_radius: float | None = None
     region: Region = field(default_factory=Region)
+    limits: tuple[tuple[float, float], tuple[float, float]] | None = None
+    lift: Lift | None = None
+    hold: Mapping[str, float] = field(default_factory=dict)
+    obstacles: tuple[tuple[tuple[float, float], ...], ...] = ()
+    touch: TouchMotion = field(default_factory=TouchMotion)
 
     def __post_init__(self) -> None:
         plates = {plate.name for plate in self.plates}

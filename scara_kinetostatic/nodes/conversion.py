@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import cos, sin
 from typing import Any, NamedTuple
 
@@ -21,6 +21,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, wrench_fields
+from scara_kinetostatic.model.cell import HELD_WITHIN
 from scara_kinetostatic.report.markers import Primitive, Shape
 
 NANOSECONDS = 1_000_000_000
@@ -130,15 +131,17 @@ def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, floa
     return message
 
 
-def joint_sample(serialized: bytes, names: Sequence[str]) -> Sample:
+def joint_sample(serialized: bytes, names: Sequence[str], hold: Mapping[str, float] | None = None) -> Sample:
     """Both joint angles, found by name.
 
     Args:
         serialized: a `JointState` as it came over the wire.
         names: of q1 and q2.
+        hold: other joints and their positions.
 
     Raises:
-        UnusableMessageError: a joint is missing, or has no position, or none that is a finite number.
+        UnusableMessageError: a joint is missing, or has no position, or none that is a finite number; one that is to
+            be held is elsewhere.
     """
     fields, angles = _fields(joint_fields, serialized)
     if any(name not in fields.names[: fields.numbers] for name in names):
@@ -146,6 +149,10 @@ def joint_sample(serialized: bytes, names: Sequence[str]) -> Sample:
             f'expected positions of {" and ".join(names)}, got {fields.numbers} positions of '
             f'{" ".join(fields.names) or "no joints"}'
         )
+    for name in set(hold or ()) & set(fields.names[: fields.numbers]):
+        wanted, at = (hold or {})[name], angles[fields.names.index(name)]
+        if not abs(at - wanted) <= HELD_WITHIN:
+            raise UnusableMessageError(f'expected {name} at {wanted:g} (robot.hold), got {at:g}')
     first, second = (angles[fields.names.index(name)] for name in names)
     return _finite(Sample(_stamp(serialized), first, second))
 

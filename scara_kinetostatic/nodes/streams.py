@@ -297,7 +297,7 @@ class CellStreams:
     """
 
     def __init__(self, node: Node, cell: Cell, turned: Callable[[bytes, bool], None]) -> None:
-        self._node, self._names, self._topics = node, cell.joint_names, cell.sensor[:2]
+        self._node, self._cell, self._topics = node, cell, cell.sensor[:2]
         self.frame = FrameCheck(node, cell.sensor.frame, turned)
         self.monitors = {
             stream: StreamMonitor(node.resolve_topic_name(topic), stream is Stream.JOINTS)
@@ -324,7 +324,7 @@ class CellStreams:
         """The numbers of a message, which is counted; None where it cannot be used."""
         try:
             if stream is Stream.JOINTS:
-                sample = joint_sample(message, self._names)
+                sample = joint_sample(message, self._cell.joint_names, self._cell.hold)
             else:
                 sample = wrench_sample(message, self.frame.turn(message))
         except UnusableMessageError as error:

@@ -167,3 +167,15 @@ def test_why_messages_are_dropped() -> None:
         'in an encoding other than plain CDR': 1,
     }
     assert samples.names == {'q1', 'gripper'}
+
+
+def test_messages_in_which_a_held_joint_is_elsewhere_are_dropped() -> None:
+    names, others = ['q1', 'lift', 'q2', 'wrist'], [(0.0, 0.5), (0.0, 0.5005), (0.01, 0.52), (3.0, 0.48)]
+    payloads = [
+        joint_state((k, 0), '', names, [0.1 * k, lift, 0.2 * k, wrist], 0) for k, (lift, wrist) in enumerate(others)
+    ]
+    decoder = Decoder(('q1', 'q2'), {'wrist': 0.5, 'not_published': 1.0})
+    decoder.add(batch(JOINT_STATE, payloads))
+    samples = decoder.samples()
+    np.testing.assert_allclose(samples.values, [[0.0, 0.0], [0.1, 0.2]])
+    assert samples.dropped == {'with wrist not at 0.5': 2}

@@ -79,3 +79,10 @@ def test_times_before_1970() -> None:
     message = JointState(name=list(NAMES), position=[1.0, 2.0])
     message.header.stamp.sec, message.header.stamp.nanosec = -1, 5
     assert joint_sample(bytes(serialize_message(message)), NAMES).stamp_ns == -999_999_995
+
+
+def test_a_held_joint_that_is_elsewhere_makes_joint_angles_unusable() -> None:
+    message = joints([*NAMES, 'wrist'], [0.25, -0.5, 0.3])
+    assert joint_sample(message, NAMES, {'wrist': 0.3005}).first == 0.25
+    with pytest.raises(UnusableMessageError, match=r'expected wrist at 0 \(robot\.hold\), got 0\.3'):
+        joint_sample(message, NAMES, {'wrist': 0.0})

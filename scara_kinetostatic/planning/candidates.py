@@ -34,7 +34,7 @@ that of the fit, or the noise of the force where that is larger. Averaged over r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -47,8 +47,8 @@ from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.studies.design.prediction import Robot, Tip, exact_plan
 
 LEAST_ARM = 0.02
 """Smallest distance of the line of force from each joint's axis, m; well above usual errors of the nominal geometry."""
@@ -98,7 +98,12 @@ class CandidateTouches(NamedTuple):
 
 
 def candidate_plan(
-    robot: Robot, levels: Sequence[float], postures: Sequence[int] = (1, -1), per_disc: int = PER_DISC
+    robot: Robot,
+    levels: Sequence[float],
+    postures: Sequence[int] = (1, -1),
+    per_disc: int = PER_DISC,
+    preload: float = 0.0,
+    keep: Callable[[Plan], Mask] | None = None,
 ) -> Plan:
     """All candidates in the robot's cell.
 
@@ -107,6 +112,8 @@ def candidate_plan(
         levels: force levels, N.
         postures: of the elbow, +1 and -1.
         per_disc: points around a disc.
+        preload: part of the force of preloaded touches, which are candidates beside those without; 0 for none.
+        keep: which points may be touched.
 
     Raises:
         CellError: a disc has no point within reach.
@@ -119,41 +126,51 @@ def candidate_plan(
             f'at every point within reach the line of force passes a joint axis at less than {LEAST_ARM} m',
             'move the discs, or allow both postures',
         )
-    count = len(levels)
+    points = points.select(keep(points)) if keep else points
+    force, eased = (axis.ravel() for axis in np.meshgrid(levels, [0.0, preload] if preload else [0.0], indexing='ij'))
+    count = len(force)
     return Plan(
         np.tile(points.disc, count),
         np.tile(points.angle, count),
         np.tile(points.posture, count),
-        np.repeat(np.asarray(levels, dtype=float), len(points)),
+        np.repeat(np.asarray(force, dtype=float), len(points)),
+        np.repeat(np.asarray(eased, dtype=float), len(points)),
     )
 
 
-def prepare_candidates(robot: Robot, plan: Plan, tip: Tip) -> CandidateTouches:
+def prepare_candidates(robot: Robot, plan: Plan, tip: Tip, *, mean: bool = False) -> CandidateTouches:
     """Candidates from a plan.
 
     Args:
         robot: the robot.
         plan: all touches to choose from.
         tip: the tip whose variance is to be minimised.
+        mean: whether that is its mean over the region (I-optimality), one place for all, or the largest.
     """
     scales, declared = declared_rows(robot)
     derivative = exact_plan(robot, plan).point.whitened.jacobian * scales
-    scaled = (tip.derivative * SCALES).reshape(-1, 2, len(NAMES))
-    rows = np.flatnonzero(np.abs(scaled).max(axis=(0, 1)) > 0)
-    scaled = scaled[:, :, rows]
-    squares = pack(np.einsum('gik,gil->gkl', scaled, scaled), twice=True)
+    values = len(robot.model.names)
+    scaled = tip.derivative * scales[:values]
+    rows = np.flatnonzero(np.abs(scaled).max(axis=(0, 1, 2)) > 0)
+    if mean:
+        scaled = np.sqrt(tip.weight / scaled.shape[1])[:, None, None, None] * scaled
+    scaled = scaled[..., rows].reshape(1 if mean else scaled.shape[0] * scaled.shape[1], -1, len(rows))
+    squares = pack(scaled.swapaxes(1, 2) @ scaled, twice=True)
     information = np.einsum('nik,nil->nkl', derivative, derivative)
     prior = declared.T @ declared
-    prior[: len(NAMES), : len(NAMES)] += PRIOR
+    prior[:values, :values] += np.eye(values)
     return CandidateTouches(plan, derivative, information, rows, squares.T.copy(), declared, prior)
 
 
 def declared_rows(robot: Robot) -> tuple[Floats, Floats]:
-    """Units of L̄ and the declared errors, (12 + m,), and in them the rows of their prior, (p, 12 + m)."""
+    """Units of all values and the declared errors, (12 + k + m,), and in them the rows of the prior of these; values of
+    effects in their plausible sizes.
+    """
+    scales = np.concatenate([SCALES, robot.effect_sizes])
     if robot.declared is None:
-        return SCALES, np.zeros((0, len(NAMES)))
-    scales = np.concatenate([SCALES, np.ones(robot.declared.count)])
-    return scales, robot.declared.prior.rows(len(NAMES)) * scales
+        return scales, np.zeros((0, len(scales)))
+    values, scales = len(scales), np.concatenate([scales, np.ones(robot.declared.count)])
+    return scales, robot.declared.prior.rows(values) * scales
 
 
 _lower = cache(np.tril_indices)

@@ -41,6 +41,8 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
+from scara_kinetostatic.calibration.tip_uncertainty import region_grid
+from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
@@ -49,6 +51,7 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, loaded_tip_by_parameters
 from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
 from scara_kinetostatic.model.touch_equations import State
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN, Plan
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame
@@ -63,12 +66,18 @@ class Robot:
         parameters: expected L̄; geometry, compliances and backlashes all enter the prediction.
         noise: repeatability of one touch, one standard deviation, rad and N.
         assumed: parts of the noise that nobody has stated, ``joint`` or ``force``: typical values stand for them.
+        effects: effects that are estimated along with L̄.
+        effect_values: their values, as in `ExtendedModel`.
+        effect_sizes: plausible size of each of these values, (k,), in its unit: their prior.
     """
 
     cell: Cell
     parameters: Parameters
     noise: Noise
     assumed: tuple[str, ...] = ()
+    effects: tuple[Effect, ...] = ()
+    effect_values: tuple[tuple[float, ...], ...] = ()
+    effect_sizes: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> Robot:
@@ -81,6 +90,11 @@ class Robot:
         """
         stated = noise or cell.noise
         return cls(cell, parameters or cell.nominal, stated or TYPICAL_NOISE, () if stated else ('joint', 'force'))
+
+    @cached_property
+    def model(self) -> ExtendedModel:
+        """L̄ and the effects."""
+        return ExtendedModel(self.parameters, self.effects, self.effect_values)
 
     @cached_property
     def declared(self) -> DeclaredErrors | None:
@@ -149,16 +163,26 @@ class ExactTouches(NamedTuple):
     arms: Floats
 
 
-def exact_plan(robot: Robot, plan: Plan) -> ExactTouches:
-    """The touches of a plan without noise, with the derivatives by what the cell declares as uncertain.
+def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) -> ExactTouches:
+    """The touches of a plan without noise, with the derivatives by effects and by what the cell declares as uncertain.
+
+    Args:
+        robot: the robot.
+        plan: the touches.
+        metadata: what effects need to know of them; None for touches that begin without a force, or at the force of
+            the preload.
 
     Raises:
         UnsupportedDataError: the robot cannot reach a touch.
     """
     p, cell, declared = robot.parameters, robot.cell, robot.declared
     centers, radii = cell.centers[plan.disc], cell.radii[plan.disc]
-    pressed = -plan.force[:, None] * plan.normal()
-    joints, torques = inverse_kinetostatics(p, plan.contact(cell), pressed, plan.posture, cell.gripper)
+
+    def pressed_with(size: Floats) -> tuple[Floats, Floats, Floats]:
+        force = -size[:, None] * plan.normal()
+        return force, *inverse_kinetostatics(p, plan.contact(cell), force, plan.posture, cell.gripper)
+
+    pressed, joints, torques = pressed_with(plan.force)
     if not np.isfinite(joints).all():
         lost = int(np.flatnonzero(~np.isfinite(joints).all(axis=1))[0])
         raise UnsupportedDataError(f'the robot cannot reach touch {lost} of the plan', 'leave it out, or move its disc')
@@ -167,14 +191,14 @@ def exact_plan(robot: Robot, plan: Plan) -> ExactTouches:
     direction = np.arctan2(pressed[:, 1], pressed[:, 0])
     state = State(links[:, 0], links[:, 1], plan.force, direction, modes[:, 0], modes[:, 1])
     observations = Observations(joints, measured, centers, radii, cell.sensor.frame, cell.gripper)
+    if robot.effects or declared is not None:
+        before = np.where(plan.preload > 0, (1 + plan.preload) * plan.force, 1e-3)
+        motion = kinematics.wrap(joints - pressed_with(before)[1])
+        plain = TouchMetadata.plain(len(joints))._replace(disc=plan.disc, posture=plan.posture)
+        observations = observations._replace(metadata=metadata or plain._replace(approach=motion, press=motion))
     if declared is not None:
-        observations = observations._replace(
-            metadata=TouchMetadata.plain(len(joints))._replace(disc=plan.disc, posture=plan.posture),
-            declared=declared,
-            errors=np.zeros(declared.count),
-            reported=measured,
-        )
-    point = evaluate(observations, ExtendedModel(p), Adjusted(joints, measured, state), robot.noise)
+        observations = observations._replace(declared=declared, errors=np.zeros(declared.count), reported=measured)
+    point = evaluate(observations, robot.model, Adjusted(joints, measured, state), robot.noise)
     return ExactTouches(observations, point, np.abs(torques) / plan.force[:, None])
 
 
@@ -331,6 +355,38 @@ def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int 
         derivative = loaded_tip_by_parameters(robot.parameters, places, force, posture, sign)
         blocks.append(derivative.reshape(-1, directions, *derivative.shape[1:]))
     return Tip(np.concatenate(blocks), np.tile(workspace.area, 2) / 2)
+
+
+def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12) -> Tip:
+    """The tip without and under a load: T = dS/d(L̄ and the effects' values) at given Q and F; see `model.tip`.
+
+    Places and loads are those for which a calibration states its uncertainty (`calibration.tip_uncertainty`), on a
+    coarser grid.
+
+    Args:
+        robot: the robot.
+        load: magnitude of the force on the object, N.
+        count: of columns and rows of the grid.
+        directions: of the load, evenly around; the first direction of the result is that without a load.
+
+    Raises:
+        ParameterError: no place of the region is within reach.
+    """
+    _, _, grid, reached = region_grid(robot.parameters, robot.cell.region, count)
+    angle = 2 * np.pi * (np.arange(directions) + 0.5) / directions
+    forces = np.concatenate([np.zeros((1, 2)), load * np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
+    places = np.repeat(grid[reached], len(forces), axis=0)
+    law, force = Law(robot.model, robot.cell.gripper), Force.of(np.tile(forces, (len(places) // len(forces), 1)))
+    blocks = []
+    for posture in POSTURES:
+        sides = np.full(len(places), posture)
+        links = kinematics.inverse(robot.parameters, places, sides)
+        found = tip_under_load(law, links, force, TouchMetadata.plain(len(places))._replace(posture=sides))
+        turns = tip_by_joints(found.loading, inverse_of_rows(found.loading, force))
+        derivative = tip_by_values(law, turns, found.loading, force, found.state)
+        blocks.append(derivative.reshape(-1, len(forces), *derivative.shape[1:]))
+    every = np.concatenate(blocks)
+    return Tip(every, np.full(len(every), 1 / len(every)))
 
 
 def tip_std(tip: Tip, prediction: Prediction) -> TipStd:

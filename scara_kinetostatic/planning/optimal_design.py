@@ -22,12 +22,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.calibration.declared_errors import Source
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Disc, Plate
 from scara_kinetostatic.model.parameters import quantity
-from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan
-from scara_kinetostatic.studies.design.candidates import (
+from scara_kinetostatic.planning.candidates import (
     MOST_HELD_OUT,
     MOST_LEVERAGE,
     PER_DISC,
@@ -36,7 +36,7 @@ from scara_kinetostatic.studies.design.candidates import (
     held_out_ratio,
     prepare_candidates,
 )
-from scara_kinetostatic.studies.design.prediction import (
+from scara_kinetostatic.planning.prediction import (
     Prediction,
     Robot,
     Tip,
@@ -48,7 +48,7 @@ from scara_kinetostatic.studies.design.prediction import (
     reach,
     tip_std,
 )
-from scara_kinetostatic.studies.design.search import (
+from scara_kinetostatic.planning.search import (
     FEWEST_TOUCHES,
     MOST_TOUCHES,
     LowerBound,
@@ -56,6 +56,7 @@ from scara_kinetostatic.studies.design.search import (
     find_lower_bound,
     without_each,
 )
+from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan
 
 USUAL_ACCURACY = 1e-5
 """Largest standard deviation of the tip where none is required, m."""
@@ -199,6 +200,11 @@ class Design:
         """Standard deviation of the tip of which the accuracy is required, with the recommended set."""
         return self.row.loaded if self.requirements.under_load else self.row.free
 
+    @property
+    def contributions(self) -> dict[str, float]:
+        """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m."""
+        return contributions(self.row.prediction.covariance, self.row.prediction.by_source, self.tip)
+
 
 class _Task(NamedTuple):
     """What is designed: the robot with its cell, the requirements, and the tip over the full workspace."""
@@ -291,7 +297,8 @@ def _coarse_tip(task: _Task) -> Tip:
 def _out_of_reach(task: _Task, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
     """That what the cell declares does not allow the accuracy, and what limits it."""
     lowest = tip_std(task.tip, very_many).largest
-    kind, part = max(contributions(very_many, task.tip).items(), key=lambda item: item[1])
+    parts = contributions(very_many.covariance, very_many.by_source, task.tip)
+    kind, part = max(parts.items(), key=lambda item: item[1])
     enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
     half = ' (half of tolerance.tip: k = 2)' if task.robot.cell.tolerance == 2 * accuracy else ''
     return UnsupportedDataError(
@@ -315,17 +322,22 @@ _KINDS = {
 """Kinds of declared uncertainties, in words."""
 
 
-def contributions(prediction: Prediction, tip: Tip) -> dict[str, float]:
+def contributions(covariance: Floats, by_source: Sequence[tuple[Source, Floats]], tip: Tip) -> dict[str, float]:
     """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m, by their names.
 
     Their squares add up to the square of the whole. The places of all discs are one kind, and so on.
+
+    Args:
+        covariance: of the values of the model.
+        by_source: the part of it that each declared uncertainty contributes.
+        tip: over the workspace.
     """
-    place = np.einsum('gdik,kl,gdil->gd', tip.derivative, prediction.covariance, tip.derivative, optimize=True)
+    place = np.einsum('gdik,kl,gdil->gd', tip.derivative, covariance, tip.derivative, optimize=True)
     worst = tip.derivative[np.unravel_index(int(np.argmax(place)), place.shape)]
     found: defaultdict[str, float] = defaultdict(float)
-    for source, covariance in prediction.by_source:
+    for source, own in by_source:
         kind = source.label.split('[')[0]
-        found[_KINDS.get(kind, kind)] += float(np.einsum('ik,kl,il->', worst, covariance, worst))
+        found[_KINDS.get(kind, kind)] += float(np.einsum('ik,kl,il->', worst, own, worst))
     found['noise'] = max(0.0, float(place.max()) - sum(found.values()))
     return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
 

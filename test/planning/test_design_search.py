@@ -11,8 +11,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.candidates import (
+from scara_kinetostatic.planning.candidates import (
     MOST_LEVERAGE,
     TOUCHES_PER_DISC,
     candidate_plan,
@@ -22,9 +21,9 @@ from scara_kinetostatic.studies.design.candidates import (
     pack,
     prepare_candidates,
 )
-from scara_kinetostatic.studies.design.optimal_design import Requirements, contributions, optimal_design
-from scara_kinetostatic.studies.design.prediction import Robot, exact_plan, free_tip, make_workspace, predict, tip_std
-from scara_kinetostatic.studies.design.search import (
+from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
+from scara_kinetostatic.planning.prediction import Robot, exact_plan, free_tip, make_workspace, predict, tip_std
+from scara_kinetostatic.planning.search import (
     best_set,
     find_lower_bound,
     improve,
@@ -32,6 +31,7 @@ from scara_kinetostatic.studies.design.search import (
     variance_with_each,
     without_each,
 )
+from scara_kinetostatic.simulation.streams import simulate_touches
 
 NOISE = Noise(joint=1e-5, force=0.3)
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
@@ -164,7 +164,7 @@ def test_declared_uncertainties_limit_the_accuracy_and_are_named():
     robot = Robot.of(DECLARED)
     found = optimal_design(robot, replace(EASY, accuracy=None, per_disc=6))
     assert found.accuracy == pytest.approx(1.1 * found.least_possible)
-    parts = contributions(found.row.prediction, found.tip)
+    parts = found.contributions
     assert sum(value**2 for value in parts.values()) == pytest.approx(found.tip_std.largest**2)
     assert max(parts, key=parts.get) == 'the places of the discs'
     with pytest.raises(UnsupportedDataError, match='the places of the discs alone') as caught:

@@ -14,11 +14,9 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Region, Sensor, SensorFrame, Uncertainty
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
-from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.candidates import MOST_HELD_OUT, held_out_ratio
-from scara_kinetostatic.studies.design.optimal_design import Requirements, optimal_design
-from scara_kinetostatic.studies.design.prediction import (
+from scara_kinetostatic.planning.candidates import MOST_HELD_OUT, held_out_ratio
+from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
+from scara_kinetostatic.planning.prediction import (
     Robot,
     exact_plan,
     free_tip,
@@ -27,6 +25,8 @@ from scara_kinetostatic.studies.design.prediction import (
     predict,
     tip_std,
 )
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 KNOWN = tuple(disc._replace(center_std=1.5e-5, radius_std=5e-6) for disc in PAPER_DISCS)

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.planning import figures
+from scara_kinetostatic.planning.optimal_design import Design, Row
+from scara_kinetostatic.planning.search import MOST_TOUCHES
 from scara_kinetostatic.report import (
     NOT_DETERMINED,
     Block,
@@ -25,9 +28,6 @@ from scara_kinetostatic.report import (
 from scara_kinetostatic.report.figure import COLOURS, mark
 from scara_kinetostatic.report.quantities import SCALES, count, micrometres
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
-from scara_kinetostatic.studies.design import figures
-from scara_kinetostatic.studies.design.optimal_design import Design, Row, contributions
-from scara_kinetostatic.studies.design.search import MOST_TOUCHES
 
 
 def design_document(design: Design) -> dict[str, Any]:
@@ -81,7 +81,7 @@ def _recommended(design: Design) -> dict[str, Any]:
         'leverage': leverage,
         'without_each_touch': design.without_each,
         'held_out_ratio': design.held_out,
-        'contributions': contributions(design.row.prediction, design.tip),
+        'contributions': design.contributions,
         'plan': [
             {'disc': discs[disc].name, 'angle_deg': angle, 'posture': POSTURE_NAMES[int(posture)], 'force': force}
             for disc, angle, posture, force in touches
@@ -147,7 +147,7 @@ def noise_sentences(design: Design) -> list[str]:
             'accuracy. Discs and force sensor count as exactly known: the cell declares no uncertainty of them.'
         )
     else:
-        parts = sorted(contributions(design.row.prediction, design.tip).items(), key=lambda item: -item[1])
+        parts = sorted(design.contributions.items(), key=lambda item: -item[1])
         said = ', '.join(f'{kind} {um(value)} µm' for kind, value in parts if value >= 0.05 * parts[0][1])
         sentences.append(
             f'Declared uncertainties count: {MOST_TOUCHES} touches, evenly distributed, would leave '

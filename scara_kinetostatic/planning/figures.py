@@ -12,9 +12,9 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.planning.optimal_design import Design
+from scara_kinetostatic.planning.prediction import free_tip, loaded_tip, make_workspace, tip_std
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, SERIES, WARN, as_svg, in_mm, mark, new_figure
-from scara_kinetostatic.studies.design.optimal_design import Design
-from scara_kinetostatic.studies.design.prediction import free_tip, loaded_tip, make_workspace, tip_std
 
 WIDTH, HALF = 920.0, 450.0
 _TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)

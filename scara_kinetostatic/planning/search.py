@@ -37,8 +37,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.studies.design.candidates import (
+from scara_kinetostatic.planning.candidates import (
     MOST_LEVERAGE,
     PRIOR,
     CandidateTouches,
@@ -50,7 +49,8 @@ from scara_kinetostatic.studies.design.candidates import (
     penalty,
     prepare_candidates,
 )
-from scara_kinetostatic.studies.design.prediction import Robot, Tip
+from scara_kinetostatic.planning.prediction import Robot, Tip
+from scara_kinetostatic.simulation.plan import Plan
 
 MOST_TOUCHES = 200
 """Largest set that is searched for."""

@@ -1,0 +1,211 @@
+"""The touches to make next, and the program of the robot.
+
+The touches that lower the uncertainty of the tip most, over the region of the
+cell; without a recording the first ones, from the nominal model, whose contacts
+may lie millimetres off. In the order of a short way, round the objects or over
+them with a lift, within the limits of the joints. Says when it is enough: the
+tolerance is reached, or more touches do not reach it, and then what limits.
+
+Writes next.csv (the touches), plan.yaml (for simulate) and program.csv: every
+step of the robot. Its hold lasts touch.hold of the cell.
+
+--goal decide plans the touches that decide between effects that the recordings
+do not distinguish.
+
+Example:
+  scara-kinetostatic next --cell cell.yaml --out first
+  scara-kinetostatic next recording --cell cell.yaml --touches 6 --out more
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from scara_kinetostatic.cli.arguments import add_options, add_results, note, progress, whole
+from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.assessment.outcome import Outcome
+    from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
+    from scara_kinetostatic.model.cell import Cell
+    from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
+
+USUAL_NUMBER = 12
+"""Touches that are planned unless told."""
+_FEW = 12
+"""With fewer touches than these, that they allow no calibration yet is no error."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
+    add_options(
+        parser,
+        ('bags', 'BAG', Path, 'touches that were made: recordings, or touch tables (.csv)', {'nargs': '*'}),
+        ('--cell', 'FILE', Path, 'cell description, with robot.limits', {'required': True}),
+        ('--calibration', 'FILE', Path, 'calibration.json: its model; without a BAG its touches count, too'),
+        ('--touches', 'N', whole(1), f'how many (default: {USUAL_NUMBER}, none where it is enough)'),
+        ('--goal', '', ('accuracy', 'decide'), 'what for (default: accuracy)', {'default': 'accuracy'}),
+    )
+    add_results(parser, files='next.csv, plan.yaml, program.csv', required=True, json=False)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Plans the touches.
+
+    Raises:
+        InputError: the cell, a recording or the calibration is wrong, or DIR cannot be written.
+        UnsupportedDataError: no touch can be reached, the tolerance is out of reach, or nothing is to be decided.
+    """
+    from scara_kinetostatic.files.atomic import write_texts
+    from scara_kinetostatic.files.cell_file import load_cell
+    from scara_kinetostatic.planning.program import next_files
+
+    cell = load_cell(args.cell)
+    if cell.limits is None:
+        problem = 'the limits of the joints are missing'
+        raise CellError(f'{args.cell}: robot.limits', problem, 'add them: nothing is planned beyond')
+    with progress() as show_progress:
+        show_progress('touches made', 0.0)
+        known = _known(args, cell)
+        show_progress('choosing touches', 0.5)
+        number = args.touches or USUAL_NUMBER
+        if args.goal == 'decide':
+            planned = known.planner.discriminating(_discriminating(known.outcome), number)
+        else:
+            planned = known.planner.accurate(number)
+        files = next_files(known.planner, planned)
+    if args.goal == 'accuracy' and not args.touches and _is_enough(known, planned):
+        return 0
+    write_texts(args.out, files)
+    for text in planned.left_out:
+        note(text)
+    print(_summary(known.planner, planned))
+    print(f'\nwritten: {", ".join(str(args.out / name) for name in files)}')
+    return 0
+
+
+class _Known(NamedTuple):
+    planner: Planner
+    outcome: Outcome | None
+
+
+def _known(args: argparse.Namespace, cell: Cell) -> _Known:
+    """What recordings and calibration say."""
+    from scara_kinetostatic.files.calibration_file import nominal_arm
+    from scara_kinetostatic.planning.next_touches import Planner
+
+    if args.calibration:
+        return _Known(_from_calibration(args, cell), None)
+    nominal = nominal_arm(cell)
+    if not args.bags:
+        return _Known(Planner(nominal), None)
+    from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.pipeline import calibrate_touches, gather_touches
+
+    check_different(args.bags)
+    detection = gather_touches(args.bags, cell)
+    try:
+        outcome = calibrate_touches(detection, cell, sources=args.bags)
+    except UnsupportedDataError as error:
+        if len(detection.touches) >= _FEW:
+            raise
+        note(f'planned from the nominal model: {error}')
+        return _Known(Planner(nominal, touches=detection.touches), None)
+    if outcome.arm.grade == 'unfit':
+        note(f'the calibration is unfit: {outcome.assessment.reasons[0]}')
+    found, final, tip = outcome.diagnosis, outcome.final, outcome.tip_uncertainty
+    doubtful = {item.effect.label for item in found.found if not item.is_found}
+    suspected = frozenset(doubtful.union(*map(set, found.rivals)))
+    now = _known_or_infinite(tip.worst, tip.undetermined)
+    return _Known(Planner(outcome.arm, now, final.touches.select(final.used), suspected), outcome)
+
+
+def _from_calibration(args: argparse.Namespace, cell: Cell) -> Planner:
+    """What a calibration and the touches beside it say."""
+    from dataclasses import replace
+
+    from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
+    from scara_kinetostatic.pipeline import gather_touches
+    from scara_kinetostatic.planning.next_touches import Planner
+
+    record = CalibrationRecord.load(args.calibration)
+    check_same_arm(record.arm.cell, cell, str(args.calibration), str(args.cell))
+    if [disc.name for disc in cell.discs] != [disc.name for disc in record.arm.cell.discs]:
+        raise InputError(args.calibration, f'its discs are not those of {args.cell}', 'calibrate with that cell')
+    made = gather_touches(args.bags, cell) if args.bags else record
+    stated = record.document['tip_uncertainty']
+    now = _known_or_infinite(stated['worst'], stated['undetermined'])
+    return Planner(replace(record.arm, cell=cell), now, made.touches)
+
+
+def _known_or_infinite(worst: float | None, undetermined: float) -> float:
+    """The largest expanded uncertainty of the tip, m; infinite where it is not determined all over the region."""
+    found = float('inf') if worst is None or undetermined > 0 else worst
+    return found if found < float('inf') else float('inf')  # not a number neither
+
+
+def _discriminating(outcome: Outcome | None) -> tuple[DiscriminatingTouch, ...]:
+    """The touches that decide between the rivals of an outcome.
+
+    Raises:
+        UnsupportedDataError: there are none.
+    """
+    if outcome is None:
+        raise UnsupportedDataError('--goal decide: there is nothing to decide without recordings', 'give BAG')
+    found = outcome.diagnosis
+    if not found.discriminating:
+        what = 'no touch on these discs decides' if found.rivals else f'nothing is to be decided: {found.verdict}'
+        raise UnsupportedDataError(f'--goal decide: {what}', found.advice or 'leave out --goal decide')
+    return found.discriminating
+
+
+def _is_enough(known: _Known, planned: PlannedTouches) -> bool:
+    """Whether no more touches are needed, or of use, which is said.
+
+    Raises:
+        UnsupportedDataError: the first touches, and all after them, would not reach the tolerance.
+    """
+    from scara_kinetostatic.model.parameters import quantity
+    from scara_kinetostatic.planning.search import MOST_TOUCHES
+
+    tolerance, found = known.planner.arm.cell.tolerance, planned.uncertainty
+    if tolerance is None:
+        return False
+    if found.now is not None and found.now <= tolerance and known.planner.arm.grade != 'unfit':
+        print(
+            f'enough: the expanded uncertainty of the tip is at most {quantity(found.now, "m")} (k = 2), '
+            f'the tolerance {quantity(tolerance, "m")}; no touch was planned'
+        )
+        return True
+    if found.least <= tolerance:
+        return False
+    limit = (
+        f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(found.least, "m")} (k = 2), '
+        f'the tolerance is {quantity(tolerance, "m")}: {found.limit} makes {100 * found.share:.0f} % of its variance'
+    )
+    remedy = 'reduce that, or allow a larger tolerance; --touches N plans touches all the same'
+    if known.planner.touches is None:
+        raise UnsupportedDataError(limit, remedy)
+    print(f'touches are not the limit: {limit}; {remedy}')
+    return True
+
+
+def _summary(planner: Planner, planned: PlannedTouches) -> str:
+    """What was planned."""
+    from collections import Counter
+
+    from scara_kinetostatic.model.parameters import quantity
+
+    cell, found = planner.arm.cell, planned.uncertainty
+    counts = Counter(cell.discs[disc].name for disc in planned.plan.disc)
+    where = ', '.join(f'{many} on {name}' for name, many in counts.items())
+    clearance = f'{1e3 * planner.space.clearance:.1f} mm'
+    stated = 'not determined' if found.now == float('inf') else quantity(found.now or 0.0, 'm')
+    now = '' if found.now is None else f'now {stated}, '
+    tolerance = '' if cell.tolerance is None else f'; tolerance {quantity(cell.tolerance, "m")}'
+    return (
+        f'{len(planned.plan)} touches: {where}; clearance {clearance}\n'
+        f'expanded uncertainty of the tip (k = 2): {now}predicted {quantity(found.planned, "m")}{tolerance}'
+    )

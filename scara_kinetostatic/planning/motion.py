@@ -1,0 +1,348 @@
+"""Where the tip may go: obstacles, limits of the joints, and the shortest way from one touch to the next.
+
+Every obstacle is a set of edges with a radius; a disc is an edge without length. A straight move of the tip keeps clear
+where its distance from every edge is at least the radius and the clearance. The limits of the joints are checked along
+it, in one branch of angles; the first axis, and what is out of reach, are kept clear of. What moves is the tip: links
+and housing are not part of this.
+
+**Ways** are the shortest in the visibility graph of points around every obstacle, in both elbow postures. The posture
+changes through the straight arm alone, along a line from the base, where the limits of both joints allow it: there the
+tip goes out to the length of the arm and back. With a lift the tip passes over everything but the base.
+
+Source: Lozano-Pérez and Wesley, Communications of the ACM 22 (1979) 560.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from scara_kinetostatic.errors import CellError
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.kinematics import forward, inverse, wrap
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN
+
+LIMIT_MARGIN = 0.02
+"""Distance of every planned joint angle from its limits, rad: what an error of the model changes in a contact."""
+_STEP = 0.01
+"""Distance of places at which the limits are checked along a move, m."""
+_AROUND = 10
+"""Points around a disc or a corner."""
+_RAYS = 24
+"""Directions in which the arm may be straightened."""
+_CHANGE = 0.3
+"""What a change of posture costs, in metres of travel."""
+
+
+class Edges(NamedTuple):
+    """Straight edges with a radius each.
+
+    Attributes:
+        begin: (m, 2), m.
+        end: (m, 2), m.
+        radius: within which the tip touches, (m,), m.
+    """
+
+    begin: Floats
+    end: Floats
+    radius: Floats
+
+    def distance(self, a: Floats, b: Floats) -> Floats:
+        """Distance of the tip from each edge along straight moves from a to b, (n, 2), m: (n, m); negative inside."""
+        a, b, c, d = a[:, None], b[:, None], self.begin[None], self.end[None]
+        ends = [_from_line(a, c, d), _from_line(b, c, d), _from_line(c, a, b), _from_line(d, a, b)]
+        crosses = (_side(a, b, c) * _side(a, b, d) < 0) & (_side(c, d, a) * _side(c, d, b) < 0)
+        return np.where(crosses, 0.0, np.min(ends, axis=0)) - self.radius
+
+
+def _from_line(point: Floats, begin: Floats, end: Floats) -> Floats:
+    """Distance of points from the lines between two others."""
+    along = end - begin
+    length = np.maximum((along**2).sum(axis=-1), 1e-18)
+    part = np.clip(((point - begin) * along).sum(axis=-1) / length, 0.0, 1.0)
+    off = begin + part[..., None] * along - point
+    return np.hypot(off[..., 0], off[..., 1])
+
+
+def _side(a: Floats, b: Floats, point: Floats) -> Floats:
+    ab, ap = b - a, point - a
+    return np.asarray(ab[..., 0] * ap[..., 1] - ab[..., 1] * ap[..., 0])
+
+
+class Poses(NamedTuple):
+    """Places of the tip with the posture of the elbow.
+
+    Attributes:
+        tip: (n, 2), m.
+        posture: +1 or -1, (n,).
+    """
+
+    tip: Floats
+    posture: Indices
+
+    def select(self, which: Mask | Indices | slice) -> Poses:
+        """Those that a mask, a slice or an array of positions picks."""
+        return Poses(self.tip[which], self.posture[which])
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """Where the tip may be.
+
+    Attributes:
+        cell: with the limits of the joints and the obstacles.
+        parameters: L̄ by which joint angles are worked out.
+        clearance: distance that the tip keeps from every object, m.
+
+    Raises:
+        CellError: the cell states no limits.
+    """
+
+    cell: Cell
+    parameters: Parameters
+    clearance: float
+
+    def __post_init__(self) -> None:
+        if self.cell.limits is None:
+            raise CellError('robot.limits', 'the limits of the joints are missing', 'add them: nothing is planned else')
+
+    @cached_property
+    def limits(self) -> Floats:
+        """Lower and upper limits that are kept, (2, 2), rad."""
+        return np.array(self.cell.limits).T + np.array([[LIMIT_MARGIN], [-LIMIT_MARGIN]])
+
+    @cached_property
+    def _outlines(self) -> list[Floats]:
+        return [np.array(outline) for outline in self.cell.obstacles]
+
+    @cached_property
+    def edges(self) -> Edges:
+        """Discs, then the edges of the obstacles."""
+        begin = [self.cell.centers, *self._outlines]
+        end = [self.cell.centers, *(np.roll(outline, -1, axis=0) for outline in self._outlines)]
+        count = sum(map(len, self._outlines))
+        radius = np.concatenate([self.cell.radii, np.full(count, self.cell.tip_radius or 0.0)])
+        return Edges(np.concatenate(begin), np.concatenate(end), radius)
+
+    @cached_property
+    def _base(self) -> Edges:
+        p = self.parameters
+        base = np.array([[p.x0, p.y0]])
+        return Edges(base, base, np.array([max(abs(p.l1 - p.l2) + REACH_MARGIN, BASE_MARGIN)]))
+
+    @property
+    def reach(self) -> float:
+        """Largest distance of the tip from the base, m."""
+        return self.parameters.l1 + self.parameters.l2 - REACH_MARGIN
+
+    def joints(self, poses: Poses) -> Floats:
+        """Joint angles of the arm without a load, in the turn about the middle of the limits, (n, 2), rad."""
+        middle = self.limits.mean(axis=0)
+        return middle + wrap(inverse(self.parameters, poses.tip, poses.posture) - middle)
+
+    def beyond_limits(self, poses: Poses) -> Mask:
+        """Whether each joint is beyond its limits or the place out of reach, (n, 2)."""
+        joints = self.joints(poses)
+        return ~((joints >= self.limits[0]) & (joints <= self.limits[1]))
+
+    def is_inside(self, tip: Floats) -> Mask:
+        """Whether places (n, 2) are within an obstacle's outline, (n,)."""
+        inside = np.zeros(len(tip), dtype=bool)
+        for outline in self._outlines:
+            (x, y), (u, v) = outline.T, np.roll(outline, -1, axis=0).T
+            above = tip[:, 1:] < y
+            crossed = above != (tip[:, 1:] < v)
+            with np.errstate(divide='ignore', invalid='ignore'):
+                at = x + (tip[:, 1:] - y) / (v - y) * (u - x)
+            inside |= np.sum(crossed & (tip[:, :1] < at), axis=1) % 2 == 1
+        return inside
+
+    def is_clear(self, a: Floats, b: Floats, *, raised: bool = False, but: Indices | None = None) -> Mask:
+        """Whether the tip keeps clear of everything on straight moves from a to b, (n, 2), m.
+
+        Args:
+            a: where they begin.
+            b: where they end.
+            raised: whether the tip is over all objects.
+            but: numbers of the discs that may be touched, (n,); None for none.
+        """
+        base = np.array([self.parameters.x0, self.parameters.y0])
+        clear = (self._base.distance(a, b) >= 0).all(axis=1)
+        clear &= np.maximum(np.hypot(*(a - base).T), np.hypot(*(b - base).T)) <= self.reach
+        if raised:
+            return np.asarray(clear)
+        distance = self.edges.distance(a, b)
+        if but is not None:
+            distance[np.arange(len(a)), but] = np.inf
+        return np.asarray(clear & (distance >= self.clearance).all(axis=1) & ~self.is_inside(a) & ~self.is_inside(b))
+
+    def keeps_limits(self, a: Poses, b: Floats) -> Mask:
+        """Whether both joints keep their limits, in one turn, on straight moves to places b, (n,)."""
+        if not len(b):
+            return np.zeros(0, dtype=bool)
+        count = max(3, int(np.ceil(np.hypot(*(b - a.tip).T).max() / _STEP)) + 1)
+        part = np.linspace(0.0, 1.0, count)[:, None, None]
+        places = (a.tip + part * (b - a.tip)).reshape(-1, 2)
+        joints = self.joints(Poses(places, np.tile(a.posture, count))).reshape(count, -1, 2)
+        within = (joints >= self.limits[0]) & (joints <= self.limits[1])
+        one_turn = np.abs(np.diff(joints, axis=0)) < np.pi
+        return np.asarray(within.all(axis=(0, 2)) & one_turn.all(axis=(0, 2)))
+
+    def may_move(self, a: Poses, b: Floats) -> Mask:
+        """Whether the tip may travel straight to places b, (n,), with the lift where there is one."""
+        allowed = self.is_clear(a.tip, b, raised=self.cell.lift is not None)
+        some = np.flatnonzero(allowed)
+        allowed[some] = self.keeps_limits(a.select(some), b[some])
+        return allowed
+
+    def may_change(self, tip: Floats) -> Mask:
+        """Whether the posture may be changed at places near the reach, both joints moving in proportion, (n,)."""
+        ones = np.ones(len(tip), dtype=np.intp)
+        left, right = (self.joints(Poses(tip, side * ones)) for side in (1, -1))
+        bad = self.beyond_limits(Poses(tip, ones)) | self.beyond_limits(Poses(tip, -ones))
+        straight = -self.parameters.theta2 - left[:, 1]  # to q2 = -theta2, about which both are alike
+        allowed = ~bad.any(axis=1) & np.isclose(right[:, 1] - left[:, 1], 2 * straight)
+        allowed &= np.abs(right - left).max(axis=1, initial=0.0) < np.pi
+        if self.cell.lift is None:
+            part = np.linspace(0.0, 1.0, 101)[:, None, None]
+            path = forward(self.parameters, left + part * (right - left)).reshape(-1, 2)
+            apart = (self.edges.distance(path, path) >= self.clearance + 5e-4).all(axis=1) & ~self.is_inside(path)
+            allowed &= apart.reshape(len(part), -1).all(axis=0)
+        return np.asarray(allowed)
+
+
+class Roadmap:
+    """The points of a space by way of which the tip travels, and the moves between them.
+
+    Args:
+        space: where the tip may be.
+    """
+
+    def __init__(self, space: Space) -> None:
+        self.space = space
+        base, turns = space._base.begin, 2 * np.pi / _RAYS * np.arange(_RAYS)
+        rays = base + (space.reach - 1e-6) * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+        rays = rays[space.may_change(rays)]
+        p, bends = space.parameters, space.limits[:, 1] + space.parameters.theta2
+        folded = np.sqrt(p.l1**2 + p.l2**2 + 2 * p.l1 * p.l2 * np.cos(bends))  # as far as the elbow bends
+        corners = [_around(base, np.maximum(radius, space._base.radius)) for radius in folded]
+        if space.cell.lift is None:
+            e = space.edges
+            corners.append(_around(e.begin, e.radius + space.clearance))
+        places = np.concatenate([rays, *corners])
+        self._rays = len(rays)
+        self.via = Poses(np.tile(places, (2, 1)), np.repeat([1, -1], len(places)))
+        stands = space.is_clear(self.via.tip, self.via.tip, raised=space.cell.lift is not None)
+        self._stands = stands & ~space.beyond_limits(self.via).any(axis=1)
+        n = len(places)
+        self._costs = np.full((2 * n, 2 * n), np.inf)
+        for first in (0, n):
+            here = first + np.flatnonzero(self._stands[first : first + n])
+            i, j = (here[k] for k in np.triu_indices(len(here), 1))
+            self._connect(self._costs, i, j, self.via)
+        ray = np.arange(self._rays)
+        ray = ray[self._stands[ray] & self._stands[ray + n]]
+        self._costs[ray, ray + n] = self._costs[ray + n, ray] = _CHANGE
+
+    def _connect(self, costs: Floats, i: Indices, j: Indices, every: Poses) -> None:
+        """Enters the length of the moves between poses i and j that may be made."""
+        may = self.space.may_move(every.select(i), every.tip[j])
+        i, j = i[may], j[may]
+        costs[i, j] = costs[j, i] = np.hypot(*(every.tip[i] - every.tip[j]).T)
+
+    def _with(self, stops: Poses, most: int = 16) -> tuple[Poses, Floats]:
+        """The points of the map and stops, and the costs between them: each stop is connected to the nearest points."""
+        v, n = len(self.via.tip), len(stops.tip)
+        costs = np.full((v + n, v + n), np.inf)
+        costs[:v, :v] = self._costs
+        every = Poses(np.concatenate([self.via.tip, stops.tip]), np.concatenate([self.via.posture, stops.posture]))
+        away = np.hypot(*(stops.tip[:, None] - self.via.tip[None]).transpose(2, 0, 1))
+        away[(stops.posture[:, None] != self.via.posture) | ~self._stands] = np.inf
+        near = np.argsort(away, axis=1)[:, :most]
+        i, j = np.repeat(np.arange(n), near.shape[1]), near.ravel()
+        possible = np.isfinite(away[i, j])
+        self._connect(costs, v + i[possible], j[possible], every)
+        return every, costs
+
+    def largest_part(self, stops: Poses) -> Mask:
+        """Whether a stop is among the most that can be reached from each other, (n,)."""
+        _, costs = self._with(stops)
+        labels = connected_components(np.isfinite(costs), directed=False)[1][len(self.via.tip) :]
+        return np.asarray(labels == np.bincount(labels).argmax()) if len(labels) else np.zeros(0, dtype=bool)
+
+    def ways(self, stops: Poses) -> Ways:
+        """The shortest ways between n places at which the tip may be."""
+        every, costs = self._with(stops)
+        v, (i, j) = len(self.via.tip), np.triu_indices(len(stops.tip), 1)
+        same = stops.posture[i] == stops.posture[j]
+        self._connect(costs, v + i[same], v + j[same], every)
+        graph = np.where(np.isfinite(costs), np.maximum(costs, 1e-9), 0.0)
+        lengths, before = dijkstra(graph, indices=np.arange(v, len(costs)), return_predecessors=True)
+        return Ways(every, v, lengths[:, v:], before)
+
+
+class Ways(NamedTuple):
+    """Shortest ways between n stops.
+
+    Attributes:
+        every: the points of the map, then the stops.
+        first: number of the first stop among them.
+        lengths: of the ways, with what changes of posture cost, (n, n), m; infinite where there is none.
+        before: the point before each on the way from each stop, (n, v + n).
+    """
+
+    every: Poses
+    first: int
+    lengths: Floats
+    before: Indices
+
+    def way(self, start: int, goal: int) -> Poses:
+        """The places on the way from one stop to another, which is the last of them."""
+        place, found = self.first + goal, []
+        while place != self.first + start:
+            found.append(place)
+            place = int(self.before[start, place])
+        return self.every.select(np.array(found[::-1], dtype=np.intp))
+
+
+def _around(places: Floats, radius: Floats) -> Floats:
+    """Points around places from which the tangents keep a radius, and a little more."""
+    turns = 2 * np.pi / _AROUND * (np.arange(_AROUND) + 0.5)
+    out = (1.001 * radius / np.cos(np.pi / _AROUND))[:, None, None]
+    return np.asarray((places[:, None] + out * np.stack([np.cos(turns), np.sin(turns)], axis=-1)).reshape(-1, 2))
+
+
+def shortest_order(lengths: Floats, first: int | None = None) -> list[int]:
+    """An order of n stops with a short way: from each to the nearest, then improved by reversing parts (2-opt).
+
+    Args:
+        lengths: between the stops, (n, n).
+        first: where to begin; None for anywhere.
+    """
+    n = len(lengths)
+    candidates = []
+    for start in range(n) if first is None else [first]:
+        order, left = [start], set(range(n)) - {start}
+        while left:
+            order.append(min(left, key=lambda k: float(lengths[order[-1], k])))
+            left.remove(order[-1])
+        candidates.append(order)
+    best = min(candidates, key=lambda order: float(lengths[order[:-1], order[1:]].sum()))
+    padded = np.pad(lengths, (0, 1))  # the stop n: no way leads to it or from it
+    improved = True
+    while improved:
+        improved = False
+        for i in range(0 if first is None else 1, n - 1):
+            for j in range(i + 1, n):
+                before, after = best[i - 1] if i else n, best[j + 1] if j + 1 < n else n
+                a, b = best[i], best[j]
+                if padded[before, b] + padded[a, after] < padded[before, a] + padded[b, after] - 1e-9:
+                    best[i : j + 1] = best[i : j + 1][::-1]
+                    improved = True
+    return best

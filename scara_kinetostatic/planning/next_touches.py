@@ -1,0 +1,341 @@
+"""The touches to make next: those that lower the tip's uncertainty over the region most, in an order of short travel.
+
+**Choice** (I-optimality). The covariance of all values, of the declared errors and of effects that nobody has decided
+about follows from the touches made and those planned, linearised where they are expected. Of all candidates that can be
+reached the one is added that lowers the mean variance of the tip over the region most, without and under load; then
+touches are exchanged as in `search`. Candidates are points around the discs, both postures, three forces, with and
+without a preload: a preload is planned where it shows friction.
+
+**Effects not decided.** Every effect of the catalogue counts, with a prior: its typical size where the diagnosis
+suspects it, `UNSUSPECTED` of that where it does not. So touches are spread enough to find it, and the touches that
+decide it are chosen as soon as it matters.
+
+**Rivals** are decided by the touches at which their predictions differ most (`diagnosis.comparison`).
+
+**Enough** is said where the expanded uncertainty (k = 2) of the tip is at most the tolerance all over the region, or
+where `MOST_TOUCHES` more would not bring it there: then what the cell declares as uncertain is the limit.
+
+Source: Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS (2007), chapter 10 (V- or I-optimality).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arm import CalibratedArm, force_on_object
+from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.planning.candidates import CandidateTouches, candidate_plan, declared_rows, prepare_candidates
+from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
+from scara_kinetostatic.planning.optimal_design import contributions
+from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan, tip_in_use
+from scara_kinetostatic.planning.search import MOST_TOUCHES, improve, variance_with_each
+from scara_kinetostatic.simulation.plan import Plan
+
+UNSUSPECTED = 0.01
+"""Prior of an effect that nobody suspects, in its typical size: it spreads the touches. With a tenth, twelve touches
+gain hardly more than even ones; from a hundredth to a tenth as many effects are found.
+"""
+PRELOAD = 0.3
+"""Part of the force by which preloaded touches go beyond it."""
+_PER_DISC = 24
+"""Points around a disc that are candidates."""
+_LEAST_GAIN = 0.01
+"""Smallest decrease of the variance for which a touch is exchanged."""
+_CALIBRATED = 3e-3
+"""Clearance beside three standard deviations of tip and discs where the arm is calibrated, m."""
+
+
+class Uncertainty(NamedTuple):
+    """The largest expanded uncertainty (k = 2) of the tip over the region, m.
+
+    Attributes:
+        now: of the calibration; None for the nominal arm, infinite where it is not determined.
+        planned: predicted with the touches made and planned, in the ratio to what those made give.
+        least: the same with `MOST_TOUCHES` more, evenly spread.
+        limit: what of the declared uncertainties, or noise, contributes most to that.
+        share: its part of the variance, 0 to 1.
+    """
+
+    now: float | None
+    planned: float
+    least: float
+    limit: str
+    share: float
+
+
+class PlannedTouches(NamedTuple):
+    """Touches in the order in which to make them.
+
+    Attributes:
+        plan: the touches.
+        reasons: why each is made.
+        approach: where the tip begins to approach each.
+        ways: between these places.
+        order: stop of `ways` of each.
+        left_out: what cannot be touched, a sentence for each disc or touch.
+        uncertainty: of the tip.
+    """
+
+    plan: Plan
+    reasons: list[str]
+    approach: Poses
+    ways: Ways
+    order: list[int]
+    left_out: list[str]
+    uncertainty: Uncertainty
+
+
+@dataclass(frozen=True, eq=False)
+class Planner:
+    """What the touches are planned for.
+
+    Attributes:
+        arm: calibrated, or nominal; its cell has the limits of the joints.
+        now: the largest expanded uncertainty of the calibrated tip, m; None for a nominal arm.
+        touches: that were made; None for none.
+        suspected: labels of the effects that the diagnosis suspects and has not decided about.
+    """
+
+    arm: CalibratedArm
+    now: float | None = None
+    touches: TouchSet | None = None
+    suspected: frozenset[str] = frozenset()
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot, its effects those found and those undecided."""
+        model, cell = self.arm.model, self.arm.cell
+        own = [effect for effect in model.effects if isinstance(effect, Effect)]
+        declared = Robot.of(cell).declared
+        known = {effect.label for effect in own} | set(declared.places if declared else ())
+        undecided = [
+            effect
+            for effect in catalogue(cell)
+            if effect.is_physical and not effect.is_stepwise and not effect.grid_parameter and effect.label not in known
+        ]
+        effects = (*own, *undecided)
+        values = model.with_effects(effects).effect_values
+        sizes = [np.abs(effect.typical) + np.abs(found) for effect, found in zip(own, values, strict=False)]
+        sizes += [
+            (1.0 if effect.label in self.suspected else UNSUSPECTED) * np.abs(effect.typical) for effect in undecided
+        ]
+        flat = tuple(np.concatenate([*sizes, []]).tolist())
+        return Robot(cell, model.parameters, self.arm.noise, (), effects, values, flat)
+
+    @cached_property
+    def _values(self) -> int:
+        """Number of the values of the arm's own model."""
+        return len(self.arm.model.names)
+
+    @cached_property
+    def _tip(self) -> Tip:
+        return tip_in_use(self.robot, float(np.mean(self.arm.cell.touch.force)))
+
+    def _expanded(self, covariance: Floats) -> Floats:
+        """Expanded uncertainty of the tip at each place for a covariance of the arm's values, (g,), m."""
+        derivative = self._tip.derivative[..., : self._values]
+        variance = np.linalg.eigvalsh(derivative @ covariance @ derivative.swapaxes(-1, -2))[..., -1]
+        return np.asarray(COVERAGE_FACTOR * np.sqrt(np.maximum(variance, 0.0).max(axis=1)))
+
+    @cached_property
+    def space(self) -> Space:
+        """Where the tip may be: it keeps the clearance of the cell until the model is good enough to keep less."""
+        cell = self.arm.cell
+        clearance = cell.touch.clearance
+        if self.now is not None:
+            placed = max(disc.center_std + disc.radius_std for disc in cell.discs)
+            placed += max((plate.center_std for plate in cell.plates), default=0.0)
+            clearance = min(clearance, _CALIBRATED + 3 * (self.now / COVERAGE_FACTOR + placed))
+        return Space(cell, self.arm.model.parameters, clearance)
+
+    @cached_property
+    def roadmap(self) -> Roadmap:
+        """The ways in it."""
+        return Roadmap(self.space)
+
+    def approach(self, plan: Plan) -> Poses:
+        """Where the tip begins to approach each touch."""
+        off = self.space.clearance + 1e-3
+        return Poses(plan.contact(self.arm.cell) + off * plan.normal(), plan.posture)
+
+    def problems(self, plan: Plan) -> list[str]:
+        """Why each touch of a plan cannot be made; empty where it can."""
+        cell, start = self.arm.cell, self.approach(plan)
+        deep = plan.contact(cell) - cell.touch.search * plan.normal()
+        stands = ~(self.space.beyond_limits(start) | self.space.beyond_limits(Poses(deep, plan.posture)))
+        moves = np.zeros(len(plan), dtype=bool)
+        both = np.flatnonzero(stands.all(axis=1))
+        moves[both] = self.space.keeps_limits(start.select(both), deep[both])
+        clear = self.space.is_clear(start.tip, deep, but=plan.disc)
+        good = np.flatnonzero(moves & clear)
+        joined = np.zeros(len(plan), dtype=bool)
+        joined[good] = self.roadmap.largest_part(start.select(good))
+        one, two = cell.joint_names
+        near = f'an object, the base or the end of the reach is within {1e3 * self.space.clearance:.1f} mm'
+        strong = (1 + plan.preload) * plan.force > cell.touch.max_force
+        cases = [strong, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, ~joined]
+        texts = [
+            'beyond touch.max_force',
+            f'beyond the limits of {two}',
+            f'beyond the limits of {one}',
+            near,
+            'no way leads there',
+        ]
+        return [str(text) for text in np.select(cases, texts, '')]
+
+    @cached_property
+    def _candidates(self) -> tuple[Plan, list[str]]:
+        """The touches to choose from, and what was left out of each disc."""
+        cell, found, texts = self.arm.cell, list[str](), list[str]()
+
+        def keep(points: Plan) -> Mask:
+            found[:] = self.problems(points)
+            names = points.disc
+            for number, disc in enumerate(cell.discs):
+                here = [text for text, at in zip(found, names, strict=True) if at == number]
+                count = Counter(filter(None, here))
+                if count:
+                    why = ', '.join(f'{many} {text}' for text, many in count.most_common())
+                    texts.append(f'{disc.name}: {sum(count.values())} of {len(here)} places left out: {why}')
+            return np.array([not text for text in found])
+
+        low, high = cell.touch.force
+        levels = np.unique(np.linspace(low, high, 3)).tolist()
+        every = candidate_plan(self.robot, levels, per_disc=_PER_DISC, preload=PRELOAD, keep=keep)
+        if not len(every):
+            why = ', '.join(f'{many} {text}' for text, many in Counter(found).most_common())
+            remedy = 'correct the limits, the obstacles, the clearance or the places of the discs'
+            raise UnsupportedDataError(f'no touch can be reached: {why}', remedy)
+        return every.select((1 + every.preload) * every.force <= cell.touch.max_force), texts
+
+    @cached_property
+    def _information_made(self) -> Floats:
+        """Information of the touches that were made."""
+        t, arm, cell = self.touches, self.arm, self.arm.cell
+        size = len(declared_rows(self.robot)[0])
+        if t is None or not len(t):
+            return np.zeros((size, size))
+        metadata = TouchMetadata.of(t, cell.sensor.frame)
+        force = force_on_object(arm, t.force, t.joints, metadata)
+        plan = Plan(t.disc, np.arctan2(-force[:, 1], -force[:, 0]), t.posture, np.hypot(*force.T))
+        pressed = inverse_kinetostatics(arm.model.parameters, plan.contact(cell), force, t.posture, cell.gripper)[0]
+        there = np.asarray(np.isfinite(pressed).all(axis=1))
+        point = exact_plan(self.robot, plan.select(there), metadata.select(there)).point
+        rows = (point.whitened.jacobian * declared_rows(self.robot)[0]).reshape(-1, size)
+        return np.asarray(rows.T @ rows)
+
+    @cached_property
+    def candidates(self) -> CandidateTouches:
+        """The touches to choose from; the information of those made is part of the prior."""
+        candidates = prepare_candidates(self.robot, self._candidates[0], self._tip, mean=True)
+        return candidates._replace(prior=candidates.prior + self._information_made)
+
+    def accurate(self, number: int) -> PlannedTouches:
+        """The touches that lower the uncertainty of the tip most.
+
+        Args:
+            number: of touches.
+
+        Raises:
+            UnsupportedDataError: no touch can be reached.
+        """
+        candidates, chosen = self.candidates, list[int]()
+        for _ in range(min(number, len(candidates.plan))):
+            values = variance_with_each(candidates, chosen)
+            values[chosen] = np.inf
+            chosen.append(int(np.argmin(values)))
+        chosen = improve(candidates, chosen, least_gain=_LEAST_GAIN)
+        plan = candidates.plan.select(np.array(chosen))
+        return self._arranged(plan, self._reasons(chosen), self._candidates[1], self._uncertainty(chosen))
+
+    def discriminating(self, touches: Sequence[DiscriminatingTouch], number: int) -> PlannedTouches:
+        """The touches that decide between rivals, in turn.
+
+        Args:
+            touches: that do, as the diagnosis found them.
+            number: of touches.
+
+        Raises:
+            UnsupportedDataError: none of them can be reached.
+        """
+        names = [disc.name for disc in self.arm.cell.discs]
+        plan = Plan(
+            np.array([names.index(touch.disc) for touch in touches]),
+            np.array([touch.angle for touch in touches]),
+            np.array([touch.posture for touch in touches]),
+            np.array([touch.force for touch in touches]),
+            np.array([PRELOAD * touch.is_unloaded for touch in touches]),
+        )
+        texts = self.problems(plan)
+        left = [f'{touch}: {text}' for touch, text in zip(touches, texts, strict=True) if text]
+        there = [k for k, text in enumerate(texts) if not text]
+        if not there:
+            raise UnsupportedDataError(f'no touch that decides can be reached: {left[0]}', 'change the cell')
+        chosen = [there[k % len(there)] for k in range(number)]
+        reasons = [f'predictions differ by {touches[k].difference:.1f} N, {touches[k].in_std:.1f} σ' for k in chosen]
+        return self._arranged(plan.select(np.array(chosen)), reasons, left, self._uncertainty([]))
+
+    def _arranged(self, plan: Plan, reasons: list[str], left_out: list[str], found: Uncertainty) -> PlannedTouches:
+        """The touches in the order of a short way."""
+        start = self.approach(plan)
+        ways = self.roadmap.ways(start)
+        order = shortest_order(ways.lengths)
+        at = np.array(order)
+        return PlannedTouches(
+            plan.select(at), [reasons[k] for k in order], start.select(at), ways, order, left_out, found
+        )
+
+    def _uncertainty(self, chosen: list[int]) -> Uncertainty:
+        """Of the tip by the arm's own model, without what is undecided."""
+        candidates, values = self.candidates, len(self.robot.model.names)
+        kept = np.r_[: self._values, values : len(candidates.prior)]
+        scales = declared_rows(self.robot)[0][kept]
+
+        def covariance(information: Floats) -> Floats:
+            return np.asarray(scales[:, None] * np.linalg.inv(information[np.ix_(kept, kept)]) * scales)
+
+        def largest(information: Floats) -> float:
+            return float(self._expanded(covariance(information)[: self._values, : self._values]).max())
+
+        ratio = 1.0 if self.now is None or np.isinf(self.now) else self.now / largest(candidates.prior)
+        every = candidates.information_of(chosen) + MOST_TOUCHES * candidates.information.mean(axis=0)
+        least = covariance(every)
+        by_source = []
+        if self.robot.declared is not None:
+            moved = least[: self._values] @ (candidates.declared[:, kept] / scales).T
+            rows = self.robot.declared.prior.by_source()
+            by_source = [(source, moved[:, where] @ moved[:, where].T) for source, where in rows]
+        own = least[: self._values, : self._values]
+        tip = self._tip._replace(derivative=self._tip.derivative[..., : self._values])
+        parts = contributions(own, by_source, tip)
+        limit = max(parts, key=lambda kind: parts[kind])
+        share = parts[limit] ** 2 / sum(part**2 for part in parts.values())
+        planned = ratio * largest(candidates.information_of(chosen))
+        return Uncertainty(self.now, planned, ratio * float(self._expanded(own).max()), limit, share)
+
+    def _reasons(self, chosen: list[int]) -> list[str]:
+        """What each touch of a set tells: the value whose standard deviation would grow most without it."""
+        candidates, names = self.candidates, self.robot.model.names
+        together = candidates.information_of(chosen)
+        std = np.sqrt(np.diagonal(np.linalg.inv(together))[: len(names)])
+        found = []
+        for k in chosen:
+            without = np.sqrt(np.diagonal(np.linalg.inv(together - candidates.information[k]))[: len(names)])
+            best = int(np.argmax(without / std))
+            preload = f', preload {100 * PRELOAD:.0f} %' if candidates.plan.preload[k] else ''
+            found.append(f'{"sharpens" if best < self._values else "decides"} {names[best].partition(".")[0]}{preload}')
+        return found

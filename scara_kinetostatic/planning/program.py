@@ -1,0 +1,160 @@
+"""Planned touches as files: `next.csv`, a list; `plan.yaml` for the simulator; `program.csv`, every step of a robot.
+
+The steps of a touch: travel by way of some places to where the approach begins; approach slowly, until the force says
+contact, at most as far beyond the expected surface as the cell allows; press to the force, with a preload beyond it and
+back; hold; retract along the line of the approach. All moves of the tip are straight, but where the elbow changes its
+posture: there both joints move in proportion. With a lift it is raised before the tip travels, and lowered after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.files.columns import csv_lines
+from scara_kinetostatic.files.escaping import csv_cell
+from scara_kinetostatic.model.arm import Predictor
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.kinematics import forward, wrap
+from scara_kinetostatic.planning.motion import Poses
+from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
+from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
+
+CONTACT = 0.1
+"""Force at which an approach ends, as a part of the force of the touch."""
+_PRESS = 0.7
+"""Duration of a press, as far as the speed towards a contact allows it, s."""
+
+
+class Step(NamedTuple):
+    """One step of a program.
+
+    Attributes:
+        touch: number of the touch, from 1.
+        kind: ``travel``, ``approach``, ``press``, ``hold`` or ``retract``.
+        tip: where the tip is to go, (2,), m.
+        joints: Q there, (2,), rad.
+        lift: position of the lift, m; None without one.
+        speed: of the tip, m/s; 0 of a hold.
+        until: force that ends the step, N; None for the place that does.
+    """
+
+    touch: int
+    kind: str
+    tip: Floats
+    joints: Floats
+    lift: float | None
+    speed: float
+    until: float | None = None
+
+
+class Poised(NamedTuple):
+    """The joint angles of touches, (n, 2) each, rad.
+
+    Attributes:
+        approach: where the approach begins.
+        deep: as far as a contact is sought.
+        hold: under the force.
+        peak: under that of the preload.
+    """
+
+    approach: Floats
+    deep: Floats
+    hold: Floats
+    peak: Floats
+
+
+def joint_angles(planner: Planner, poses: Poses, force: Floats | None = None) -> Floats:
+    """Q for places of the tip under forces (n, 2), N, or none, by the planner's arm, (n, 2), rad."""
+    load = np.zeros(poses.tip.shape) if force is None else force
+    found = Predictor(planner.arm, nominal=planner.now is None).compensate(poses.tip, load, poses.posture).joints
+    middle = planner.space.limits.mean(axis=0)
+    return np.asarray(middle + wrap(found - middle))
+
+
+def poised(planner: Planner, planned: PlannedTouches) -> Poised:
+    """The joint angles of planned touches."""
+    plan, cell = planned.plan, planner.arm.cell
+    contact, press = Poses(plan.contact(cell), plan.posture), -plan.force[:, None] * plan.normal()
+    deep = Poses(contact.tip - cell.touch.search * plan.normal(), plan.posture)
+    return Poised(
+        joint_angles(planner, planned.approach),
+        joint_angles(planner, deep),
+        joint_angles(planner, contact, press),
+        joint_angles(planner, contact, (1 + plan.preload[:, None]) * press),
+    )
+
+
+def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
+    """Every step, in order; the first travel is from where the robot stands, which nobody knows here."""
+    cell, plan, at = planner.arm.cell, planned.plan, poised(planner, planned)
+    motion, lift = cell.touch, cell.lift
+    up, down = (None, None) if lift is None else (lift.up, lift.down)
+    contact = plan.contact(cell)
+    deep = contact - motion.search * plan.normal()
+    depth = np.hypot(*(forward(planner.arm.model.parameters, at.hold) - contact).T)
+    speed = np.clip(depth / _PRESS, motion.contact_speed / 20, motion.contact_speed)
+
+    def steps() -> Iterator[Step]:
+        for k, force in enumerate(plan.force.tolist()):
+            number, here = k + 1, planned.approach.tip[k]
+            way = planned.approach.select(slice(0, 1))
+            if k:
+                if lift is not None:
+                    yield Step(number, 'travel', planned.approach.tip[k - 1], at.approach[k - 1], up, motion.speed)
+                way = planned.ways.way(planned.order[k - 1], planned.order[k])
+            for tip, joints in zip(way.tip, joint_angles(planner, way), strict=True):
+                yield Step(number, 'travel', tip, joints, up, motion.speed)
+            if lift is not None:
+                yield Step(number, 'travel', here, at.approach[k], down, motion.speed)
+            yield Step(number, 'approach', deep[k], at.deep[k], down, motion.contact_speed, CONTACT * force)
+            if plan.preload[k] > 0:
+                peak = (1 + float(plan.preload[k])) * force
+                yield Step(number, 'press', contact[k], at.peak[k], down, float(speed[k]), peak)
+            yield Step(number, 'press', contact[k], at.hold[k], down, float(speed[k]), force)
+            yield Step(number, 'hold', contact[k], at.hold[k], down, 0.0)
+            yield Step(number, 'retract', here, at.approach[k], down, motion.contact_speed)
+
+    return list(steps())
+
+
+def next_files(planner: Planner, planned: PlannedTouches) -> dict[str, str]:
+    """The text of each file by its name."""
+    plan, cell, at = planned.plan, planner.arm.cell, poised(planner, planned)
+    contact, steps = plan.contact(cell), program(planner, planned)
+
+    def pairs(names: str, values: Floats) -> dict[str, list[str]]:
+        return {
+            name: [f'{value:.7f}' for value in column] for name, column in zip(names.split(), values.T, strict=True)
+        }
+
+    touches = {
+        'order': [str(k + 1) for k in range(len(plan))],
+        'object': [csv_cell(cell.discs[disc].name) for disc in plan.disc],
+        'elbow': [POSTURE_NAMES[int(side)] for side in plan.posture],
+        'angle_deg': [f'{angle:.3f}' for angle in np.degrees(plan.angle)],
+        'force_N': [f'{force:g}' for force in plan.force],
+        **pairs('x_m y_m', contact),
+        **pairs('approach_x_m approach_y_m', planned.approach.tip),
+        **pairs('q1_rad q2_rad', at.hold),
+        **pairs('approach_q1_rad approach_q2_rad', at.approach),
+        'reason': [csv_cell(reason) for reason in planned.reasons],
+    }
+    moves = {
+        'step': [str(k + 1) for k in range(len(steps))],
+        'touch': [str(step.touch) for step in steps],
+        'kind': [step.kind for step in steps],
+        **pairs('x_m y_m', np.array([step.tip for step in steps])),
+        **pairs('q1_rad q2_rad', np.array([step.joints for step in steps])),
+        'lift_m': ['' if step.lift is None else f'{step.lift:g}' for step in steps],
+        'speed_m_s': [f'{step.speed:.4g}' for step in steps],
+        'until_force_N': ['' if step.until is None else f'{step.until:g}' for step in steps],
+    }
+    remark = 'in the order of a short way; planned by scara-kinetostatic next'
+    return {
+        'next.csv': csv_lines(touches),
+        'plan.yaml': dump_plan(plan, cell, (remark,)),
+        'program.csv': csv_lines(moves),
+    }

@@ -1,0 +1,389 @@
+"""The touches to make next, and the program of the robot: what it keeps clear of, limits, order, refusals."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from benchmark.next import case, even, random_cell
+from scara_kinetostatic.calibration.tip_uncertainty import region_grid
+from scara_kinetostatic.cli.main import main
+from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.files.calibration_file import nominal_arm
+from scara_kinetostatic.files.cell_file import dump_cell
+from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Region, Uncertainty
+from scara_kinetostatic.model.kinematics import forward, inverse, wrap
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.planning.motion import LIMIT_MARGIN, Edges, Space, shortest_order
+from scara_kinetostatic.planning.next_touches import Planner
+from scara_kinetostatic.planning.prediction import Robot, tip_in_use
+from scara_kinetostatic.planning.program import program
+from scara_kinetostatic.planning.search import largest_variance
+from scara_kinetostatic.simulation.plan_file import load_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+CELL = replace(
+    PAPER_CELL,
+    limits=((-2.6, 2.6), (-2.6, 2.6)),
+    obstacles=(((0.30, 0.10), (0.50, 0.10), (0.50, 0.30)),),
+    region=Region(-0.35, 0.35, 0.2, 0.55),
+)
+NEXT = (
+    'order,object,elbow,angle_deg,force_N,x_m,y_m,approach_x_m,approach_y_m,q1_rad,q2_rad,'
+    'approach_q1_rad,approach_q2_rad,reason'
+)
+PROGRAM = 'step,touch,kind,x_m,y_m,q1_rad,q2_rad,lift_m,speed_m_s,until_force_N'
+LIFT = Lift('joint3', 0.02, 0.0)
+
+
+def planner_of(cell):
+    return Planner(nominal_arm(cell))
+
+
+def random_cells(number):
+    """Random cells, every other one with a lift."""
+    random = np.random.default_rng(5)
+    for k in range(number):
+        yield replace(random_cell(random), lift=LIFT if k % 2 else None)
+
+
+def on_line(begin, end):
+    """Places at most 1 mm apart on a straight move."""
+    count = int(np.ceil(np.hypot(*(end - begin)) / 1e-3)) + 2
+    return begin + np.linspace(0, 1, count)[:, None] * (end - begin)
+
+
+def away_from_outlines(cell, places):
+    """Distance of places from the nearest outline, m, from points 0.2 mm apart on its edges."""
+    nearest = np.full(len(places), np.inf)
+    for outline in cell.obstacles:
+        corners = np.array(outline)
+        edges = [
+            np.linspace(a, b, int(np.hypot(*(b - a)) / 2e-4) + 2)
+            for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        ]
+        points = np.concatenate(edges)
+        nearest = np.minimum(nearest, np.hypot(*(places[:, None] - points).transpose(2, 0, 1)).min(axis=1))
+    return nearest
+
+
+@pytest.mark.parametrize('number', range(8))
+def test_the_whole_program_keeps_clear_and_within_the_limits(number):
+    cell = list(random_cells(8))[number]
+    planner = planner_of(cell)
+    try:
+        planned = planner.accurate(8)
+    except UnsupportedDataError as error:
+        assert 'no touch can be reached' in str(error)
+        return
+    steps, p = program(planner, planned), cell.nominal
+    limits = np.array(cell.limits).T
+    for before, step in pairwise(steps):
+        assert ((step.joints >= limits[0]) & (step.joints <= limits[1])).all()
+        own = planned.plan.disc[step.touch - 1] if step.kind != 'travel' else None
+        raised = step.kind == 'travel' and step.lift == LIFT.up
+        sides = np.sign(np.sin([before.joints[1] + p.theta2, step.joints[1] + p.theta2]))
+        if sides[0] != sides[1]:  # through the straight arm, at one place
+            assert step.kind == 'travel'
+            np.testing.assert_allclose(step.tip, before.tip)
+            joints = before.joints + np.linspace(0, 1, 400)[:, None] * (step.joints - before.joints)
+            assert np.isclose(joints[:, 1] + p.theta2, 0, atol=0.01).any()
+            places = forward(p, joints)
+        else:
+            places = on_line(before.tip, step.tip)
+            joints = inverse(p, places, sides[0])
+            if step.kind == 'travel':
+                middle = limits.mean(axis=0)
+                joints = middle + wrap(joints - middle)
+                assert np.abs(np.diff(joints, axis=0)).max() < 0.5
+                assert (joints >= limits[0]).all()
+                assert (joints <= limits[1]).all()
+        if raised:
+            continue
+        apart = np.hypot(*(places[:, None] - cell.centers).transpose(2, 0, 1)) - cell.radii
+        if own is not None:
+            apart[:, own] = np.inf
+        assert apart.min() >= planner.space.clearance - 1e-6
+        assert away_from_outlines(cell, places).min() >= planner.space.clearance - 2e-4
+
+
+@pytest.mark.parametrize('lift', [None, LIFT])
+def test_the_steps_of_every_touch_are_in_order(lift):
+    cell = replace(CELL, lift=lift, touch=CELL.touch._replace(speed=0.3))
+    planner = planner_of(cell)
+    planned = planner.accurate(9)
+    steps = program(planner, planned)
+    assert [step.touch for step in steps] == sorted(step.touch for step in steps)
+    for number, (force, preload) in enumerate(zip(planned.plan.force, planned.plan.preload, strict=True), 1):
+        own = [step for step in steps if step.touch == number]
+        kinds = [step.kind for step in own]
+        acting = ['approach', *['press'] * (1 + (preload > 0)), 'hold', 'retract']
+        travels = len(kinds) - len(acting)
+        assert kinds == ['travel'] * travels + acting
+        assert travels >= 1
+        np.testing.assert_allclose(own[travels - 1].tip, own[-1].tip)
+        presses = [step.until for step in own if step.kind == 'press']
+        assert presses == ([1.3 * force, force] if preload else [force])
+        assert max(presses) <= cell.touch.max_force
+        assert {step.speed for step in own if step.kind == 'travel'} == {0.3}
+        assert all(step.speed <= cell.touch.contact_speed for step in own[travels:])
+        if lift:
+            assert [step.lift for step in own] == [0.02] * (travels - 1) + [0.0] * (len(own) - travels + 1)
+        else:
+            assert {step.lift for step in own} == {None}
+
+
+def test_the_tip_reaches_the_disc_under_the_force_as_the_model_has_it():
+    planner = planner_of(CELL)
+    planned = planner.accurate(6)
+    touches = simulate_touches(CELL, CELL.nominal, planned.plan, replace(PAPER_CELL).noise.scaled(0.0))
+    holds = [step.joints for step in program(planner, planned) if step.kind == 'hold']
+    np.testing.assert_allclose(wrap(holds - touches.joints), 0, atol=1e-6)
+
+
+def places_of(planner, plan):
+    """Numbers of a plan's touches among the candidates."""
+    every = planner.candidates.plan
+    names = ('disc', 'angle', 'posture', 'force', 'preload')
+    rows = np.stack([getattr(every, name) for name in names], axis=-1)
+    wanted = np.stack([getattr(plan, name) for name in names], axis=-1)
+    return [int(np.flatnonzero((rows == row).all(axis=1))[0]) for row in wanted]
+
+
+def test_chosen_touches_are_better_than_even_ones_and_exchanges_do_not_harm():
+    planner = planner_of(CELL)
+    candidates = planner.candidates
+    planned = planner.accurate(12)
+    assert len(planned.plan) == 12
+    chosen = places_of(planner, planned.plan)
+    assert len(set(chosen)) == 12
+    spread = np.linspace(0, len(candidates.plan) - 1, 12).astype(int).tolist()
+    assert largest_variance(candidates, chosen) < largest_variance(candidates, spread)
+
+
+def test_the_mean_variance_is_that_of_the_tip_over_the_region():
+    planner = planner_of(CELL)
+    tip = tip_in_use(planner.robot, 40.0)
+    candidates = planner.candidates
+    chosen = [3, 50, 200, 300, 400, 500, 77, 123]
+    inverse_of = np.linalg.inv(candidates.information_of(chosen))
+    from scara_kinetostatic.planning.candidates import declared_rows
+
+    scales = declared_rows(planner.robot)[0]
+    covariance = scales[:, None] * inverse_of * scales
+    variance = np.einsum('gdik,kl,gdil->gd', tip.derivative, covariance, tip.derivative, optimize=True)
+    assert largest_variance(candidates, chosen) == pytest.approx(float(variance.mean(axis=1) @ tip.weight))
+
+
+def test_the_tip_in_use_agrees_with_differences_of_the_model():
+    robot = Robot.of(CELL, PAPER_ACTUAL)
+    tip = tip_in_use(robot, 30.0, 5, 4)
+    turns = np.pi / 4 + np.pi / 2 * np.arange(4)
+    force = np.concatenate([np.zeros((1, 2)), 30 * np.stack([np.cos(turns), np.sin(turns)], axis=-1)])
+    _, _, grid, reached = region_grid(PAPER_ACTUAL, CELL.region, 5)
+    places = np.repeat(grid[reached], 5, axis=0)
+    load, joints = np.tile(force, (len(places) // 5, 1)), inverse(PAPER_ACTUAL, places, 1)
+    for k, name in enumerate(NAMES):
+        value, step = getattr(PAPER_ACTUAL, name), 1e-7
+        up, down = (
+            direct_kinetostatics(PAPER_ACTUAL.replace(**{name: value + sign * step}), joints, load)[0]
+            for sign in (1, -1)
+        )
+        expected = ((up - down) / (2 * step)).reshape(-1, 5, 2)
+        close = 1e-4 * (1 + abs(expected).max())
+        np.testing.assert_allclose(tip.derivative[: len(expected), :, :, k], expected, atol=close)
+
+
+def test_touches_made_count():
+    planner = planner_of(CELL)
+    first = planner.accurate(12)
+    touches = simulate_touches(CELL, PAPER_ACTUAL, first.plan, seed=1)
+    later = Planner(planner.arm, touches=touches)
+    assert later.accurate(6).uncertainty.planned < first.uncertainty.planned
+    made = places_of(planner, first.plan)
+    assert largest_variance(later.candidates, []) < 1.5 * largest_variance(planner.candidates, made)
+
+
+@pytest.mark.parametrize('label', ['encoder_gain[joint2]', 'base_compliance'])
+def test_what_is_suspected_counts_in_the_choice(label):
+    plain, suspicious = planner_of(CELL), Planner(nominal_arm(CELL), suspected=frozenset({label}))
+    chosen = [places_of(planner, planner.accurate(18).plan) for planner in (plain, suspicious)]
+    values = [largest_variance(suspicious.candidates, some) for some in chosen]
+    assert values[1] < 0.98 * values[0]
+
+
+def test_preloads_are_planned_where_they_show_friction_in_the_joints():
+    joints = frozenset({'joint_hysteresis[joint1]', 'joint_hysteresis[joint2]'})
+    planner = Planner(nominal_arm(CELL), suspected=joints)
+    plan = planner.accurate(18).plan
+    plain = replace(plan, preload=np.zeros(18))
+    values = [largest_variance(planner.candidates, places_of(planner, some)) for some in (plan, plain)]
+    assert 4 <= (plan.preload > 0).sum() <= 14
+    assert values[0] < 0.7 * values[1]
+
+
+def test_distances_of_moves_from_edges():
+    edges = Edges(np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([0.1, 0.2]))
+    a, b = np.array([[0.5, 0.0], [-0.5, 0.5], [0.5, 2.0]]), np.array([[0.5, 1.0], [0.5, 0.5], [0.5, 3.0]])
+    expected = [
+        [0.4, np.hypot(0.5, 0.0) - 0.2],
+        [-0.1, np.hypot(0.5, 0.5) - 0.2],
+        [np.hypot(0.5, 1) - 0.1, np.hypot(0.5, 1) - 0.2],
+    ]
+    np.testing.assert_allclose(edges.distance(a, b), expected)
+
+
+def test_the_shortest_order_is_that_of_a_line():
+    places = np.random.default_rng(2).permutation(9).astype(float)
+    order = shortest_order(np.abs(places[:, None] - places))
+    assert list(places[order]) in ([*range(9)], [*range(8, -1, -1)])
+    assert shortest_order(np.abs(places[:, None] - places), first=4)[0] == 4
+
+
+def test_limits_are_needed_and_kept_with_a_margin():
+    with pytest.raises(CellError, match=r'robot\.limits: the limits of the joints are missing'):
+        Space(PAPER_CELL, PAPER_NOMINAL, 0.012)
+    assert planner_of(CELL).space.limits[0] == pytest.approx(-2.6 + LIMIT_MARGIN)
+
+
+@pytest.fixture
+def cell_file(tmp_path):
+    def write(cell=CELL, text=lambda text: text):
+        path = tmp_path / 'cell.yaml'
+        path.write_text(text(dump_cell(cell)))
+        return path
+
+    return write
+
+
+def rows_of(path):
+    with path.open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_first_touches_then_more_until_it_is_enough(tmp_path, cell_file, capsys):
+    cell = cell_file(replace(CELL, tolerance=6e-5))
+    assert main(['next', '--cell', str(cell), '--out', str(tmp_path / 'first')]) == 0
+    folder = tmp_path / 'first'
+    assert sorted(path.name for path in folder.iterdir()) == ['next.csv', 'plan.yaml', 'program.csv']
+    assert (folder / 'next.csv').read_text().splitlines()[0] == NEXT
+    assert (folder / 'program.csv').read_text().splitlines()[0] == PROGRAM
+    touches, steps = rows_of(folder / 'next.csv'), rows_of(folder / 'program.csv')
+    assert [row['order'] for row in touches] == [str(k) for k in range(1, 13)]
+    assert [row['step'] for row in steps] == [str(k + 1) for k in range(len(steps))]
+    assert {row['kind'] for row in steps} == {'travel', 'approach', 'press', 'hold', 'retract'}
+    assert 'predicted' in capsys.readouterr().out
+
+    plan = load_plan(folder / 'plan.yaml', CELL)
+    for row, force in zip(touches, plan.force, strict=True):
+        assert float(row['force_N']) == force
+    bags = []
+    for number in range(4):
+        bag = tmp_path / f'bag{number}'
+        bags.append(str(bag))
+        name = 'first' if number == 0 else f'more{number}'
+        plan_file = str(tmp_path / name / 'plan.yaml')
+        assert (
+            main(['simulate', '--cell', str(cell), '--plan', plan_file, '--seed', str(number), '--out', str(bag)]) == 0
+        )
+        capsys.readouterr()
+        out = tmp_path / f'more{number + 1}'
+        assert main(['next', *bags, '--cell', str(cell), '--out', str(out)]) == 0
+        said = capsys.readouterr().out
+        if said.startswith('enough: the expanded uncertainty of the tip is at most'):
+            assert not out.exists()
+            break
+        assert 'now ' in said
+    else:
+        pytest.fail('not enough after 48 touches')
+    assert main(['next', *bags, '--cell', str(cell), '--touches', '3', '--out', str(tmp_path / 'three')]) == 0
+    assert len(rows_of(tmp_path / 'three' / 'next.csv')) == 3
+
+
+def test_a_calibration_stands_for_its_recordings(tmp_path, cell_file, capsys):
+    cell = cell_file()
+    assert main(['simulate', '--cell', str(cell), '--out', str(tmp_path / 'bag')]) == 0
+    assert main(['calibrate', str(tmp_path / 'bag'), '--cell', str(cell), '--out', str(tmp_path / 'result')]) == 0
+    result = str(tmp_path / 'result' / 'calibration.json')
+    out = [str(tmp_path / name) for name in ('one', 'two')]
+    assert main(['next', '--cell', str(cell), '--calibration', result, '--touches', '4', '--out', out[0]]) == 0
+    bag = str(tmp_path / 'bag')
+    assert main(['next', bag, '--cell', str(cell), '--calibration', result, '--touches', '4', '--out', out[1]]) == 0
+    one, two = (rows_of(tmp_path / name / 'next.csv') for name in ('one', 'two'))
+    assert one == two
+    capsys.readouterr()
+    assert main(['next', bag, '--cell', str(cell), '--goal', 'decide', '--out', out[0]]) == 3
+    assert 'nothing is to be decided' in capsys.readouterr().err
+
+
+def test_touches_that_decide_between_rivals(tmp_path, cell_file, capsys):
+    cell, bag = cell_file(), str(tmp_path / 'bag')
+    moved = ['--per-disc', '4', '--effect', 'object_position[disc_2]:x=1.1e-4,y=0']
+    assert main(['simulate', '--cell', str(cell), *moved, '--out', bag]) == 0
+    out = tmp_path / 'decide'
+    decide = ['next', bag, '--cell', str(cell), '--goal', 'decide', '--touches', '5']
+    assert main([*decide, '--out', str(out)]) == 0
+    rows = rows_of(out / 'next.csv')
+    assert len(rows) == 5
+    assert all(row['reason'].startswith('predictions differ by ') for row in rows)
+    capsys.readouterr()
+    weak = cell_file(replace(CELL, touch=CELL.touch._replace(force=(3.0, 5.0), max_force=6.0)))
+    decide[3] = str(weak)
+    assert main([*decide, '--out', str(tmp_path / 'weak')]) == 3
+    assert 'no touch that decides can be reached: ' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('change', 'status', 'message'),
+    [
+        ({'limits': None}, 2, 'robot.limits: the limits of the joints are missing'),
+        ({'limits': ((-2.6, -2.5), (-2.6, 2.6))}, 3, 'no touch can be reached: '),
+        ({'tolerance': 3e-6}, 3, '200 more touches leave the tip an expanded uncertainty of '),
+        (
+            {'tolerance': 1e-5, 'uncertainty': Uncertainty(radius=2e-5, force_rotation=2e-3)},
+            3,
+            '200 more touches leave the tip an expanded uncertainty of ',
+        ),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(change, status, message, tmp_path, cell_file, capsys):
+    cell = cell_file(replace(CELL, **change))
+    assert main(['next', '--cell', str(cell), '--out', str(tmp_path / 'out')]) == status
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1
+    assert message in said
+    assert not (tmp_path / 'out').exists()
+
+
+def test_what_limits_is_named(tmp_path, cell_file, capsys):
+    uncertain = tuple(disc._replace(center_std=1e-4) for disc in CELL.discs)
+    cell = cell_file(replace(CELL, discs=uncertain, tolerance=3e-5))
+    assert main(['next', '--cell', str(cell), '--out', str(tmp_path / 'out')]) == 3
+    assert 'the places of the discs makes' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('verb', ['compensate', 'locate'])
+def test_a_cell_description_stands_for_the_nominal_arm(verb, tmp_path, cell_file, capsys):
+    cell, table, out = cell_file(), tmp_path / 'table.csv', tmp_path / 'out.csv'
+    poses, states = 'x_m,y_m,fx_N,fy_N\n0.3,0.2,10,25\n', 'q1_rad,q2_rad,fx_N,fy_N\n0.8,2.1,-20,0\n'
+    table.write_text(poses if verb == 'compensate' else states)
+    assert main([verb, str(cell), str(table), '--out', str(out)]) == 0
+    (row,) = rows_of(out)
+    assert row['status'] == 'ok'
+    names = ('std_normal_m',) if verb == 'compensate' else ('std_x_m', 'std_y_m')
+    assert {row[name] for name in names} == {'nan'}
+    place = float(row['q1_rad']), float(row['q2_rad'])
+    tip = forward(CELL.nominal, np.array([place]))[0]
+    wanted = (0.3, 0.2) if verb == 'compensate' else (float(row['x_m']), float(row['y_m']))
+    np.testing.assert_allclose(tip, wanted, atol=1e-3)
+
+
+def test_the_benchmark_compares_equal_numbers_of_touches():
+    one = case(0)
+    assert len(even(one, 12, 0.5)) == 12
+    assert one.expanded(even(one, 24, 0.5)) < one.expanded(even(one, 12, 0.5))
