@@ -32,9 +32,10 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     if d.verdict != 'ambiguous':
         return
     groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
+    what = 'a model error was corrected; its' if d.extended else 'a model error was found, and not corrected; its'
     yield Remark(
         Grade.CAUTION,
-        f'the cause of a model error is not determined: {groups}; the parameters that are determined and their '
+        f'{what} cause is not determined: {groups}; the parameters that are determined and their '
         'uncertainties hold whichever it is, the effects do not',
         tolerance.to_discriminate(d),
     )
@@ -106,10 +107,10 @@ def unexplained(evidence: Evidence) -> Iterator[Remark]:
             'look in the report at what the residuals depend on, mend it, and record again',
         )
     elif curves:
-        held = ', '.join(evidence.calibration.fixed)
+        held, done = ', '.join(evidence.calibration.fixed), 'corrected' if d.extended else 'described'
         yield Remark(
             Grade.CAUTION,
-            f'a model error of unknown cause is described by a fitted curve ({curves[0].description}): it holds where '
+            f'a model error of unknown cause is {done} by a fitted curve ({curves[0].description}): it holds where '
             'the touches are, and may not elsewhere',
             f'estimate {held} as well: a wrong value looks like this'
             if held
@@ -175,7 +176,7 @@ def held_out(evidence: Evidence) -> Iterator[Remark]:
 
 def left_out(evidence: Evidence) -> Iterator[Remark]:
     """Objects that the fit has not seen, where the tip is off by much more than is stated."""
-    ratio = evidence.object_left_out
+    ratio = evidence.object_left_out if evidence.final.cell.uncertainty.effects.in_use else 0.0
     if ratio > LIMITS.left_out:
         yield Remark(
             Grade.CAUTION,
@@ -393,8 +394,6 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     if c.fixed:
         yield f'held at given values, which count as exact: {", ".join(c.fixed)}'
     yield from tolerance.kept(evidence)
-    if not c.undetected:
-        yield 'undetected effects count as absent (uncertainty.effects): the uncertainties are those of a perfect arm'
     missing = []
     if DeclaredErrors.of(c.cell) is None:
         missing.append('no uncertainties (discs, radii and sensor count as exact)')

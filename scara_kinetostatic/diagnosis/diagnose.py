@@ -212,7 +212,8 @@ def _examine(c: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagn
     if found is None or is_weak:
         ranking = _ranking(Search(problem, rank_singles(problem, candidate_set), None), c)
         evidence = advice.weak_evidence(p_value, fit.dependences) if is_weak else ''
-        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=evidence)
+        text = advice.joined(evidence, advice.detection_limit(c, ranking))
+        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=text)
     if found.extended is not None:
         return _with_extended_model(c, p_value, fit.dependences, found, found.extended, known, effort)
     return Diagnosis(

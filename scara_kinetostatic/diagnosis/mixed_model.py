@@ -75,7 +75,7 @@ def with_undetected(c: Calibration, known: Sequence[Effect]) -> Calibration:
         known: the catalogue.
     """
     declared = c.cell.uncertainty.effects
-    if declared.sizes is SizeMode.NONE and not any(declared.stated.values()):
+    if not declared.in_use:
         return c
     problem = pose_problem(c)
     random = _random_effects(problem, c, known, declared)

@@ -40,6 +40,7 @@ from scara_kinetostatic.model.cell import (
     Plate,
     Region,
     Sensor,
+    SizeMode,
     TouchMotion,
     Uncertainty,
     layout_problems,
@@ -431,7 +432,10 @@ def _effects(top: Section, cell: Cell) -> EffectSizes:
     inner = section.section('effects', (), ('sizes', 'arm', *known))
     largest = {name: Within(0.0, known[name].parameters[0].scale) for name in inner.data if name in known}
     stated = {name: inner.number(name, '', limit) for name, limit in largest.items()}
-    return EffectSizes(inner.choice('sizes', usual.sizes), inner.choice('arm', usual.arm), stated)
+    sizes, arm = inner.choice('sizes', usual.sizes), inner.choice('arm', usual.arm)
+    if 'arm' in inner.data and sizes is SizeMode.NONE:
+        raise inner.error('arm', 'has no meaning without sizes', 'add sizes: estimated, or typical')
+    return EffectSizes(sizes, arm, stated)
 
 
 def _noise(top: Section) -> Noise | None:

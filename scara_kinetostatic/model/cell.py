@@ -304,9 +304,14 @@ class EffectSizes(NamedTuple):
         stated: standard deviations that are known, by label or name of the effect, in the unit of its parameters.
     """
 
-    sizes: SizeMode = SizeMode.ESTIMATED
+    sizes: SizeMode = SizeMode.NONE
     arm: ArmClass = ArmClass.INDUSTRIAL
     stated: Mapping[str, float] = MappingProxyType({})
+
+    @property
+    def in_use(self) -> bool:
+        """Whether there are any: without them the uncertainties are those of noise and of what is declared."""
+        return self.sizes is not SizeMode.NONE or any(self.stated.values())
 
 
 class Region(NamedTuple):

@@ -94,13 +94,13 @@ class CalibrationRecord:
 
     def without_undetected(self) -> CalibrationRecord:
         """The same without what undetected effects contribute: the robot has them at every calibration."""
-        model = self.arm.model
-        if len(self.arm.effects) == len(model.effects):
+        model, part = self.arm.model, self.document['covariance_with_cell'].get('undetected')
+        if part is None:
             return self
         every, model = len(model.names), model.with_effects(self.arm.effects)
         size, kept = len(model.names), np.array([k >= every or n in model.names for k, n in enumerate(self.names)])
         covariance = self.covariance[np.ix_(kept, kept)]
-        covariance[:size, :size] -= stored_numbers(self.document['covariance_with_cell']['undetected'], (size, size))
+        covariance[:size, :size] -= stored_numbers(part, (size, size))
         undetermined = self.arm.undetermined[kept[:every]]
         arm = replace(self.arm, model=model, covariance=covariance[:size, :size], undetermined=undetermined)
         names = tuple(name for name, keep in zip(self.names, kept, strict=True) if keep)

@@ -158,7 +158,8 @@ def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
 def _covariance_with_cell(c: Calibration) -> Document:
     """What a later prediction needs: all values of the model and the errors of the cell description, SI units."""
     names, values, matrix = joint_covariance(c)
-    return {'names': names, 'values': values, 'matrix': matrix, 'undetected': undetected_covariance(c)}
+    undetected = {'undetected': undetected_covariance(c)} if c.cell.uncertainty.effects.in_use else {}
+    return {'names': names, 'values': values, 'matrix': matrix, **undetected}
 
 
 def _touches(outcome: Outcome) -> Document:

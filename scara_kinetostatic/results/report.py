@@ -11,6 +11,7 @@ import numpy as np
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.tolerance import stated_conformity
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.effects.registry import catalogue
@@ -63,7 +64,8 @@ def text_report(outcome: Outcome) -> str:
         tables.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
     ]
-    if len(outcome.budget) > 1 or c.cell.tolerance is not None:
+    sources = DeclaredErrors.of(c.cell) is not None or c.cell.uncertainty.effects.in_use
+    if sources or c.cell.tolerance is not None:
         blocks += [' '.join(messages.tip_sentences(outcome)), tables.tip_budget(outcome, most=5)]
     if outcome.rejected:
         lines = _rejections(outcome)
@@ -310,10 +312,16 @@ def _candidates(outcome: Outcome) -> Section | None:
 def _limits(outcome: Outcome, extended: bool) -> Section:
     d = outcome.diagnosis
     depends = tables.dependence_table(d.remaining if extended else d.dependences)
-    unidentifiable = tables.unidentifiable_table(d)
+    limits, unidentifiable = tables.limit_table(outcome), tables.unidentifiable_table(d)
     blocks: list[Block] = []
     if depends is not None:
         blocks += [*(['Residual of the extended model:'] if extended else []), depends]
+    if limits is not None:
+        blocks += [
+            'Detection limits: an effect just too small to be detected could bias one of the parameters by more than '
+            'its standard deviation.',
+            limits,
+        ]
     if unidentifiable is not None:
         blocks += [f'Effects that these touches cannot identify: {len(unidentifiable.rows)}', unidentifiable]
     return Section('Limits of this diagnosis', tuple(blocks or ['None among the effects of the list.']), folded=True)

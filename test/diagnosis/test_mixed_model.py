@@ -17,7 +17,7 @@ from scara_kinetostatic.diagnosis.mixed_model import with_undetected
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.model.arm import Predictor
-from scara_kinetostatic.model.cell import PAPER_DISCS, ArmClass, Cell, EffectSizes, Noise, SizeMode
+from scara_kinetostatic.model.cell import PAPER_DISCS, ArmClass, Cell, EffectSizes, Noise, SizeMode, Uncertainty
 from scara_kinetostatic.model.parameters import NAMES, P2, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.monitoring.comparison import compare
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -26,7 +26,12 @@ from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+CELL = Cell(
+    PAPER_NOMINAL,
+    PAPER_DISCS,
+    noise=Noise(joint=1e-5, force=0.3),
+    uncertainty=Uncertainty(effects=EffectSizes(SizeMode.ESTIMATED)),
+)
 TOUCHES = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12, preload=0.3), seed=4)
 
 

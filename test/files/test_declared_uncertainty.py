@@ -107,7 +107,7 @@ def test_a_cell_made_in_python_is_checked_alike() -> None:
     [
         ('none', EffectSizes(SizeMode.NONE)),
         ('typical', EffectSizes(SizeMode.TYPICAL)),
-        ('{arm: desktop}', EffectSizes(arm=ArmClass.DESKTOP)),
+        ('{sizes: estimated, arm: desktop}', EffectSizes(SizeMode.ESTIMATED, ArmClass.DESKTOP)),
         (
             '{sizes: typical, arm: printed, base_compliance: 2.0e-7, "transmission_error[joint1]": 0}',
             EffectSizes(
@@ -126,7 +126,11 @@ def test_sizes_of_undetected_effects(text: str, sizes: EffectSizes) -> None:
     ('text', 'message'),
     [
         ('large', "uncertainty.effects: expected estimated or typical or none, got 'large'"),
-        ('{arm: wooden}', "uncertainty.effects.arm: expected industrial or desktop or printed, got 'wooden'"),
+        ('{arm: desktop}', 'uncertainty.effects.arm: has no meaning without sizes'),
+        (
+            '{sizes: typical, arm: wooden}',
+            "uncertainty.effects.arm: expected industrial or desktop or printed, got 'wooden'",
+        ),
         (
             '{base_complience: 1e-7}',
             "uncertainty.effects: unknown key 'base_complience'; did you mean 'base_compliance'?",

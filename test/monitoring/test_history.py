@@ -237,15 +237,13 @@ def test_processes_give_the_same_results(recordings: Path, tmp_path: Path) -> No
         tasks = tasks_of(paths, recordings / 'cell.yaml', out, report=False)
         assert [done.problem for done in in_processes(tasks, number)] == ['']
         found.append([parameters(task.folder) for task in tasks])
-    assert found[0] == [pytest.approx(each, rel=1e-9, abs=1e-15) for each in found[1]]  # BLAS rounds by its threads
+    assert found[0] == found[1]
     with pytest.raises(InputError, match='has the name of'):
         tasks_of([Path('a/x.mcap'), Path('b/x.mcap')], None, tmp_path)
 
 
-def parameters(folder: str) -> dict[str, float]:
-    """Value and uncertainties of each parameter."""
-    rows = json.loads((Path(folder) / 'calibration.json').read_text())['parameters']
-    return {f'{name}.{key}': row[key] for name, row in rows.items() for key in ('value', 'std', 'std_noise')}
+def parameters(folder: str) -> object:
+    return json.loads((Path(folder) / 'calibration.json').read_text())['parameters']
 
 
 def test_a_cluster_gives_the_same_results(recordings: Path, tmp_path: Path) -> None:
@@ -258,4 +256,4 @@ def test_a_cluster_gives_the_same_results(recordings: Path, tmp_path: Path) -> N
         cluster.scale(1)
         assert [done.problem for done in on_cluster(tasks, cluster.scheduler_address)] == ['']
     (here,) = in_processes(tasks_of(paths, cell, tmp_path / 'here', report=False), 1)
-    assert parameters(tasks[0].folder) == pytest.approx(parameters(here.task.folder), rel=1e-9, abs=1e-15)
+    assert parameters(tasks[0].folder) == parameters(here.task.folder)
