@@ -50,7 +50,7 @@ def _value(**field: Any) -> ParameterValue:
 
 
 TEXTS = (
-    '', 'x' * 300, 'x' * 100_000, '/' * 5000 + 'proc', '/proc/self/mem', '/dev/full', '/dev/null/a', '/root/../proc/1',
+    '', 'x' * 300, 'x' * 100_000, '/' * 5000 + 'proc', '/proc/self/mem', '/dev/full', '/dev/null/a', '/usr/../proc/1',
     '~nobody_there', 'a\x00b', 'a\nb', '\u202e', '../' * 200 + 'proc/x', '$(touch canary)', '{}', '//proc/share',
     '/proc', '%s%n', '\U0001f600' * 80, '-',
 )  # fmt: skip
