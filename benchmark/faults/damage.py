@@ -36,7 +36,7 @@ Damage = Callable[[bytearray, bytes, random.Random], None]
 
 
 def mutated(content: bytes, other: bytes, rng: random.Random) -> bytes:
-    """The bytes of a file with one to three kinds of damage; never as they were.
+    """The bytes of a file with one to three kinds of damage; never as they were, unless empty.
 
     Args:
         content: the file.
@@ -44,7 +44,7 @@ def mutated(content: bytes, other: bytes, rng: random.Random) -> bytes:
         rng: chooses the damage.
     """
     data = bytearray(content)
-    while data == content:
+    while content and data == content:
         for _ in range(rng.choice((1, 1, 1, 2, 3))):
             if data:
                 rng.choice(DAMAGES)(data, other, rng)
