@@ -47,6 +47,7 @@ ARGUMENTS = {
     'noise': '--number 1',
     'peers': '--touches 36 --contenders package minimisation scipy',
     'pictures': '--out {folder} --first 1',
+    'population': '--robots 1 --sizes 1 --kind all --cell paper --jobs 1',
     'reading': '--seconds 10 --rate 100',
     'recordings': '--number 2',
     'statistics': '--runs 10',

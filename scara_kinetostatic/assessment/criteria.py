@@ -32,10 +32,11 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     if d.verdict != 'ambiguous':
         return
     groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
+    what = 'a model error was corrected; its' if d.extended else 'a model error was found, and not corrected; its'
     yield Remark(
         Grade.CAUTION,
-        f'a model error was corrected; its cause is not determined: {groups}; the parameters that are determined and '
-        'their uncertainties hold whichever it is, the effects do not',
+        f'{what} cause is not determined: {groups}; the parameters that are determined and their '
+        'uncertainties hold whichever it is, the effects do not',
         tolerance.to_discriminate(d),
     )
 
@@ -51,7 +52,7 @@ def shifted(evidence: Evidence) -> Iterator[Remark]:
     """Something that shifted at a moment: corrected, but a cell in which things move."""
     for item in evidence.diagnosis.found:
         effect, values = item.effect, {value.name: value.value for value in item.values}
-        if not (effect.is_stepwise and item.in_every_model):
+        if not (effect.is_stepwise and item.in_every_model and evidence.diagnosis.extended):
             continue
         moment = _moment(evidence.final, values.get('moment', np.nan), effect)
         moment += '' if evidence.sequence_known else ', in the order given, as that in time is not known'
@@ -101,15 +102,15 @@ def unexplained(evidence: Evidence) -> Iterator[Remark]:
         yield Remark(
             Grade.CAUTION if small else Grade.UNFIT,
             f'a model error is not explained; the residual is correlated with: {largest.name}; the touches are '
-            f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties do '
-            'not cover its bias',
+            f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties '
+            + ('contain it as undetected effects only' if c.undetected else 'do not cover its bias'),
             'look in the report at what the residuals depend on, mend it, and record again',
         )
     elif curves:
-        held = ', '.join(evidence.calibration.fixed)
+        held, done = ', '.join(evidence.calibration.fixed), 'corrected' if d.extended else 'described'
         yield Remark(
             Grade.CAUTION,
-            f'a model error of unknown cause is corrected by a fitted curve ({curves[0].description}): it holds where '
+            f'a model error of unknown cause is {done} by a fitted curve ({curves[0].description}): it holds where '
             'the touches are, and may not elsewhere',
             f'estimate {held} as well: a wrong value looks like this'
             if held
@@ -171,6 +172,17 @@ def held_out(evidence: Evidence) -> Iterator[Remark]:
         f'seen with {errors.force_error:.2g} N',
         MORE_TOUCHES,
     )
+
+
+def left_out(evidence: Evidence) -> Iterator[Remark]:
+    """Objects that the fit has not seen, where the tip is off by much more than is stated."""
+    ratio = evidence.object_left_out if evidence.final.cell.uncertainty.effects.in_use else 0.0
+    if ratio > LIMITS.left_out:
+        yield Remark(
+            Grade.CAUTION,
+            f'at each object, predicted without its touches, the tip is off by {ratio:.2g} times what is stated there',
+            'measure the places of the objects again, and declare how well they are known; touch more objects',
+        )
 
 
 def leverage(evidence: Evidence) -> Iterator[Remark]:
@@ -332,6 +344,7 @@ CRITERIA: tuple[Callable[[Evidence], Iterator[Remark]], ...] = (
     undetermined,
     rejections.rejected,
     held_out,
+    left_out,
     leverage,
     freedoms,
     unexplained,
@@ -362,7 +375,12 @@ def assess(evidence: Evidence) -> Assessment:
         )
         remarks = [Remark(Grade.FIT, reason)]
     for item in evidence.diagnosis.found:  # what stands in the cell description is to be corrected there as well
-        if item.in_every_model and item.effect.is_physical and not item.effect.is_stepwise:
+        if (
+            item.in_every_model
+            and item.effect.is_physical
+            and not item.effect.is_stepwise
+            and evidence.diagnosis.extended
+        ):
             values = {value.name: value.value for value in item.values}
             known = bool(values) and bool(np.isfinite(list(values.values())).all())
             action = item.effect.correction(values) if known else ''

@@ -38,7 +38,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import (
     workspace,
 )
 from scara_kinetostatic.calibration.uncertainty_budget import Improvement, Item, improvements, uncertainty_budget
-from scara_kinetostatic.diagnosis.comparison import Comparison, compare
+from scara_kinetostatic.diagnosis.comparison import Comparison, compare, objects_left_out
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.arrays import Floats, read_only
@@ -186,6 +186,12 @@ class Evidence:
     def tip_uncertainty(self) -> TipUncertainty:
         """Expanded uncertainty of the tip over the workspace."""
         return tip_uncertainty(self.final, self.workspace)
+
+    @cached_property
+    def object_left_out(self) -> float:
+        """Error of the tip at objects left out of the fit, over what is stated; NaN where that is not determined."""
+        found = objects_left_out(self.final)
+        return found.error / found.stated
 
     @cached_property
     def budget(self) -> tuple[Item, ...]:

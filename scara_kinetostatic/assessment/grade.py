@@ -97,6 +97,10 @@ class Limits:
     """
     held_out_unfit: float = 6.0
     """The same above which the result is unfit. Source: twice the former."""
+    left_out: float = 2.0
+    """Error of the tip at objects left out of the fit over what is stated, above which the stated uncertainty is
+    doubtful: caution. Source: convention, a factor of two.
+    """
     negative: float = 4.0
     """Standard uncertainties below zero beyond which a compliance or backlash is negative: unfit. Source: of the six,
     none of which is below zero in truth, one then is in two of ten thousand calibrations at most; with estimated noise

@@ -39,6 +39,7 @@ from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termina
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import Floats, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
@@ -80,10 +81,10 @@ class Calibration:
         subspace: the changes of the model that the fit could make: without what is fixed or unidentifiable.
         start: the model where the fit began: nominal values, fixed parameters at theirs, effects at their start values.
         model: the calibrated model.
-        covariance: of all values of the model, (12 + k, 12 + k), in their units and in the order of `model.names`;
-            zero rows where fixed, not meaningful where confounded.
+        covariance: of all values of `full_model`, (12 + k + u, 12 + k + u), in their units and in the order of its
+            names; zero rows where fixed, not meaningful where confounded.
         covariance_with_errors: of all values of the model and the declared errors, (12 + k + m, 12 + k + m), without
-            that of credible rival models; the errors in units of their standard uncertainties.
+            that of credible rival models and undetected effects; the errors in units of their standard uncertainties.
         std: standard uncertainties of L̄, (12,): 0 where fixed, NaN where confounded.
         effect_std: the same of the effects' parameters, (k,).
         errors: estimates of the declared errors of the cell, in units of their standard uncertainties, (m,).
@@ -103,6 +104,7 @@ class Calibration:
         iterations: solver steps, all stages together.
         termination: how the last stage ended.
         history: cost after each step of the last stage.
+        undetected: what undetected effects of the robot may be there, as effects with u parameters, all of value zero.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -139,6 +141,7 @@ class Calibration:
     iterations: int
     termination: Termination
     history: tuple[float, ...]
+    undetected: tuple[EffectLaw, ...] = ()
 
     def __post_init__(self) -> None:
         covariances = ('covariance', 'covariance_with_errors')
@@ -167,6 +170,11 @@ class Calibration:
     def parameters(self) -> Parameters:
         """L̄."""
         return self.model.parameters
+
+    @property
+    def full_model(self) -> ExtendedModel:
+        """The model with the undetected effects."""
+        return self.model.with_effects((*self.model.effects, *self.undetected)) if self.undetected else self.model
 
     @property
     def status(self) -> dict[str, str]:
@@ -228,16 +236,16 @@ class Calibration:
 
     @cached_property
     def undetermined(self) -> Floats:
-        """Directions of the free values that the fit kept where they were, each by its plausible range, (12 + k, u)."""
+        """Directions of the values that the fit kept where they were, each by its plausible range, one a column."""
         scales = scales_of(self.model)
         held = self.model.held.union(self.fixed)
         free = np.array([name not in held for name in self.model.names])
         basis = (self.subspace.basis / scales[:, None])[free]
         u, singular, _ = np.linalg.svd(basis, full_matrices=True)
         rank = int(np.sum(singular > 1e-9 * singular.max(initial=0.0)))  # in plausible ranges of the parameters
-        found = np.zeros((len(free), u.shape[0] - rank))
-        found[free] = u[:, rank:]
-        return read_only(np.asarray(scales[:, None] * found))
+        found = np.zeros((len(self.covariance), u.shape[0] - rank))
+        found[np.flatnonzero(free)] = scales[free, None] * u[:, rank:]
+        return read_only(found)
 
     @property
     def arm(self) -> CalibratedArm:
@@ -247,7 +255,7 @@ class Calibration:
         declared = DeclaredErrors.of(self.cell)
         return CalibratedArm(
             cell=self.cell,
-            model=self.model,
+            model=self.full_model,
             covariance=np.array(self.covariance),
             undetermined=self.undetermined,
             noise=self.noise,
@@ -383,17 +391,19 @@ def _identifiability(
 
 ALTERNATIVES = 'alternative_models'
 """Label of what the choice among credible models contributes."""
+UNDETECTED = 'undetected'
+"""What undetected effects of a name contribute has the label ``undetected[name]``."""
 
 
 class Contribution(NamedTuple):
     """What one source of uncertainty contributes to the covariance of a fit (GUM, 5.2 and annex H).
 
     Attributes:
-        label: ``noise`` (type A), that of a declared source (type B), such as ``object_position[disc_1]``, or
-            ``alternative_models``.
+        label: ``noise`` (type A), that of a declared source (type B), such as ``object_position[disc_1]``,
+            ``alternative_models``, or ``undetected[name]`` of effects.
         declared: its declared standard uncertainty; None for noise.
         unit: of `declared`.
-        covariance: its part of the covariance of all values of the model, (12 + k, 12 + k).
+        covariance: its part of the covariance of all values, of the shape of `Calibration.covariance`.
     """
 
     label: str
@@ -470,6 +480,15 @@ def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
     return HeldOut(force_error(residual), folds)
 
 
+def undetected_covariance(c: Calibration) -> Floats:
+    """What undetected effects contribute to the covariance of the values of the model, (12 + k, 12 + k): the same
+    robot has it at every calibration.
+    """
+    size = len(c.model.names)
+    parts = [part.covariance[:size, :size] for part in c.contributions if part.label.startswith(UNDETECTED)]
+    return np.asarray(sum(parts, np.zeros((size, size))))
+
+
 class JointCovariance(NamedTuple):
     """Values of the model and errors of the cell with their covariance; SI units.
 
@@ -486,10 +505,13 @@ class JointCovariance(NamedTuple):
 
 def joint_covariance(calibration: Calibration) -> JointCovariance:
     """What a later prediction of touches on the same objects needs."""
-    c, size = calibration, len(calibration.model.names)
+    c, size, fitted = calibration, len(calibration.covariance), len(calibration.model.names)
     declared = DeclaredErrors.of(c.cell)
     names, units = (declared.names, declared.units) if declared else ((), np.zeros(0))
-    scale = np.concatenate([np.ones(size), units])
-    matrix = scale[:, None] * c.covariance_with_errors * scale
+    matrix = np.zeros((size + len(names), size + len(names)))
+    known = np.concatenate([np.arange(fitted), size + np.arange(len(names))])
+    scale = np.concatenate([np.ones(fitted), units])
+    matrix[np.ix_(known, known)] = scale[:, None] * c.covariance_with_errors * scale
     matrix[:size, :size] = c.covariance
-    return JointCovariance((*c.model.names, *names), np.concatenate([c.model.as_array(), units * c.errors]), matrix)
+    model = c.full_model
+    return JointCovariance((*model.names, *names), np.concatenate([model.as_array(), units * c.errors]), matrix)

@@ -164,9 +164,9 @@ class Workspace(NamedTuple):
 
     def std(self, covariance: Floats) -> Floats:
         """Standard uncertainty of the tip in the worst direction and under the worst force, (P,), m."""
-        return np.asarray(np.sqrt(self._variances(covariance).max(axis=1)))
+        return np.asarray(np.sqrt(self.variances(covariance).max(axis=1)))
 
-    def _variances(self, covariance: Floats) -> Floats:
+    def variances(self, covariance: Floats) -> Floats:
         """In the worst direction, place by place and force by force, (P, forces), m²; NaN where undetermined."""
         every = tip_covariance(self.derivative, covariance)
         half, off = (every[:, 0, 0] - every[:, 1, 1]) / 2, every[:, 0, 1]
@@ -174,16 +174,21 @@ class Workspace(NamedTuple):
         undetermined = self.dependent > np.sqrt(2 * mean)  # by plausible ranges more than by a standard uncertainty
         return np.where(undetermined, np.nan, mean + np.hypot(half, off)).reshape(self.places, -1)
 
-    def worst(self, covariance: Floats) -> int | None:
+    @staticmethod
+    def worst(variances: Floats) -> int | None:
         """Number of the pose with the largest variance, of the places where it is determined under all forces."""
-        variances = self._variances(covariance)
         known = np.where(np.isnan(variances).any(axis=1, keepdims=True), -1.0, variances)
         return int(np.argmax(known)) if known.max() >= 0 else None
 
 
 def tip_covariance(derivative: Floats, covariance: Floats) -> Floats:
     """J Σ Jᵀ of n poses, (n, 2, 2), m²."""
-    return np.asarray((derivative @ covariance) @ derivative.swapaxes(1, 2))
+    moved = derivative @ covariance
+    (xx, xy), yy = (
+        np.einsum('nk,nik->in', moved[:, 0], derivative),
+        np.einsum('nk,nk->n', moved[:, 1], derivative[:, 1]),
+    )
+    return np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1)
 
 
 def tip_derivative(c: Calibration, poses: Poses) -> Floats:
@@ -193,7 +198,7 @@ def tip_derivative(c: Calibration, poses: Poses) -> Floats:
     torques = joint_torques(p, links, force)
     at = LoadedJoints(torque=tuple(torques.T), sense=tuple(np.sign(torques).T))
     base = tip_by_parameters(p, links, force, c.cell.gripper.factor, at)
-    if not c.model.effects:
+    if not c.full_model.effects:
         return base
     return np.concatenate([base, _by_effects(c, poses, links, torques)], axis=-1)
 
@@ -204,7 +209,7 @@ def _by_effects(c: Calibration, poses: Poses, links: Floats, torques: Floats) ->
     metadata, turns = TouchMetadata.plain(n)._replace(posture=poses.posture), jacobian(p, links)
     at = TouchState.of_poses(p, poses.joints, poses.force, torques, link_vectors(p, links), forward(p, links), metadata)
     columns = []
-    for effect, values in zip(c.model.effects, c.model.effect_arrays, strict=True):
+    for effect, values in c.full_model.pairs:
         for shift in effect.derivative(at, values):
             column = np.zeros((n, 2))
             if shift.joints is not None:
@@ -290,12 +295,13 @@ def tip_uncertainty(c: Calibration, area: Workspace | None = None) -> TipUncerta
         area: its workspace, where there is one.
     """
     area = workspace(c) if area is None else area
-    expanded = COVERAGE_FACTOR * area.std(c.covariance)
+    variances = area.variances(c.covariance)
+    expanded = COVERAGE_FACTOR * np.sqrt(variances.max(axis=1))
     known = np.isfinite(expanded)
     return TipUncertainty(
         median=_statistic(np.median, expanded[known]),
         worst=_statistic(np.max, expanded[known]),
-        at=_worst_pose(c, area),
+        at=_worst_pose(c, area, area.worst(variances)),
         median_touched=_statistic(np.median, expanded[known & area.touched]),
         worst_touched=_statistic(np.max, expanded[known & area.touched]),
         undetermined=float(np.mean(~known)),
@@ -308,8 +314,7 @@ def _statistic(function: Callable[[Floats], Any], values: Floats) -> float:
     return float(function(values)) if len(values) else float('nan')
 
 
-def _worst_pose(c: Calibration, area: Workspace) -> WorstPose | None:
-    number = area.worst(c.covariance)
+def _worst_pose(c: Calibration, area: Workspace, number: int | None) -> WorstPose | None:
     if number is None:
         return None
     derivative = area.derivative[number]

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
-from scara_kinetostatic.calibration.result import ALTERNATIVES, Calibration
+from scara_kinetostatic.calibration.result import ALTERNATIVES, UNDETECTED, Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
     TipUncertainty,
@@ -40,6 +40,7 @@ NOISE = 'noise'
 _TITLES = {
     NOISE: 'noise of the touches',
     ALTERNATIVES: 'choice among credible models',
+    UNDETECTED: 'undetected {}',
     'object_position': 'place of {}',
     'object_radius': 'radius of {}',
     'plate_position': 'place of plate {}',
@@ -54,7 +55,8 @@ _TITLES = {
 def source_title(label: str) -> str:
     """A source in words: ``place of disc_1`` for ``object_position[disc_1]``."""
     kind, _, rest = label.partition('[')
-    return _TITLES.get(kind, label).format(rest.rstrip(']'))
+    target = rest.rstrip(']')
+    return _TITLES.get(kind, label).format(target.replace('_', ' ') if kind == UNDETECTED else target)
 
 
 class Item(NamedTuple):
@@ -193,7 +195,7 @@ def _better_known(c: Calibration, area: Workspace) -> Iterator[Improvement]:
 
 def _with_prior(c: Calibration, prior: Prior, which: Indices, ratios: Floats) -> Floats:
     """Covariance of the model's values if rows of the prior were tighter by ratios above 1, (12 + k, 12 + k)."""
-    values = len(c.covariance)
+    values = len(c.model.names)
     rows = prior.rows(values)[which]
     cross = c.covariance_with_errors @ rows.T
     inner = np.diag(1 / (ratios**2 - 1)) * c.enlargement + rows @ cross
@@ -201,7 +203,7 @@ def _with_prior(c: Calibration, prior: Prior, which: Indices, ratios: Floats) ->
 
 
 def _more_touches(c: Calibration, area: Workspace) -> Iterator[Improvement]:
-    values, count = len(c.covariance), int(c.used.sum())
+    values, count = len(c.model.names), int(c.used.sum())
     everything = c.covariance_with_errors / c.enlargement
     basis = c.subspace.with_errors(len(c.errors))
     inner = np.linalg.pinv(basis)
@@ -216,8 +218,12 @@ def _more_touches(c: Calibration, area: Workspace) -> Iterator[Improvement]:
 def _improvement(
     c: Calibration, area: Workspace, labels: tuple[str, ...], sizes: tuple[float, float], unit: str, covariance: Floats
 ) -> Improvement:
-    others = [part.covariance for part in c.contributions if part.label == ALTERNATIVES]
-    expanded = COVERAGE_FACTOR * area.std(covariance + sum(others, np.zeros_like(covariance)))
+    others = np.zeros_like(c.covariance)
+    others[: len(covariance), : len(covariance)] = covariance
+    others += sum(
+        part.covariance for part in c.contributions if part.label.partition('[')[0] in (ALTERNATIVES, UNDETECTED)
+    )
+    expanded = COVERAGE_FACTOR * area.std(others)
     known = expanded[np.isfinite(expanded)]
     median, worst = (float(np.median(known)), float(known.max())) if len(known) else (np.nan, np.nan)
     return Improvement(labels, *sizes, unit, median, worst)

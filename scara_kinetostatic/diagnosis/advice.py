@@ -73,6 +73,13 @@ CUT_SHORT = (
 """Where fits were left out, as too many were tried in vain."""
 
 
+NOT_CORRECTED = (
+    'the extended model, of which the rest of this speaks, is not used: without it objects that the fit has not '
+    'seen are predicted better; what it corrects is part of the uncertainty, as undetected effects'
+)
+"""Where the base model is to be used although it lacks something."""
+
+
 def weak_evidence(p_value: float, dependences: Sequence[Dependence]) -> str:
     """Message where the test is significant, but no effect explains the residual clearly better than none."""
     on = f': the residual is correlated with {dependences[0].name}' if dependences else ''
@@ -83,12 +90,14 @@ def weak_evidence(p_value: float, dependences: Sequence[Dependence]) -> str:
 
 
 def detection_limit(c: Calibration, ranking: Sequence[Ranked]) -> str:
-    """The largest bias of a parameter by an effect at the detection limit; empty where all are small.
+    """The largest bias of a parameter by an effect at the detection limit; empty where all are small or counted.
 
     Args:
         c: the base model, in which no effect was found.
         ranking: of all effects.
     """
+    if c.cell.uncertainty.effects.in_use:
+        return ''
     large = [item for item in ranking if item.undetected_bias > _LARGE_BIAS and item.effect.is_physical]
     if not large:
         return ''

@@ -37,13 +37,15 @@ from numpy.typing import NDArray
 from scara_kinetostatic.calibration.fit_point import Point, augmented, base_force, force_error, project
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch, Found
 from scara_kinetostatic.effects.base import at_joint
+from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
-from scara_kinetostatic.model.effect_law import Shift
+from scara_kinetostatic.model.effect_law import Shift, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
@@ -171,13 +173,26 @@ def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
     base = orthonormal(augmented(point, (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)))[: 2 * n]
     chi_square = c.chi_square if c is final else float(point.distance.sum()) + c.prior_cost
     freedoms = 2 * n + c.trusted - c.subspace.basis.shape[1]
+    tip = _tip_error(observations, point, base)
+    return ModelErrors(force_error(c.residual[c.used]), held_out, chi_square / freedoms, tip)
+
+
+def _tip_error(observations: Observations, point: Point, base: Floats) -> TipError:
+    """That of touches with an orthonormal basis of the columns of their fit, (2n, r)."""
     across_circle = whitened_normal(observations, point)
-    tip = TipError(
+    return TipError(
         rms((point.whitened.residual * across_circle).sum(axis=1)),
         rms((_left_out(base, point.whitened.residual) * across_circle).sum(axis=1)),
         rms(across_circle.ravel()) * 2**0.5,
     )
-    return ModelErrors(force_error(c.residual[c.used]), held_out, chi_square / freedoms, tip)
+
+
+def tip_error(c: Calibration) -> TipError:
+    """That of a calibration on the touches that it uses, in its own noise."""
+    observations, n = observe(c.touches.select(c.used), c.cell, c.errors), int(c.used.sum())
+    point = project(observations, c.model, c.noise)
+    columns = (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)
+    return _tip_error(observations, point, orthonormal(augmented(point, columns))[: 2 * n])
 
 
 def whitened_normal(observations: Observations, point: Point) -> Floats:
@@ -198,6 +213,50 @@ def _left_out(base: Floats, residual: Floats) -> Floats:
     # less is that of a touch which alone determines a parameter
     turned = np.einsum('nij,ni->nj', vectors, residual) / np.maximum(values, 1e-6)
     return np.asarray(np.einsum('nij,nj->ni', vectors, turned))
+
+
+class LeftOut(NamedTuple):
+    """Distance of the predicted tip from the circles of objects that the fit has not seen, root mean squares.
+
+    Attributes:
+        error: of the touches, m; NaN where too few are left to determine what all of them do.
+        stated: its standard uncertainty: that of the calibration, what fewer touches add to it, and noise, m.
+    """
+
+    error: float
+    stated: float
+
+
+def objects_left_out(c: Calibration) -> LeftOut:
+    """Each object predicted without its touches: a check that takes no model of what is undetected.
+
+    To first order: without these touches the values move by -C' J'ᵀ r', and the distances at them by J of that.
+    """
+    touches, rank = c.touches.select(c.used), c.subspace.basis.shape[1]
+    observations = observe(touches, c.cell, c.errors)
+    point = project(observations, c.model, c.noise)
+    basis = c.subspace.with_errors(len(c.errors))
+    rows, residual = point.whitened.jacobian @ basis, point.whitened.residual
+    prior = ActivePrior.of(observations, c.subspace)
+    known = np.zeros((0, basis.shape[1])) if prior is None else prior.rows @ basis
+    across = whitened_normal(observations, point)
+    tip = Predictor(c.arm).locate(touches.joints, c.force[c.used], TouchMetadata.of(touches)).covariance
+    normal = c.force[c.used] / np.hypot(*c.force[c.used].T)[:, None]
+    stated = np.einsum('ni,nij,nj->n', normal, tip, normal) + (across**2).sum(axis=1)
+    every = np.linalg.pinv(known.T @ known + np.einsum('nik,nil->kl', rows, rows))
+    errors, variances = [], []
+    for disc in np.unique(touches.disc):
+        out = touches.disc == disc
+        kept = rows[~out].reshape(-1, basis.shape[1])
+        system = np.concatenate([kept, known])
+        if np.linalg.matrix_rank(system) < rank or 2 * len(kept) < 3 * rank:
+            return LeftOut(np.nan, np.nan)
+        fewer = np.linalg.pinv(system.T @ system)
+        moved = residual[out] - rows[out] @ (fewer @ (kept.T @ residual[~out].ravel()))
+        along = np.einsum('nik,ni->nk', rows[out], across[out])
+        errors.append((moved * across[out]).sum(axis=1))
+        variances.append(stated[out] + c.enlargement * np.einsum('nk,kl,nl->n', along, fewer - every, along))
+    return LeftOut(rms(np.concatenate(errors)), float(np.sqrt(np.mean(np.concatenate(variances)))))
 
 
 def _bias(name: str, base: Calibration, final: Calibration) -> Bias:

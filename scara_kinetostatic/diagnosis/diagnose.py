@@ -18,10 +18,11 @@ from scipy import special
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.alternatives import cover_alternatives, find_moments, widened_by_moments
 from scara_kinetostatic.diagnosis.candidates import all_candidates
-from scara_kinetostatic.diagnosis.comparison import discriminating_touches
+from scara_kinetostatic.diagnosis.comparison import discriminating_touches, objects_left_out, tip_error
 from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequacy, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
@@ -31,6 +32,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     fitted_effects,
     pose_problem,
 )
+from scara_kinetostatic.diagnosis.mixed_model import with_undetected
 from scara_kinetostatic.diagnosis.model_selection import rank_singles, score_singles, undetected_bias
 from scara_kinetostatic.diagnosis.noise_structure import likelier, noise_candidate
 from scara_kinetostatic.diagnosis.refit import Effort, fit_again
@@ -55,6 +57,52 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     """
     offered = catalogue(calibration.cell) if effects is None else effects
     known = tuple(effect for effect in offered if effect.label not in calibration.held_effects)
+    found = _named(calibration, known)
+    return _with_undetected(calibration, found, known)
+
+
+def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) -> Diagnosis:
+    """The diagnosis with what undetected effects contribute to the uncertainty of the models that it gives.
+
+    Where the cause of a model error is not certain, the extended model may be worse than the base model, whose
+    parameters take up a part of every effect: then it is used only if it predicts what is left out as well.
+    """
+    base = with_undetected(found.refitted or c, known)
+    if base is (found.refitted or c):
+        return found
+    found = replace(found, refitted=base)
+    if found.extended is None:
+        return found
+    extended = with_undetected(found.extended, known)
+    if found.verdict != 'explained' and not _predicts_as_well(extended, base):
+        return replace(found, extended=None, advice=advice.joined(advice.NOT_CORRECTED, found.advice))
+    stds = {label: {name: part.std for name, part in of.items()} for label, of in extended.effects.items()}
+    items = [
+        item._replace(values=tuple(v._replace(std=stds[item.effect.label].get(v.name, v.std)) for v in item.values))
+        if item.in_every_model and item.effect.label in stds
+        else item
+        for item in found.found
+    ]
+    return replace(found, extended=extended, found=tuple(items))
+
+
+def _predicts_as_well(extended: Calibration, base: Calibration) -> bool:
+    """Whether objects that the fit has not seen are predicted as well or, where that is not known, the tip is known as
+    well; or single touches, left out one by one, are predicted far better.
+    """
+    single = [tip_error(c).held_out for c in (extended, base)]
+    if single[0] < 0.5 * single[1]:
+        return True
+    errors = [objects_left_out(c).error for c in (extended, base)]
+    if not np.isfinite(errors).all():  # an effect of one object is not determined without it
+        errors = [tip_uncertainty(c).median for c in (extended, base)]
+        if np.isnan(errors[0]):
+            return bool(np.isnan(errors[1]))
+    return not errors[0] > 1.1 * errors[1]  # effects that do not move the tip differ by chance
+
+
+def _named(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
+    """The diagnosis with a test of the trusted nominal values."""
     found = _with_likeliest_noise(calibration, known)
     tests = contradictions(found.extended or found.refitted or calibration)
     level = SIGNIFICANCE / (2 * _shares(calibration)) if tests else 0.0

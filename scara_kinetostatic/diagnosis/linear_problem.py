@@ -147,7 +147,7 @@ class Problem(NamedTuple):
         """X of trials side by side, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
         shifts = [shift for trial in trials for shift in trial.columns]
         errors = [error for trial in trials for error in trial.sensor_errors or (None,) * len(trial.columns)]
-        return self.marginal.apply(self._changes(shifts, errors))
+        return self.marginal.apply(self.changes(shifts, errors))
 
     def columns_and_noise(self, effect: Effect, trial: Trial) -> tuple[Floats, Floats]:
         """X of an effect's only trial, and its change by one standard deviation of the noise in F̂, (2n, m) each."""
@@ -158,9 +158,9 @@ class Problem(NamedTuple):
 
     def change(self, shift: Shift, sensor_error: Floats | None = None) -> Floats:
         """Change of the whitened misclosures by a shift and an error of the sensor, touch by touch, (2n,)."""
-        return self._changes([shift], [sensor_error])[:, 0]
+        return self.changes([shift], [sensor_error])[:, 0]
 
-    def _changes(self, shifts: Sequence[Shift], errors: Sequence[Floats | None]) -> Floats:
+    def changes(self, shifts: Sequence[Shift], errors: Sequence[Floats | None]) -> Floats:
         """Changes of the whitened misclosures by shifts and errors of the sensor, (2n, k)."""
         n = len(self.force)
         changes = np.zeros((n, 2, len(shifts)))

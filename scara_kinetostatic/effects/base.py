@@ -190,6 +190,10 @@ class Effect(EffectLaw):
         errors = self.sensor_error_derivative(force, values, at.metadata)
         return (Trial(self.derivative(at, values), errors),)
 
+    def forms(self, at: TouchState) -> Sequence[Floats]:
+        """Values of its parameters, (k,) each, with whose derivatives it may be there in these touches undetected."""
+        return (np.array(self.start),)
+
     def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
         """Further trials, up to `width` steps on both sides of one of `trials`, where these are a grid."""
         return ()

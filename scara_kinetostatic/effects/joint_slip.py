@@ -88,6 +88,11 @@ class JointSlip(EffectOfJoint):
             for slipped, friction in zip(self._slipped(history, load, grid[:, None]).value, grid.tolist(), strict=True)
         ]
 
+    def forms(self, at: TouchState) -> Sequence[Floats]:
+        """With half of a typical friction more, and less."""
+        friction = self.typical[1]
+        return np.array([0.0, friction / 2]), np.array([0.0, 1.5 * friction])
+
     def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
         """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""
         return at.history_torques(self.joint), at.torques[:, self.joint]

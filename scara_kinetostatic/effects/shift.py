@@ -167,6 +167,12 @@ class Stepped(_Texts, Effect):
         """One per moment of a grid, with three touches or more before and after it."""
         return self._at(at, force, self._moments(at)[:: self._stride(at)])
 
+    def forms(self, at: TouchState) -> Sequence[Floats]:
+        """After each third of its touches."""
+        moments = self._moments(at)
+        thirds = moments[[len(moments) // 3, 2 * len(moments) // 3]] if len(moments) else ()
+        return [np.append(np.zeros(len(self.effect.parameters)), moment) for moment in thirds]
+
     def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
         """The moments between a trial and its neighbours of the grid, 13 or a few more; none where the grid has all."""
         moments, step = self._moments(at), self._stride(at)

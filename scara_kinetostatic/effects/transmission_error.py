@@ -15,6 +15,7 @@ from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shif
 
 LOWEST, HIGHEST = 1.0, 120.0
 """Frequencies of the trials, cycles per turn of the joint."""
+_TYPICAL_CYCLES = (1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,10 @@ class TransmissionError(EffectOfJoint):
         """One per frequency of a grid: a cosine and a sine."""
         angle = at.joints[:, self.joint]
         return self._at(angle, frequencies(angle))
+
+    def forms(self, at: TouchState) -> Sequence[Floats]:
+        """A cosine and a sine of each of some frequencies: eccentric, oval and bent wheels, teeth."""
+        return [np.array([0.0, phase, cycles]) for cycles in _TYPICAL_CYCLES for phase in (0.0, np.pi / 2)]
 
     def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
         """Frequencies about that of a trial, `width` steps of the grid on both sides."""

@@ -22,6 +22,7 @@ from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.effects.undetected import Undetected
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError, CellError, ParameterError
 from scara_kinetostatic.files.cell_file import cell_description, read_cell
@@ -406,10 +407,11 @@ def read_effect(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> Effe
         ValueError, TypeError, KeyError: the entry is damaged.
     """
     label, stored = str(entry['label']), dict(entry['fields'])
-    for known in (*catalogue(cell), *_NOT_IN_CATALOGUE):
+    others = (*_NOT_IN_CATALOGUE, Undetected(cell=cell))
+    for known in (*catalogue(cell), *others):
         if (known.name, type(known).__name__) == (entry['name'], entry['class']):
             effect = replace(known, **_checked(known, stored))
-            if effect.label == label and (known in _NOT_IN_CATALOGUE or known.label == label):
+            if effect.label == label and (known in others or known.label == label):
                 return effect
     problem = f'the effect {label!r} of this calibration is not known here'
     raise CalibrationFileError(where, problem, 'install the package that it comes from, or calibrate again')

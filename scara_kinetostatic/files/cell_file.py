@@ -12,9 +12,11 @@ the contact circles (radius: disc centre to TIP centre):
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.yaml_file import (
     NOT_NEGATIVE,
@@ -29,6 +31,7 @@ from scara_kinetostatic.files.yaml_file import (
 from scara_kinetostatic.model.cell import (
     Cell,
     Disc,
+    EffectSizes,
     GripperSign,
     Identification,
     Level,
@@ -37,6 +40,7 @@ from scara_kinetostatic.model.cell import (
     Plate,
     Region,
     Sensor,
+    SizeMode,
     TouchMotion,
     Uncertainty,
     layout_problems,
@@ -125,7 +129,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
         gripper_excess=_excess(model),
         plates=plates,
-        uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal'))),
+        uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects'))),
         tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=_TOLERANCE),
         tip_radius=top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE),
         region=_region(top),
@@ -136,6 +140,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         touch=_touch(top),
         identification=_identification(top.section('identification', (), Identification._fields)),
     )
+    cell = replace(cell, uncertainty=replace(cell.uncertainty, effects=_effects(top, cell)))
     _check_gravity(top)
     if check_layout:
         _check_layout(cell, top)
@@ -160,7 +165,8 @@ def cell_description(cell: Cell) -> dict[str, Any]:
             for plate in cell.plates
         ],
         'uncertainty': {name: getattr(u, name) for name in _COMMON if getattr(u, name)}
-        | ({'nominal': dict(u.nominal)} if u.nominal else {}),
+        | ({'nominal': dict(u.nominal)} if u.nominal else {})
+        | ({'effects': _sizes(u.effects)} if u.effects != EffectSizes() else {}),
         'tolerance': {'tip': cell.tolerance} if cell.tolerance else {},
         'tip': {'radius': cell.tip_radius} if cell.tip_radius else {},
         'obstacles': [{'outline': [list(corner) for corner in outline]} for outline in cell.obstacles],
@@ -190,6 +196,12 @@ def cell_description(cell: Cell) -> dict[str, Any]:
         },
         **{key: value for key, value in optional.items() if value},
     }
+
+
+def _sizes(effects: EffectSizes) -> str | dict[str, Any]:
+    if effects.arm is EffectSizes().arm and not effects.stated:
+        return effects.sizes.value
+    return {'sizes': effects.sizes.value, 'arm': effects.arm.value, **effects.stated}
 
 
 def _stated(**stds: float) -> dict[str, Any]:
@@ -409,6 +421,21 @@ def _uncertainty(section: Section) -> Uncertainty:
     radius, gain, rotation = (section.optional(name, within=limit) or 0.0 for name, limit in limits)
     stated = {name: nominal.number(name, UNITS[name], POSITIVE) for name in nominal.data}
     return Uncertainty(radius, gain, rotation, stated)
+
+
+def _effects(top: Section, cell: Cell) -> EffectSizes:
+    """How large undetected effects are: one word, or words and single sizes, of the effects that the cell may have."""
+    section, usual = top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), EffectSizes()
+    if not isinstance(section.data.get('effects') or {}, dict):
+        return EffectSizes(section.choice('effects', usual.sizes))
+    known = {key: effect for effect in catalogue(cell) for key in (effect.name, effect.label) if effect.parameters}
+    inner = section.section('effects', (), ('sizes', 'arm', *known))
+    largest = {name: Within(0.0, known[name].parameters[0].scale) for name in inner.data if name in known}
+    stated = {name: inner.number(name, '', limit) for name, limit in largest.items()}
+    sizes, arm = inner.choice('sizes', usual.sizes), inner.choice('arm', usual.arm)
+    if 'arm' in inner.data and sizes is SizeMode.NONE:
+        raise inner.error('arm', 'has no meaning without sizes', 'add sizes: estimated, or typical')
+    return EffectSizes(sizes, arm, stated)
 
 
 def _noise(top: Section) -> Noise | None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
-from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.effect_law import EffectLaw, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import posture as posture_of
 from scara_kinetostatic.model.kinematics import rotate
@@ -81,7 +81,7 @@ class CalibratedArm:
 
     Attributes:
         cell: what was known before; its `nominal` are the parameters of the nominal arm.
-        model: the calibrated model with the effects that were found.
+        model: the calibrated model with the effects that were found, and with undetected ones as `Undetected`.
         covariance: of all values of the model, (12 + k, 12 + k), in the order of `model.names`: noise and all that was
             declared; zero rows where fixed.
         undetermined: directions of the values that the touches do not determine, each by its plausible range,
@@ -128,7 +128,7 @@ class CalibratedArm:
         self.noise.check()
 
     def __repr__(self) -> str:
-        effects = ' '.join(effect.label for effect in self.model.effects) or 'none'
+        effects = ' '.join(effect.label for effect in self.effects) or 'none'
         return f'<CalibratedArm: {self.grade or "not assessed"}, effects: {effects}>'
 
     @classmethod
@@ -140,6 +140,11 @@ class CalibratedArm:
     def of_outcome(cls, outcome: HasArm) -> CalibratedArm:
         """That of the final calibration of an `Outcome`, with its assessment."""
         return outcome.arm
+
+    @property
+    def effects(self) -> tuple[EffectLaw, ...]:
+        """The effects that were found."""
+        return tuple(effect for effect in self.model.effects if not effect.is_undetected)
 
     @property
     def reservations(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -251,6 +252,7 @@ class Uncertainty:
         force_gain: of the gain of the force sensor, relative.
         force_rotation: of the angle at which the force sensor is mounted, rad.
         nominal: of nominal values, by the name of the parameter; a parameter that is not there may have any value.
+        effects: sizes of the effects that are too small to be detected.
 
     Raises:
         ParameterError: an uncertainty is negative or not finite, a nominal value's is not above 0 or has no such name.
@@ -260,6 +262,7 @@ class Uncertainty:
     force_gain: float = 0.0
     force_rotation: float = 0.0
     nominal: Mapping[str, float] = field(default_factory=dict)
+    effects: EffectSizes = field(default_factory=lambda: EffectSizes())
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'nominal', dict(self.nominal))
@@ -271,6 +274,44 @@ class Uncertainty:
                 raise ParameterError(f'uncertainty.nominal: {name!r}', problem, remedy)
             if not (np.isfinite(std) and std > 0):
                 raise ParameterError(f'uncertainty.nominal.{name}', f'expected a number above 0, got {std}')
+
+
+class SizeMode(str, Enum):
+    """Where the sizes of undetected effects come from."""
+
+    ESTIMATED = 'estimated'
+    """From the touches, about those of the class of the arm."""
+    TYPICAL = 'typical'
+    """Those of the class of the arm (`effects.undetected`)."""
+    NONE = 'none'
+    """There are none but those that are stated."""
+
+
+class ArmClass(str, Enum):
+    """What kind of arm it is."""
+
+    INDUSTRIAL = 'industrial'
+    DESKTOP = 'desktop'
+    PRINTED = 'printed'
+
+
+class EffectSizes(NamedTuple):
+    """How large effects may be that are not detected.
+
+    Attributes:
+        sizes: where they come from.
+        arm: its class.
+        stated: standard deviations that are known, by label or name of the effect, in the unit of its parameters.
+    """
+
+    sizes: SizeMode = SizeMode.NONE
+    arm: ArmClass = ArmClass.INDUSTRIAL
+    stated: Mapping[str, float] = MappingProxyType({})
+
+    @property
+    def in_use(self) -> bool:
+        """Whether there are any: without them the uncertainties are those of noise and of what is declared."""
+        return self.sizes is not SizeMode.NONE or any(self.stated.values())
 
 
 class Region(NamedTuple):

@@ -333,6 +333,8 @@ def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, met
             state = law.touch_state(joints.T, at, force, metadata)
             shift, moved = law.shift(state, force.place)
             turn = shift.T
+    if law.model.effects and state is None:  # no place is within reach
+        state = law.touch_state(joints.T, at, force, metadata)
     solved = once | ~((change[0] > _SOLVED) | (change[1] > _SOLVED)).any(axis=0)
     return Equilibrium(np.where(solved, joints, np.nan).T, tip, at, state)
 

@@ -130,8 +130,8 @@ def is_comparable(effect: EffectLaw, one: Cell, other: Cell) -> bool:
 
 def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw]:
     """The effects of a calibration that another one lacks."""
-    theirs = {(effect.label, effect.off_normal_std > 0) for effect in other.arm.model.effects}
-    return [e for e in record.arm.model.effects if (e.label, e.off_normal_std > 0) not in theirs]
+    theirs = {(effect.label, effect.off_normal_std > 0) for effect in other.arm.effects}
+    return [e for e in record.arm.effects if (e.label, e.off_normal_std > 0) not in theirs]
 
 
 def _with_effects_of(record: CalibrationRecord, other: CalibrationRecord) -> CalibrationRecord:
@@ -279,7 +279,8 @@ def compare_records(records: Sequence[CalibrationRecord]) -> list[Change]:
 
 
 def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
-    """What changed from one calibration of a robot to the next."""
+    """What changed from one calibration of a robot to the next; it has the same undetected effects in both."""
+    before, after = before.without_undetected(), after.without_undetected()
     both = _with_effects_of(before, after), _with_effects_of(after, before)
     cells = before.arm.cell, after.arm.cell
     effects = (*before.arm.model.effects, *after.arm.model.effects)

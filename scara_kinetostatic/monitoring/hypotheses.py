@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from scara_kinetostatic.calibration.result import UNDETECTED
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, State, p_values
 from scara_kinetostatic.report.quantities import SCALES, scale_of, shown
@@ -98,7 +99,7 @@ def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[H
         kind, _, target = label.rstrip(']').partition('[')
         if target in shown_by.get(kind.partition('_')[0], {target}):
             named[label] = places
-    named |= {label: places for label, places in effects.items() if label not in cell}
+    named |= {label: at for label, at in effects.items() if label not in cell and not label.startswith(UNDETECTED)}
     found = []
     for name, places in named.items():
         values = tuple(state.names[place].removeprefix(f'{name}.') for place in places)

@@ -92,6 +92,20 @@ class CalibrationRecord:
             raise CalibrationFileError(where, f'is damaged or old: {reason:.200}', _REMEDY) from error
         return record
 
+    def without_undetected(self) -> CalibrationRecord:
+        """The same without what undetected effects contribute: the robot has them at every calibration."""
+        model, part = self.arm.model, self.document['covariance_with_cell'].get('undetected')
+        if part is None:
+            return self
+        every, model = len(model.names), model.with_effects(self.arm.effects)
+        size, kept = len(model.names), np.array([k >= every or n in model.names for k, n in enumerate(self.names)])
+        covariance = self.covariance[np.ix_(kept, kept)]
+        covariance[:size, :size] -= stored_numbers(part, (size, size))
+        undetermined = self.arm.undetermined[kept[:every]]
+        arm = replace(self.arm, model=model, covariance=covariance[:size, :size], undetermined=undetermined)
+        names = tuple(name for name, keep in zip(self.names, kept, strict=True) if keep)
+        return replace(self, arm=arm, names=names, values=self.values[kept], covariance=covariance)
+
     @property
     def created(self) -> str:
         """When it was calculated, UTC."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
-from scara_kinetostatic.calibration.result import Calibration, joint_covariance
+from scara_kinetostatic.calibration.result import Calibration, joint_covariance, undetected_covariance
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
@@ -158,7 +158,8 @@ def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
 def _covariance_with_cell(c: Calibration) -> Document:
     """What a later prediction needs: all values of the model and the errors of the cell description, SI units."""
     names, values, matrix = joint_covariance(c)
-    return {'names': names, 'values': values, 'matrix': matrix}
+    undetected = {'undetected': undetected_covariance(c)} if c.cell.uncertainty.effects.in_use else {}
+    return {'names': names, 'values': values, 'matrix': matrix, **undetected}
 
 
 def _touches(outcome: Outcome) -> Document:

@@ -57,11 +57,15 @@ def text_report(outcome: Outcome) -> str:
     blocks: list[Block | None] = [
         verdict._replace(headline=f'{verdict.headline}.'),
         tables.parameter_table(c),
-        Section('added to the base model', tuple(tables.effect_tables(outcome.diagnosis.found))),
+        Section(
+            'added to the base model' if outcome.diagnosis.extended else 'possible, and not corrected',
+            tuple(tables.effect_tables(outcome.diagnosis.found)),
+        ),
         tables.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
     ]
-    if DeclaredErrors.of(c.cell) is not None or c.cell.tolerance is not None:
+    sources = DeclaredErrors.of(c.cell) is not None or c.cell.uncertainty.effects.in_use
+    if sources or c.cell.tolerance is not None:
         blocks += [' '.join(messages.tip_sentences(outcome)), tables.tip_budget(outcome, most=5)]
     if outcome.rejected:
         lines = _rejections(outcome)

@@ -169,6 +169,8 @@ def unidentifiable_table(d: Diagnosis) -> Table | None:
 def limit_table(outcome: Outcome) -> Table | None:
     """By how much a rejected effect, just too small to be detected, could bias a parameter by more than its σ."""
     d, c = outcome.diagnosis, outcome.final
+    if c.cell.uncertainty.effects.in_use:  # it is part of the standard deviation
+        return None
     items = [
         item
         for item in d.ranking

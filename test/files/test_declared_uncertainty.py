@@ -6,7 +6,18 @@ import pytest
 
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Plate, Region, Uncertainty, different_parts
+from scara_kinetostatic.model.cell import (
+    PAPER_CELL,
+    ArmClass,
+    Cell,
+    Disc,
+    EffectSizes,
+    Plate,
+    Region,
+    SizeMode,
+    Uncertainty,
+    different_parts,
+)
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 
 DECLARED = """
@@ -89,3 +100,46 @@ def test_a_cell_made_in_python_is_checked_alike() -> None:
     for wrong in ({'radius': -1.0}, {'nominal': {'l3': 1e-3}}, {'nominal': {'l1': 0.0}}):
         with pytest.raises(ParameterError):
             Uncertainty(**wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ('text', 'sizes'),
+    [
+        ('none', EffectSizes(SizeMode.NONE)),
+        ('typical', EffectSizes(SizeMode.TYPICAL)),
+        ('{sizes: estimated, arm: desktop}', EffectSizes(SizeMode.ESTIMATED, ArmClass.DESKTOP)),
+        (
+            '{sizes: typical, arm: printed, base_compliance: 2.0e-7, "transmission_error[joint1]": 0}',
+            EffectSizes(
+                SizeMode.TYPICAL, ArmClass.PRINTED, {'base_compliance': 2e-7, 'transmission_error[joint1]': 0.0}
+            ),
+        ),
+    ],
+)
+def test_sizes_of_undetected_effects(text: str, sizes: EffectSizes) -> None:
+    cell = parse_cell(f'{PLAIN}uncertainty: {{effects: {text}}}\n')
+    assert cell.uncertainty.effects == sizes
+    assert parse_cell(dump_cell(cell)) == cell
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('large', "uncertainty.effects: expected estimated or typical or none, got 'large'"),
+        ('{arm: desktop}', 'uncertainty.effects.arm: has no meaning without sizes'),
+        (
+            '{sizes: typical, arm: wooden}',
+            "uncertainty.effects.arm: expected industrial or desktop or printed, got 'wooden'",
+        ),
+        (
+            '{base_complience: 1e-7}',
+            "uncertainty.effects: unknown key 'base_complience'; did you mean 'base_compliance'?",
+        ),
+        ('{base_compliance: -1.0e-7}', 'uncertainty.effects.base_compliance: expected 0 to 1e-05, got -1e-07'),
+        ('{base_compliance: 1.0}', 'uncertainty.effects.base_compliance: expected 0 to 1e-05, got 1'),
+    ],
+)
+def test_refuses_sizes_of_undetected_effects(text: str, message: str) -> None:
+    with pytest.raises(CellError) as caught:
+        parse_cell(f'{PLAIN}uncertainty: {{effects: {text}}}\n')
+    assert message in str(caught.value)

@@ -57,9 +57,9 @@ class ExportFacts(NamedTuple):
             source: the file that it was read from.
             content: what the exported file holds, a sentence.
         """
-        effects = tuple(effect.label for effect in arm.model.effects if _is_of_robot(effect))
+        effects = tuple(effect.label for effect in arm.effects if _is_of_robot(effect))
         grade = f', grade {arm.grade}' if arm.grade else ''
-        found = ', '.join(effect.label for effect in arm.model.effects) or 'none'
+        found = ', '.join(effect.label for effect in arm.effects) or 'none'
         lines: tuple[str, ...] = (
             content,
             f'From {source}: calibrated {arm.created or "at an unknown time"}{grade}.',

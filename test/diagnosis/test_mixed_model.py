@@ -1,0 +1,146 @@
+"""Undetected effects as a source of uncertainty."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmark.population import DECLARED, Task, draw, judge
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
+from scara_kinetostatic.diagnosis.comparison import objects_left_out
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.mixed_model import with_undetected
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.effects.undetected import typical_size
+from scara_kinetostatic.model.arm import Predictor
+from scara_kinetostatic.model.cell import PAPER_DISCS, ArmClass, Cell, EffectSizes, Noise, SizeMode, Uncertainty
+from scara_kinetostatic.model.parameters import NAMES, P2, PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.monitoring.comparison import compare
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.results.calibration_json import as_document
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+CELL = Cell(
+    PAPER_NOMINAL,
+    PAPER_DISCS,
+    noise=Noise(joint=1e-5, force=0.3),
+    uncertainty=Uncertainty(effects=EffectSizes(SizeMode.ESTIMATED)),
+)
+TOUCHES = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12, preload=0.3), seed=4)
+
+
+def declaring(cell: Cell, **sizes) -> Cell:
+    return replace(cell, uncertainty=replace(cell.uncertainty, effects=EffectSizes(**sizes)))
+
+
+def mixed(cell: Cell, touches=TOUCHES):
+    return with_undetected(calibrate(touches, cell), catalogue(cell))
+
+
+def test_without_effects_everything_is_as_the_fit_has_it():
+    plain = calibrate(TOUCHES, CELL)
+    assert with_undetected(plain, catalogue(CELL)) is not plain
+    none = declaring(CELL, sizes=SizeMode.NONE)
+    fit = calibrate(TOUCHES, none)
+    assert with_undetected(fit, catalogue(none)) is fit
+    assert diagnose(fit).refitted is None
+    assert np.array_equal(fit.covariance, plain.covariance)
+
+
+def test_the_contributions_add_up_and_the_estimate_stays():
+    fit, found = calibrate(TOUCHES, CELL), mixed(CELL)
+    total = np.sum([part.covariance for part in found.contributions], axis=0)
+    assert np.allclose(total, found.covariance, rtol=1e-12, atol=0)
+    assert found.model == fit.model
+    assert np.array_equal(found.std_noise, fit.std_noise)
+    assert np.all(found.std > fit.std)
+    assert {part.label for part in found.contributions} >= {'noise', 'undetected[transmission_error]'}
+
+
+def test_an_alias_has_its_declared_size_only():
+    """Link 2 that bends is another p2: a third of its compliance, whatever the touches say."""
+    size = 3e-6
+    found = mixed(declaring(CELL, sizes=SizeMode.NONE, stated={'link_bending[link2]': size}))
+    (part,) = (part for part in found.contributions if part.label.startswith('undetected'))
+    assert part.label == 'undetected[link_bending]'
+    assert np.isclose(part.covariance[P2, P2] ** 0.5, size / 3, rtol=1e-3)
+    others = [k for k in range(len(NAMES)) if k != P2]
+    assert np.all(np.diag(part.covariance)[others] ** 0.5 < 1e-2 * found.std[others])
+    tip = [tip_uncertainty(c).median for c in (found, calibrate(TOUCHES, CELL))]
+    assert np.isclose(*tip, rtol=1e-3)  # and the tip is where it is
+
+
+def test_typical_sizes_are_those_of_the_class_of_the_arm():
+    effect = next(effect for effect in catalogue(CELL) if effect.label == 'transmission_error[joint1]')
+    assert typical_size(effect, 0, ArmClass.DESKTOP) == 5 * typical_size(effect, 0)
+    stds = [mixed(declaring(CELL, sizes=SizeMode.TYPICAL, arm=arm)).std for arm in ArmClass]
+    assert np.all(stds[0] < stds[1])
+    assert np.all(stds[1] < stds[2])
+
+
+def test_the_sizes_come_from_the_touches():
+    """Of a robot without errors they are smaller than typical, of one with large ones larger."""
+    tips = {}
+    for factor in (0.0, 3.0):
+        setup, _, touches = draw(Task('paper', 'all', factor, False, 'estimated', 900))
+        cells = setup.cell, declaring(setup.cell, sizes=SizeMode.TYPICAL)
+        tips[factor] = [tip_uncertainty(mixed(cell, touches)).median for cell in cells]
+    assert tips[0.0][0] < 0.8 * tips[0.0][1]
+    assert tips[3.0][0] > 1.2 * tips[3.0][1]
+
+
+def test_the_ellipse_of_a_robot_with_everything_holds():
+    setup, robot, touches = draw(Task('paper', 'all', 1.0, False, 'estimated', 901))
+    plain = calibrate(touches, setup.cell)
+    found = judge(with_undetected(plain, catalogue(setup.cell)), robot, 0)
+    assert judge(plain, robot, 0)['coverage'] < 0.7
+    assert found['coverage'] > 0.75
+    assert found['ratio'] < 4
+
+
+def test_what_is_declared_is_no_undetected_effect():
+    discs = tuple(disc._replace(center_std=DECLARED) for disc in PAPER_DISCS)
+    labels = {part.label for part in mixed(replace(CELL, discs=discs)).contributions}
+    assert 'undetected[object_position]' not in labels
+    assert 'undetected[object_radius]' in labels
+
+
+@pytest.fixture(scope='module')
+def outcome():
+    return calibrate_touches(TOUCHES, CELL)
+
+
+def test_the_file_holds_the_same_uncertainty(outcome):
+    document = json.loads(json.dumps(as_document(outcome)))
+    record = CalibrationRecord.of_document(document, 'calibration')
+    joints, force = outcome.final.touches.joints[:20], outcome.final.force[:20]
+    one, other = (Predictor(arm).locate(joints, force).covariance for arm in (outcome.arm, record.arm))
+    assert np.allclose(one, other, rtol=1e-9)
+    assert record.arm.effects == ()
+    fit = Predictor(calibrate(TOUCHES, CELL).arm).locate(joints, force).covariance
+    assert np.all(np.trace(one, axis1=1, axis2=2) > np.trace(fit, axis1=1, axis2=2))
+
+
+def test_a_comparison_is_of_the_same_robot(outcome):
+    """What undetected effects do is the same in both calibrations: it hides no change."""
+    again = calibrate_touches(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12, preload=0.3), seed=5), CELL)
+    records = [CalibrationRecord.of_outcome(each) for each in (outcome, again)]
+    change = compare(*records)
+    assert [part.name for part in change.parameters] == list(NAMES)
+    std = np.hypot(calibrate(TOUCHES, CELL).std, again.final.std_noise)
+    assert np.allclose([part.std for part in change.parameters], std, rtol=0.05)
+
+
+def test_an_object_left_out_checks_what_is_stated():
+    found = objects_left_out(mixed(CELL))
+    assert 0.7 < found.error / found.stated < 1.4
+    first, *others = PAPER_DISCS
+    displaced = replace(CELL, discs=(first._replace(x=first.x + 3e-4), *others))
+    wrong = objects_left_out(calibrate(TOUCHES, replace(displaced, noise=None)))
+    assert wrong.error > 2 * wrong.stated
