@@ -32,11 +32,10 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     if d.verdict != 'ambiguous':
         return
     groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
-    what = 'a model error was corrected; its' if d.extended else 'a model error was found, and not corrected; its'
     yield Remark(
         Grade.CAUTION,
-        f'{what} cause is not determined: {groups}; the parameters that are determined and their '
-        'uncertainties hold whichever it is, the effects do not',
+        f'a model error was corrected; its cause is not determined: {groups}; the parameters that are determined and '
+        'their uncertainties hold whichever it is, the effects do not',
         tolerance.to_discriminate(d),
     )
 
@@ -52,7 +51,7 @@ def shifted(evidence: Evidence) -> Iterator[Remark]:
     """Something that shifted at a moment: corrected, but a cell in which things move."""
     for item in evidence.diagnosis.found:
         effect, values = item.effect, {value.name: value.value for value in item.values}
-        if not (effect.is_stepwise and item.in_every_model and evidence.diagnosis.extended):
+        if not (effect.is_stepwise and item.in_every_model):
             continue
         moment = _moment(evidence.final, values.get('moment', np.nan), effect)
         moment += '' if evidence.sequence_known else ', in the order given, as that in time is not known'
@@ -107,10 +106,10 @@ def unexplained(evidence: Evidence) -> Iterator[Remark]:
             'look in the report at what the residuals depend on, mend it, and record again',
         )
     elif curves:
-        held, done = ', '.join(evidence.calibration.fixed), 'corrected' if d.extended else 'described'
+        held = ', '.join(evidence.calibration.fixed)
         yield Remark(
             Grade.CAUTION,
-            f'a model error of unknown cause is {done} by a fitted curve ({curves[0].description}): it holds where '
+            f'a model error of unknown cause is corrected by a fitted curve ({curves[0].description}): it holds where '
             'the touches are, and may not elsewhere',
             f'estimate {held} as well: a wrong value looks like this'
             if held
@@ -176,7 +175,7 @@ def held_out(evidence: Evidence) -> Iterator[Remark]:
 
 def left_out(evidence: Evidence) -> Iterator[Remark]:
     """Objects that the fit has not seen, where the tip is off by much more than is stated."""
-    ratio = evidence.object_left_out if evidence.final.cell.uncertainty.effects.in_use else 0.0
+    ratio = evidence.object_left_out
     if ratio > LIMITS.left_out:
         yield Remark(
             Grade.CAUTION,
@@ -375,12 +374,7 @@ def assess(evidence: Evidence) -> Assessment:
         )
         remarks = [Remark(Grade.FIT, reason)]
     for item in evidence.diagnosis.found:  # what stands in the cell description is to be corrected there as well
-        if (
-            item.in_every_model
-            and item.effect.is_physical
-            and not item.effect.is_stepwise
-            and evidence.diagnosis.extended
-        ):
+        if item.in_every_model and item.effect.is_physical and not item.effect.is_stepwise:
             values = {value.name: value.value for value in item.values}
             known = bool(values) and bool(np.isfinite(list(values.values())).all())
             action = item.effect.correction(values) if known else ''

@@ -108,8 +108,8 @@ class Outcome(Evidence):
 
     @cached_property
     def effect_residuals(self) -> tuple[EffectResidual, ...]:
-        """The residual of each effect of the extended model, in the order of `diagnosis.found`; none without it."""
-        return effect_residuals(self.final, self.diagnosis.found) if self.diagnosis.extended else ()
+        """The residual of each effect of the extended model, in the order of `diagnosis.found`."""
+        return effect_residuals(self.final, self.diagnosis.found)
 
     @cached_property
     def assessment(self) -> Assessment:

@@ -73,13 +73,6 @@ CUT_SHORT = (
 """Where fits were left out, as too many were tried in vain."""
 
 
-NOT_CORRECTED = (
-    'the extended model, of which the rest of this speaks, is not used: without it objects that the fit has not '
-    'seen are predicted better; what it corrects is part of the uncertainty, as undetected effects'
-)
-"""Where the base model is to be used although it lacks something."""
-
-
 def weak_evidence(p_value: float, dependences: Sequence[Dependence]) -> str:
     """Message where the test is significant, but no effect explains the residual clearly better than none."""
     on = f': the residual is correlated with {dependences[0].name}' if dependences else ''

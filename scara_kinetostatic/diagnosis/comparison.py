@@ -173,26 +173,13 @@ def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
     base = orthonormal(augmented(point, (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)))[: 2 * n]
     chi_square = c.chi_square if c is final else float(point.distance.sum()) + c.prior_cost
     freedoms = 2 * n + c.trusted - c.subspace.basis.shape[1]
-    tip = _tip_error(observations, point, base)
-    return ModelErrors(force_error(c.residual[c.used]), held_out, chi_square / freedoms, tip)
-
-
-def _tip_error(observations: Observations, point: Point, base: Floats) -> TipError:
-    """That of touches with an orthonormal basis of the columns of their fit, (2n, r)."""
     across_circle = whitened_normal(observations, point)
-    return TipError(
+    tip = TipError(
         rms((point.whitened.residual * across_circle).sum(axis=1)),
         rms((_left_out(base, point.whitened.residual) * across_circle).sum(axis=1)),
         rms(across_circle.ravel()) * 2**0.5,
     )
-
-
-def tip_error(c: Calibration) -> TipError:
-    """That of a calibration on the touches that it uses, in its own noise."""
-    observations, n = observe(c.touches.select(c.used), c.cell, c.errors), int(c.used.sum())
-    point = project(observations, c.model, c.noise)
-    columns = (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)
-    return _tip_error(observations, point, orthonormal(augmented(point, columns))[: 2 * n])
+    return ModelErrors(force_error(c.residual[c.used]), held_out, chi_square / freedoms, tip)
 
 
 def whitened_normal(observations: Observations, point: Point) -> Floats:

@@ -18,11 +18,10 @@ from scipy import special
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.alternatives import cover_alternatives, find_moments, widened_by_moments
 from scara_kinetostatic.diagnosis.candidates import all_candidates
-from scara_kinetostatic.diagnosis.comparison import discriminating_touches, objects_left_out, tip_error
+from scara_kinetostatic.diagnosis.comparison import discriminating_touches
 from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequacy, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
@@ -62,11 +61,7 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
 
 
 def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) -> Diagnosis:
-    """The diagnosis with what undetected effects contribute to the uncertainty of the models that it gives.
-
-    Where the cause of a model error is not certain, the extended model may be worse than the base model, whose
-    parameters take up a part of every effect: then it is used only if it predicts what is left out as well.
-    """
+    """The diagnosis with what undetected effects contribute to the uncertainty of the models that it gives."""
     base = with_undetected(found.refitted or c, known)
     if base is (found.refitted or c):
         return found
@@ -74,8 +69,6 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
     if found.extended is None:
         return found
     extended = with_undetected(found.extended, known)
-    if found.verdict != 'explained' and not _predicts_as_well(extended, base):
-        return replace(found, extended=None, advice=advice.joined(advice.NOT_CORRECTED, found.advice))
     stds = {label: {name: part.std for name, part in of.items()} for label, of in extended.effects.items()}
     items = [
         item._replace(values=tuple(v._replace(std=stds[item.effect.label].get(v.name, v.std)) for v in item.values))
@@ -84,21 +77,6 @@ def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) 
         for item in found.found
     ]
     return replace(found, extended=extended, found=tuple(items))
-
-
-def _predicts_as_well(extended: Calibration, base: Calibration) -> bool:
-    """Whether objects that the fit has not seen are predicted as well or, where that is not known, the tip is known as
-    well; or single touches, left out one by one, are predicted far better.
-    """
-    single = [tip_error(c).held_out for c in (extended, base)]
-    if single[0] < 0.5 * single[1]:
-        return True
-    errors = [objects_left_out(c).error for c in (extended, base)]
-    if not np.isfinite(errors).all():  # an effect of one object is not determined without it
-        errors = [tip_uncertainty(c).median for c in (extended, base)]
-        if np.isnan(errors[0]):
-            return bool(np.isnan(errors[1]))
-    return not errors[0] > 1.1 * errors[1]  # effects that do not move the tip differ by chance
 
 
 def _named(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
@@ -252,7 +230,8 @@ def _with_extended_model(
     held = fitted.held_effects  # each credible set is fitted by itself; off-normal angles stay
     kept = tuple(effect for effect in fitted.model.effects if effect.off_normal_std or effect.label in held)
     rivals = fit_rivals(found, replace(c, model=c.model.with_effects(kept)), effort) if found.rivals else []
-    extended, frequencies = cover_alternatives(fitted, rivals, found.in_every_model, effort)
+    apart = () if c.cell.uncertainty.effects.in_use else rivals  # there they are random effects
+    extended, frequencies = cover_alternatives(fitted, apart, found.in_every_model, effort)
     extended = widened_by_moments(extended, moments)
     rivals_at_moments = [widened_by_moments(rival, find_moments(rival, refit=False)[1]) for rival in rivals]
     effects = _describe(extended, found.in_every_model, rivals_at_moments)

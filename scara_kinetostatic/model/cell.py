@@ -304,7 +304,7 @@ class EffectSizes(NamedTuple):
         stated: standard deviations that are known, by label or name of the effect, in the unit of its parameters.
     """
 
-    sizes: SizeMode = SizeMode.NONE
+    sizes: SizeMode = SizeMode.ESTIMATED
     arm: ArmClass = ArmClass.INDUSTRIAL
     stated: Mapping[str, float] = MappingProxyType({})
 

@@ -58,14 +58,15 @@ def verdict(outcome: Outcome) -> Verdict:
     elif d.verdict == 'ambiguous':
         level, headline = 'caution', 'Model error found, but these data cannot distinguish its possible causes'
         causes = '; '.join(rivals_in_words(d, group) for group in d.rivals)
-        valid = 'The twelve parameters are valid whichever is present; the values of these effects themselves are not.'
-        sentences = [f'{lack}. Possible causes: {causes}.', *([valid] if d.extended else [])]
+        sentences = [
+            f'{lack}. Possible causes: {causes}.',
+            'The twelve parameters are valid whichever is present; the values of these effects themselves are not.',
+        ]
     else:
         curve = any(item.in_every_model and not item.effect.is_physical for item in d.found)
         rest = 'described by a fitted curve' if curve else 'only partly explained' if d.found else ''
         level, headline = 'bad', 'Model error found, cause unknown' + (f'; {rest}' if rest else '')
-        what = 'Added to the model' if d.extended else 'Possible'
-        sentences = [f'{lack}.', *([f'{what}: {_names(d.found)}.'] if d.found else [])]
+        sentences = [f'{lack}.', *([f'Added to the model: {_names(d.found)}.'] if d.found else [])]
         sentences.append(
             'The standard uncertainties contain undetected effects, but no gross error.'
             if outcome.final.undetected

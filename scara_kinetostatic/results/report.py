@@ -57,10 +57,7 @@ def text_report(outcome: Outcome) -> str:
     blocks: list[Block | None] = [
         verdict._replace(headline=f'{verdict.headline}.'),
         tables.parameter_table(c),
-        Section(
-            'added to the base model' if outcome.diagnosis.extended else 'possible, and not corrected',
-            tuple(tables.effect_tables(outcome.diagnosis.found)),
-        ),
+        Section('added to the base model', tuple(tables.effect_tables(outcome.diagnosis.found))),
         tables.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
     ]
