@@ -39,6 +39,7 @@ from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found,
 from scara_kinetostatic.diagnosis.search import Search, fit_rivals, select_hypothesis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.model.cell import SizeMode
 from scara_kinetostatic.model.parameters import NAMES
 
 
@@ -230,8 +231,8 @@ def _with_extended_model(
     held = fitted.held_effects  # each credible set is fitted by itself; off-normal angles stay
     kept = tuple(effect for effect in fitted.model.effects if effect.off_normal_std or effect.label in held)
     rivals = fit_rivals(found, replace(c, model=c.model.with_effects(kept)), effort) if found.rivals else []
-    apart = () if c.cell.uncertainty.effects.in_use else rivals  # there they are random effects
-    extended, frequencies = cover_alternatives(fitted, apart, found.in_every_model, effort)
+    are_random = c.cell.uncertainty.effects.sizes is SizeMode.ESTIMATED  # of any size
+    extended, frequencies = cover_alternatives(fitted, [] if are_random else rivals, found.in_every_model, effort)
     extended = widened_by_moments(extended, moments)
     rivals_at_moments = [widened_by_moments(rival, find_moments(rival, refit=False)[1]) for rival in rivals]
     effects = _describe(extended, found.in_every_model, rivals_at_moments)
