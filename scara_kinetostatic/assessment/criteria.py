@@ -22,6 +22,7 @@ from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise,
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import SizeMode
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
 from scara_kinetostatic.model.parameters import NAMES, UNITS, displacement
 
@@ -388,9 +389,12 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     if c.fixed:
         yield f'held at given values, which count as exact: {", ".join(c.fixed)}'
     yield from tolerance.kept(evidence)
+    if c.cell.uncertainty.effects.sizes is SizeMode.NONE:
+        yield 'undetected effects are left out: the uncertainties are those of a robot without any other error'
     missing = []
     if DeclaredErrors.of(c.cell) is None:
-        missing.append('no uncertainties (discs, radii and sensor count as exact)')
+        counted = 'errors of discs, radii and sensor count as undetected effects'
+        missing.append(f'no uncertainties ({counted if c.undetected else "discs, radii and sensor count as exact"})')
     if c.cell.tolerance is None:
         missing.append('no tolerance')
     if missing:

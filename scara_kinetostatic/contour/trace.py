@@ -32,7 +32,6 @@ from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import motion_senses
 from scara_kinetostatic.model.tip import (
     Force,
-    Spread,
     band_covariance,
     inverse_of_rows,
     tip_by_joints,
@@ -92,7 +91,7 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: f
     at = found.loading
     jacobian = tip_by_joints(at, inverse_of_rows(at, f))
     by_model = tip_by_values(law, jacobian, at, f, found.state)
-    spread = Spread.of(arm.covariance, arm.undetermined, law.model.parameters)
+    spread = arm.spread
     by_noise, systematic = tip_by_noise(law, jacobian, at, f), spread.tip(by_model)
     noise = by_noise @ by_noise.swapaxes(1, 2) + band_covariance(spread.gaps, jacobian, at, f)
     known = np.isfinite(spread.with_dead_bands(systematic, jacobian, at, f)[:, :1, :1])

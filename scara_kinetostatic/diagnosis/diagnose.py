@@ -63,10 +63,9 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
 
 def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) -> Diagnosis:
     """The diagnosis with what undetected effects contribute to the uncertainty of the models that it gives."""
-    base = with_undetected(found.refitted or c, known)
-    if base is (found.refitted or c):
+    if not c.cell.uncertainty.effects.in_use:
         return found
-    found = replace(found, refitted=base)
+    found = replace(found, refitted=with_undetected(found.refitted or c, known))
     if found.extended is None:
         return found
     extended = with_undetected(found.extended, known)

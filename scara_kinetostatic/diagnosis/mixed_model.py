@@ -71,12 +71,12 @@ def with_undetected(c: Calibration, known: Sequence[Effect]) -> Calibration:
     """A calibration with what undetected effects contribute to its uncertainty.
 
     Args:
-        c: without.
+        c: without; one that has them stays as it is.
         known: the catalogue.
     """
-    declared = c.cell.uncertainty.effects
-    if not declared.in_use:
+    if c.undetected:
         return c
+    declared = c.cell.uncertainty.effects
     problem = pose_problem(c)
     random = _random_effects(problem, c, known, declared)
     if not random.columns:

@@ -146,6 +146,11 @@ class CalibratedArm:
         """The effects that were found."""
         return tuple(effect for effect in self.model.effects if not effect.is_undetected)
 
+    @cached_property
+    def spread(self) -> Spread:
+        """The covariance of the values, made ready."""
+        return Spread.of(self.covariance, self.undetermined, self.model.parameters)
+
     @property
     def reservations(self) -> tuple[str, ...]:
         """What is to be known before the calibration is used, one sentence each: it is unfit, its model incomplete."""
@@ -286,7 +291,8 @@ class Predictor:
         """Of the values; None where nothing is stated."""
         if self.nominal:
             return None
-        return Spread.of(self.arm.covariance, self.arm.undetermined, self.law.model.parameters)
+        arm, p = self.arm, self.law.model.parameters
+        return Spread.of(arm.covariance, arm.undetermined, p) if self.rigid else arm.spread
 
     def locate(
         self, joints: Floats, force: Floats, metadata: TouchMetadata | None = None, *, measured: bool = False
@@ -386,7 +392,7 @@ class Predictor:
 
     def effects_of(self, name: str) -> list[str]:
         """The labels of the effects in the model that depend on ``time``, ``approach`` or ``history``."""
-        model, law, force = self.law.model, self.law, Force.of(np.array([[20.0, 30.0]]), self.law.noise)
+        model, law, force = self.law.model.acting, self.law, Force.of(np.array([[20.0, 30.0]]), self.law.noise)
         probe, still = np.array([[0.4, 1.1]]), TouchMetadata.plain(1)
         other = {
             'time': still._replace(time=np.ones(1)),

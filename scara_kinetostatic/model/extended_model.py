@@ -72,6 +72,16 @@ class ExtendedModel:
             for effect, part in pairs
         }
 
+    @cached_property
+    def acting(self) -> ExtendedModel:
+        """The model without undetected effects of value zero, which move nothing and are uncertain only."""
+        some = [k for k, e in enumerate(self.effects) if not e.is_undetected or any(self.effect_values[k])]
+        if len(some) == len(self.effects):
+            return self
+        return ExtendedModel(
+            self.parameters, tuple(self.effects[k] for k in some), tuple(self.effect_values[k] for k in some)
+        )
+
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each value of `as_array`: those of L̄, then such as ``encoder_gain[joint1].gain``."""

@@ -27,7 +27,6 @@ from scara_kinetostatic.model.tip import (
     SIGN_KNOWN,
     Force,
     Loading,
-    Spread,
     load_arm,
     newton_step,
     tip_by_joints,
@@ -113,7 +112,7 @@ class OnlineArm:
             raise ParameterError('gripper_excess', 'a gripper that is not isotropic cannot be followed online')
         self.predictor = Predictor(self.arm)
         self._law, self._p = self.predictor.law, self.predictor.law.model.parameters
-        self._spread = Spread.of(arm.covariance, arm.undetermined, self._p)
+        self._spread = arm.spread
         self._covariance, self._covariance_at = np.full((3, 3), nan), (nan,) * 7
         exact = self.arm.sensor == (0.0, 0.0) and not has_sensor_error(self._law.model)
         self._is_sensor_exact = exact and arm.cell.sensor.frame is SensorFrame.BASE
@@ -157,7 +156,7 @@ class OnlineArm:
         first, second = rest[0] + self._deflection[0], rest[1] + self._deflection[1]
         first, second, load, rows, solved = self._links(joints, first, second, force)
         state = None
-        if self._law.model.effects:
+        if self._law.model.acting.effects:
             for _ in range(_PASSES):
                 state, change = self._update(joints, load, force, metadata)
                 first, second, load, rows, solved = self._links(joints, first, second, force)
@@ -173,6 +172,8 @@ class OnlineArm:
         self._deflection = first - rest[0], second - rest[1]
         if self._is_outdated(joints, load, force):
             self._covariance_at = (q1, q2, load.s1, load.s2, force.place, fx, fy)
+            if state is None and self._law.model.effects:
+                state = self._law.touch_state(np.array([joints]), load, force, metadata or TouchMetadata.plain(1))
             self._covariance = self._covariance_of(load, rows, force, state)
         return OnlinePosition(x, y, second, self._covariance, self._status(load, force, second - first))
 

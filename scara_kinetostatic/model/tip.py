@@ -30,6 +30,7 @@ S and F, ∂Q/∂L̄ = -G⁻¹ ∂S/∂L̄. What an effect changes in its own sh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -225,7 +226,7 @@ class Law:
     def shift(self, at: TouchState, place: Floats) -> tuple[Floats, Floats]:
         """δ, rad, and d, m, by the effects of the robot, (n, 2) each; those by the force fade out with `place`."""
         joints, moved = np.zeros((2, *at.joints.shape))
-        for effect, values in zip(self.model.effects, self.model.effect_arrays, strict=True):
+        for effect, values in self.model.acting.pairs:
             part = faded(effect.shift(at, values), effect.force_dependence, place)
             joints += 0.0 if part.joints is None else part.joints
             moved += 0.0 if part.place is None or effect.on_object else part.place
@@ -281,7 +282,7 @@ def tip_under_load(law: Law, joints: Floats, force: Force, metadata: TouchMetada
         force: on the object.
         metadata: of the poses.
     """
-    p, effects = law.model.parameters, bool(law.model.effects)
+    p, effects = law.model.parameters, bool(law.model.acting.effects)
     q1, q2 = np.ascontiguousarray(joints.T)
     first, second = q1 + p.theta1, q1 + p.theta1 + q2 + p.theta2
     turn, moved, state, change = np.zeros((2, len(q1))), np.zeros((len(q1), 2)), None, np.zeros(len(q1))
@@ -297,6 +298,8 @@ def tip_under_load(law: Law, joints: Floats, force: Force, metadata: TouchMetada
         if not (change > _ROUNDING).any():
             break
     at = law.loading(first, second, force)
+    if law.model.effects and state is None:
+        state = law.touch_state(joints, at, force, metadata)
     tip = np.where((change < _SOLVED)[:, None], np.array(at.tip(p)).T + moved, np.nan)
     return Equilibrium(joints, tip, at, state)
 
@@ -312,7 +315,7 @@ def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, met
         metadata: of the poses.
     """
     p = law.model.parameters
-    once = not law.model.effects and law.gripper.isotropic
+    once = not law.model.acting.effects and law.gripper.isotropic
     compliance, backlash = np.array([[p.p1], [p.p2]]), np.array([[p.g1], [p.g2]])
     turn, moved, state = np.zeros((2, len(tip))), np.zeros((len(tip), 2)), None
     still = np.zeros(len(tip))
@@ -329,11 +332,11 @@ def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, met
         # where the place is out of reach it is not a number
         if once or not ((change[0] > _ROUNDING).any() or (change[1] > _ROUNDING).any()):
             break
-        if law.model.effects:
+        if law.model.acting.effects:
             state = law.touch_state(joints.T, at, force, metadata)
             shift, moved = law.shift(state, force.place)
             turn = shift.T
-    if law.model.effects and state is None:  # no place is within reach
+    if law.model.effects and state is None:
         state = law.touch_state(joints.T, at, force, metadata)
     solved = once | ~((change[0] > _SOLVED) | (change[1] > _SOLVED)).any(axis=0)
     return Equilibrium(np.where(solved, joints, np.nan).T, tip, at, state)
@@ -455,22 +458,26 @@ def _with_effects(found: Floats, law: Law, jacobian: Floats, force: Force, state
     """The columns of L̄ and what they change in the effects, then those of the effects' values: d - G δ each."""
     place = np.reshape(force.place, -1)
 
-    def column(shift: Shift) -> Floats:
-        out = np.zeros(found.shape[:-1])
-        if shift.place is not None:
-            out[..., :2] += shift.place.reshape(*out.shape[:-1], 2)
-        if shift.joints is not None:
-            out -= (jacobian @ shift.joints[..., None]).reshape(out.shape)
-        return out
+    def columns(shifts: Sequence[Shift], dependence: ForceDependence, *, of_robot: bool = True) -> Floats:
+        turned, moved = np.zeros((2, len(shifts), len(place), 2))
+        for k, shift in enumerate(shifts):
+            if shift.joints is not None:
+                turned[k] = shift.joints
+            if shift.place is not None and of_robot:
+                moved[k] = shift.place
+        both = np.array(faded(Shift(turned, moved), dependence, place))
+        turned, moved = both.reshape(2, -1, *jacobian.shape[:-2], 2)
+        out = np.zeros((len(shifts), *found.shape[:-1]))
+        out[..., :2] = moved
+        return np.moveaxis(out - (jacobian @ turned[..., None])[..., 0], 0, -1)
 
-    for name, shift in law.model.shift_by_robot(state).items():
-        found[..., NAMES.index(name)] += column(shift)
-    columns = []
-    for effect, values in zip(law.model.effects, law.model.effect_arrays, strict=True):
-        for part in effect.derivative(state, values):
-            shift = faded(part, effect.force_dependence, place)
-            columns.append(column(shift._replace(place=None) if effect.on_object else shift))
-    return np.concatenate([found, np.stack(columns, axis=-1)], axis=-1)
+    for name, shift in law.model.acting.shift_by_robot(state).items():
+        found[..., NAMES.index(name)] += columns([shift], ForceDependence.NONE)[..., 0]
+    of_effects = [
+        columns(effect.derivative(state, values), effect.force_dependence, of_robot=not effect.on_object)
+        for effect, values in law.model.pairs
+    ]
+    return np.concatenate([found, *of_effects], axis=-1)
 
 
 def band_covariance(gaps: Floats, jacobian: Floats, at: Loading, force: Force) -> Floats:
