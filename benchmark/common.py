@@ -23,14 +23,16 @@ from scara_kinetostatic.files.columns import csv_lines
 from scara_kinetostatic.files.escaping import csv_cell
 from scara_kinetostatic.files.touch_table import EXAMPLE, TouchTable
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, EffectSizes, Noise, SizeMode, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.simulation.outline import SAMPLES, Outline
 
 NOISE = Noise(joint=1e-5, force=0.3)
 EXACT = Noise(joint=0.0, force=0.0)
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
+NO_OTHERS = Uncertainty(effects=EffectSizes(SizeMode.NONE))
+"""Of simulated robots without undetected effects."""
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE, uncertainty=NO_OTHERS)
 """The paper's cell."""
 ROBOTS = {'table 2': PAPER_ACTUAL, 'figure 4(d)': PAPER_MEASURED}
 NOISES = ('given', 'estimated')

@@ -30,7 +30,7 @@ from benchmark.common import CELL, in_processes, parser, print_and_save
 from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.interface import simulate
-from scara_kinetostatic.model.cell import Cell, Uncertainty
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.comparison import compare
@@ -43,7 +43,7 @@ from scara_kinetostatic.touches.detection import Detection
 DECLARED = replace(
     CELL,
     discs=tuple(disc._replace(center_std=1.5e-5, radius_std=5e-6) for disc in CELL.discs),
-    uncertainty=Uncertainty(radius=5e-6, force_gain=0.005, force_rotation=1e-3),
+    uncertainty=replace(CELL.uncertainty, radius=5e-6, force_gain=0.005, force_rotation=1e-3),
 )
 CELLS = {'declared': DECLARED, 'exact': CELL}
 ESTIMATED = {f'{name}, noise estimated': replace(cell, noise=None) for name, cell in CELLS.items()}

@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from benchmark.common import in_processes, parser, print_targets, save
+from benchmark.common import NO_OTHERS, in_processes, parser, print_targets, save
 from benchmark.diagnosis.cells import SETUPS, TOUCHES, Setup, SimulatedEffects, at_sizes, seed_of, simulate
 from benchmark.diagnosis.record import Record, correctly_named, named_text, predicts_like_truth, unbiased
 from benchmark.diagnosis.runs import diagnosed
@@ -58,7 +58,7 @@ _SHORT_DISCS = (
 
 def _panda() -> Setup:
     """Links and compliance of joints 2 and 4 of a Panda, forces as it is made for."""
-    cell = Cell(_PANDA, _PANDA_DISCS, noise=Noise(joint=1e-5, force=0.1))
+    cell = Cell(_PANDA, _PANDA_DISCS, noise=Noise(joint=1e-5, force=0.1), uncertainty=NO_OTHERS)
     truth = _PANDA.replace(
         x0=1e-3, y0=-2e-3, theta1=2e-3, l1=0.3263, theta2=-1e-3, l2=0.5384, p_ee=2.4e-5, p1=8.6e-5, p2=7.7e-5,
         g_ee=6e-5, g1=2e-4, g2=1.5e-4,
@@ -69,7 +69,7 @@ def _panda() -> Setup:
 
 def _short() -> Setup:
     """A stiffer arm with shorter links among four discs."""
-    cell = Cell(_SHORT, _SHORT_DISCS, noise=Noise(joint=1e-5, force=0.3))
+    cell = Cell(_SHORT, _SHORT_DISCS, noise=Noise(joint=1e-5, force=0.3), uncertainty=NO_OTHERS)
     truth = PAPER_ACTUAL.replace(x0=-1e-3, y0=1e-3, l1=0.2803, l2=0.2396, p1=2.2e-5, p2=3.1e-5, g1=1.5e-4, g2=2.2e-4)
     plan = default_plan(cell, 20, levels=(8.0, 18.0, 35.0), preload=PRELOAD)
     return Setup(cell, truth, plan.select(np.arange(TOUCHES)))

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmark.common import dump_touch_table, parser, print_targets, save
+from benchmark.common import NO_OTHERS, dump_touch_table, parser, print_targets, save
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.touch_table import TouchTable
@@ -47,7 +47,7 @@ class Setup(NamedTuple):
 
 
 SETUPS = (
-    Setup('paper', Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE), PAPER_ACTUAL),
+    Setup('paper', Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE, uncertainty=NO_OTHERS), PAPER_ACTUAL),
     Setup(
         'short arm',
         Cell(SHORT_NOMINAL, SHORT_DISCS, sensor=TOOL_SENSOR),

@@ -8,6 +8,7 @@ from zlib import crc32
 
 import numpy as np
 
+from benchmark.common import NO_OTHERS
 from scara_kinetostatic.calibration.fit_point import FINAL, project
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.observations import Observations, observe
@@ -53,7 +54,7 @@ class Setup(NamedTuple):
 
 
 def _setup(discs: tuple[Disc, ...], truth: Parameters, per_disc: int) -> Setup:
-    cell = Cell(PAPER_NOMINAL, discs, noise=NOISE)
+    cell = Cell(PAPER_NOMINAL, discs, noise=NOISE, uncertainty=NO_OTHERS)
     return Setup(cell, truth, default_plan(cell, per_disc, preload=PRELOAD).select(np.arange(TOUCHES)))
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmark.common import NO_OTHERS
 from benchmark.diagnosis.cells import SETUPS, Setup, seed_of
 from scara_kinetostatic.model.cell import Cell, Plate, Uncertainty
 from scara_kinetostatic.model.parameters import Parameters
@@ -14,7 +15,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import World
 
-SENSOR = Uncertainty(force_gain=0.005, force_rotation=1e-3)
+SENSOR = replace(NO_OTHERS, force_gain=0.005, force_rotation=1e-3)
 
 
 def _discs(cell: Cell, center: float, radius: float) -> Cell:
@@ -35,7 +36,7 @@ def _everything(cell: Cell) -> Cell:
     """Discs on two plates and beside them, a tip of uncertain radius, sensor and data sheet."""
     first, *others = _discs(cell, 1.5e-5, 5e-6).discs
     discs = (first, *(disc._replace(center_std=3e-6, plate='plate') for disc in others))
-    common = Uncertainty(5e-6, 0.005, 1e-3, {'l1': 2e-4, 'p1': 1e-6, 'theta1': 1e-3})
+    common = Uncertainty(5e-6, 0.005, 1e-3, {'l1': 2e-4, 'p1': 1e-6, 'theta1': 1e-3}, NO_OTHERS.effects)
     return replace(cell, discs=discs, plates=(Plate('plate', 0.1, 0.3, 5e-5, 2e-4),), uncertainty=common)
 
 
