@@ -83,7 +83,7 @@ SIZES: dict[str, float | tuple[float, ...]] = {
     'shift': 3e-6,
     'tip_shape': 2e-6,
     'joint_coupling': 2e-5,
-    'cable_pull': 5e-6,
+    'cable_pull': (5e-6, 2.5e-6, 8e-7),
 }
 """Size of each error of the catalogue by label or name: its standard deviation at the factor 1, SI. Those of a robot
 arm and a cell in a workshop: gears of 4 arcsec, discs measured to 10 µm, a base on a steel frame.
@@ -262,13 +262,14 @@ def draw(task: Task) -> tuple[Setup, ExtendedModel, TouchSet]:
         listed = [listed[k] for k in sorted(kept)]
     effects = (*listed, *others)
     values = [
-        _values(effect, factor * sizes.get(effect.label, sizes.get(effect.name, 0.0)), random) for effect in effects
+        _values(effect, factor * np.array(sizes.get(effect.label, sizes.get(effect.name, 0.0))), random)
+        for effect in effects
     ]
     robot = ExtendedModel(setup.truth, effects, tuple(values)) if factor else ExtendedModel(setup.truth)
     return setup._replace(cell=cell), robot, simulate_touches(setup.cell, robot, setup.plan, NOISE, task.seed)
 
 
-def _values(effect: Effect, size: float, random: np.random.Generator) -> tuple[float, ...]:
+def _values(effect: Effect, size: Floats, random: np.random.Generator) -> tuple[float, ...]:
     """Normal with a size; a wave of any phase and of the frequencies of gears, a step between any two touches."""
     signs = np.array([p.sign for p in effect.parameters])
     drawn = size * random.standard_normal(len(signs))

@@ -22,7 +22,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import ArmClass, Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 
-TYPICAL = MappingProxyType(
+TYPICAL: Mapping[str, tuple[float | tuple[float, ...], str]] = MappingProxyType(
     {
         'contact_friction': (4e-3, 'lubricated steel, pressed along the normal'),
         'sensor_rotation': (2e-3, 'a flange with pins'),
@@ -32,7 +32,7 @@ TYPICAL = MappingProxyType(
         'encoder_gain': (2e-5, 'belt or cable across the joint'),
         'transmission_error': (2e-5, '4 arcsec: what is left of a strain-wave gear after compensation by its maker'),
         'joint_coupling': (2e-5, 'belt of joint 2 through the shoulder'),
-        'cable_pull': (5e-6, '5 to 40 µrad at 1 to 2 rad: a soft hose'),
+        'cable_pull': ((5e-6, 2.5e-6, 8e-7), 'a soft hose: a smooth curve of 5 µrad at 1 rad, by its Taylor series'),
         'tip_shape': (2e-6, 'a ground pin'),
         'joint_hardening': (2e-9, '2 µrad at 10 Nm'),
         'joint_hysteresis': (1e-5, '2 arcsec'),
@@ -65,7 +65,8 @@ _PART = 50.0
 def typical_size(effect: Effect, parameter: int, arm: ArmClass = ArmClass.INDUSTRIAL) -> float:
     """Of one parameter of an effect on a class of arms, in its unit."""
     known = TYPICAL.get(effect.label) or TYPICAL.get(effect.name)
-    return CLASSES[arm] * (known[0] if known else effect.parameters[parameter].scale / _PART)
+    size = known[0] if known else effect.parameters[parameter].scale / _PART
+    return CLASSES[arm] * (size[parameter] if isinstance(size, tuple) else size)
 
 
 class Column(NamedTuple):
