@@ -1,4 +1,4 @@
-"""Messages of a diagnosis: the lack of fit, what touches to record next, detection limit, and the noise."""
+"""Messages of a diagnosis: the lack of fit, what touches to record next, and the noise."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.alternatives import Moment
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.linear_problem import DISTINCT, STRICT_SIGNIFICANCE, fitted_effects
-from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, DiscriminatingTouch, Found, Ranked
+from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, DiscriminatingTouch, Found
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.parameters import NAMES, UNITS, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
-_LARGE_BIAS = 5.0
-"""Standard deviations by which an undetected effect may bias a parameter without a message."""
 _MOST_NAMES = 4
 
 
@@ -79,27 +77,6 @@ def weak_evidence(p_value: float, dependences: Sequence[Dependence]) -> str:
     return (
         f'weak evidence of a model error (p = {p_value:.1g}){on}; no effect explains it well enough to be accepted; '
         'record more touches to decide'
-    )
-
-
-def detection_limit(c: Calibration, ranking: Sequence[Ranked]) -> str:
-    """The largest bias of a parameter by an effect at the detection limit; empty where all are small or counted.
-
-    Args:
-        c: the base model, in which no effect was found.
-        ranking: of all effects.
-    """
-    if c.cell.uncertainty.effects.in_use:
-        return ''
-    large = [item for item in ranking if item.undetected_bias > _LARGE_BIAS and item.effect.is_physical]
-    if not large:
-        return ''
-    worst = max(large, key=lambda item: item.undetected_bias)
-    name, sigmas = worst.biased_parameter, worst.undetected_bias
-    others = f'; {len(large) - 1} others could bias one by more than {_LARGE_BIAS:g} σ' if len(large) > 1 else ''
-    return (
-        f'detection limit: undetected, “{worst.effect.title}” could bias {name} by up to '
-        f'{quantity(sigmas * c.std_of(name), UNITS[name])} ({sigmas:.0f} σ){others}'
     )
 
 

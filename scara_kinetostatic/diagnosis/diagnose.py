@@ -32,7 +32,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     pose_problem,
 )
 from scara_kinetostatic.diagnosis.mixed_model import with_undetected
-from scara_kinetostatic.diagnosis.model_selection import rank_singles, score_singles, undetected_bias
+from scara_kinetostatic.diagnosis.model_selection import rank_singles, score_singles
 from scara_kinetostatic.diagnosis.noise_structure import likelier, noise_candidate
 from scara_kinetostatic.diagnosis.refit import Effort, fit_again
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
@@ -40,7 +40,6 @@ from scara_kinetostatic.diagnosis.search import Search, fit_rivals, select_hypot
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import SizeMode
-from scara_kinetostatic.model.parameters import NAMES
 
 
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
@@ -188,10 +187,9 @@ def _examine(c: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagn
         p_value = min(p_value, float(np.exp(-lead / 2)))
     is_weak = not implausible and p_value >= STRICT_SIGNIFICANCE and found is not None and found.gain < CREDIBLE
     if found is None or is_weak:
-        ranking = _ranking(Search(problem, rank_singles(problem, candidate_set), None), c)
+        ranking = _ranking(Search(problem, rank_singles(problem, candidate_set), None))
         evidence = advice.weak_evidence(p_value, fit.dependences) if is_weak else ''
-        text = advice.joined(evidence, advice.detection_limit(c, ranking))
-        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=text)
+        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=evidence)
     if found.extended is not None:
         return _with_extended_model(c, p_value, fit.dependences, found, found.extended, known, effort)
     return Diagnosis(
@@ -200,7 +198,7 @@ def _examine(c: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagn
         dependences=fit.dependences,
         remaining=fit.dependences,
         remaining_p_value=p_value,
-        ranking=_ranking(found, c),
+        ranking=_ranking(found),
         advice=implausible or advice.unexplained(c, fit.dependences),
     )
 
@@ -247,7 +245,7 @@ def _with_extended_model(
         dependences=dependences,
         remaining=after.dependences,
         remaining_p_value=after.p_value,
-        ranking=_ranking(found, c, tuple(item.effect.label for item in effects if item.is_possible)),
+        ranking=_ranking(found, tuple(item.effect.label for item in effects if item.is_possible)),
         advice=advice.joined(
             advice.moments(effects, moments),
             advice.open_questions(verdict, effects, found.rivals, after.dependences, known, touches),
@@ -306,17 +304,15 @@ def _values(item: FittedEffect, calibration: Calibration) -> tuple[Value, ...]:
     )
 
 
-def _ranking(found: Search, calibration: Calibration, possible: Sequence[str] = ()) -> tuple[Ranked, ...]:
+def _ranking(found: Search, possible: Sequence[str] = ()) -> tuple[Ranked, ...]:
     """Every effect by itself: its scores and its role; `possible` are the labels of suspicions."""
     rivals = {label for group in found.rivals for label in group}
-    std = (found.extended or calibration).std
     ranked = []
     for candidate, scores in score_singles(found.problem, found.scored_subsets):
         label = candidate.effect.label
         role = 'found' if label in found.in_every_model else 'rival' if label in rivals else 'rejected'
         role = 'possible' if role == 'found' and label in possible else role
-        bias, place = undetected_bias(found.problem, candidate, std)
-        ranked.append(Ranked(candidate.effect, role, *scores, bias, NAMES[place]))
+        ranked.append(Ranked(candidate.effect, role, *scores))
     for item in found.scored_subsets.candidate_set.unidentifiable:
         ranked.append(Ranked(item.effect, 'unidentifiable', np.nan, 0.0, 0.0, item.independent_part))
     return tuple(ranked)

@@ -66,10 +66,6 @@ FORCE_LEVELS = 3.0
 """Standard deviations of the noise by which forces must scatter to be of several levels."""
 ROUNDING = 1e-8
 """Mean square of a whitened residual below which it is rounding error."""
-NONCENTRALITY = 40.0
-"""Noncentrality of chi-square at which an effect is found in all but a few of a hundred recordings: the size of an
-effect at the detection limit.
-"""
 
 
 _MOST = 2000

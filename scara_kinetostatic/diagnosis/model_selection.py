@@ -16,7 +16,7 @@ estimated.
 Sets whose score is within `CREDIBLE` of the best are credible, too. An effect that is in every credible set is found;
 those that replace each other are rivals.
 
-**Ranking.** Each effect by itself has a significance, a gain and a detection limit.
+**Ranking.** Each effect by itself has a significance and a gain.
 """
 
 from __future__ import annotations
@@ -29,14 +29,7 @@ import numpy as np
 from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet
-from scara_kinetostatic.diagnosis.linear_problem import (
-    CREDIBLE,
-    INDEPENDENT_PART,
-    NONCENTRALITY,
-    STRICT_SIGNIFICANCE,
-    Problem,
-    f_test,
-)
+from scara_kinetostatic.diagnosis.linear_problem import CREDIBLE, STRICT_SIGNIFICANCE, Problem, f_test
 from scara_kinetostatic.model.arrays import Floats, Indices
 
 _MOST_SETS = 2000
@@ -342,30 +335,6 @@ def score_singles(
             part = problem.independent_part(problem.columns(candidate.trial))[1]
             gain = scored_subsets.empty.score - subset.score
             yield candidate, (*significance(problem, candidate), gain, part)
-
-
-def undetected_bias(problem: Problem, candidate: Candidate, std: Floats) -> tuple[float, int]:
-    """Largest bias of a base parameter by an effect at the detection limit.
-
-    This is the external reliability of adjustment theory (Baarda, A Testing Procedure for Use in Geodetic
-    Networks, 1968): the effect has the size at which it would nearly always be found, `NONCENTRALITY`,
-    and, if it has several parameters, the worst direction.
-
-    Args:
-        problem: the touches.
-        candidate: the effect.
-        std: standard deviations of the base parameters, (12,); NaN or 0 where there is none.
-
-    Returns:
-        The bias in standard deviations, and the index of the parameter.
-    """
-    columns = problem.columns(candidate.trial)
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    _, values, right = np.linalg.svd(columns - problem.base @ (problem.base.T @ columns), full_matrices=False)
-    identifiable = values > INDEPENDENT_PART
-    bias = (problem.response @ columns) @ (right[identifiable].T / values[identifiable]) * np.sqrt(NONCENTRALITY)
-    in_std = np.nan_to_num(np.linalg.norm(bias, axis=1) / np.where(std > 0, std, np.inf))
-    return float(in_std.max()), int(np.argmax(in_std))
 
 
 def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:

@@ -54,9 +54,6 @@ class Ranked(NamedTuple):
         gain: decrease of the penalised deviance by it.
         independent_part: largest part of it that is independent of the base model; below
             `linear_problem.INDEPENDENT_PART` it is not identifiable.
-        undetected_bias: bias of a base parameter, in standard deviations, by this effect at the detection
-            limit; NaN if it is not identifiable.
-        biased_parameter: name of that parameter.
     """
 
     effect: Effect
@@ -65,8 +62,6 @@ class Ranked(NamedTuple):
     share: float
     gain: float
     independent_part: float
-    undetected_bias: float = np.nan
-    biased_parameter: str = ''
 
 
 @dataclass(frozen=True)

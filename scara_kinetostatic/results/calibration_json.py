@@ -260,6 +260,4 @@ def _candidate(item: Ranked, role: str) -> Document:
         'share': item.share,
         'gain': item.gain,
         'independent_part': item.independent_part,
-        'undetected_bias': item.undetected_bias,
-        'biased_parameter': item.biased_parameter or None,
     }

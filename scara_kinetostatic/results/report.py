@@ -309,16 +309,10 @@ def _candidates(outcome: Outcome) -> Section | None:
 def _limits(outcome: Outcome, extended: bool) -> Section:
     d = outcome.diagnosis
     depends = tables.dependence_table(d.remaining if extended else d.dependences)
-    limits, unidentifiable = tables.limit_table(outcome), tables.unidentifiable_table(d)
+    unidentifiable = tables.unidentifiable_table(d)
     blocks: list[Block] = []
     if depends is not None:
         blocks += [*(['Residual of the extended model:'] if extended else []), depends]
-    if limits is not None:
-        blocks += [
-            'Detection limits: an effect just too small to be detected could bias one of the parameters by more than '
-            'its standard deviation.',
-            limits,
-        ]
     if unidentifiable is not None:
         blocks += [f'Effects that these touches cannot identify: {len(unidentifiable.rows)}', unidentifiable]
     return Section('Limits of this diagnosis', tuple(blocks or ['None among the effects of the list.']), folded=True)

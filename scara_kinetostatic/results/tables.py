@@ -19,7 +19,7 @@ NOTABLE = 2.0
 """A bias of so many standard deviations is drawn in the warning colour."""
 _STATUS = {'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined by these data'}
 _LISTED = 8
-"""So many dependences and detection limits are listed."""
+"""So many dependences are listed."""
 
 
 def parameter_table(c: Calibration) -> Table:
@@ -164,23 +164,3 @@ def unidentifiable_table(d: Diagnosis) -> Table | None:
     effects = [item.effect for item in d.ranking if item.role == 'unidentifiable' and item.effect.is_physical]
     rows = tuple((effect.title, effect.confounded_with, effect.identified_by) for effect in effects)
     return Table(('effect', 'confounded with', 'identified by'), ('',) * 3, rows) if rows else None
-
-
-def limit_table(outcome: Outcome) -> Table | None:
-    """By how much a rejected effect, just too small to be detected, could bias a parameter by more than its σ."""
-    d, c = outcome.diagnosis, outcome.final
-    if c.cell.uncertainty.effects.in_use:  # it is part of the standard deviation
-        return None
-    items = [
-        item
-        for item in d.ranking
-        if d.role_of(item) == 'rejected' and item.undetected_bias > 1.0 and item.effect.is_physical
-    ]
-    rows = []
-    for item in sorted(items, key=lambda item: -item.undetected_bias)[:_LISTED]:
-        unit, per_si = SCALES[item.biased_parameter]
-        bias = item.undetected_bias * c.std_of(item.biased_parameter) * per_si
-        size = (f'{bias:.2g}' if bias < 99.5 else f'{bias:.0f}') if math.isfinite(bias) else ''
-        rows.append((item.effect.title, item.biased_parameter, f'{item.undetected_bias:.1f}', size, unit))
-    heading = ('undetected effect', 'parameter', 'bias up to [σ]', 'bias up to', '')
-    return Table(heading, ('',) * 5, tuple(rows)) if rows else None

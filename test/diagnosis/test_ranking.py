@@ -12,8 +12,8 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis import search
 from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
 from scara_kinetostatic.diagnosis.comparison import discriminating_touches
-from scara_kinetostatic.diagnosis.linear_problem import NONCENTRALITY, pose_problem
-from scara_kinetostatic.diagnosis.model_selection import score_subsets, significance, undetected_bias
+from scara_kinetostatic.diagnosis.linear_problem import pose_problem
+from scara_kinetostatic.diagnosis.model_selection import score_subsets, significance
 from scara_kinetostatic.diagnosis.refit import Effort, fit_with
 from scara_kinetostatic.effects.registry import catalogue
 
@@ -59,21 +59,6 @@ def test_a_fitted_effect_that_adds_nothing_to_the_base_model_is_not_significant(
     assert significance(problem, candidate._replace(unit=candidate.unit[:, :0])) == (1.0, 0.0)
 
 
-def test_the_undetected_bias_is_that_of_a_fit():
-    """An effect at the detection limit biases the parameters by `undetected_bias`."""
-    fit = calibrate(simulate(), CELL)
-    problem = pose_problem(fit)
-    (candidate,) = gather(problem, [effect('encoder_gain[joint1]')]).candidates
-    bias, place = undetected_bias(problem, candidate, fit.std)
-    column = problem.columns(candidate.trial)[:, 0]
-    independent_part = column - problem.base @ (problem.base.T @ column)
-    size = np.sqrt(NONCENTRALITY) / np.linalg.norm(independent_part)
-    with_it = calibrate(simulate((effect('encoder_gain[joint1]'), (size,))), CELL)
-    moved = (with_it.parameters.as_array() - fit.parameters.as_array()) / fit.std
-    assert int(np.argmax(np.abs(moved))) == place
-    assert np.isclose(np.abs(moved[place]), bias, rtol=0.15)
-
-
 def test_discriminating_touches_are_those_where_rivals_differ():
     fit, _ = examined('encoder_gain[joint1]', (6e-5,))
     problem = pose_problem(fit)
@@ -93,7 +78,6 @@ def test_everything_in_the_catalogue_is_ranked_once():
     best = found.ranking[0]
     assert best.effect.label == 'encoder_gain[joint1]'
     assert best.role == 'found'
-    assert all(item.undetected_bias >= 0 for item in found.ranking if item.role != 'unidentifiable')
 
 
 def test_a_fit_that_does_not_predict_the_forces_is_no_result(monkeypatch):
