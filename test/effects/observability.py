@@ -24,7 +24,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 FREQUENCIES = (1.0, 2.0, 7.3, 100.0)
 """Of a transmission error, cycles per turn."""
 FRICTION = {'joint_slip': (0.5, 1.0, 2.0, 4.0), 'load_friction': (0.05, 0.1, 0.2, 0.4)}
-"""Of a joint that slips, Nm."""
+"""Of a joint that slips, Nm; of friction that grows with the load, a ratio."""
 
 
 class Visibility(NamedTuple):
