@@ -321,7 +321,7 @@ def judge(final: Calibration, robot: ExtendedModel, seed: int) -> dict[str, floa
     error, covariance, by_noise = (found.position - true)[known], found.covariance[known], by_noise[known]
     square = (error * np.linalg.solve(covariance, error[:, :, None])[:, :, 0]).sum(axis=1)
     size = np.median(np.linalg.norm(error, axis=1))
-    stated, least = (np.median(np.sqrt(np.trace(each, axis1=1, axis2=2))) for each in (covariance, by_noise))
+    stated, least = (np.nanmedian(np.sqrt(np.trace(each, axis1=1, axis2=2))) for each in (covariance, by_noise))
     return {
         'coverage': float(np.mean(square <= QUANTILE)),
         'error': float(size),
@@ -342,7 +342,7 @@ def line(name: str, records: Sequence[dict[str, Any]]) -> str:
         f'{name:28} {len(good):4} robots: ellipse holds in {100 * c.mean():.0f} %, in {LEAST_PLACES:.0%} of the places '
         f'for {100 * np.mean(c >= LEAST_PLACES):.0f} %; tip off {1e6 * np.median(error):.1f}, stated '
         f'{1e6 * np.median(stated):.1f} µm, ratio {np.median(ratio):.2f}, above {LARGEST_RATIO:g} in '
-        f'{100 * np.mean(ratio > LARGEST_RATIO):.1f} %; over noise alone {np.median(over):.2f}; z rms '
+        f'{100 * np.mean(ratio > LARGEST_RATIO):.1f} %; over noise alone {np.nanmedian(over):.2f}; z rms '
         f'{np.sqrt(np.nanmean(z**2)):.2f}, beyond {LARGEST_Z:g} {100 * np.nanmean(z > LARGEST_Z):.2f} %'
     )
 

@@ -12,8 +12,9 @@ undetected.
 **Sizes.** The τ are found by restricted likelihood (REML; Patterson and Thompson, Biometrika 58 (1971) 545), by Fisher
 scoring in log τ. A robot is good or bad as a whole, so they have a common size τ_0 beforehand; τ_g / τ_0 and τ_0 have a
 half-Cauchy prior with scale 1 each (Gelman, Bayesian Analysis 1 (2006) 515), and its density in log τ counts: what the
-touches say nothing of has the common size, not none. The mean of τ is taken, exp(log τ + v/2) with the variance v of
-log τ by Laplace's approximation. Sizes that the cell description declares are held.
+touches say nothing of has the common size, not none. Effects that the fit has count for τ_0 by their amplitudes. The
+mean of τ is taken, exp(log τ + v/2) with the variance v of log τ by Laplace's approximation. Sizes that the cell
+description declares are held.
 
 **Contribution.** The estimate stays what it is: least squares without these effects. With C the covariance of the
 fit and J' its derivatives by all values and declared errors, they move it by C J'ᵀ X u, and what they do to the tip is
@@ -41,8 +42,8 @@ from scara_kinetostatic.model.cell import EffectSizes, SizeMode
 
 _LARGEST_STEP = 1.5
 """Of log τ."""
-_LARGEST_HALF_VARIANCE = 0.7
-"""Of log τ: a size of which nothing is known is at most twice the common one."""
+_LARGEST_HALF_VARIANCE = 0.5
+"""Of log τ: the mean of a size of which nothing is known is at most 1.65 times the common one."""
 _ROUNDS, _STEPS = 6, 12
 """Of the noise levels, and of the sizes between them."""
 
@@ -135,16 +136,26 @@ def _log_sizes(problem: Problem, c: Calibration, random: RandomEffects) -> Float
     columns, fixed = np.concatenate(known, axis=1), sum(part.shape[1] for part in known[:-1])
     names, group = np.unique(random.group[free], return_inverse=True)
     of_joints = whiten_matrix(outer(problem.point.linear.by_joints) * c.noise.joint_rms**2, w.root)
-    levels, found = np.ones(2), np.zeros(len(names) + 1)
+    levels, found, sizes_found = np.ones(2), np.zeros(len(names) + 1), _log_sizes_found(c)
     for _ in range(_ROUNDS if c.noise_source == 'estimated' else 1):
         inner = _Whitened.of(of_joints, levels, fitted, columns, residual)
-        found, half_variance, weights = _scored(inner, fixed, group, found)
+        found, half_variance, weights = _scored(inner, fixed, group, sizes_found, found)
         before, levels = levels, _levels(inner, of_joints, levels, weights)
         if c.noise_source != 'estimated' or np.abs(np.log(levels / before)).max() < 0.05:
             break
     log_sizes = random.held.copy()
     log_sizes[free] = (found + np.minimum(half_variance, _LARGEST_HALF_VARIANCE))[:-1][group]
     return log_sizes
+
+
+def _log_sizes_found(c: Calibration) -> Floats:
+    """Log of the amplitudes of the effects that the fit has, in typical sizes, rms of each name."""
+    arm, found = c.cell.uncertainty.effects.arm, dict[str, list[float]]()
+    for effect, values, _ in fitted_effects(c):
+        if effect.is_physical and len(values):
+            sizes = effect.amplitudes(np.array(values)) / [typical_size(effect, k, arm) for k in range(len(values))]
+            found.setdefault(effect.name, []).extend(sizes[sizes != 0].tolist())
+    return np.array([0.5 * np.log(np.mean(np.square(sizes))) for sizes in found.values() if sizes])
 
 
 class _Whitened(NamedTuple):
@@ -179,7 +190,9 @@ class _Whitened(NamedTuple):
         return cls(inverse, base, x, y, x.T @ x, x.T @ y)
 
 
-def _scored(inner: _Whitened, fixed: int, group: Indices, start: Floats) -> tuple[Floats, Floats, Floats]:
+def _scored(
+    inner: _Whitened, fixed: int, group: Indices, sizes_found: Floats, start: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Log sizes of the groups and the common one, (G + 1,), half of their variances, and τ of each column, (k,), at
     given noise levels.
     """
@@ -196,19 +209,19 @@ def _scored(inner: _Whitened, fixed: int, group: Indices, start: Floats) -> tupl
         inverse = inverse + np.tril(inverse, -1).T
         h = weights * inner.projected
         effects = inverse @ h
-        off = np.append(logs[:-1] - logs[-1], logs[-1])
+        off = np.concatenate([logs[:-1] - logs[-1], sizes_found - logs[-1], logs[-1:]])
         penalty = 2 * (np.log1p(np.exp(2 * off)) - off).sum()
         deviance = 2 * np.log(np.diag(factor)).sum() - h @ effects + penalty
         return float(deviance), np.eye(len(weights)) - inverse, effects
 
     logs, (lowest, part, effects) = start, value(start)
     for _ in range(_STEPS):
-        steep = np.append(logs[:-1] - logs[-1], logs[-1])
+        steep = np.concatenate([logs[:-1] - logs[-1], sizes_found - logs[-1], logs[-1:]])
         share = 1 / (1 + np.exp(-2 * steep))
         slope, curve = 2 * (2 * share - 1), 8 * share * (1 - share)
-        gradient = np.append(slope[:-1], slope[-1] - slope[:-1].sum())
-        hessian = np.diag(np.append(curve[:-1], curve.sum()))
-        hessian[-1, :-1] = hessian[:-1, -1] = -curve[:-1]
+        gradient = np.append(slope[:count], slope[-1] - slope[:-1].sum())
+        hessian = np.diag(np.append(curve[:count], curve.sum()))
+        hessian[-1, :-1] = hessian[:-1, -1] = -curve[:count]
         of_each = np.diag(part) - effects**2
         gradient[:-1] += 2 * np.bincount(group, of_each[fixed:], count)
         member = np.zeros((len(group), count))
