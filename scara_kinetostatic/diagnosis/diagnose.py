@@ -39,7 +39,6 @@ from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found,
 from scara_kinetostatic.diagnosis.search import Search, fit_rivals, select_hypothesis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.model.cell import SizeMode
 
 
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
@@ -228,8 +227,7 @@ def _with_extended_model(
     held = fitted.held_effects  # each credible set is fitted by itself; off-normal angles stay
     kept = tuple(effect for effect in fitted.model.effects if effect.off_normal_std or effect.label in held)
     rivals = fit_rivals(found, replace(c, model=c.model.with_effects(kept)), effort) if found.rivals else []
-    are_random = c.cell.uncertainty.effects.sizes is SizeMode.ESTIMATED  # of any size
-    extended, frequencies = cover_alternatives(fitted, [] if are_random else rivals, found.in_every_model, effort)
+    extended, frequencies = cover_alternatives(fitted, rivals, found.in_every_model, effort)
     extended = widened_by_moments(extended, moments)
     rivals_at_moments = [widened_by_moments(rival, find_moments(rival, refit=False)[1]) for rival in rivals]
     effects = _describe(extended, found.in_every_model, rivals_at_moments)

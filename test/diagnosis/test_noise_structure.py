@@ -47,14 +47,14 @@ def test_noise_that_grows_is_found_beside_stated_levels_and_said():
 def test_plain_noise_stays_plain(cell):
     fit = calibrate(simulate(seed=21), cell)
     found = diagnose(fit)
-    assert (found.verdict, found.refitted) == ('none', None)
+    assert (found.verdict, found.refitted.noise) == ('none', fit.noise)
     assert fit.noise.is_plain
 
 
 def test_what_is_stated_is_kept():
     stated = BY_AXIS._replace(force_relative=0.0)
     found = diagnose(calibrate(with_noise(BY_AXIS, 4), replace(CELL, noise=stated)))
-    assert (found.verdict, found.refitted) == ('none', None)
+    assert (found.verdict, found.refitted.noise) == ('none', stated)
 
 
 def test_noise_that_grows_hides_no_disc_of_another_radius():
@@ -69,6 +69,7 @@ def test_noise_that_grows_hides_no_disc_of_another_radius():
 def test_a_disc_of_another_radius_is_no_noise():
     law, values = effect('object_radius[disc_2]'), (6e-5,)
     for cell in (CELL, UNKNOWN_NOISE):
-        found = diagnose(calibrate(simulate((law, values), seed=6), cell))
+        fit = calibrate(simulate((law, values), seed=6), cell)
+        found = diagnose(fit)
         assert [item.effect.label for item in found.found] == [law.label]
-        assert found.refitted is None
+        assert found.refitted.noise == fit.noise
