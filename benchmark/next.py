@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -131,12 +130,6 @@ def even(one: Case, number: int, turn: float) -> Plan:
     return Plan(chosen.disc, chosen.angle, chosen.posture, levels[np.arange(number) % len(levels)])
 
 
-def together(plans: Sequence[Plan]) -> Plan:
-    """The touches of several plans."""
-    names = ('disc', 'angle', 'posture', 'force', 'preload')
-    return Plan(*(np.concatenate([getattr(plan, name) for plan in plans]) for name in names))
-
-
 def after(one: Case, made: Plan, number: int) -> Plan:
     """What `next` chooses with touches made, by the nominal model still."""
     touches = simulate_touches(one.planner.arm.cell, one.truth.parameters, made, seed=0)
@@ -147,7 +140,7 @@ def until(one: Case, tolerance: float, first: Plan, most: int = 96) -> int:
     """Touches that `next` needs to a tolerance, in sets of six."""
     made = first
     while one.expanded(made) > tolerance and len(made) < most:
-        made = together([made, after(one, made, 6)])
+        made = Plan.joined([made, after(one, made, 6)])
     return len(made)
 
 
@@ -180,7 +173,7 @@ def main() -> int:
         evens = {n: [even(one, n, turn) for turn in (0.1, 0.3, 0.5, 0.7, 0.9)] for n in (12, 24, 36, 48)}
         spread = {n: float(np.median([one.expanded(plan) for plan in plans])) for n, plans in evens.items()}
         before = evens[12][2]
-        further = together([before, after(one, before, 12)])
+        further = Plan.joined([before, after(one, before, 12)])
         row = {
             'cell': number,
             'first': spread[12] / one.expanded(planned.plan),

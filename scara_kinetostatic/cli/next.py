@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         show_progress('choosing touches', 0.5)
         number = args.touches or USUAL_NUMBER
         if args.goal == 'decide':
-            planned = known.planner.discriminating(_discriminating(known.outcome), number)
+            planned = known.planner.discriminating(_discriminating(known), number)
         else:
             planned = known.planner.accurate(number)
         files = next_files(known.planner, planned)
@@ -146,19 +146,19 @@ def _known_or_infinite(worst: float | None, undetermined: float) -> float:
     return found if found < float('inf') else float('inf')  # not a number neither
 
 
-def _discriminating(outcome: Outcome | None) -> tuple[DiscriminatingTouch, ...]:
-    """The touches that decide between the rivals of an outcome.
+def _discriminating(known: _Known) -> tuple[DiscriminatingTouch, ...]:
+    """The touches at which the predictions of the rivals of an outcome differ most.
 
     Raises:
-        UnsupportedDataError: there are none.
+        UnsupportedDataError: there is nothing to decide.
     """
-    if outcome is None:
+    if known.outcome is None:
         raise UnsupportedDataError('--goal decide: there is nothing to decide without recordings', 'give BAG')
-    found = outcome.diagnosis
-    if not found.discriminating:
-        what = 'no touch on these discs decides' if found.rivals else f'nothing is to be decided: {found.verdict}'
+    found = known.outcome.diagnosis
+    if not known.planner.suspected:
+        what = f'nothing is to be decided: {found.verdict}'
         raise UnsupportedDataError(f'--goal decide: {what}', found.advice or 'leave out --goal decide')
-    return found.discriminating
+    return found.discriminating or ()
 
 
 def _is_enough(known: _Known, planned: PlannedTouches) -> bool:

@@ -302,6 +302,10 @@ class Ways(NamedTuple):
     lengths: Floats
     before: Indices
 
+    def stop(self, number: int) -> Poses:
+        """One of the stops."""
+        return self.every.select(slice(self.first + number, self.first + number + 1))
+
     def way(self, start: int, goal: int) -> Poses:
         """The places on the way from one stop to another, which is the last of them."""
         place, found = self.first + goal, []
