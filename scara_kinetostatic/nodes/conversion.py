@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import cos, sin
+from collections.abc import Callable, Iterable, Sequence
+from math import cos, nan, sin
 from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
@@ -21,7 +21,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, wrench_fields
-from scara_kinetostatic.model.cell import HELD_WITHIN
 from scara_kinetostatic.report.markers import Primitive, Shape
 
 NANOSECONDS = 1_000_000_000
@@ -30,11 +29,14 @@ _PLAIN = b'\0\1'
 
 
 class Sample(NamedTuple):
-    """Two numbers with the stamp of their header: q1, q2 in rad, or fx, fy in N."""
+    """Two numbers with the stamp of their header: q1, q2 in rad, or fx, fy in N; and positions of other joints, NaN
+    where the message has none.
+    """
 
     stamp_ns: int
     first: float
     second: float
+    others: tuple[float, ...] = ()
 
 
 class UnusableMessageError(Exception):
@@ -131,17 +133,16 @@ def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, floa
     return message
 
 
-def joint_sample(serialized: bytes, names: Sequence[str], hold: Mapping[str, float] | None = None) -> Sample:
-    """Both joint angles, found by name.
+def joint_sample(serialized: bytes, names: Sequence[str], others: Sequence[str] = ()) -> Sample:
+    """Both joint angles, found by name, and the positions of other joints.
 
     Args:
         serialized: a `JointState` as it came over the wire.
         names: of q1 and q2.
-        hold: other joints and their positions.
+        others: names of other joints.
 
     Raises:
-        UnusableMessageError: a joint is missing, or has no position, or none that is a finite number; one that is to
-            be held is elsewhere.
+        UnusableMessageError: q1 or q2 is missing, or has no position, or none that is a finite number.
     """
     fields, angles = _fields(joint_fields, serialized)
     if any(name not in fields.names[: fields.numbers] for name in names):
@@ -149,12 +150,10 @@ def joint_sample(serialized: bytes, names: Sequence[str], hold: Mapping[str, flo
             f'expected positions of {" and ".join(names)}, got {fields.numbers} positions of '
             f'{" ".join(fields.names) or "no joints"}'
         )
-    for name in set(hold or ()) & set(fields.names[: fields.numbers]):
-        wanted, at = (hold or {})[name], angles[fields.names.index(name)]
-        if not abs(at - wanted) <= HELD_WITHIN:
-            raise UnusableMessageError(f'expected {name} at {wanted:g} (robot.hold), got {at:g}')
     first, second = (angles[fields.names.index(name)] for name in names)
-    return _finite(Sample(_stamp(serialized), first, second))
+    there = fields.names[: fields.numbers]
+    found = tuple(angles[there.index(name)] if name in there else nan for name in others)
+    return _finite(Sample(_stamp(serialized), first, second, found))
 
 
 def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = None) -> Sample:
