@@ -167,7 +167,7 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
 def _with_moved_joints(
     candidates: list[TouchCandidate], streams: Streams, start: int, cell: Cell
 ) -> list[TouchCandidate]:
-    """The candidates, those rejected in which a joint that is to be held is elsewhere between contact and end of hold."""
+    """The candidates, those rejected in which a joint that is to be held is elsewhere before the hold has ended."""
     joints, moved = streams.joints, streams.joints.moved(cell)
     if joints.others is None or not moved.any():
         return candidates

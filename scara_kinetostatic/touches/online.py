@@ -193,8 +193,12 @@ class OnlineDetector:
         self._reported = self._searched = _NEVER
 
     def add_joint_state(self, stamp_ns: int, joints: Sequence[float], log_time: int | None = None) -> None:
-        """One sample of q1, q2, rad, and the cell's other joints, with its header stamp and when it was received, ns; by
-        default at its stamp.
+        """One sample of q1, q2, rad, and the cell's other joints, if any.
+
+        Args:
+            stamp_ns: its header stamp, ns.
+            joints: their positions.
+            log_time: when it was received, ns; by default at its stamp.
         """
         self._pair.joints.append(stamp_ns, stamp_ns if log_time is None else log_time, joints)
 
