@@ -487,6 +487,12 @@ class Cell:
         return np.array([disc.radius for disc in self.discs])
 
     @property
+    def surface_std(self) -> float:
+        """Standard uncertainty of where the surface of a disc is, at most, m."""
+        placed = max(disc.center_std + disc.radius_std for disc in self.discs)
+        return placed + max((plate.center_std for plate in self.plates), default=0.0)
+
+    @property
     def other_joints(self) -> tuple[str, ...]:
         """Names of the controller's joints beside the two: the lift, then those to be held."""
         return (*((self.lift.joint,) if self.lift else ()), *self.hold)

@@ -176,9 +176,7 @@ class Planner:
         cell = self.arm.cell
         clearance = cell.touch.clearance
         if self.now is not None:
-            placed = max(disc.center_std + disc.radius_std for disc in cell.discs)
-            placed += max((plate.center_std for plate in cell.plates), default=0.0)
-            clearance = min(clearance, _CALIBRATED + 3 * (self.now / COVERAGE_FACTOR + placed))
+            clearance = min(clearance, _CALIBRATED + 3 * (self.now / COVERAGE_FACTOR + cell.surface_std))
         return Space(cell, self.arm.model.parameters, clearance)
 
     @cached_property

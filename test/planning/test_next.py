@@ -289,7 +289,7 @@ def test_the_shortest_order_is_that_of_a_line():
 
 def test_limits_are_needed_and_kept_with_a_margin():
     with pytest.raises(CellError, match=r'robot\.limits: the limits of the joints are missing'):
-        Space(PAPER_CELL, PAPER_NOMINAL, 0.012)
+        _ = Space(PAPER_CELL, PAPER_NOMINAL, 0.012).limits
     assert planner_of(CELL).space.limits[0] == pytest.approx(-2.6 + LIMIT_MARGIN)
 
 
