@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import cos, nan, sin
 from typing import Any, NamedTuple
 
+import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, PoseStamped, Vector3, WrenchStamped
 from nav_msgs.msg import Path
@@ -21,6 +22,11 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, wrench_fields
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.touch_table import LARGEST
+from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.markers import Primitive, Shape
 
 NANOSECONDS = 1_000_000_000
@@ -115,6 +121,16 @@ def joint_trajectory(names: Sequence[str], angles: Sequence[float], duration: fl
     return JointTrajectory(joint_names=list(names), points=[point])
 
 
+def pose_stamped(stamp_ns: int, frame_id: str, place: tuple[float, float, float]) -> PoseStamped:
+    """A pose in the plane: x, y, m, and the angle of its x axis, rad."""
+    x, y, angle = place
+    pose = PoseStamped()
+    pose.header.frame_id, pose.header.stamp = frame_id, stamp_of(stamp_ns)
+    pose.pose.position.x, pose.pose.position.y = x, y
+    pose.pose.orientation.z, pose.pose.orientation.w = sin(angle / 2), cos(angle / 2)
+    return pose
+
+
 def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, float]]) -> Path:
     """A path in the plane.
 
@@ -125,11 +141,7 @@ def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, floa
     """
     message = Path()
     message.header.frame_id, message.header.stamp = frame_id, stamp_of(stamp_ns)
-    for x, y, angle in places:
-        pose = PoseStamped(header=message.header)
-        pose.pose.position.x, pose.pose.position.y = x, y
-        pose.pose.orientation.z, pose.pose.orientation.w = sin(angle / 2), cos(angle / 2)
-        message.poses.append(pose)
+    message.poses = [pose_stamped(stamp_ns, frame_id, place) for place in places]
     return message
 
 
@@ -205,6 +217,46 @@ def _finite(sample: Sample) -> Sample:
     if not (abs(sample.first) <= 1e5 and abs(sample.second) <= 1e5):  # rad, N or m
         raise UnusableMessageError(f'expected plausible numbers, got {sample.first:g} and {sample.second:g}')
     return sample
+
+
+def touch_of(values: Mapping[str, str], arm: CalibratedArm) -> TouchSet:
+    """A touch from the values of the collector's `~/touch`, in the cell of an arm.
+
+    Raises:
+        KeyError, ValueError: a value is missing or no number.
+        InputError: the object or the frame is not that of the calibration.
+    """
+    cell = arm.cell
+    names = [disc.name for disc in cell.discs]
+    if values['object'] not in names:
+        problem = f'the calibration knows no object {values["object"]!r}'
+        raise InputError('collector/touch', problem, 'calibrate with this cell description')
+    if values['frame'] != cell.sensor.frame.value:
+        raise InputError('collector/touch', f'the frame of the force is {values["frame"]}, not that of the calibration')
+    joints = np.array([[_number(values, 'q1_rad'), _number(values, 'q2_rad')]])
+    force = np.array([[_number(values, 'fx_N'), _number(values, 'fy_N')]])
+    moved = np.array([float(values.get(name) or 0.0) for name in ('approach1', 'approach2', 'press1', 'press2')])
+    return TouchSet(
+        joints,
+        force,
+        np.array([names.index(values['object'])]),
+        posture(arm.model.parameters, joints),
+        time=np.array([arm.used.duration]),
+        approach=moved[None, :2],
+        press=moved[None, 2:],
+    )
+
+
+def _number(values: Mapping[str, str], name: str) -> float:
+    """A plausible number.
+
+    Raises:
+        KeyError, ValueError: there is none.
+    """
+    number = float(values[name])
+    if not abs(number) <= LARGEST[name]:
+        raise ValueError(f'{name} = {number:g} is not plausible')
+    return number
 
 
 def marker_array(primitives: Iterable[Primitive], frame: str) -> MarkerArray:

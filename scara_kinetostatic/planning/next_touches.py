@@ -38,6 +38,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES
@@ -48,6 +49,7 @@ from scara_kinetostatic.planning.optimal_design import contributions
 from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan, tip_in_use
 from scara_kinetostatic.planning.search import MOST_TOUCHES, improve, largest_variance, variance_with_each
 from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
 
 UNSUSPECTED = 0.01
 """Prior of an effect that nobody suspects, in its typical size: it spreads the touches. With a tenth, twelve touches
@@ -85,6 +87,12 @@ class Uncertainty(NamedTuple):
     share: float
 
 
+def known_or_infinite(worst: float | None, undetermined: float) -> float:
+    """The largest expanded uncertainty of the tip, m; infinite where it is not determined all over the region."""
+    found = float('inf') if worst is None or undetermined > 0 else worst
+    return found if found < float('inf') else float('inf')  # not a number neither
+
+
 class PlannedTouches(NamedTuple):
     """Touches in the order in which to make them.
 
@@ -105,6 +113,12 @@ class PlannedTouches(NamedTuple):
     order: list[int]
     left_out: list[str]
     uncertainty: Uncertainty
+
+    def sentence(self, cell: Cell, k: int = 0) -> str:
+        """One of the touches in words, such as ``disc_2 at 170°, left, 40 N, it sharpens l2``."""
+        plan = self.plan
+        where = f'{cell.discs[int(plan.disc[k])].name} at {np.degrees(plan.angle[k]) % 360:.0f}°'
+        return f'{where}, {POSTURE_NAMES[int(plan.posture[k])]}, {plan.force[k]:.0f} N, it {self.reasons[k]}'
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,6 +275,11 @@ class Planner:
         candidates = prepare_candidates(self.robot, self._candidates[0], self._tip, mean=True)
         candidates = candidates._replace(prior=candidates.prior + self._information_made)
         return candidates.counting(self._in_doubt, 0.5) if len(self._in_doubt) else candidates
+
+    @cached_property
+    def present(self) -> float:
+        """The largest expanded uncertainty of the tip over the region that the touches made lead to, m."""
+        return self._uncertainty(self.candidates, []).planned
 
     def accurate(self, number: int, start: Poses | None = None) -> PlannedTouches:
         """The touches that lower the uncertainty of the tip most, and decide about what is suspected.
