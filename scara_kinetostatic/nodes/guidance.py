@@ -21,7 +21,7 @@ from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import quantity
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.cell_node import OK, WARN, CellNode
 from scara_kinetostatic.nodes.conversion import pose_stamped, touch_of
@@ -67,6 +67,8 @@ class Guidance:
                 self._touches[key] = values
             else:
                 self._touches.pop(key, None)
+        while len(self._touches) > 1000:  # as many as the topic has for one who hears it anew
+            del self._touches[next(iter(self._touches))]
         self._is_due = True
 
     def _plan(self) -> None:
@@ -80,7 +82,7 @@ class Guidance:
                 return
             arm = nominal_arm(cell) if record is None else record.arm
             new = [one for key, one in self._touches.items() if record is None or not was_seen(*key, record)]
-            made = [*([record.touches] if record else []), *(touch_of(one, arm) for one in new)]
+            made = [*([record.touches] if record else []), *(touch_of(one, arm).replace(order=[LATER]) for one in new)]
             touches = TouchSet.concatenate(made) if made else None
             planner = Planner(nominal_arm(cell), touches=touches) if record is None else record.planner(cell, touches)
             self._say(planner, cell)
