@@ -300,6 +300,7 @@ class CellStreams:
 
     def __init__(self, node: Node, cell: Cell, turned: Callable[[bytes, bool], None], judges: bool = False) -> None:
         self._node, self._cell, self._topics, self._judges = node, cell, cell.sensor[:2], judges
+        self._moved = ''  # since the last examination
         self.frame = FrameCheck(node, cell.sensor.frame, turned)
         self.monitors = {
             stream: StreamMonitor(node.resolve_topic_name(topic), stream is Stream.JOINTS)
@@ -327,8 +328,10 @@ class CellStreams:
         try:
             if stream is Stream.JOINTS:
                 sample = joint_sample(message, self._cell.joint_names, self._cell.other_joints)
-                if not self._judges and self._cell.hold and (moved := self._cell.moved_joint(np.array(sample.others))):
-                    raise UnusableMessageError(moved)
+                if self._cell.hold and (moved := self._cell.moved_joint(np.array(sample.others))):
+                    if not self._judges:
+                        raise UnusableMessageError(moved)
+                    self._moved = moved
             else:
                 sample = wrench_sample(message, self.frame.turn(message))
         except UnusableMessageError as error:
@@ -353,7 +356,8 @@ class CellStreams:
         Args:
             expected: whether there ought to be messages.
         """
-        complaints, values = [self.frame.complaint()], {'wrench frame': self.frame.description()}
+        complaints, values = [self.frame.complaint(), self._moved], {'wrench frame': self.frame.description()}
+        self._moved = ''
         for monitor in self.monitors.values():
             found, figures = monitor.report(expected)
             complaints += found

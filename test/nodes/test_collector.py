@@ -8,6 +8,7 @@ from math import inf, nan
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from nodes.waiting import WAIT, eventually, meet, trigger
 from rclpy.node import Node
@@ -27,7 +28,7 @@ from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, RefusedError
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
-from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM, StreamMonitor
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM, StreamMonitor
 from scara_kinetostatic.touches.detection import find_touches
 
 
@@ -83,10 +84,20 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
     spin: Callable[..., Node], tmp_path: Path
 ) -> None:
     """The wrist stands elsewhere in the third of five touches, and between others."""
-    cell = replace(CELL, sensor=Sensor('joint_states', 'wrench'), lift=Lift('joint3', 0.02, 0.0), hold={'joint4': 0.5})
+    cell = replace(
+        CELL,
+        sensor=Sensor('joint_states', 'wrench', time_offset=0.0),
+        lift=Lift('joint3', 0.02, 0.0),
+        hold={'joint4': 0.5},
+    )
     (tmp_path / 'cell.yaml').write_text(dump_cell(cell))
     given = ('-p', 'autostart:=true', '-p', f'cell:={tmp_path}/cell.yaml', '-p', f'output:={tmp_path}/bags')
     collector = spin(Collector, '--ros-args', *given)
+    said: list[str] = []
+    collector.create_subscription(DiagnosticArray, '/diagnostics', lambda a: said.append(a.status[0].message), 10)
+    judged: list[str] = []
+    hear = collector.create_subscription
+    hear(DiagnosticArray, '~/touch', lambda array: judged.append(array.status[0].message), LATCHED_TOUCHES)
     joints = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
     force = collector.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
     meet(collector, joints, force)
@@ -103,15 +114,16 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
     counts = len(streams.joints.stamp), len(streams.wrench.stamp)
     monitors = collector._streams.monitors.values()
     assert eventually(lambda: tuple(monitor.count for monitor in monitors) == counts)
+    reason = 'joint4 is at 0.6, expected 0.5 (robot.hold)'
+    assert eventually(lambda: any(reason in message for message in said))
     answer = collector._end()
     assert '4 touches (1 more rejected)' in answer
+    assert eventually(lambda: f'touch 2 rejected: {reason}' in judged)
     (bag,) = (tmp_path / 'bags').iterdir()
     read = read_streams(bag, cell)
-    assert any('while joint4 is at 0.6, expected 0.5 (robot.hold)' in warning for warning in read.warnings)
+    assert any(f'while {reason}' in warning for warning in read.warnings)
     found = find_touches(read, cell)
-    assert [(item.index, item.reason) for item in found.rejected] == [
-        (2, 'joint4 is at 0.6, expected 0.5 (robot.hold)')
-    ]
+    assert [(item.index, item.reason) for item in found.rejected] == [(2, reason)]
     assert len(found.touches) == 4
 
 
