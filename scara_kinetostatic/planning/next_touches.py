@@ -58,8 +58,8 @@ gain hardly more than even ones; from a hundredth to a tenth as many effects are
 PRELOAD = 0.3
 """Part of the force by which preloaded touches go beyond it."""
 _UNDECIDED = 0.9
-"""Variance of what is suspected that touches leave, over that before them, above which they decide nothing; where a
-dozen touches did decide it was 0.5 to 0.8.
+"""Variance of what is suspected that touches leave, over that before them, above which they decide nothing; in
+simulated cells a dozen touches left 0.5 to 0.8 of it.
 """
 _PER_DISC = 24
 """Points around a disc that are candidates."""
