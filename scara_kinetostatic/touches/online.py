@@ -193,14 +193,15 @@ class OnlineDetector:
         self._reported = self._searched = _NEVER
 
     def add_joint_state(self, stamp_ns: int, joints: Sequence[float], log_time: int | None = None) -> None:
-        """One sample of q1, q2, rad, and the cell's other joints, if any.
+        """One sample of q1, q2, rad, and the cell's other joints, as far as they are known.
 
         Args:
             stamp_ns: its header stamp, ns.
             joints: their positions.
             log_time: when it was received, ns; by default at its stamp.
         """
-        self._pair.joints.append(stamp_ns, stamp_ns if log_time is None else log_time, joints)
+        unknown = [np.nan] * (2 + len(self._cell.other_joints) - len(joints))
+        self._pair.joints.append(stamp_ns, stamp_ns if log_time is None else log_time, [*joints, *unknown])
 
     def add_wrench(self, stamp_ns: int, force: Sequence[float], log_time: int | None = None) -> None:
         """One sample of fx, fy as the sensor reports them, N, with its times as those of a joint state."""

@@ -61,6 +61,15 @@ def test_a_joint_that_is_to_be_held_moves(begin, end, rejected):
     assert [(one.index, one.reason) for one in online] == [(one.index, one.reason) for one in found.episodes]
 
 
+def test_nothing_need_be_known_of_other_joints():
+    streams, detector = Scene().touches(3).streams(), OnlineDetector(replace(CELL, hold={'joint4': 0.5}))
+    for stamp, row in zip(streams.joints.stamp.tolist(), streams.joints.position, strict=True):
+        detector.add_joint_state(stamp, row)
+    for stamp, row in zip(streams.wrench.stamp.tolist(), streams.wrench.force, strict=True):
+        detector.add_wrench(stamp, row)
+    assert len(detector.finish().touches) == 3
+
+
 def test_tap():
     scene = Scene().touches(8).approach(0, 30)
     scene.press(0, 30, 25.0, hold=0.02, seconds=0.05).retract(0, 30)
