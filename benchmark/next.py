@@ -1,6 +1,6 @@
 """Touches chosen by `next` against touches spread evenly, in random cells.
 
-    python -m benchmark.next [--cells 20] [--simulated 3] [--runs 20] [--json FILE]
+    python -m benchmark.next [--cells 20] [--simulated 3] [--runs 20] [--decide] [--json FILE]
 
 Random cells: links of 0.2 to 0.4 m, three discs, limits of the joints, an obstacle in every other one, a region. The
 robot is some millimetres, milliradians and compliances off its nominal values, which the choice does not know. Even
@@ -14,13 +14,19 @@ true robot:
 
 In some of the cells the first and the further touches are simulated and calibrated, with independent noise: the tip's
 rms error over the region. Times are those of a plan of twelve touches, after import, of one processor.
+
+With `--decide` the robot has one effect of `EFFECTS`, 0.5 to 1.5 times its typical size. Where fourteen first touches
+leave it with rivals, twelve more are simulated and all calibrated: in how many cells is this effect alone found then?
+The twelve are those of `--goal decide`, of `--goal accuracy`, the latter with nothing suspected, those at which rivals
+differ most over and over, and even ones.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -29,19 +35,39 @@ from benchmark.common import NOISE, parser, print_and_save
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
-from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
+from scara_kinetostatic.effects.registry import find
+from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc, Region, layout_problems
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidates import prepare_candidates
-from scara_kinetostatic.planning.next_touches import Planner
+from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
 from scara_kinetostatic.planning.prediction import Robot, Tip, tip_in_use
 from scara_kinetostatic.planning.program import next_files
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 WANTED = 1.3
+EFFECTS = (
+    'cable_pull[joint2]',
+    'object_position[disc_2]',
+    'transmission_error[joint1]',
+    'joint_hysteresis[joint1]',
+    'object_position[disc_3]',
+    'object_radius[disc_1]',
+    'transmission_error[joint2]',
+    'joint_slip[joint1]',
+    'contact_friction[disc_2]',
+    'object_radius[disc_2]',
+    'contact_compliance',
+    'encoder_gain[joint2]',
+)
+"""Of which one is there, in turn, with `--decide`."""
 
 
 class Case(NamedTuple):
@@ -131,12 +157,6 @@ def even(one: Case, number: int, turn: float) -> Plan:
     return Plan(chosen.disc, chosen.angle, chosen.posture, levels[np.arange(number) % len(levels)])
 
 
-def together(plans: Sequence[Plan]) -> Plan:
-    """The touches of several plans."""
-    names = ('disc', 'angle', 'posture', 'force', 'preload')
-    return Plan(*(np.concatenate([getattr(plan, name) for plan in plans]) for name in names))
-
-
 def after(one: Case, made: Plan, number: int) -> Plan:
     """What `next` chooses with touches made, by the nominal model still."""
     touches = simulate_touches(one.planner.arm.cell, one.truth.parameters, made, seed=0)
@@ -147,8 +167,75 @@ def until(one: Case, tolerance: float, first: Plan, most: int = 96) -> int:
     """Touches that `next` needs to a tolerance, in sets of six."""
     made = first
     while one.expanded(made) > tolerance and len(made) < most:
-        made = together([made, after(one, made, 6)])
+        made = Plan.joined([made, after(one, made, 6)])
     return len(made)
+
+
+def joined(made: TouchSet, more: TouchSet) -> TouchSet:
+    """Touches of two recordings, one after the other."""
+    later = more.replace(index=more.index + len(made), order=more.order + len(made), recording=more.recording + 1)
+    return TouchSet.concatenate([made, later.replace(time=more.time + made.time.max() + 10.0)])
+
+
+def rivals_in_turn(planner: Planner, touches: Sequence[DiscriminatingTouch], number: int) -> Plan:
+    """Those touches over and over at which the rivals differ most."""
+    reached = planner.discriminating(touches, min(number, len(touches)))
+    plans = reached.plan.select(np.array([reason.startswith('predictions') for reason in reached.reasons]))
+    if not len(plans):
+        raise UnsupportedDataError('none of them can be reached')
+    return plans.select(np.arange(number) % len(plans))
+
+
+def decided(number: int, first: int) -> dict[str, bool] | None:
+    """Whether twelve more touches decide, after a first few that leave one effect with rivals; None where they do not.
+
+    Args:
+        number: of the cell, which says the effect and its size, too.
+        first: touches made at first, chosen from the nominal model.
+    """
+    one, random = case(number), np.random.default_rng([3102, number])
+    cell, label = one.planner.arm.cell, EFFECTS[number % len(EFFECTS)]
+    effect = find(cell, label)
+    sizes = effect.amplitudes(np.ones(len(effect.typical))) != 0
+    values = np.where(sizes, random.uniform(0.5, 1.5), 1.0) * effect.typical
+    truth = ExtendedModel(one.truth.parameters, (effect,), (tuple(values.tolist()),))
+    even_plan = even(one, 12, 0.5)
+    even_plan = replace(even_plan, preload=0.3 * (np.arange(12) % 2))
+    try:
+        made = simulate_touches(cell, truth, one.planner.accurate(first).plan, seed=number)
+        outcome = calibrate_touches(made, cell)
+    except ScaraKinetostaticError:
+        return None
+    found, tip = outcome.diagnosis, outcome.tip_uncertainty
+    if found.verdict != 'ambiguous' or not found.discriminating:
+        return None
+    doubtful = {item.effect.label for item in found.found if not item.is_found}
+    suspected = frozenset(doubtful.union(*map(set, found.rivals)))
+    used = outcome.final.touches.select(outcome.final.used)
+    planner = Planner(outcome.arm, known_or_infinite(tip.worst, tip.undetermined), used, suspected)
+    ways: dict[str, Callable[[], Plan]] = {
+        'decide': lambda: planner.discriminating(found.discriminating or (), 12).plan,
+        'accuracy': lambda: planner.accurate(12).plan,
+        'tip alone': lambda: replace(planner, suspected=frozenset()).accurate(12).plan,
+        'rivals in turn': lambda: rivals_in_turn(planner, found.discriminating or (), 12),
+        'even': lambda: even_plan,
+    }
+    result = {}
+    for name, plan in ways.items():
+        try:
+            more = simulate_touches(cell, truth, plan(), seed=number + 1000)
+            after = calibrate_touches(joined(made, more), cell).diagnosis
+            right = after.verdict == 'explained' and [item.effect.label for item in after.found] == [label]
+        except ScaraKinetostaticError:
+            right = False
+        result[name] = right
+    return result
+
+
+def decide(cells: int, first: int) -> dict[str, object]:
+    """In how many of the cells whose first touches leave rivals twelve more name the one effect that is there."""
+    rows = [row for number in range(first, first + cells) if (row := decided(number, 14)) is not None]
+    return {'with rivals': len(rows), **{name: sum(row[name] for row in rows) for name in rows[0]}}
 
 
 def rms_error(one: Case, plan: Plan, runs: int) -> float:
@@ -168,7 +255,11 @@ def main() -> int:
     options_of.add_argument('--simulated', type=int, default=3, help='cells whose calibrations are simulated')
     options_of.add_argument('--runs', type=int, default=20, help='simulated calibrations of each set')
     options_of.add_argument('--first', type=int, default=0, help='number of the first cell')
+    options_of.add_argument('--decide', action='store_true', help='decide between rivals instead')
     options = options_of.parse_args()
+    if options.decide:
+        print_and_save(options.json, decide(options.cells, options.first))
+        return 0
     rows = []
     for number in range(options.first, options.first + options.cells):
         one = case(number)
@@ -180,7 +271,7 @@ def main() -> int:
         evens = {n: [even(one, n, turn) for turn in (0.1, 0.3, 0.5, 0.7, 0.9)] for n in (12, 24, 36, 48)}
         spread = {n: float(np.median([one.expanded(plan) for plan in plans])) for n, plans in evens.items()}
         before = evens[12][2]
-        further = together([before, after(one, before, 12)])
+        further = Plan.joined([before, after(one, before, 12)])
         row = {
             'cell': number,
             'first': spread[12] / one.expanded(planned.plan),

@@ -15,7 +15,7 @@ bytes whose columns are the fields, without an object for each message.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -27,7 +27,6 @@ from rosbags.typesys.store import Typestore
 
 from scara_kinetostatic.bags.messages import JOINT_STATE, LARGEST_MESSAGE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import HELD_WITHIN
 from scara_kinetostatic.touches.streams import FixedTransform
 
 _LARGEST_VALUE = 1e9
@@ -125,7 +124,7 @@ class Samples(NamedTuple):
     Attributes:
         stamp: header stamps, (n,), ns.
         log_time: when each was recorded, (n,), ns.
-        values: q1, q2 or fx, fy, (n, 2), rad or N.
+        values: q1, q2, rad, and other joints, NaN where a message has none of a name, (n, 2 + h); or fx, fy, (n, 2), N.
         dropped: number of messages without a sample, by reason.
         names: for joint states, the joint names in messages without q1 or q2.
     """
@@ -142,14 +141,14 @@ class Decoder:
 
     Args:
         joint_names: names of q1 and q2 where the topic carries `JointState`; None for `WrenchStamped`.
-        hold: other joints and their positions: messages in which one of them is elsewhere are dropped.
+        others: names of further joints.
 
     Attributes:
         frame_ids: of the messages, in the order in which they came.
     """
 
-    def __init__(self, joint_names: tuple[str, str] | None = None, hold: Mapping[str, float] | None = None) -> None:
-        self._joint_names, self._hold = joint_names, hold or {}
+    def __init__(self, joint_names: tuple[str, str] | None = None, others: Sequence[str] = ()) -> None:
+        self._joint_names, self._others = joint_names, others
         self.frame_ids: list[str] = []
         self._parts: list[tuple[NDArray[Any], ...]] = []
         self._dropped: Counter[str] = Counter()
@@ -159,7 +158,7 @@ class Decoder:
         """Adds the messages of a batch."""
         count = len(batch.start)
         stamp, frame = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int32)
-        values = np.full((count, 2 if self._joint_names else 3), np.nan)
+        values = np.full((count, 2 + len(self._others) if self._joint_names else 3), np.nan)
         good = np.zeros(count, dtype=bool)
         for fields, rows, where in self._same_layout(batch):
             stamp[where] = _column(rows, 4, '<i4').astype(np.int64) * 1_000_000_000 + _column(rows, 8, '<u4')
@@ -170,11 +169,9 @@ class Decoder:
                 self.frame_ids.append(fields.frame_id)
             frame[where] = self.frame_ids.index(fields.frame_id)
             good[where] = True
-            for name in set(self._hold) & set(fields.names[: fields.numbers]):
-                at = _column(rows, fields.begin + 8 * fields.names.index(name), '<f8')
-                elsewhere = where[good[where] & ~(np.abs(at - self._hold[name]) <= HELD_WITHIN)]
-                self._dropped[f'with {name} not at {self._hold[name]:g}'] += len(elsewhere)
-                good[elsewhere] = False
+            for column, name in enumerate(self._others, 2):
+                if name in fields.names[: fields.numbers]:
+                    values[where, column] = _column(rows, fields.begin + 8 * fields.names.index(name), '<f8')
         self._parts.append((stamp[good], batch.log_time[good], frame[good], values[good]))
 
     def samples(self, turns: Mapping[str, Floats] | None = None) -> Samples:
@@ -187,11 +184,11 @@ class Decoder:
         stamp, log_time, frame, all_values = (
             np.concatenate(arrays) for arrays in zip(*(self._parts or [empty]), strict=True)
         )
-        values = all_values[:, :2]
+        values = all_values if self._joint_names else all_values[:, :2]
         for frame_id, turn in (turns or {}).items():
             same = frame == self.frame_ids.index(frame_id)
             values[same] = all_values[same] @ turn.T
-        finite = np.all(np.abs(values) < _LARGEST_VALUE, axis=1)  # false for NaN, too
+        finite = np.all(np.abs(values[:, :2]) < _LARGEST_VALUE, axis=1)  # false for NaN, too
         dropped = self._dropped + Counter({'with values that are not finite': int(np.sum(~finite))})
         return Samples(stamp[finite], log_time[finite], values[finite], dropped, frozenset(self._names))
 

@@ -105,15 +105,19 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
             if len(samples.stamp) == 0:
                 raise _nothing_usable(path, contents.source, topic, msgtype, samples, cell)
             warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in samples.dropped.items()]
-        if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values):
+        if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values[:, :2]):
             warnings.append(f'{names[0]}: {INTERLEAVED}')
         warnings += [f'{names[1]}: {said}' for name in frame_ids if (said := contents.frame.complaint(name))]
         clocked = [clock.Samples(*samples[:3]) for samples in streams.values()]
         offset = cell.sensor.time_offset
         (joints, wrench), valid = clock.on_one_clock(str(path), names, clocked, warnings, offset)
+        moved = JointStream.of(*joints).moved(cell)
+        if moved.any():
+            where = cell.moved_joint(joints[1][moved][0, 2:])
+            warnings.append(f'{names[0]}: {counted(int(moved.sum()))} while {where}')
         return Streams(
             str(path),
-            JointStream(*joints),
+            JointStream.of(*joints),
             WrenchStream(*wrench),
             warnings=tuple(map(one_line, warnings)),
             topics=names,
@@ -125,7 +129,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
 def _read(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
     """What a recording holds of two topics."""
     types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
-    decoders = dict(zip(names, (Decoder(cell.joint_names, cell.hold), Decoder()), strict=True))
+    decoders = dict(zip(names, (Decoder(cell.joint_names, cell.other_joints), Decoder()), strict=True))
     budget = Budget(Path(path))
     contents = _Contents(open_recording(path, budget), decoders, [], WrenchFrame(cell.sensor.frame))
     transforms = 0

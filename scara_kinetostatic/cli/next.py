@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from scara_kinetostatic.cli.arguments import add_options, add_results, note, progress, whole
-from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
+from scara_kinetostatic.errors import CellError, UnsupportedDataError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.assessment.outcome import Outcome
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         show_progress('choosing touches', 0.5)
         number = args.touches or USUAL_NUMBER
         if args.goal == 'decide':
-            planned = known.planner.discriminating(_discriminating(known.outcome), number)
+            planned = known.planner.discriminating(_discriminating(known), number)
         else:
             planned = known.planner.accurate(number)
         files = next_files(known.planner, planned)
@@ -94,7 +94,7 @@ class _Known(NamedTuple):
 def _known(args: argparse.Namespace, cell: Cell) -> _Known:
     """What recordings and calibration say."""
     from scara_kinetostatic.files.calibration_file import nominal_arm
-    from scara_kinetostatic.planning.next_touches import Planner
+    from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
 
     if args.calibration:
         return _Known(_from_calibration(args, cell), None)
@@ -118,47 +118,33 @@ def _known(args: argparse.Namespace, cell: Cell) -> _Known:
     found, final, tip = outcome.diagnosis, outcome.final, outcome.tip_uncertainty
     doubtful = {item.effect.label for item in found.found if not item.is_found}
     suspected = frozenset(doubtful.union(*map(set, found.rivals)))
-    now = _known_or_infinite(tip.worst, tip.undetermined)
+    now = known_or_infinite(tip.worst, tip.undetermined)
     return _Known(Planner(outcome.arm, now, final.touches.select(final.used), suspected), outcome)
 
 
 def _from_calibration(args: argparse.Namespace, cell: Cell) -> Planner:
     """What a calibration and the touches beside it say."""
-    from dataclasses import replace
-
     from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
     from scara_kinetostatic.pipeline import gather_touches
-    from scara_kinetostatic.planning.next_touches import Planner
 
     record = CalibrationRecord.load(args.calibration)
     check_same_arm(record.arm.cell, cell, str(args.calibration), str(args.cell))
-    if [disc.name for disc in cell.discs] != [disc.name for disc in record.arm.cell.discs]:
-        raise InputError(args.calibration, f'its discs are not those of {args.cell}', 'calibrate with that cell')
-    made = gather_touches(args.bags, cell) if args.bags else record
-    stated = record.document['tip_uncertainty']
-    now = _known_or_infinite(stated['worst'], stated['undetermined'])
-    return Planner(replace(record.arm, cell=cell), now, made.touches)
+    return record.planner(cell, gather_touches(args.bags, cell).touches if args.bags else record.touches)
 
 
-def _known_or_infinite(worst: float | None, undetermined: float) -> float:
-    """The largest expanded uncertainty of the tip, m; infinite where it is not determined all over the region."""
-    found = float('inf') if worst is None or undetermined > 0 else worst
-    return found if found < float('inf') else float('inf')  # not a number neither
-
-
-def _discriminating(outcome: Outcome | None) -> tuple[DiscriminatingTouch, ...]:
-    """The touches that decide between the rivals of an outcome.
+def _discriminating(known: _Known) -> tuple[DiscriminatingTouch, ...]:
+    """The touches at which the predictions of the rivals of an outcome differ most.
 
     Raises:
-        UnsupportedDataError: there are none.
+        UnsupportedDataError: there is nothing to decide.
     """
-    if outcome is None:
+    if known.outcome is None:
         raise UnsupportedDataError('--goal decide: there is nothing to decide without recordings', 'give BAG')
-    found = outcome.diagnosis
-    if not found.discriminating:
-        what = 'no touch on these discs decides' if found.rivals else f'nothing is to be decided: {found.verdict}'
+    found = known.outcome.diagnosis
+    if not known.planner.suspected:
+        what = f'nothing is to be decided: {found.verdict}'
         raise UnsupportedDataError(f'--goal decide: {what}', found.advice or 'leave out --goal decide')
-    return found.discriminating
+    return found.discriminating or ()
 
 
 def _is_enough(known: _Known, planned: PlannedTouches) -> bool:

@@ -130,7 +130,7 @@ def trace_contour(
     radius = arm.cell.tip_radius if tip_radius is None else tip_radius
     if radius is not None and not 0 <= radius <= LARGEST_TIP:
         raise ParameterError('radius of the tip', f'expected 0 to {LARGEST_TIP:g} m, got {radius:g}', 'it is in metres')
-    signals = as_signals(streams, arm.cell)
+    signals = as_signals(replace(streams, joints=streams.joints.while_held(arm.cell)), arm.cell)
     if signals is None:
         raise UnsupportedDataError(f'{streams.source}: fewer than two samples of a topic', 'record a whole slide')
     contour = trace_signals(signals, streams.source, arm, sensor or arm.cell.sensor, radius or 0.0)

@@ -527,6 +527,29 @@ class Cell:
         """Radii of the discs, shape (m,), m."""
         return np.array([disc.radius for disc in self.discs])
 
+    @property
+    def surface_std(self) -> float:
+        """Standard uncertainty of where the surface of a disc is, at most, m."""
+        placed = max(disc.center_std + disc.radius_std for disc in self.discs)
+        return placed + max((plate.center_std for plate in self.plates), default=0.0)
+
+    @property
+    def other_joints(self) -> tuple[str, ...]:
+        """Names of the controller's joints beside the two: the lift, then those to be held."""
+        return (*((self.lift.joint,) if self.lift else ()), *self.hold)
+
+    def moved(self, others: Floats) -> Mask:
+        """Which of the other joints are not where they are to be held, for positions (…, h), rad or m; NaN: unknown."""
+        held = np.array([self.hold.get(name, np.nan) for name in self.other_joints])
+        return np.asarray(np.abs(others - held) > HELD_WITHIN)
+
+    def moved_joint(self, others: Floats) -> str:
+        """The first of them in words, for positions (h,); empty where none has moved."""
+        for name, at, moved in zip(self.other_joints, others, self.moved(others), strict=True):
+            if moved:
+                return f'{name} is at {at:.4g}, expected {self.hold[name]:.4g} (robot.hold)'
+        return ''
+
 
 def different_parts(one: Cell, other: Cell) -> list[str]:
     """Sections of the cell file in which two descriptions differ, discs by name."""

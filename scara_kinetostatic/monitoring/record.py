@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from scara_kinetostatic.model.extended_model import reported_force
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
+from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.calibration_json import as_document
 
@@ -105,6 +107,24 @@ class CalibrationRecord:
         arm = replace(self.arm, model=model, covariance=covariance[:size, :size], undetermined=undetermined)
         names = tuple(name for name, keep in zip(self.names, kept, strict=True) if keep)
         return replace(self, arm=arm, names=names, values=self.values[kept], covariance=covariance)
+
+    def planner(self, cell: Cell, touches: TouchSet | None) -> Planner:
+        """What the touches to make next are planned by.
+
+        Args:
+            cell: of the same discs, with limits of the joints.
+            touches: made there.
+
+        Raises:
+            InputError: its discs are others.
+        """
+        if [disc.name for disc in cell.discs] != [disc.name for disc in self.arm.cell.discs]:
+            raise InputError(self.source, 'its discs are not those of the cell', 'calibrate with that cell')
+        stated, found = self.document['tip_uncertainty'], self.document['diagnosis']
+        suspected = [*found.get('possible', ()), *chain(*found.get('rival_effects', ()))]
+        labels = frozenset(f'{one["name"]}[{one["target"]}]' if one['target'] else one['name'] for one in suspected)
+        now = known_or_infinite(stated['worst'], stated['undetermined'])
+        return Planner(replace(self.arm, cell=cell), now, touches, labels)
 
     @property
     def created(self) -> str:

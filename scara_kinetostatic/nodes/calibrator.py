@@ -22,10 +22,14 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import CalibrationFileError, ParameterError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA, read_document
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.calibrator_parameters import Announced, CalibratorSettings, ResultParameters
 from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, WARN, CellNode, Condition, RefusedError
+from scara_kinetostatic.nodes.guidance import Guidance
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results import calibration_json, parameter_file
@@ -63,6 +67,7 @@ class Calibrator(CellNode):
         self.create_service(Trigger, '~/calibrate', self._calibrate, qos_profile=CALLS, callback_group=group)
         self.create_service(Trigger, '~/cancel', self._cancel, qos_profile=CALLS, callback_group=group)
         self.serve('load', self._load)
+        self._guidance = Guidance(self, self._cell)
         self._timer = self.every(0.05, self._poll)
         self._timer.cancel()
         self.publish_status('calibration', self._report)
@@ -136,6 +141,10 @@ class Calibrator(CellNode):
         self._publish(stored, folder, self._settings['name'], True, message)
         return message
 
+    def _cell(self) -> Cell | None:
+        """That of the parameter `cell`; None where it is empty."""
+        return load_cell(declare.place('cell', self._settings['cell'])) if self._settings['cell'] else None
+
     def _poll(self) -> None:
         """Looks what the running calibration does."""
         news = None if self._process is None else self._process.poll()
@@ -194,6 +203,8 @@ class Calibrator(CellNode):
             ) from error
         if published:
             self._results.publish(stored)
+            with suppress(CalibrationFileError):  # an old one
+                self._guidance.use(CalibrationRecord.of_document(document, folder / calibration_json.NAME))
         self._condition = _condition(stored.facts, message, published)
         self.say(self._condition.level, message)
         self._result.publish(String(data=text))
@@ -209,7 +220,8 @@ class Calibrator(CellNode):
         """The status, with what the present parameters are."""
         facts = self._results.facts()
         present = f'{facts.get("assessment") or "not assessed"}, {_origin(facts)}' if self._results.exist else 'none'
-        return self._condition._replace(values=self._condition.values | {'present result': present})
+        values = {'present result': present, 'next touch': self._guidance.text or 'none: a cell with limits is needed'}
+        return self._condition._replace(values=self._condition.values | values)
 
 
 def _in_one_line(facts: Mapping[str, Any]) -> str:

@@ -59,7 +59,7 @@ class Collector(CellNode):
         self._touch = self.create_publisher(DiagnosticArray, '~/touch', LATCHED_TOUCHES)
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
         self._stopped = self.create_publisher(String, '~/stopped', LATCHED)
-        self._streams = CellStreams(self, self._cell, self._take_transforms)
+        self._streams = CellStreams(self, self._cell, self._take_transforms, judges=True)
         self._streams.subscribe(self._take)
         self.serve('start', self._start)
         self.serve('stop', self._stop)

@@ -4,39 +4,50 @@ Each `JointState` is answered with the tip on `~/pose`, by the last force: defle
 calibration are in it, and its covariance holds the uncertainty of the calibration, the places in the dead bands and
 the noise of one sample. Where `tf2_msgs` is installed, the frame `tip_frame` follows it.
 
-A pose on `~/target_pose` is answered on `~/joint_trajectory` with the joint angles that bring the tip there under the
-force that was wanted last on `~/target_wrench` (none before), a trajectory of one point as
-`joint_trajectory_controller` takes it. What is out of reach is not answered.
+A wanted pose is answered on `~/joint_trajectory` with the joint angles that bring the tip there under the wanted force,
+a trajectory of one point as `joint_trajectory_controller` takes it, with the positions of the controller's other
+joints: the lift stays, `robot.hold` has those to be held. Beside each answer its status is on `~/answer`; what is
+refused is answered there alone: a place out of reach, inside an object or an obstacle, beyond the limits of the joints,
+in another frame. The way to the pose is not checked.
+
+`~/compensate` takes pose and force in one message, `sensor_msgs/MultiDOFJointState`: of the standard interfaces no
+service has both and joint angles (those of `std_srvs` and `nav_msgs` do not, `moveit_msgs` is no dependency), and this
+is the one message that has both. The answer has its stamp. `~/target_pose` and `~/target_wrench` take them apart: a
+pose goes with the last force (none before the first), and with none, refused, after a force that was refused.
 
 The calibration is that of the parameter `calibration`, and with `follow` each result that the calibrator publishes.
-It is exchanged between two samples. `~/tare` takes the present force as zero. What is missing, stale or extrapolated
-is said on `/diagnostics`; without a recent force, or without a calibration that may be used, there is no pose.
+It is exchanged between two samples. `~/tare` takes the present force as zero. What is missing, stale, extrapolated or
+not tared is said on `/diagnostics`; without a recent force or a calibration that may be used there is no pose.
 """
 
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Callable
 from itertools import islice
 from math import hypot, isfinite, nan, pi
 from time import monotonic
+from typing import Any, NamedTuple
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, WrenchStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, MultiDOFJointState
 from trajectory_msgs.msg import JointTrajectory
 
-from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError, UnsupportedDataError
+from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError, UnsupportedDataError, one_line
 from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import MotionSense, OnlineArm, OnlinePosition
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedArm
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedArm
 from scara_kinetostatic.nodes.conversion import (
     NANOSECONDS,
     PlanarPose,
@@ -50,9 +61,31 @@ from scara_kinetostatic.nodes.conversion import (
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor, waiting
 from scara_kinetostatic.nodes.streams import CellStreams, Stream, TFMessage
+from scara_kinetostatic.planning.motion import Space
 
 _ELBOWS = ('present', 'left', 'right')
 _SURE = ('ok', 'unloaded')
+_ON_SURFACE = 1e-4
+"""A place so deep in an object is on its surface still, m: as much as a force of some newtons displaces the tip."""
+_NOT_TARED = 'the force is not tared: call ~/tare while nothing is touched'
+
+
+class Answer(NamedTuple):
+    """How the controller brings the tip to a wanted place under a force.
+
+    Attributes:
+        joints: Q, rad, without a turn more than the present ones need, then the positions of the other joints.
+        torques: C, Nm.
+        std_normal: standard uncertainty of the place along the force, m.
+        status: as of `JointAngles`.
+        move: the largest way of a joint, rad.
+    """
+
+    joints: list[float]
+    torques: list[float]
+    std_normal: float
+    status: str
+    move: float
 
 
 class FollowedTip:
@@ -74,6 +107,7 @@ class FollowedTip:
         self.zero: tuple[float, float] | None = None
         self.assumptions = ''
         self._joints: tuple[float, float, float] | None = None
+        self._others = {cell.lift.joint: cell.lift.down} if cell.lift else {}
         self._wrench: tuple[float, float, float] | None = None
         self._forces: deque[tuple[float, float, float]] = deque(maxlen=5000)
         self._needs_metadata = False
@@ -106,6 +140,8 @@ class FollowedTip:
         """Joint angles, and where the tip is with them; None without a calibration or a recent force."""
         now = monotonic()
         self._joints = sample.first, sample.second, now
+        others = zip(self.cell.other_joints, sample.others, strict=False)
+        self._others |= {name: at for name, at in others if isfinite(at)}
         if self._needs_metadata:
             self._approach = self._motion.note(sample.first, sample.second)
         if self.online is None or self._wrench is None or now - self._wrench[2] > self.timeout:
@@ -142,14 +178,11 @@ class FollowedTip:
         self._forces.clear()
         return had
 
-    def answer(self, x: float, y: float, fx: float, fy: float, elbow: str) -> tuple[list[float], float, str]:
-        """Joint angles for a wanted place and force.
-
-        Returns:
-            Q, rad, without a turn more than the present ones need; the largest way of a joint, rad; the status.
+    def answer(self, place: tuple[float, float], force: tuple[float, float], elbow: str) -> Answer:
+        """Joint angles for a wanted place, m, and force, N.
 
         Raises:
-            InputError: there is no calibration, or the place is out of reach.
+            InputError: there is no calibration, or the tip must not or cannot be there.
             UnsupportedDataError: there are no recent joint angles.
         """
         if self.online is None:
@@ -160,11 +193,31 @@ class FollowedTip:
         sides = {'left': 1, 'right': -1, 'present': int(posture(self.online.arm.model.parameters, present[None])[0])}
         side = np.array([sides[elbow]])
         metadata = self._metadata() or TouchMetadata.plain(1)
-        found = self.online.predictor.compensate(np.array([[x, y]]), np.array([[fx, fy]]), side, metadata)
+        cell, wanted = self.cell, f'({place[0]:.4g}, {place[1]:.4g}) m'
+        space = Space(cell, self.online.arm.model.parameters, -_ON_SURFACE - 3 * cell.surface_std)
+        if inside := space.object_at(np.array(place)):
+            raise InputError('the wanted pose', f'{wanted} is inside {inside}', 'wish for another')
+        found = self.online.predictor.compensate(np.array([place]), np.array([force]), side, metadata)
         if not np.isfinite(found.joints).all():
-            raise InputError('the wanted pose', f'({x:.4g}, {y:.4g}) m is out of reach', 'wish for another')
-        angles = found.joints[0] + 2 * pi * np.round((present - found.joints[0]) / (2 * pi))
-        return angles.tolist(), float(np.abs(angles - present).max()), str(found.status[0])
+            raise InputError('the wanted pose', f'{wanted} is out of reach', 'wish for another')
+        low, high = np.full(2, -np.inf), np.full(2, np.inf)
+        if cell.limits is not None:
+            low, high = np.array(cell.limits).T
+        angles = _in_turn(found.joints[0], present)
+        other = _in_turn(angles, (low + high) / 2) if cell.limits else angles
+        angles = np.where((angles >= low) & (angles <= high), angles, other)
+        for name, at, least, most in zip(cell.joint_names, angles, low, high, strict=True):
+            if not least <= at <= most:
+                problem = f'{wanted} needs {name} at {at:.4g}, its limits are {least:.4g} and {most:.4g} rad'
+                raise InputError('the wanted pose', problem, 'wish for another, or the other elbow')
+        others = self._others | dict(cell.hold)
+        return Answer(
+            [*angles.tolist(), *(others[name] for name in cell.other_joints)],
+            found.torques[0].tolist(),
+            float(found.std_normal[0]),
+            str(found.status[0]),
+            float(np.abs(angles - present).max()),
+        )
 
     def report(self) -> tuple[list[str], dict[str, str]]:
         """What is wrong with samples and poses since the last report, and the figures by name."""
@@ -175,6 +228,7 @@ class FollowedTip:
             f'no recent {name}' for name, last in streams.items() if last is None or now - last[2] > self.timeout
         ]
         complaints += [f'{number} poses {name}' for name, number in statuses.items() if name not in _SURE]
+        complaints += [] if self.zero else [_NOT_TARED]
         zero, wrench = self.zero or (0.0, 0.0), self._wrench or (nan, nan, nan)
         values = {
             'force [N]': f'{hypot(wrench[0] - zero[0], wrench[1] - zero[1]):.4g}',
@@ -189,6 +243,11 @@ class FollowedTip:
             return None
         time = np.array([self.online.arm.used.duration])
         return TouchMetadata.plain(1)._replace(time=time, approach=np.array([self._approach]))
+
+
+def _in_turn(angles: Floats, near: Floats) -> Floats:
+    """The same angles in the turn about others, (2,), rad."""
+    return np.asarray(angles + 2 * pi * np.round((near - angles) / (2 * pi)))
 
 
 class Compensator(CellNode):
@@ -217,12 +276,13 @@ class Compensator(CellNode):
         self._frame, self._tip_frame = prefix + BASE_FRAME, prefix + tip_frame if tip_frame else ''
         self._tip = FollowedTip(cell, timeout, noise)
         self._answered, self._answer_problem = 'none', ''
-        self._wanted = (0.0, 0.0)
+        self._wanted: tuple[float, float] | None = (0.0, 0.0)
         self._next_transform = self._polls = 0
         self._streams = CellStreams(self, cell, self._turned)
         self._pose = self.create_publisher(PoseWithCovarianceStamped, '~/pose', 10)
         self._transform = self.create_publisher(TFMessage, '/tf', 10) if TFMessage and self._tip_frame else None
         self._trajectory = self.create_publisher(JointTrajectory, '~/joint_trajectory', 1)
+        self._status = self.create_publisher(DiagnosticArray, '~/answer', 10)
         self._group = PolledGroup()
         # samples that a busy machine has let wait are left out; matches every publisher
         newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -230,6 +290,7 @@ class Compensator(CellNode):
         self.awaited = self._polled(JointState, cell.sensor.joint_states, newest)
         self._targets = self._polled(PoseStamped, '~/target_pose', 1)
         self._wanted_forces = self._polled(WrenchStamped, '~/target_wrench', 1)
+        self._requests = self._polled(MultiDOFJointState, '~/compensate', 10)
         self.serve_tare(self._tip.tare)
         self.publish_status('tip', self._report)
         self._calibration.start()
@@ -266,7 +327,9 @@ class Compensator(CellNode):
         for message in waiting(self._wanted_forces):
             self._want(deserialize_message(message, WrenchStamped))
         for message in waiting(self._targets):
-            self._answer(deserialize_message(message, PoseStamped))
+            self._answer('~/target_pose', deserialize_message(message, PoseStamped), self._of_pose)
+        for message in waiting(self._requests):
+            self._answer('~/compensate', deserialize_message(message, MultiDOFJointState), _of_request)
 
     def _take_joints(self, sample: Sample) -> None:
         """Publishes where the tip is; the diagnostics say why there is no pose."""
@@ -288,27 +351,61 @@ class Compensator(CellNode):
         return message
 
     def _want(self, message: WrenchStamped) -> None:
-        """The wanted force of the robot on the object, base frame, from now on."""
+        """The wanted force of the robot on the object, base frame, from now on; none after one that is refused."""
+        self._wanted = None
         try:
             self._check_frame(message.header.frame_id)
             self._wanted = planar(message.wrench.force)
         except UnusableMessageError as error:
             self._leave(f'~/target_wrench: {error}')
 
-    def _answer(self, message: PoseStamped) -> None:
-        """Answers a wanted pose."""
+    def _of_pose(self, message: PoseStamped) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The place of a wanted pose, and the force wanted last.
+
+        Raises:
+            UnusableMessageError: one of them cannot be used.
+        """
+        if self._wanted is None:
+            raise UnusableMessageError('the last force on ~/target_wrench was refused')
+        return planar(message.pose.position), self._wanted
+
+    def _answer(self, topic: str, message: Any, wish: Callable[[Any], tuple[Any, Any]]) -> None:
+        """Answers a wish; of one that is refused only its status is published.
+
+        Args:
+            topic: of the message.
+            message: it, with a header.
+            wish: returns place and force, (x, y) each, m and N.
+        """
+        values: dict[str, object] = {'topic': topic, 'elbow': self._elbow}
         try:
             self._check_frame(message.header.frame_id)
-            x, y = planar(message.pose.position)
-            joints, move, status = self._tip.answer(x, y, *self._wanted, self._elbow)
+            place, force = wish(message)
+            values |= {'x_m': place[0], 'y_m': place[1], 'fx_N': force[0], 'fy_N': force[1]}
+            answer = self._tip.answer(place, force, self._elbow)
         except (UnusableMessageError, ScaraKinetostaticError) as error:
-            self._leave(f'~/target_pose is not answered: {error}')
+            problem = one_line(f'{topic} is not answered: {error}')
+            self._leave(problem)
+            self._publish_answer(message, ERROR, problem, values | {'status': 'refused'})
             return
-        duration = max(0.05, move / self._speed)  # controllers refuse points in the past
-        self._trajectory.publish(joint_trajectory(self._tip.cell.joint_names, joints, duration))
-        where = f'({x:.6f}, {y:.6f}) m under ({self._wanted[0]:.4g}, {self._wanted[1]:.4g}) N'
-        self._answered = f'{where}: ({joints[0]:.6f}, {joints[1]:.6f}) rad, {status}'
-        self._answer_problem = '' if status in _SURE else f'the last answer is {status}: {self._answered}'
+        cell, duration = self._tip.cell, max(0.05, answer.move / self._speed)  # controllers refuse points in the past
+        names = (*cell.joint_names, *cell.other_joints)
+        self._trajectory.publish(joint_trajectory(names, answer.joints, duration))
+        where = f'({place[0]:.6f}, {place[1]:.6f}) m under ({force[0]:.4g}, {force[1]:.4g}) N'
+        self._answered = f'{where}: ({answer.joints[0]:.6f}, {answer.joints[1]:.6f}) rad, {answer.status}'
+        is_sure = answer.status in _SURE
+        self._answer_problem = '' if is_sure else f'the last answer is {answer.status}: {self._answered}'
+        (q1, q2, *_), (c1, c2) = answer.joints, answer.torques
+        values |= {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2}
+        values |= {'std_normal_m': answer.std_normal, 'status': answer.status}
+        self._publish_answer(message, OK if is_sure else WARN, self._answered, values)
+
+    def _publish_answer(self, wish: Any, level: bytes, message: str, values: dict[str, object]) -> None:
+        """Publishes the status of an answer, with the header of the wish."""
+        pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        name = f'{self.get_fully_qualified_name()}: answer'
+        status = DiagnosticStatus(level=level, name=name, message=message, values=pairs)
+        self._status.publish(DiagnosticArray(header=wish.header, status=[status]))
 
     def _check_frame(self, frame_id: str) -> None:
         """Check that a wanted pose or force is in the base frame.
@@ -328,6 +425,18 @@ class Compensator(CellNode):
         self._streams.look_at_publishers()
         complaints, heard = self._streams.examine()
         missing, figures = self._tip.report()
-        wanted = f'({self._wanted[0]:.4g}, {self._wanted[1]:.4g})'
+        wanted = f'({self._wanted[0]:.4g}, {self._wanted[1]:.4g})' if self._wanted else 'refused'
         values = {'last answer': self._answered, 'wanted force [N]': wanted, **figures, **heard}
         return self._calibration.condition([*complaints, *missing, self._answer_problem], values, 'following the tip')
+
+
+def _of_request(request: MultiDOFJointState) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Place and force of a request.
+
+    Raises:
+        UnusableMessageError: it has not one of each, or they are not finite.
+    """
+    if (len(request.transforms), len(request.wrench)) != (1, 1):
+        found = f'{len(request.transforms)} transforms and {len(request.wrench)} wrenches'
+        raise UnusableMessageError(f'expected one transform and one wrench, got {found}')
+    return planar(request.transforms[0].translation), planar(request.wrench[0].force)

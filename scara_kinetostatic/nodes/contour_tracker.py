@@ -83,7 +83,7 @@ class ContourTracker(CellNode):
     def _take(self, stream: Stream, _: bytes, received: int, sample: Sample | None) -> None:
         if self._online is not None and sample is not None:
             add = self._online.add_joint_state if stream is Stream.JOINTS else self._online.add_wrench
-            add(sample.stamp_ns, sample[1:], received or time_ns())
+            add(sample.stamp_ns, sample[1:3], received or time_ns())
             if stream is Stream.WRENCH:
                 self._felt = monotonic()
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import cos, sin
+from math import cos, nan, sin
 from typing import Any, NamedTuple
 
+import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, PoseStamped, Vector3, WrenchStamped
 from nav_msgs.msg import Path
@@ -21,7 +22,11 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
 from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, wrench_fields
-from scara_kinetostatic.model.cell import HELD_WITHIN
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.touch_table import LARGEST
+from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.markers import Primitive, Shape
 
 NANOSECONDS = 1_000_000_000
@@ -30,11 +35,14 @@ _PLAIN = b'\0\1'
 
 
 class Sample(NamedTuple):
-    """Two numbers with the stamp of their header: q1, q2 in rad, or fx, fy in N."""
+    """Two numbers with the stamp of their header: q1, q2 in rad, or fx, fy in N; and positions of other joints, NaN
+    where the message has none.
+    """
 
     stamp_ns: int
     first: float
     second: float
+    others: tuple[float, ...] = ()
 
 
 class UnusableMessageError(Exception):
@@ -113,6 +121,16 @@ def joint_trajectory(names: Sequence[str], angles: Sequence[float], duration: fl
     return JointTrajectory(joint_names=list(names), points=[point])
 
 
+def pose_stamped(stamp_ns: int, frame_id: str, place: tuple[float, float, float]) -> PoseStamped:
+    """A pose in the plane: x, y, m, and the angle of its x axis, rad."""
+    x, y, angle = place
+    pose = PoseStamped()
+    pose.header.frame_id, pose.header.stamp = frame_id, stamp_of(stamp_ns)
+    pose.pose.position.x, pose.pose.position.y = x, y
+    pose.pose.orientation.z, pose.pose.orientation.w = sin(angle / 2), cos(angle / 2)
+    return pose
+
+
 def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, float]]) -> Path:
     """A path in the plane.
 
@@ -123,25 +141,20 @@ def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, floa
     """
     message = Path()
     message.header.frame_id, message.header.stamp = frame_id, stamp_of(stamp_ns)
-    for x, y, angle in places:
-        pose = PoseStamped(header=message.header)
-        pose.pose.position.x, pose.pose.position.y = x, y
-        pose.pose.orientation.z, pose.pose.orientation.w = sin(angle / 2), cos(angle / 2)
-        message.poses.append(pose)
+    message.poses = [pose_stamped(stamp_ns, frame_id, place) for place in places]
     return message
 
 
-def joint_sample(serialized: bytes, names: Sequence[str], hold: Mapping[str, float] | None = None) -> Sample:
-    """Both joint angles, found by name.
+def joint_sample(serialized: bytes, names: Sequence[str], others: Sequence[str] = ()) -> Sample:
+    """Both joint angles, found by name, and the positions of other joints.
 
     Args:
         serialized: a `JointState` as it came over the wire.
         names: of q1 and q2.
-        hold: other joints and their positions.
+        others: names of other joints.
 
     Raises:
-        UnusableMessageError: a joint is missing, or has no position, or none that is a finite number; one that is to
-            be held is elsewhere.
+        UnusableMessageError: q1 or q2 is missing, or has no position, or none that is a finite number.
     """
     fields, angles = _fields(joint_fields, serialized)
     if any(name not in fields.names[: fields.numbers] for name in names):
@@ -149,12 +162,10 @@ def joint_sample(serialized: bytes, names: Sequence[str], hold: Mapping[str, flo
             f'expected positions of {" and ".join(names)}, got {fields.numbers} positions of '
             f'{" ".join(fields.names) or "no joints"}'
         )
-    for name in set(hold or ()) & set(fields.names[: fields.numbers]):
-        wanted, at = (hold or {})[name], angles[fields.names.index(name)]
-        if not abs(at - wanted) <= HELD_WITHIN:
-            raise UnusableMessageError(f'expected {name} at {wanted:g} (robot.hold), got {at:g}')
     first, second = (angles[fields.names.index(name)] for name in names)
-    return _finite(Sample(_stamp(serialized), first, second))
+    there = fields.names[: fields.numbers]
+    found = tuple(angles[there.index(name)] if name in there else nan for name in others)
+    return _finite(Sample(_stamp(serialized), first, second, found))
 
 
 def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = None) -> Sample:
@@ -206,6 +217,46 @@ def _finite(sample: Sample) -> Sample:
     if not (abs(sample.first) <= 1e5 and abs(sample.second) <= 1e5):  # rad, N or m
         raise UnusableMessageError(f'expected plausible numbers, got {sample.first:g} and {sample.second:g}')
     return sample
+
+
+def touch_of(values: Mapping[str, str], arm: CalibratedArm) -> TouchSet:
+    """A touch from the values of the collector's `~/touch`, in the cell of an arm.
+
+    Raises:
+        KeyError, ValueError: a value is missing or no number.
+        InputError: the object or the frame is not that of the calibration.
+    """
+    cell = arm.cell
+    names = [disc.name for disc in cell.discs]
+    if values['object'] not in names:
+        problem = f'the calibration knows no object {values["object"]!r}'
+        raise InputError('collector/touch', problem, 'calibrate with this cell description')
+    if values['frame'] != cell.sensor.frame.value:
+        raise InputError('collector/touch', f'the frame of the force is {values["frame"]}, not that of the calibration')
+    joints = np.array([[_number(values, 'q1_rad'), _number(values, 'q2_rad')]])
+    force = np.array([[_number(values, 'fx_N'), _number(values, 'fy_N')]])
+    moved = np.array([float(values.get(name) or 0.0) for name in ('approach1', 'approach2', 'press1', 'press2')])
+    return TouchSet(
+        joints,
+        force,
+        np.array([names.index(values['object'])]),
+        posture(arm.model.parameters, joints),
+        time=np.array([arm.used.duration]),
+        approach=moved[None, :2],
+        press=moved[None, 2:],
+    )
+
+
+def _number(values: Mapping[str, str], name: str) -> float:
+    """A plausible number.
+
+    Raises:
+        KeyError, ValueError: there is none.
+    """
+    number = float(values[name])
+    if not abs(number) <= LARGEST[name]:
+        raise ValueError(f'{name} = {number:g} is not plausible')
+    return number
 
 
 def marker_array(primitives: Iterable[Primitive], frame: str) -> MarkerArray:

@@ -15,15 +15,11 @@ import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
-from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
-from scara_kinetostatic.files.touch_table import LARGEST
+from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arm import Predictor
-from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor, SinceTouch, alarm_line, drift_document
 from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -37,6 +33,7 @@ from scara_kinetostatic.nodes.cell_node import (
     RefusedError,
     stored_document,
 )
+from scara_kinetostatic.nodes.conversion import touch_of
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import count
@@ -103,7 +100,7 @@ class Monitor(CellNode):
         before = monitor.copy()
         try:
             int(key[1])
-            touch = touch_of(values, monitor.record)
+            touch = touch_of(values, monitor.record.arm)
             kept = monitor.measure(touch), int(touch.disc[0])
             alarm = monitor.add_measured(*kept)
         except (KeyError, ValueError, ArithmeticError, ScaraKinetostaticError) as error:  # LinAlgError is a ValueError
@@ -192,46 +189,6 @@ class Monitor(CellNode):
 def _of_result(said: Document) -> CalibrationRecord:
     """The calibration in the file that a result of the calibrator names."""
     return CalibrationRecord.of_document(stored_document(said), 'calibrator/result')
-
-
-def touch_of(values: Mapping[str, str], record: CalibrationRecord) -> TouchSet:
-    """A touch of the message in the cell of the calibration.
-
-    Raises:
-        KeyError, ValueError: a value is missing or no number.
-        InputError: the object or the frame is not that of the calibration.
-    """
-    cell = record.arm.cell
-    names = [disc.name for disc in cell.discs]
-    if values['object'] not in names:
-        problem = f'the calibration knows no object {values["object"]!r}'
-        raise InputError('collector/touch', problem, 'calibrate with this cell description')
-    if values['frame'] != cell.sensor.frame.value:
-        raise InputError('collector/touch', f'the frame of the force is {values["frame"]}, not that of the calibration')
-    joints = np.array([[_number(values, 'q1_rad'), _number(values, 'q2_rad')]])
-    force = np.array([[_number(values, 'fx_N'), _number(values, 'fy_N')]])
-    moved = np.array([float(values.get(name) or 0.0) for name in ('approach1', 'approach2', 'press1', 'press2')])
-    return TouchSet(
-        joints,
-        force,
-        np.array([names.index(values['object'])]),
-        posture(record.arm.model.parameters, joints),
-        time=np.array([record.arm.used.duration]),
-        approach=moved[None, :2],
-        press=moved[None, 2:],
-    )
-
-
-def _number(values: Mapping[str, str], name: str) -> float:
-    """A plausible number.
-
-    Raises:
-        KeyError, ValueError: there is none.
-    """
-    number = float(values[name])
-    if not abs(number) <= LARGEST[name]:
-        raise ValueError(f'{name} = {number:g} is not plausible')
-    return number
 
 
 def was_seen(recording: str, number: str, record: CalibrationRecord) -> bool:

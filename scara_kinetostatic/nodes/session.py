@@ -179,7 +179,7 @@ class Session:
         if sample is None:
             return
         if stream is Stream.JOINTS:
-            self._detector.add_joint_state(sample.stamp_ns, (sample.first, sample.second), log_time)
+            self._detector.add_joint_state(sample.stamp_ns, (sample.first, sample.second, *sample.others), log_time)
         else:
             self._detector.add_wrench(sample.stamp_ns, (sample.first, sample.second), log_time)
 

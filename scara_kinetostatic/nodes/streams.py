@@ -290,14 +290,17 @@ class CellStreams:
         node: that hears them.
         cell: whose topics they are.
         turned: called where fixed transforms change, see `FrameCheck`.
+        judges: whether the node rejects what happens while another joint is not where it is to be held, and so takes
+            such joint states; else they cannot be used.
 
     Attributes:
         monitors: of both topics.
         frame: how wrenches are turned.
     """
 
-    def __init__(self, node: Node, cell: Cell, turned: Callable[[bytes, bool], None]) -> None:
-        self._node, self._cell, self._topics = node, cell, cell.sensor[:2]
+    def __init__(self, node: Node, cell: Cell, turned: Callable[[bytes, bool], None], judges: bool = False) -> None:
+        self._node, self._cell, self._topics, self._judges = node, cell, cell.sensor[:2], judges
+        self._moved = ''  # since the last examination
         self.frame = FrameCheck(node, cell.sensor.frame, turned)
         self.monitors = {
             stream: StreamMonitor(node.resolve_topic_name(topic), stream is Stream.JOINTS)
@@ -324,13 +327,17 @@ class CellStreams:
         """The numbers of a message, which is counted; None where it cannot be used."""
         try:
             if stream is Stream.JOINTS:
-                sample = joint_sample(message, self._cell.joint_names, self._cell.hold)
+                sample = joint_sample(message, self._cell.joint_names, self._cell.other_joints)
+                if self._cell.hold and (moved := self._cell.moved_joint(np.array(sample.others))):
+                    if not self._judges:
+                        raise UnusableMessageError(moved)
+                    self._moved = moved
             else:
                 sample = wrench_sample(message, self.frame.turn(message))
         except UnusableMessageError as error:
             self.monitors[stream].refuse(str(error))
             return None
-        self.monitors[stream].accept(sample.stamp_ns, sample[1:])
+        self.monitors[stream].accept(sample.stamp_ns, sample[1:3])
         return sample
 
     def look_at_publishers(self) -> None:
@@ -349,7 +356,8 @@ class CellStreams:
         Args:
             expected: whether there ought to be messages.
         """
-        complaints, values = [self.frame.complaint()], {'wrench frame': self.frame.description()}
+        complaints, values = [self.frame.complaint(), self._moved], {'wrench frame': self.frame.description()}
+        self._moved = ''
         for monitor in self.monitors.values():
             found, figures = monitor.report(expected)
             complaints += found

@@ -2,9 +2,9 @@
 
 Publishes `visualization_msgs/MarkerArray` in the frame `base_link`, with `frame_prefix` before it: on `~/markers`,
 latched, what changes with touches and results (objects, touches with their forces, residual forces magnified, what was
-found), on `~/arm` the nominal and the calibrated arm at the present joint angles and the uncertainty of the tip. The
-URDF of both arms is on `robot_description`, latched, and is handed to a `robot_state_publisher` in the same namespace,
-which publishes their frames.
+found, the touch to make next), on `~/arm` the nominal and the calibrated arm at the present joint angles and the
+uncertainty of the tip. The URDF of both arms is on `robot_description`, latched, and is handed to a
+`robot_state_publisher` in the same namespace, which publishes their frames.
 
 It hears the collector's `~/touch` and the calibrator's `~/result`; single touches of a result, with their residuals,
 and the covariance, it reads from the file that the result names; without the file they are not shown, and that is said.
@@ -14,10 +14,12 @@ A result that the calibrator does not publish, as it is unfit, changes neither t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import atan2
 from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -40,6 +42,7 @@ from scara_kinetostatic.report.markers import (
     SeenTouch,
     arm_markers,
     estimated,
+    next_markers,
     object_markers,
     result_markers,
     touch_markers,
@@ -78,6 +81,11 @@ class Visualizer(CellNode):
         self.create_subscription(JointState, self._cell.sensor.joint_states, self._note_joints, newest, raw=True)
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
+        self._next_touch: PoseStamped | None = None
+        self._next_text = ''
+        for name in ('calibrator', 'touch_runner'):
+            self.create_subscription(PoseStamped, f'{name}/next_touch', self._note_next, LATCHED)
+            self.create_subscription(DiagnosticArray, f'{name}/state', self._note_state, LATCHED)
         self._describe(None)
         self.every(0.1, self._publish_arms)
         self.every(0.5, self._publish_scene)
@@ -137,6 +145,14 @@ class Visualizer(CellNode):
             self._calibrated = document
             self._describe(calibrated)
 
+    def _note_next(self, message: PoseStamped) -> None:
+        self._next_touch, self._changed = message if message.header.frame_id else None, True
+
+    def _note_state(self, message: DiagnosticArray) -> None:
+        text = '; '.join(status.message for status in message.status)
+        self._changed |= text != self._next_text
+        self._next_text = text
+
     def _describe(self, calibrated: Parameters | None) -> None:
         """Publishes the URDF."""
         self._untold = side_by_side('scara', self._cell.joint_names, self._cell.nominal, calibrated)
@@ -166,6 +182,10 @@ class Visualizer(CellNode):
         discs = self._cell.discs
         parameters = self._cell.nominal if self._document is None else estimated(self._document)
         scene = object_markers(discs) + touch_markers(self._touches.values(), parameters, discs, self._scales)
+        if self._next_touch is not None:
+            pose = self._next_touch.pose
+            angle = 2 * atan2(pose.orientation.z, pose.orientation.w)
+            scene += next_markers((pose.position.x, pose.position.y), angle, self._next_text)
         return scene if self._document is None else scene + result_markers(self._document, discs, self._scales)
 
     def _arms(self, joints: tuple[float, float]) -> list[Primitive]:

@@ -45,7 +45,7 @@ from scara_kinetostatic.assessment.grade import LIMITS
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
@@ -95,6 +95,23 @@ class CandidateTouches(NamedTuple):
     def information_of(self, chosen: Sequence[int]) -> Floats:
         """Information of a set of candidates and of the prior, (12 + m, 12 + m)."""
         return self.prior + self.information[list(chosen)].sum(axis=0)
+
+    def counting(self, values: Indices, share: float) -> CandidateTouches:
+        """The same with the variance of some values counting beside that of the tip, one place for all.
+
+        Both in what they are by the prior, so that neither unit nor size of the values matters (a compound criterion).
+
+        Args:
+            values: which, indices of the 12 + m.
+            share: of them in the criterion; 1 for these values alone.
+        """
+        now: Floats = np.asarray(np.linalg.inv(self.prior), dtype=float)
+        rows = np.union1d(self.rows, values)
+        squares = np.zeros((len(rows), len(rows)))
+        tip, own = np.searchsorted(rows, self.rows), np.searchsorted(rows, values)
+        squares[np.ix_(tip, tip)] = (1 - share) / self.variance(now)[0] * unpack(self.quadric[:, 0])
+        squares[own, own] += share / now[values, values].sum()
+        return self._replace(rows=rows, quadric=pack(squares, twice=True)[:, None])
 
 
 def candidate_plan(
@@ -184,6 +201,14 @@ def pack(matrices: Floats, *, twice: bool = False) -> Floats:
     i, j = _lower(matrices.shape[-1])
     packed = matrices[..., i, j]
     return packed * np.where(i == j, 1.0, 2.0) if twice else packed
+
+
+def unpack(packed: Floats) -> Floats:
+    """The symmetric matrix of a vector made by `pack(…, twice=True)`."""
+    k = int((np.sqrt(8 * len(packed) + 1) - 1) / 2)
+    lower = np.zeros((k, k))
+    lower[_lower(k)] = packed
+    return (lower + lower.T) / 2
 
 
 MOST_LEVERAGE = 0.8

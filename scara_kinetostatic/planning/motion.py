@@ -99,22 +99,21 @@ class Space:
         cell: with the limits of the joints and the obstacles.
         parameters: L̄ by which joint angles are worked out.
         clearance: distance that the tip keeps from every object, m.
-
-    Raises:
-        CellError: the cell states no limits.
     """
 
     cell: Cell
     parameters: Parameters
     clearance: float
 
-    def __post_init__(self) -> None:
-        if self.cell.limits is None:
-            raise CellError('robot.limits', 'the limits of the joints are missing', 'add them: nothing is planned else')
-
     @cached_property
     def limits(self) -> Floats:
-        """Lower and upper limits that are kept, (2, 2), rad."""
+        """Lower and upper limits that are kept, (2, 2), rad.
+
+        Raises:
+            CellError: the cell states none.
+        """
+        if self.cell.limits is None:
+            raise CellError('robot.limits', 'the limits of the joints are missing', 'add them: nothing is planned else')
         return np.array(self.cell.limits).T + np.array([[LIMIT_MARGIN], [-LIMIT_MARGIN]])
 
     @cached_property
@@ -162,6 +161,14 @@ class Space:
                 at = x + (tip[:, 1:] - y) / (v - y) * (u - x)
             inside |= np.sum(crossed & (tip[:, :1] < at), axis=1) % 2 == 1
         return inside
+
+    def object_at(self, tip: Floats) -> str:
+        """What is nearer than the clearance to a place of the tip, (2,), or contains it; empty where nothing does."""
+        at, discs = tip[None], self.cell.discs
+        near = np.flatnonzero(self.edges.distance(at, at)[0] < self.clearance)
+        if len(near) and near[0] < len(discs):
+            return discs[near[0]].name
+        return 'an obstacle' if len(near) or self.is_inside(at)[0] else ''
 
     def is_clear(self, a: Floats, b: Floats, *, raised: bool = False, but: Indices | None = None) -> Mask:
         """Whether the tip keeps clear of everything on straight moves from a to b, (n, 2), m.
@@ -301,6 +308,10 @@ class Ways(NamedTuple):
     first: int
     lengths: Floats
     before: Indices
+
+    def stop(self, number: int) -> Poses:
+        """One of the stops."""
+        return self.every.select(slice(self.first + number, self.first + number + 1))
 
     def way(self, start: int, goal: int) -> Poses:
         """The places on the way from one stop to another, which is the last of them."""

@@ -7,15 +7,18 @@ touches are exchanged as in `search`. Candidates are points around the discs, bo
 without a preload: a preload is planned where it shows friction.
 
 **Effects not decided.** Every effect of the catalogue counts, with a prior: its typical size where the diagnosis
-suspects it, `UNSUSPECTED` of that where it does not. So touches are spread enough to find it, and the touches that
-decide it are chosen as soon as it matters.
+suspects it, `UNSUSPECTED` of that where it does not; one with a form, as a frequency, in its typical form. So touches
+are spread enough to find it. The variance of the sizes that are suspected counts as much as that of the tip, both in
+what they are now: an effect that does not move the tip, as a disc elsewhere, is decided, too.
 
-**Rivals** are decided by the touches at which their predictions differ most (`diagnosis.comparison`).
+**Rivals** are decided by the touches at which their predictions differ most (`diagnosis.comparison`), each once, and by
+those that lower the variance of their sizes in a model with all of them most.
 
 **Enough** is said where the expanded uncertainty (k = 2) of the tip is at most the tolerance all over the region, or
 where `MOST_TOUCHES` more would not bring it there: then what the cell declares as uncertain is the limit.
 
-Source: Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS (2007), chapter 10 (V- or I-optimality).
+Source: Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS (2007), chapters 10 (V- or I-optimality), 20
+(discrimination by a common model) and 21 (compound criteria).
 """
 
 from __future__ import annotations
@@ -34,16 +37,19 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm, force_on_object
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidates import CandidateTouches, candidate_plan, declared_rows, prepare_candidates
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
 from scara_kinetostatic.planning.optimal_design import contributions
 from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan, tip_in_use
-from scara_kinetostatic.planning.search import MOST_TOUCHES, improve, variance_with_each
+from scara_kinetostatic.planning.search import MOST_TOUCHES, improve, largest_variance, variance_with_each
 from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
 
 UNSUSPECTED = 0.01
 """Prior of an effect that nobody suspects, in its typical size: it spreads the touches. With a tenth, twelve touches
@@ -51,6 +57,10 @@ gain hardly more than even ones; from a hundredth to a tenth as many effects are
 """
 PRELOAD = 0.3
 """Part of the force by which preloaded touches go beyond it."""
+_UNDECIDED = 0.9
+"""Variance of what is suspected that touches leave, over that before them, above which they decide nothing; in
+simulated cells a dozen touches left 0.5 to 0.8 of it.
+"""
 _PER_DISC = 24
 """Points around a disc that are candidates."""
 _LEAST_GAIN = 0.01
@@ -77,6 +87,12 @@ class Uncertainty(NamedTuple):
     share: float
 
 
+def known_or_infinite(worst: float | None, undetermined: float) -> float:
+    """The largest expanded uncertainty of the tip, m; infinite where it is not determined all over the region."""
+    found = float('inf') if worst is None or undetermined > 0 else worst
+    return found if found < float('inf') else float('inf')  # not a number neither
+
+
 class PlannedTouches(NamedTuple):
     """Touches in the order in which to make them.
 
@@ -85,7 +101,7 @@ class PlannedTouches(NamedTuple):
         reasons: why each is made.
         approach: where the tip begins to approach each.
         ways: between these places.
-        order: stop of `ways` of each.
+        order: stop of `ways` of each, from 1 on where stop 0 is the place to start from.
         left_out: what cannot be touched, a sentence for each disc or touch.
         uncertainty: of the tip.
     """
@@ -97,6 +113,12 @@ class PlannedTouches(NamedTuple):
     order: list[int]
     left_out: list[str]
     uncertainty: Uncertainty
+
+    def sentence(self, cell: Cell, k: int = 0) -> str:
+        """One of the touches in words, such as ``disc_2 at 170°, left, 40 N, it sharpens l2``."""
+        plan = self.plan
+        where = f'{cell.discs[int(plan.disc[k])].name} at {np.degrees(plan.angle[k]) % 360:.0f}°'
+        return f'{where}, {POSTURE_NAMES[int(plan.posture[k])]}, {plan.force[k]:.0f} N, it {self.reasons[k]}'
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,16 +147,27 @@ class Planner:
         undecided = [
             effect
             for effect in catalogue(cell)
-            if effect.is_physical and not effect.is_stepwise and not effect.grid_parameter and effect.label not in known
+            if effect.is_physical and not effect.is_stepwise and effect.label not in known
         ]
         effects = (*own, *undecided)
-        values = model.with_effects(effects).effect_values
+        values = list(model.with_effects(effects).effect_values)
         sizes = [np.abs(effect.typical) + np.abs(found) for effect, found in zip(own, values, strict=False)]
-        sizes += [
-            (1.0 if effect.label in self.suspected else UNSUSPECTED) * np.abs(effect.typical) for effect in undecided
-        ]
+        for k, effect in enumerate(undecided, len(own)):
+            part = 1.0 if effect.label in self.suspected else UNSUSPECTED
+            size = np.where(_is_size(effect), part, 1.0) * np.abs(effect.typical)
+            if effect.grid_parameter:  # linear about the effect in this form, which stays
+                values[k] = tuple(size.tolist())
+                size[effect.grid_parameter_index] = 0.0
+            sizes.append(size)
         flat = tuple(np.concatenate([*sizes, []]).tolist())
-        return Robot(cell, model.parameters, self.arm.noise, (), effects, values, flat)
+        return Robot(cell, model.parameters, self.arm.noise, (), effects, tuple(values), flat)
+
+    @cached_property
+    def _in_doubt(self) -> Indices:
+        """Which of the values are sizes of effects that are suspected."""
+        effects = self.robot.effects
+        doubt = [_is_size(effect) & (effect.label in self.suspected) for effect in effects]
+        return len(NAMES) + np.flatnonzero(np.concatenate([*doubt, np.zeros(0, dtype=bool)]))
 
     @cached_property
     def _values(self) -> int:
@@ -157,9 +190,7 @@ class Planner:
         cell = self.arm.cell
         clearance = cell.touch.clearance
         if self.now is not None:
-            placed = max(disc.center_std + disc.radius_std for disc in cell.discs)
-            placed += max((plate.center_std for plate in cell.plates), default=0.0)
-            clearance = min(clearance, _CALIBRATED + 3 * (self.now / COVERAGE_FACTOR + placed))
+            clearance = min(clearance, _CALIBRATED + 3 * (self.now / COVERAGE_FACTOR + cell.surface_std))
         return Space(cell, self.arm.model.parameters, clearance)
 
     @cached_property
@@ -242,66 +273,90 @@ class Planner:
     def candidates(self) -> CandidateTouches:
         """The touches to choose from; the information of those made is part of the prior."""
         candidates = prepare_candidates(self.robot, self._candidates[0], self._tip, mean=True)
-        return candidates._replace(prior=candidates.prior + self._information_made)
+        candidates = candidates._replace(prior=candidates.prior + self._information_made)
+        return candidates.counting(self._in_doubt, 0.5) if len(self._in_doubt) else candidates
 
-    def accurate(self, number: int) -> PlannedTouches:
-        """The touches that lower the uncertainty of the tip most.
+    @cached_property
+    def present(self) -> float:
+        """The largest expanded uncertainty of the tip over the region that the touches made lead to, m."""
+        return self._uncertainty(self.candidates, []).planned
+
+    def accurate(self, number: int, start: Poses | None = None) -> PlannedTouches:
+        """The touches that lower the uncertainty of the tip most, and decide about what is suspected.
 
         Args:
             number: of touches.
+            start: where the tip stands, one pose; None: anywhere.
 
         Raises:
-            UnsupportedDataError: no touch can be reached.
+            UnsupportedDataError: no touch can be reached, or none from there.
         """
-        candidates, chosen = self.candidates, list[int]()
-        for _ in range(min(number, len(candidates.plan))):
-            values = variance_with_each(candidates, chosen)
-            values[chosen] = np.inf
-            chosen.append(int(np.argmin(values)))
-        chosen = improve(candidates, chosen, least_gain=_LEAST_GAIN)
-        plan = candidates.plan.select(np.array(chosen))
-        return self._arranged(plan, self._reasons(chosen), self._candidates[1], self._uncertainty(chosen))
+        chosen = _best(self.candidates, number)
+        plan = self.candidates.plan.select(np.array(chosen))
+        reasons = self._reasons(self.candidates, chosen)
+        return self._arranged(plan, reasons, self._candidates[1], self._uncertainty(self.candidates, chosen), start)
 
-    def discriminating(self, touches: Sequence[DiscriminatingTouch], number: int) -> PlannedTouches:
-        """The touches that decide between rivals, in turn.
+    def discriminating(
+        self, touches: Sequence[DiscriminatingTouch], number: int, start: Poses | None = None
+    ) -> PlannedTouches:
+        """The touches that decide between rivals.
 
         Args:
             touches: that do, as the diagnosis found them.
             number: of touches.
+            start: where the tip stands, one pose; None: anywhere.
 
         Raises:
-            UnsupportedDataError: none of them can be reached.
+            UnsupportedDataError: none of them can be reached, or none from there.
         """
         names = [disc.name for disc in self.arm.cell.discs]
         plan = Plan(
-            np.array([names.index(touch.disc) for touch in touches]),
+            np.array([names.index(touch.disc) for touch in touches], dtype=np.intp),
             np.array([touch.angle for touch in touches]),
-            np.array([touch.posture for touch in touches]),
+            np.array([touch.posture for touch in touches], dtype=np.intp),
             np.array([touch.force for touch in touches]),
             np.array([PRELOAD * touch.is_unloaded for touch in touches]),
         )
-        texts = self.problems(plan)
+        texts = self.problems(plan) if touches else []
         left = [f'{touch}: {text}' for touch, text in zip(touches, texts, strict=True) if text]
-        there = [k for k, text in enumerate(texts) if not text]
-        if not there:
-            raise UnsupportedDataError(f'no touch that decides can be reached: {left[0]}', 'change the cell')
-        chosen = [there[k % len(there)] for k in range(number)]
-        reasons = [f'predictions differ by {touches[k].difference:.1f} N, {touches[k].in_std:.1f} σ' for k in chosen]
-        return self._arranged(plan.select(np.array(chosen)), reasons, left, self._uncertainty([]))
+        there = [k for k, text in enumerate(texts) if not text][:number]
+        reasons = [f'predictions differ by {touches[k].difference:.1f} N, {touches[k].in_std:.1f} σ' for k in there]
+        plan, candidates = plan.select(np.array(there, dtype=np.intp)), self.candidates
+        if there:
+            planned = prepare_candidates(self.robot, plan, self._tip, mean=True).information.sum(axis=0)
+            candidates = candidates._replace(prior=candidates.prior + planned)
+        if len(self._in_doubt):
+            candidates = candidates.counting(self._in_doubt, 1.0)
+        more = _best(candidates, number - len(there))
+        if not there and largest_variance(candidates, more) > _UNDECIDED:
+            why = left[0] if left else 'more touches hardly sharpen what is suspected'
+            raise UnsupportedDataError(f'no touch that decides can be reached: {why}', 'change the cell')
+        reasons += self._reasons(candidates, more, self._in_doubt)
+        every = Plan.joined([plan, candidates.plan.select(np.array(more, dtype=np.intp))])
+        return self._arranged(every, reasons, left, self._uncertainty(candidates, more), start)
 
-    def _arranged(self, plan: Plan, reasons: list[str], left_out: list[str], found: Uncertainty) -> PlannedTouches:
+    def _arranged(
+        self, plan: Plan, reasons: list[str], left_out: list[str], found: Uncertainty, start: Poses | None
+    ) -> PlannedTouches:
         """The touches in the order of a short way."""
-        start = self.approach(plan)
-        ways = self.roadmap.ways(start)
-        order = shortest_order(ways.lengths)
-        at = np.array(order)
-        return PlannedTouches(
-            plan.select(at), [reasons[k] for k in order], start.select(at), ways, order, left_out, found
-        )
+        own = self.approach(plan)
+        begin = own.select(slice(0)) if start is None else start
+        stops = Poses(np.concatenate([begin.tip, own.tip]), np.concatenate([begin.posture, own.posture]))
+        ways, first = self.roadmap.ways(stops), len(begin.tip)
+        if first and not np.isfinite(ways.lengths[0]).all():
+            x, y = begin.tip[0]
+            raise UnsupportedDataError(
+                f'no way leads from ({x:.3f}, {y:.3f}) m to the touches',
+                f'move the tip {1e3 * self.space.clearance:.1f} mm clear of everything, within the limits',
+            )
+        order = shortest_order(ways.lengths, first=0 if first else None)[first:]
+        at = np.array(order) - first
+        texts = [reasons[k] for k in at]
+        return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, left_out, found)
 
-    def _uncertainty(self, chosen: list[int]) -> Uncertainty:
+    def _uncertainty(self, candidates: CandidateTouches, chosen: list[int]) -> Uncertainty:
         """Of the tip by the arm's own model, without what is undecided."""
-        candidates, values = self.candidates, len(self.robot.model.names)
+        values = len(self.robot.model.names)
         kept = np.r_[: self._values, values : len(candidates.prior)]
         scales = declared_rows(self.robot)[0][kept]
 
@@ -311,7 +366,7 @@ class Planner:
         def largest(information: Floats) -> float:
             return float(self._expanded(covariance(information)[: self._values, : self._values]).max())
 
-        ratio = 1.0 if self.now is None or np.isinf(self.now) else self.now / largest(candidates.prior)
+        ratio = 1.0 if self.now is None or np.isinf(self.now) else self.now / largest(self.candidates.prior)
         every = candidates.information_of(chosen) + MOST_TOUCHES * candidates.information.mean(axis=0)
         least = covariance(every)
         by_source = []
@@ -327,15 +382,32 @@ class Planner:
         planned = ratio * largest(candidates.information_of(chosen))
         return Uncertainty(self.now, planned, ratio * float(self._expanded(own).max()), limit, share)
 
-    def _reasons(self, chosen: list[int]) -> list[str]:
-        """What each touch of a set tells: the value whose standard deviation would grow most without it."""
-        candidates, names = self.candidates, self.robot.model.names
+    def _reasons(self, candidates: CandidateTouches, chosen: list[int], among: Indices | None = None) -> list[str]:
+        """What each touch of a set tells: the value, of all or of some, whose variance would grow most without it."""
+        names = self.robot.model.names
+        values = np.arange(len(names)) if among is None or not len(among) else among
         together = candidates.information_of(chosen)
-        std = np.sqrt(np.diagonal(np.linalg.inv(together))[: len(names)])
+        variance = np.diagonal(np.linalg.inv(together))[values]
         found = []
         for k in chosen:
-            without = np.sqrt(np.diagonal(np.linalg.inv(together - candidates.information[k]))[: len(names)])
-            best = int(np.argmax(without / std))
+            without = np.diagonal(np.linalg.inv(together - candidates.information[k]))[values]
+            best = int(values[np.argmax(without / variance)])
+            verb = 'decides' if best >= self._values or best in self._in_doubt else 'sharpens'
             preload = f', preload {100 * PRELOAD:.0f} %' if candidates.plan.preload[k] else ''
-            found.append(f'{"sharpens" if best < self._values else "decides"} {names[best].partition(".")[0]}{preload}')
+            found.append(f'{verb} {names[best].rpartition(".")[0] or names[best]}{preload}')
         return found
+
+
+def _is_size(effect: Effect) -> Mask:
+    """Which of an effect's values are its size, the others its form, (k,)."""
+    return np.asarray(effect.amplitudes(np.ones(len(effect.parameters))) != 0)
+
+
+def _best(candidates: CandidateTouches, number: int) -> list[int]:
+    """The set that lowers the criterion most: one added after the other, then exchanged."""
+    chosen = list[int]()
+    for _ in range(min(number, len(candidates.plan))):
+        values = variance_with_each(candidates, chosen)
+        values[chosen] = np.inf
+        chosen.append(int(np.argmin(values)))
+    return improve(candidates, chosen, least_gain=_LEAST_GAIN)

@@ -170,7 +170,7 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
         robot: the robot.
         plan: the touches.
         metadata: what effects need to know of them; None for touches that begin without a force, or at the force of
-            the preload.
+            the preload, each of relaxed joints.
 
     Raises:
         UnsupportedDataError: the robot cannot reach a touch.
@@ -193,9 +193,11 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
     observations = Observations(joints, measured, centers, radii, cell.sensor.frame, cell.gripper)
     if robot.effects or declared is not None:
         before = np.where(plan.preload > 0, (1 + plan.preload) * plan.force, 1e-3)
-        motion = kinematics.wrap(joints - pressed_with(before)[1])
-        plain = TouchMetadata.plain(len(joints))._replace(disc=plan.disc, posture=plan.posture)
-        observations = observations._replace(metadata=metadata or plain._replace(approach=motion, press=motion))
+        peak, there, _ = pressed_with(before)
+        motion, plain = kinematics.wrap(joints - there), TouchMetadata.plain(len(joints))
+        loaded = np.concatenate([joints - motion, (plan.preload > 0)[:, None] * peak], axis=1)[:, None]
+        plain = plain._replace(disc=plan.disc, posture=plan.posture, approach=motion, press=motion, history=loaded)
+        observations = observations._replace(metadata=metadata or plain)
     if declared is not None:
         observations = observations._replace(declared=declared, errors=np.zeros(declared.count), reported=measured)
     point = evaluate(observations, robot.model, Adjusted(joints, measured, state), robot.noise)

@@ -88,7 +88,7 @@ def poised(planner: Planner, planned: PlannedTouches) -> Poised:
 
 
 def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
-    """Every step, in order; the first travel is from where the robot stands, which nobody knows here."""
+    """Every step, in order; where nobody knows where the robot stands, its first way is one straight travel."""
     cell, plan, at = planner.arm.cell, planned.plan, poised(planner, planned)
     motion, lift = cell.touch, cell.lift
     up, down = (None, None) if lift is None else (lift.up, lift.down)
@@ -97,14 +97,17 @@ def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
     depth = np.hypot(*(forward(planner.arm.model.parameters, at.hold) - contact).T)
     speed = np.clip(depth / _PRESS, motion.contact_speed / 20, motion.contact_speed)
 
+    origins = [0 if min(planned.order) else None, *planned.order]
+
     def steps() -> Iterator[Step]:
         for k, force in enumerate(plan.force.tolist()):
             number, here = k + 1, planned.approach.tip[k]
             way = planned.approach.select(slice(0, 1))
-            if k:
+            if (origin := origins[k]) is not None:
                 if lift is not None:
-                    yield Step(number, 'travel', planned.approach.tip[k - 1], at.approach[k - 1], up, motion.speed)
-                way = planned.ways.way(planned.order[k - 1], planned.order[k])
+                    stands = planned.ways.stop(origin)
+                    yield Step(number, 'travel', stands.tip[0], joint_angles(planner, stands)[0], up, motion.speed)
+                way = planned.ways.way(origin, planned.order[k])
             for tip, joints in zip(way.tip, joint_angles(planner, way), strict=True):
                 yield Step(number, 'travel', tip, joints, up, motion.speed)
             if lift is not None:

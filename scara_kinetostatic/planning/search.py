@@ -48,6 +48,7 @@ from scara_kinetostatic.planning.candidates import (
     pack,
     penalty,
     prepare_candidates,
+    unpack,
 )
 from scara_kinetostatic.planning.prediction import Robot, Tip
 from scara_kinetostatic.simulation.plan import Plan
@@ -105,7 +106,7 @@ def find_lower_bound(candidates: CandidateTouches, target: float, iterations: in
         information = number * np.tensordot(design, candidates.information, axes=1) + regular
         covariance: Floats = np.asarray(np.linalg.inv(information), dtype=float)
         variance = candidates.variance(covariance)
-        squares = _unpack(candidates.quadric @ places)
+        squares = unpack(candidates.quadric @ places)
         through = candidates.derivative @ covariance[:, candidates.rows]
         gain = np.einsum('nik,kl,nil->n', through, squares, through, optimize=True)
         known = candidates.declared @ covariance[:, candidates.rows]
@@ -118,14 +119,6 @@ def find_lower_bound(candidates: CandidateTouches, target: float, iterations: in
         places /= places.sum()
     mean_of_each, gain_of_each, prior_of_each = np.array(bounds).T
     return LowerBound(mean_of_each, gain_of_each, prior_of_each, design)
-
-
-def _unpack(packed: Floats) -> Floats:
-    """The symmetric matrix of a vector made by `pack(…, twice=True)`."""
-    k = int((np.sqrt(8 * len(packed) + 1) - 1) / 2)
-    lower = np.zeros((k, k))
-    lower[np.tril_indices(k)] = packed
-    return (lower + lower.T) / 2
 
 
 def largest_variance(

@@ -25,6 +25,7 @@ from scara_kinetostatic.model.parameters import NAMES, Parameters, quantity
 FOUND: Colour = (0.84, 0.37, 0.0, 1.0)
 RESIDUAL: Colour = (0.80, 0.47, 0.65, 1.0)
 UNUSED: Colour = (0.85, 0.1, 0.1, 1.0)
+NEXT: Colour = (0.0, 0.45, 0.70, 1.0)
 TEXT: Colour = (0.35, 0.35, 0.35, 1.0)
 OBJECTS: tuple[tuple[float, float, float], ...] = (
     (0.0, 0.62, 0.45),
@@ -161,6 +162,23 @@ def touch_markers(
             tail = tip - scales.force * np.asarray(touch.force)
             made.append(Primitive('forces', Shape.ARROW, places([tail, tip]), colour, _THIN))
     return made
+
+
+def next_markers(contact: tuple[float, float], normal: float, text: str) -> list[Primitive]:
+    """The touch to make next: an arrow along the approach, and what is said of it.
+
+    Args:
+        contact: of the tip, m.
+        normal: angle of the outward normal there, rad.
+        text: beside it.
+    """
+    x, y = contact
+    far = x + 4 * _LETTERS * float(np.cos(normal)), y + 4 * _LETTERS * float(np.sin(normal))
+    return [
+        Primitive('next', Shape.ARROW, places([far, contact], _HEIGHT), NEXT, 2 * _THIN),
+        Primitive('next', Shape.DOT, places([contact], _HEIGHT), NEXT, 1.5 * _DOT),
+        label('next', far, text, NEXT),
+    ]
 
 
 def result_markers(document: Mapping[str, Any], discs: Sequence[Disc], scales: Scales) -> list[Primitive]:

@@ -111,6 +111,11 @@ class Plan:
         """The touches that a mask or an array of positions picks."""
         return Plan(**{item.name: getattr(self, item.name)[which] for item in fields(self)})
 
+    @classmethod
+    def joined(cls, plans: Sequence[Plan]) -> Plan:
+        """The touches of several plans, in turn."""
+        return cls(**{item.name: np.concatenate([getattr(plan, item.name) for plan in plans]) for item in fields(cls)})
+
 
 def default_plan(
     cell: Cell,

@@ -146,6 +146,7 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
         return Detection(no_touches())
     contacts = find_contacts(signals)
     candidates, weak = find_candidates(signals, contacts)
+    candidates = _with_moved_joints(candidates, streams, signals.start, cell)
     held = _held_touches(signals, candidates, cell)
     spans = [(c.hold.begin, c.hold.end) if c.hold else c.contact for c in candidates]
     before, memories = load_history(signals, candidates, cell, earlier)
@@ -161,6 +162,23 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
         memories=memories,
     )
     return _without_discarded(detection, streams.discarded) if streams.discarded else detection
+
+
+def _with_moved_joints(
+    candidates: list[TouchCandidate], streams: Streams, start: int, cell: Cell
+) -> list[TouchCandidate]:
+    """The candidates, those rejected in which a joint that is to be held is elsewhere before the hold has ended."""
+    joints, moved = streams.joints, streams.joints.moved(cell)
+    if joints.others is None or not moved.any():
+        return candidates
+    time, others = 1e-9 * (joints.stamp[moved] - start), joints.others[moved]
+    found = []
+    for one in candidates:
+        during = (time >= one.contact[0]) & (time <= (one.hold.end if one.hold else one.contact[1]))
+        if not one.defect and during.any():
+            one = one._replace(defect=Defect('other joint', cell.moved_joint(others[during][0])))
+        found.append(one)
+    return found
 
 
 def _without_discarded(detection: Detection, stamps: Sequence[int]) -> Detection:

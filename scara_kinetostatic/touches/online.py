@@ -39,6 +39,7 @@ class SampleBuffer:
 
     Args:
         most: samples that are kept at most, whatever their stamps.
+        width: numbers of a sample.
 
     Attributes:
         total: number of samples so far, those that are no longer kept as well.
@@ -46,18 +47,18 @@ class SampleBuffer:
         offset: what is added to them, ns.
     """
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, width: int = 2) -> None:
         self._most = most
         self._times: list[int] = []
-        self._pairs: list[float] = []
-        self._kept = Samples(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)))
+        self._numbers: list[float] = []
+        self._kept = Samples(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, width)))
         self.total = 0
         self.by_log_time, self.offset = False, 0
 
     def append(self, stamp: int, log_time: int, value: Sequence[float]) -> None:
         """One sample with its header stamp and when it was received, ns."""
         self._times += (stamp, log_time)
-        self._pairs.extend(value)
+        self._numbers.extend(value)
         self.total += 1
         if len(self._times) > self._most:
             _ = self.samples
@@ -67,10 +68,10 @@ class SampleBuffer:
         """All that are kept, as they came."""
         if self._times:
             times = np.array(self._times, dtype=np.int64).reshape(-1, 2)
-            new = Samples(times[:, 0], times[:, 1], np.array(self._pairs, dtype=float).reshape(-1, 2))
+            new = Samples(times[:, 0], times[:, 1], np.array(self._numbers, dtype=float).reshape(len(times), -1))
             joined = Samples(*(np.concatenate(both) for both in zip(self._kept, new, strict=True)))
             self._kept = joined.select(slice(-self._most, None))
-            self._times, self._pairs = [], []
+            self._times, self._numbers = [], []
         return self._kept
 
     @property
@@ -104,6 +105,7 @@ class StreamPair:
         topics: their names, for messages.
         most: samples of a topic that are kept at most.
         time_offset: of the cell description, s; None to compare the clocks.
+        others: number of further joints, whose positions follow q1 and q2.
 
     Attributes:
         joints: joint angles, rad.
@@ -112,9 +114,9 @@ class StreamPair:
         is_refused: whether they cannot be used.
     """
 
-    def __init__(self, topics: tuple[str, str], most: int, time_offset: float | None = None) -> None:
+    def __init__(self, topics: tuple[str, str], most: int, time_offset: float | None = None, others: int = 0) -> None:
         self._topics, self._time_offset = topics, time_offset
-        self.joints, self.wrench = self.buffers = SampleBuffer(most), SampleBuffer(most)
+        self.joints, self.wrench = self.buffers = SampleBuffer(most, 2 + others), SampleBuffer(most)
         self.problem, self.is_refused, self._has_stepped = '', False, False
         self._best: tuple[BestLags, BestLags] = ({}, {})
 
@@ -155,7 +157,7 @@ class StreamPair:
         self.problem = clock.warning
         for buffer, offset in zip(self.buffers, (0, clock.offset), strict=True):
             buffer.by_log_time, buffer.offset = clock.by_log_time, offset
-        return Streams(source, JointStream(*timed[0]), WrenchStream(*timed[1]), topics=self._topics)
+        return Streams(source, JointStream.of(*timed[0]), WrenchStream(*timed[1]), topics=self._topics)
 
 
 class OnlineDetector:
@@ -178,7 +180,7 @@ class OnlineDetector:
         self, cell: Cell, horizon: int = 30 * SECOND, topics: tuple[str, str] | None = None, most: int = 150_000
     ) -> None:
         self._cell, self._horizon = cell, horizon
-        self._pair = StreamPair(topics or cell.sensor.topics, most, cell.sensor.time_offset)
+        self._pair = StreamPair(topics or cell.sensor.topics, most, cell.sensor.time_offset, len(cell.other_joints))
         self._memory = LoadMemory()
         self._polled = self.found = 0
         self.clock_warning = ''
@@ -191,8 +193,15 @@ class OnlineDetector:
         self._reported = self._searched = _NEVER
 
     def add_joint_state(self, stamp_ns: int, joints: Sequence[float], log_time: int | None = None) -> None:
-        """One sample of q1, q2, rad, with its header stamp and when it was received, ns; by default at its stamp."""
-        self._pair.joints.append(stamp_ns, stamp_ns if log_time is None else log_time, joints)
+        """One sample of q1, q2, rad, and the cell's other joints, as far as they are known.
+
+        Args:
+            stamp_ns: its header stamp, ns.
+            joints: their positions.
+            log_time: when it was received, ns; by default at its stamp.
+        """
+        unknown = [np.nan] * (2 + len(self._cell.other_joints) - len(joints))
+        self._pair.joints.append(stamp_ns, stamp_ns if log_time is None else log_time, [*joints, *unknown])
 
     def add_wrench(self, stamp_ns: int, force: Sequence[float], log_time: int | None = None) -> None:
         """One sample of fx, fy as the sensor reports them, N, with its times as those of a joint state."""

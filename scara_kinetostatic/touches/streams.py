@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.cell import Cell, SensorFrame
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,27 @@ class JointStream:
     Attributes:
         stamp: header stamps, (n,), ns.
         position: q1, q2, (n, 2), rad.
+        others: of the cell's other joints, (n, h), rad or m, NaN where a message has none; None where there are none.
     """
 
     stamp: NDArray[np.int64]
     position: NDArray[np.float64]
+    others: NDArray[np.float64] | None = None
+
+    @classmethod
+    def of(cls, stamp: NDArray[np.int64], values: NDArray[np.float64]) -> JointStream:
+        """From rows of q1, q2 and the other joints, (n, 2 + h)."""
+        return cls(stamp, values[:, :2], values[:, 2:])
+
+    def moved(self, cell: Cell) -> Mask:
+        """In which samples another joint is not where the cell holds it, (n,)."""
+        none = np.zeros(len(self.stamp), dtype=bool)
+        return none if self.others is None else none | cell.moved(self.others).any(axis=1)
+
+    def while_held(self, cell: Cell) -> JointStream:
+        """The other samples."""
+        kept = ~self.moved(cell)
+        return self if kept.all() else JointStream(self.stamp[kept], self.position[kept])
 
 
 @dataclass(frozen=True)

@@ -169,13 +169,13 @@ def test_why_messages_are_dropped() -> None:
     assert samples.names == {'q1', 'gripper'}
 
 
-def test_messages_in_which_a_held_joint_is_elsewhere_are_dropped() -> None:
-    names, others = ['q1', 'lift', 'q2', 'wrist'], [(0.0, 0.5), (0.0, 0.5005), (0.01, 0.52), (3.0, 0.48)]
-    payloads = [
-        joint_state((k, 0), '', names, [0.1 * k, lift, 0.2 * k, wrist], 0) for k, (lift, wrist) in enumerate(others)
-    ]
-    decoder = Decoder(('q1', 'q2'), {'wrist': 0.5, 'not_published': 1.0})
+def test_other_joints_are_columns_of_their_own() -> None:
+    names, wrist = ['q1', 'lift', 'q2', 'wrist'], [0.5, np.nan]
+    payloads = [joint_state((k, 0), '', names, [0.1 * k, 0.0, 0.2 * k, at], 0) for k, at in enumerate(wrist)]
+    payloads.append(joint_state((2, 0), '', ['q1', 'q2'], [0.3, 0.4], 0))
+    decoder = Decoder(('q1', 'q2'), ('wrist', 'not_published'))
     decoder.add(batch(JOINT_STATE, payloads))
     samples = decoder.samples()
-    np.testing.assert_allclose(samples.values, [[0.0, 0.0], [0.1, 0.2]])
-    assert samples.dropped == {'with wrist not at 0.5': 2}
+    unknown = [np.nan, np.nan]
+    np.testing.assert_allclose(samples.values, [[0.0, 0.0, 0.5, np.nan], [0.1, 0.2, *unknown], [0.3, 0.4, *unknown]])
+    assert not +samples.dropped

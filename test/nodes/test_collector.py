@@ -3,10 +3,12 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from math import inf, nan
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from nodes.waiting import WAIT, eventually, meet, trigger
 from rclpy.node import Node
@@ -15,16 +17,18 @@ from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from touches.scenes import CELL, START, Scene
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.errors import OutputError
-from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.files.cell_file import dump_cell
+from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Sensor
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, RefusedError
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
-from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM, StreamMonitor
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM, StreamMonitor
 from scara_kinetostatic.touches.detection import find_touches
 
 
@@ -74,6 +78,53 @@ def test_every_message_of_a_fast_stream_is_recorded(spin: Callable[..., Node], t
     (bag,) = tmp_path.iterdir()
     streams = read_streams(bag, PAPER_CELL)
     assert len(streams.joints.stamp) == len(streams.wrench.stamp) == 1000
+
+
+def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_recording(
+    spin: Callable[..., Node], tmp_path: Path
+) -> None:
+    """The wrist stands elsewhere in the third of five touches, and between others."""
+    cell = replace(
+        CELL,
+        sensor=Sensor('joint_states', 'wrench', time_offset=0.0),
+        lift=Lift('joint3', 0.02, 0.0),
+        hold={'joint4': 0.5},
+    )
+    (tmp_path / 'cell.yaml').write_text(dump_cell(cell))
+    given = ('-p', 'autostart:=true', '-p', f'cell:={tmp_path}/cell.yaml', '-p', f'output:={tmp_path}/bags')
+    collector = spin(Collector, '--ros-args', *given)
+    said: list[str] = []
+    collector.create_subscription(DiagnosticArray, '/diagnostics', lambda a: said.append(a.status[0].message), 10)
+    judged: list[str] = []
+    hear = collector.create_subscription
+    hear(DiagnosticArray, '~/touch', lambda array: judged.append(array.status[0].message), LATCHED_TOUCHES)
+    joints = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
+    force = collector.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
+    meet(collector, joints, force)
+    scene = Scene(cell).touches(5)
+    streams, (_, _, begin, end) = scene.streams(), scene.holds[2]
+    for stamp, (q1, q2) in zip(streams.joints.stamp.tolist(), streams.joints.position.tolist(), strict=True):
+        time = 1e-9 * (stamp - START)
+        wrist = 0.6 if begin < time < end or end + 0.5 < time < end + 0.8 else 0.5
+        message = JointState(name=['joint3', 'joint1', 'joint4', 'joint2'], position=[0.0, q1, wrist, q2])
+        message.header.stamp = conversion.stamp_of(stamp)
+        joints.publish(message)
+    for stamp, (x, y) in zip(streams.wrench.stamp.tolist(), streams.wrench.force.tolist(), strict=True):
+        force.publish(conversion.wrench(Sample(stamp, x, y), 'base'))
+    counts = len(streams.joints.stamp), len(streams.wrench.stamp)
+    monitors = collector._streams.monitors.values()
+    assert eventually(lambda: tuple(monitor.count for monitor in monitors) == counts)
+    reason = 'joint4 is at 0.6, expected 0.5 (robot.hold)'
+    assert eventually(lambda: any(reason in message for message in said))
+    answer = collector._end()
+    assert '4 touches (1 more rejected)' in answer
+    assert eventually(lambda: f'touch 2 rejected: {reason}' in judged)
+    (bag,) = (tmp_path / 'bags').iterdir()
+    read = read_streams(bag, cell)
+    assert any(f'while {reason}' in warning for warning in read.warnings)
+    found = find_touches(read, cell)
+    assert [(item.index, item.reason) for item in found.rejected] == [(2, reason)]
+    assert len(found.touches) == 4
 
 
 def test_a_recording_without_usable_joint_states_is_no_success(spin: Callable[..., Node], tmp_path: Path) -> None:

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Transform, Wrench, WrenchStamped
 from nodes.waiting import WAIT
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, MultiDOFJointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -28,9 +28,9 @@ from trajectory_msgs.msg import JointTrajectory
 import scara_kinetostatic as sk
 from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.cell import PAPER_CELL, Identification, Sensor
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Identification, Lift, Sensor
 from scara_kinetostatic.model.online import OnlineArm
-from scara_kinetostatic.nodes.cell_node import WARN
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
 from scara_kinetostatic.nodes.compensator import Compensator
 from scara_kinetostatic.nodes.conversion import PlanarPose, Sample, joint_state, pose_bytes, wrench
 from scara_kinetostatic.nodes.demo_client import THIS_MACHINE
@@ -54,6 +54,7 @@ class Bench:
         self.robot = Node('robot')
         self.poses: list[PoseWithCovarianceStamped] = []
         self.trajectories: list[JointTrajectory] = []
+        self.answers: list[DiagnosticArray] = []
         self.statuses: list[Any] = []
         make = self.robot.create_publisher
         self.joints, self.force = make(JointState, '/joint_states', 10), make(WrenchStamped, '/wrench', 10)
@@ -61,10 +62,12 @@ class Bench:
             make(kind, f'/compensator/target_{name}', 10)
             for kind, name in ((PoseStamped, 'pose'), (WrenchStamped, 'wrench'))
         )
+        self.request = make(MultiDOFJointState, '/compensator/compensate', 10)
         self.result = make(String, '/calibrator/result', LATCHED)
         hear = self.robot.create_subscription
         hear(PoseWithCovarianceStamped, '/compensator/pose', self.poses.append, 10)
         hear(JointTrajectory, '/compensator/joint_trajectory', self.trajectories.append, 10)
+        hear(DiagnosticArray, '/compensator/answer', self.answers.append, 10)
         hear(DiagnosticArray, '/diagnostics', lambda message: self.statuses.append(message.status[0]), 10)
         self.tare = self.robot.create_client(Trigger, '/compensator/tare')
         self._executor = SingleThreadedExecutor()
@@ -87,11 +90,38 @@ class Bench:
             self.force.publish(wrench(Sample(self.stamp, *force), 'base'))
         self.joints.publish(joint_state(Sample(self.stamp, *joints), CELL.joint_names))
 
-    def want(self, x: float, y: float, frame: str = 'base_link') -> None:
+    def want(self, x: float, y: float, frame: str = 'base_link', second: int = 0) -> None:
         message = PoseStamped()
-        message.header.frame_id = frame
+        message.header.frame_id, message.header.stamp.sec = frame, second
         message.pose.position.x, message.pose.position.y = x, y
         self.pose.publish(message)
+
+    def ask(self, place: tuple[float, float], force: tuple[float, float], frame: str = '', second: int = 0) -> None:
+        """A request, place and force in one message."""
+        message = MultiDOFJointState(transforms=[Transform()], wrench=[Wrench()])
+        message.header.frame_id, message.header.stamp.sec = frame, second
+        message.transforms[0].translation.x, message.transforms[0].translation.y = place
+        message.wrench[0].force.x, message.wrench[0].force.y = force
+        self.request.publish(message)
+
+    def answer_of(self, second: int) -> dict[str, str]:
+        """What was said of a wish with that stamp: its values, level and message."""
+        for array in self.answers:
+            if array.header.stamp.sec == second:
+                (status,) = array.status
+                values = {item.key: item.value for item in status.values}
+                return values | {'level': status.level, 'message': status.message}
+        return {}
+
+    def answer(self, publish: Callable[[int], None], second: int, move: Callable[[], None] | None = None) -> Any:
+        """Waits for what is said of a wish."""
+
+        def both() -> None:
+            (move or self.move)()
+            publish(second)
+
+        self.wait(lambda: self.answer_of(second), both)
+        return self.answer_of(second)
 
     def says(self, text: str, level: bytes) -> Callable[[], bool]:
         return lambda: any(text in s.message and s.level == level for s in self.statuses[-1:])
@@ -105,9 +135,9 @@ def bench(domain: int, arm: CalibratedArm, tmp_path: Path, monkeypatch: pytest.M
     for name, value in THIS_MACHINE.items():
         monkeypatch.setenv(name, value)
 
-    def make(*arguments: str, calibrated: bool = True) -> Bench:
+    def make(*arguments: str, calibrated: bool = True, cell: Cell = CELL) -> Bench:
         path = tmp_path / 'calibration.json'
-        path.write_text(json.dumps(arm_document(arm)))
+        path.write_text(json.dumps(arm_document(replace(arm, cell=cell))))
         given = ['-p', f'calibration:={path}'] if calibrated else []
         more = [part for argument in arguments for part in ('-p', argument)]
         args = ['--ros-args', *given, *more]
@@ -134,6 +164,9 @@ def test_the_tip_under_load_with_its_covariance(bench: Callable[..., Bench], arm
     matrix = np.reshape(message.pose.covariance, (6, 6))
     np.testing.assert_allclose(matrix[np.ix_([0, 1, 5], [0, 1, 5])], expected.covariance, rtol=1e-9)
     assert not matrix[2:5].any()
+    b.wait(b.says('the force is not tared: call ~/tare', WARN), b.move)
+    free = b.tare.call_async(Trigger.Request())
+    b.wait(free.done, lambda: b.move(force=(0.0, 0.0)))
     b.wait(b.says('following the tip', b'\0'), b.move)
 
 
@@ -179,6 +212,120 @@ def test_what_cannot_be_answered_is_said(bench: Callable[..., Bench], wish: tupl
     assert not b.trajectories
 
 
+LIMITED = replace(
+    CELL,
+    limits=((-2.0, 2.0), (-2.3, 2.3)),
+    obstacles=(((0.30, 0.10), (0.50, 0.10), (0.50, 0.30)),),
+    lift=Lift('joint3', 0.02, 0.0),
+    hold={'joint4': 0.5},
+)
+
+
+@pytest.mark.parametrize(
+    ('place', 'force', 'frame', 'said'),
+    [
+        ((0.9, 0.0), (0.0, 20.0), '', 'out of reach'),
+        ((-0.2, 0.30), (0.0, 20.0), '', 'is inside disc_1'),
+        ((0.21, 0.42), (0.0, 0.0), '', 'is inside disc_2'),
+        ((0.45, 0.15), (0.0, 20.0), '', 'is inside an obstacle'),
+        ((-0.3, -0.45), (0.0, 20.0), '', 'needs joint1 at '),
+        ((0.15, 0.12), (0.0, 0.0), '', 'needs joint2 at 2.5'),
+        ((0.3, 0.2), (500.0, 0.0), 'camera', "expected the frame base_link, got 'camera'"),
+        ((0.3, 0.2), (nan, 0.0), '', 'expected plausible numbers'),
+    ],
+)
+def test_a_refused_request_has_a_status_and_no_answer(
+    bench: Callable[..., Bench], place: Any, force: Any, frame: str, said: str
+) -> None:
+    b = bench(cell=LIMITED)
+    found = b.answer(lambda second: b.ask(place, force, frame, second), 7)
+    assert (found['level'], found['status'], found['topic']) == (ERROR, 'refused', '~/compensate')
+    assert said in found['message']
+    assert not b.trajectories
+    good = b.answer(lambda second: b.ask((0.3, 0.2), (20.0, 30.0), 'base_link', second), 8)
+    assert (good['level'], good['status']) == (OK, 'ok')
+    for trajectory in b.trajectories:  # none of the one refused
+        assert trajectory.points[0].positions[:2] == pytest.approx([float(good['q1_rad']), float(good['q2_rad'])])
+
+
+def test_a_place_on_the_surface_of_a_disc_is_answered(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
+    b = bench(cell=LIMITED)
+    place, force = (0.20, 0.40 - 0.05), (0.0, 20.0)
+    found = b.answer(lambda second: b.ask(place, force, '', second), 5)
+    expected = sk.compensate(arm, place, force, 'left')
+    assert (found['level'], found['status'], found['elbow']) == (OK, 'ok', 'present')
+    assert [float(found[name]) for name in ('q1_rad', 'q2_rad')] == pytest.approx(expected.joints[0].tolist())
+    assert [float(found[name]) for name in ('c1_Nm', 'c2_Nm')] == pytest.approx(expected.torques[0].tolist())
+    assert float(found['std_normal_m']) == pytest.approx(expected.std_normal[0])
+    assert [float(found[name]) for name in ('x_m', 'y_m', 'fx_N', 'fy_N')] == [*place, *force]
+
+
+def test_the_other_joints_of_the_controller_are_sent_along(bench: Callable[..., Bench]) -> None:
+    b = bench(cell=LIMITED)
+
+    def move(lift: float | None, wrist: float) -> Callable[[], None]:
+        def publish() -> None:
+            names, at = [*CELL.joint_names, 'joint4'], [*JOINTS, wrist]
+            names, at = (names, at) if lift is None else ([*names, 'joint3'], [*at, lift])
+            b.joints.publish(JointState(name=names, position=at))
+            b.force.publish(wrench(Sample(1, *FORCE), 'base'))
+
+        return publish
+
+    def request(second: int) -> None:
+        b.ask((0.3, 0.2), (0.0, 20.0), '', second)
+
+    for second, (lift, expected) in enumerate([(None, 0.0), (0.013, 0.013)], 1):
+        b.answer(request, second, move(lift, 0.5))
+        assert list(b.trajectories[-1].joint_names) == [*CELL.joint_names, 'joint3', 'joint4']
+        assert b.trajectories[-1].points[0].positions[2:].tolist() == [expected, 0.5]
+    b.wait(b.says('joint4 is at 0.7, expected 0.5 (robot.hold)', WARN), move(0.0, 0.7))
+    number = len(b.trajectories)
+    found = b.answer(request, 3, move(0.0, 0.7))
+    assert 'no recent joint angles' in found['message']
+    assert len(b.trajectories) == number
+
+
+@pytest.mark.parametrize(
+    ('force', 'frame'), [((500.0, 0.0), 'camera'), ((nan, 0.0), 'base_link'), ((0.0, 1e9), 'base_link')]
+)
+def test_a_pose_is_not_answered_with_the_former_force_after_one_that_is_refused(
+    bench: Callable[..., Bench], force: tuple[float, float], frame: str
+) -> None:
+    b = bench()
+
+    def want(size: tuple[float, float], frame: str) -> Callable[[int], None]:
+        def publish(second: int) -> None:
+            b.wanted.publish(wrench(Sample(0, *size), frame))
+            b.want(0.3, 0.2, second=second)
+
+        return publish
+
+    assert b.answer(want((0.0, 30.0), ''), 1)['fy_N'] == '30.0'
+    b.wait(lambda: b.node._wanted is None, lambda: b.wanted.publish(wrench(Sample(0, *force), frame)))
+    number = len(b.trajectories)
+    for second in (2, 3):  # the force once more, and the pose alone
+        found = b.answer(want(force, frame) if second == 2 else lambda second: b.want(0.3, 0.2, second=second), second)
+        assert found['message'] == '~/target_pose is not answered: the last force on ~/target_wrench was refused'
+        assert found['status'] == 'refused'
+    assert len(b.trajectories) == number
+    b.wait(lambda: b.node._wanted == (0.0, 10.0), lambda: b.wanted.publish(wrench(Sample(0, 0.0, 10.0), '')))
+    assert b.answer(lambda second: b.want(0.3, 0.2, second=second), 4)['fy_N'] == '10.0'
+
+
+def test_a_request_without_a_force_is_refused(bench: Callable[..., Bench]) -> None:
+    b = bench()
+
+    def request(second: int) -> None:
+        message = MultiDOFJointState(transforms=[Transform()])
+        message.header.stamp.sec = second
+        b.request.publish(message)
+
+    found = b.answer(request, 1)
+    assert 'expected one transform and one wrench, got 1 transforms and 0 wrenches' in found['message']
+    assert not b.trajectories
+
+
 def test_stale_and_extrapolated(bench: Callable[..., Bench]) -> None:
     b = bench('timeout:=0.05')
     b.wait(b.says('no recent joint angles', b'\1'))
@@ -197,6 +344,8 @@ def test_an_answer_beyond_the_calibration_is_said(bench: Callable[..., Bench]) -
 
     b.wait(b.says('the last answer is extrapolated: (0.300000, 0.200000) m under (150, 0) N', b'\1'), ask)
     assert b.trajectories
+    (status,) = b.answers[-1].status
+    assert (status.level, status.message.endswith('extrapolated')) == (WARN, True)
 
 
 def test_results_of_the_calibrator_are_exchanged(bench: Callable[..., Bench], arm: CalibratedArm) -> None:

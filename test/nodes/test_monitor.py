@@ -20,7 +20,8 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, RefusedError
-from scara_kinetostatic.nodes.monitor import Monitor, String, touch_of, was_seen
+from scara_kinetostatic.nodes.conversion import touch_of
+from scara_kinetostatic.nodes.monitor import Monitor, String, was_seen
 from scara_kinetostatic.nodes.session import JudgedTouch
 from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES
 from scara_kinetostatic.pipeline import calibrate_touches
@@ -119,7 +120,8 @@ def test_later_touches_of_the_recording_count_and_the_last_is_taken_back(
 
 def test_the_direction_of_approach_is_taken_over(calibration: Path) -> None:
     (message,) = messages(touches_of(CELL, 1, world=None).select([0]), '/a', approach=(0.1, -0.2, 0.01, -0.02))
-    touch = touch_of({item.key: item.value for item in message.status[0].values}, CalibrationRecord.load(calibration))
+    values = {item.key: item.value for item in message.status[0].values}
+    touch = touch_of(values, CalibrationRecord.load(calibration).arm)
     assert touch.approach.tolist() == [[0.1, -0.2]] and touch.press.tolist() == [[0.01, -0.02]]
 
 

@@ -108,7 +108,7 @@ def test_the_operator_may_call_and_hear_what_there_is(namespace: str) -> None:
     operator = allowed('operator.policy.xml', '_ros2cli', namespace)
     assert operator['services', 'request'] == set().union(*(node['services', 'reply'] for node in nodes))
     assert operator['topics', 'subscribe'] <= set().union(*(node['topics', 'publish'] for node in nodes))
-    wanted = {f'{namespace}/compensator/{name}' for name in ('target_pose', 'target_wrench')}
+    wanted = {f'{namespace}/compensator/{name}' for name in ('compensate', 'target_pose', 'target_wrench')}
     assert operator['topics', 'publish'] == {'/parameter_events', '/rosout', *wanted}
     assert all(name.startswith('/_ros2cli*/') for name in operator['services', 'reply'])
 

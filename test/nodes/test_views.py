@@ -29,7 +29,7 @@ OTHERS = {'Interact', 'MoveCamera', 'Measure', 'TF', 'TopDownOrtho'}
 """Tools, transformer and view of the same library."""
 PANELS = {'3D', 'Plot', 'DiagnosticSummary', 'CallService'}
 GROUPS = {
-    'visualizer/markers': {'objects', 'touches', 'forces', 'rejected', 'residuals', 'found', 'summary'},
+    'visualizer/markers': {'objects', 'touches', 'forces', 'rejected', 'next', 'residuals', 'found', 'summary'},
     'visualizer/arm': {'nominal', 'calibrated', 'uncertainty'},
     'contour_tracker/markers': {'objects', 'outlines', 'tip', 'uncertainty'},
 }

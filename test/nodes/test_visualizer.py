@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from math import dist
+from math import cos, dist, sin
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -12,6 +12,8 @@ from xml.etree import ElementTree
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
 from nodes.waiting import WAIT
 from rcl_interfaces.msg import Log, SetParametersResult
 from rcl_interfaces.srv import SetParameters
@@ -98,6 +100,27 @@ def test_it_shows_touches_arm_and_result(cell: Cell, grown: Any, tmp_path: Path)
     assert 'residuals' in cell.groups('visualizer/markers')  # from the file
     cell.wait(lambda: 'calibrated' in cell.groups('visualizer/arm'))
     assert 'uncertainty' in cell.groups('visualizer/arm')
+
+
+@pytest.mark.parametrize('name', ['calibrator', 'touch_runner'])
+def test_it_shows_the_next_touch(cell: Cell, name: str) -> None:
+    state = cell.node.create_publisher(DiagnosticArray, f'{name}/state', LATCHED)
+    pose = cell.node.create_publisher(PoseStamped, f'{name}/next_touch', LATCHED)
+    said = 'next: disc_2 at 170°, left, 40 N, it sharpens l2'
+    state.publish(DiagnosticArray(status=[DiagnosticStatus(message=said)]))
+    pose.publish(conversion.pose_stamped(1, 'base_link', (0.15, 0.4, 3.0)))
+    topic = 'visualizer/markers'
+
+    def shown() -> list[Marker]:
+        return [marker for marker in cell.heard[topic].markers if marker.ns == 'next'] if topic in cell.heard else []
+
+    cell.wait(lambda: said in {marker.text for marker in shown()})
+    (arrow,) = (marker for marker in shown() if marker.type == Marker.ARROW)
+    tail, head = ((point.x, point.y) for point in arrow.points)
+    assert head == (0.15, 0.4)
+    assert (tail[0] - head[0], tail[1] - head[1]) == pytest.approx((0.072 * cos(3.0), 0.072 * sin(3.0)))
+    pose.publish(PoseStamped())  # none is needed
+    cell.wait(lambda: not shown())
 
 
 @pytest.mark.parametrize(('created', 'said'), [

@@ -19,7 +19,7 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Region, Uncertainty
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.planning.motion import LIMIT_MARGIN, Edges, Space, shortest_order
+from scara_kinetostatic.planning.motion import LIMIT_MARGIN, Edges, Poses, Space, shortest_order
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import Robot, tip_in_use
 from scara_kinetostatic.planning.program import program
@@ -227,6 +227,48 @@ def test_preloads_are_planned_where_they_show_friction_in_the_joints():
     assert values[0] < 0.7 * values[1]
 
 
+@pytest.mark.parametrize('label', ['object_position[disc_2]', 'object_radius[disc_1]'])
+def test_a_disc_that_is_suspected_is_decided_although_it_does_not_move_the_tip(label):
+    plain, suspicious = planner_of(CELL), Planner(nominal_arm(CELL), suspected=frozenset({label}))
+    known = simulate_touches(CELL, PAPER_ACTUAL, plain.accurate(16).plan, seed=1)
+    plain, suspicious = (replace(planner, touches=known) for planner in (plain, suspicious))
+    of_disc = suspicious.candidates.counting(suspicious._in_doubt, 1.0)
+    left = [largest_variance(of_disc, places_of(suspicious, one.accurate(8).plan)) for one in (plain, suspicious)]
+    assert left[1] < 0.9 * left[0]
+    planned = suspicious.accurate(8)
+    assert f'decides {label}' in {reason.partition(',')[0] for reason in planned.reasons}
+
+
+@pytest.mark.parametrize('label', ['transmission_error[joint1]', 'joint_slip[joint2]', 'load_friction[joint1]'])
+def test_waves_and_slip_are_among_what_is_undecided(label):
+    planner = Planner(nominal_arm(CELL), suspected=frozenset({label}))
+    number = planner._in_doubt
+    assert [planner.robot.model.names[k].rpartition('.')[0] for k in number] == [label]
+    of_it = planner.candidates.counting(number, 1.0)
+    assert largest_variance(of_it, places_of(planner, planner.accurate(24).plan)) < 0.5
+
+
+@pytest.mark.parametrize('lift', [None, LIFT])
+def test_the_order_begins_where_the_tip_stands(lift):
+    planner = planner_of(replace(CELL, lift=lift))
+    anywhere = planner.accurate(6)
+    last = anywhere.approach.select(slice(5, 6))
+    planned = planner.accurate(6, last)
+    np.testing.assert_allclose(planned.approach.tip[0], last.tip[0])
+    assert sorted(planned.order) == [1, 2, 3, 4, 5, 6]
+    way = planned.ways.way(0, planned.order[0])
+    np.testing.assert_allclose(way.tip[-1], planned.approach.tip[0])
+    steps = program(planner, planned)
+    np.testing.assert_allclose(steps[0].tip, last.tip[0] if lift else way.tip[0])
+    assert steps[0].lift == (lift and lift.up)
+    elsewhere = planner.accurate(6, Poses(np.array([[0.0, 0.35]]), np.array([1])))
+    assert {tuple(tip) for tip in elsewhere.approach.tip} == {tuple(tip) for tip in anywhere.approach.tip}
+    if lift is None:
+        inside = Poses(CELL.centers[:1] + 0.01, np.array([1]))
+        with pytest.raises(UnsupportedDataError, match=r'no way leads from \('):
+            planner.accurate(6, inside)
+
+
 def test_distances_of_moves_from_edges():
     edges = Edges(np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([0.1, 0.2]))
     a, b = np.array([[0.5, 0.0], [-0.5, 0.5], [0.5, 2.0]]), np.array([[0.5, 1.0], [0.5, 0.5], [0.5, 3.0]])
@@ -247,7 +289,7 @@ def test_the_shortest_order_is_that_of_a_line():
 
 def test_limits_are_needed_and_kept_with_a_margin():
     with pytest.raises(CellError, match=r'robot\.limits: the limits of the joints are missing'):
-        Space(PAPER_CELL, PAPER_NOMINAL, 0.012)
+        _ = Space(PAPER_CELL, PAPER_NOMINAL, 0.012).limits
     assert planner_of(CELL).space.limits[0] == pytest.approx(-2.6 + LIMIT_MARGIN)
 
 
@@ -330,8 +372,14 @@ def test_touches_that_decide_between_rivals(tmp_path, cell_file, capsys):
     assert main([*decide, '--out', str(out)]) == 0
     rows = rows_of(out / 'next.csv')
     assert len(rows) == 5
-    assert all(row['reason'].startswith('predictions differ by ') for row in rows)
+    by_rivals = [row['reason'].startswith('predictions differ by ') for row in rows]
+    assert 1 <= sum(by_rivals) < 5
+    assert all(row['reason'].startswith('decides ') for row, one in zip(rows, by_rivals, strict=True) if not one)
+    assert len({(row['object'], row['angle_deg'], row['elbow'], row['force_N']) for row in rows}) == 5
     capsys.readouterr()
+    assert main([*decide[:-1], '1', '--out', str(tmp_path / 'one')]) == 0
+    (only,) = rows_of(tmp_path / 'one' / 'next.csv')
+    assert only['reason'].startswith('predictions differ by ')
     weak = cell_file(replace(CELL, touch=CELL.touch._replace(force=(3.0, 5.0), max_force=6.0)))
     decide[3] = str(weak)
     assert main([*decide, '--out', str(tmp_path / 'weak')]) == 3

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from touches.scenes import CELL, Scene
+from touches.scenes import CELL, START, Scene
 
+from scara_kinetostatic.model.cell import Lift
 from scara_kinetostatic.touches.detection import find_touches
+from scara_kinetostatic.touches.online import OnlineDetector
 
 
 def only_rejection(scene, **how):
@@ -23,6 +27,47 @@ def only_rejection(scene, **how):
 def test_short_hold():
     reason = only_rejection(Scene().touches(8).touch(0, 30, 25.0, hold=0.1))
     assert reason.startswith('hold too short')
+
+
+@pytest.mark.parametrize(
+    ('begin', 'end', 'rejected'),
+    [(-0.1, 0.1, [3]), (0.3, 0.35, [3]), (-1.5, -0.9, []), (-100.0, 100.0, [*range(8)])],
+    ids=['press', 'hold', 'travel', 'always'],
+)
+def test_a_joint_that_is_to_be_held_moves(begin, end, rejected):
+    """While the fourth touch is pressed, in its hold, in the travel before it, all the time; online as offline."""
+    scene = Scene().touches(8)
+    cell = replace(CELL, lift=Lift('joint3', 0.02, 0.0), hold={'joint4': 0.5, 'not_published': 1.0})
+    streams, hold = scene.streams(), scene.holds[3][2]
+    time = 1e-9 * (streams.joints.stamp - START)
+    wrist = np.where((time > hold + begin) & (time < hold + end), 0.52, 0.5 + 5e-4)
+    others = np.stack([0.01 * np.sin(time), wrist, np.full(len(time), np.nan)], axis=-1)
+    found = find_touches(replace(streams, joints=replace(streams.joints, others=others)), cell)
+    assert found.found == 8
+    assert [item.index for item in found.rejected] == rejected
+    assert {item.reason for item in found.rejected} <= {'joint4 is at 0.52, expected 0.5 (robot.hold)'}
+
+    detector, online = OnlineDetector(cell), []
+    rows = [
+        (int(s), 'joint', (*q, *o))
+        for s, q, o in zip(streams.joints.stamp, streams.joints.position, others, strict=True)
+    ]
+    rows += [(int(s), 'force', f) for s, f in zip(streams.wrench.stamp, streams.wrench.force, strict=True)]
+    for number, (stamp, kind, values) in enumerate(sorted(rows, key=lambda row: row[0])):
+        (detector.add_joint_state if kind == 'joint' else detector.add_wrench)(stamp, values)
+        if number % 20 == 0:
+            online += detector.poll().episodes
+    online += detector.finish().episodes
+    assert [(one.index, one.reason) for one in online] == [(one.index, one.reason) for one in found.episodes]
+
+
+def test_nothing_need_be_known_of_other_joints():
+    streams, detector = Scene().touches(3).streams(), OnlineDetector(replace(CELL, hold={'joint4': 0.5}))
+    for stamp, row in zip(streams.joints.stamp.tolist(), streams.joints.position, strict=True):
+        detector.add_joint_state(stamp, row)
+    for stamp, row in zip(streams.wrench.stamp.tolist(), streams.wrench.force, strict=True):
+        detector.add_wrench(stamp, row)
+    assert len(detector.finish().touches) == 3
 
 
 def test_tap():

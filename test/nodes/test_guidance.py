@@ -1,0 +1,152 @@
+"""The calibrator guides a hand: the next touch, its reason, the uncertainty that falls; nothing without limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from math import atan2
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from nodes.waiting import WAIT
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from scara_kinetostatic.files.cell_file import dump_cell
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Region
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.nodes.calibrator import Calibrator
+from scara_kinetostatic.nodes.cell_node import OK, WARN
+from scara_kinetostatic.nodes.session import JudgedTouch
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+CELL = replace(PAPER_CELL, limits=((-2.6, 2.6), (-2.6, 2.6)), region=Region(-0.35, 0.35, 0.2, 0.55), tolerance=1.5e-4)
+
+
+class Hand:
+    """Makes the touches that the calibrator asks for, as the collector would report them."""
+
+    def __init__(self, spin: Callable[..., Node], folder: Path, cell: Cell) -> None:
+        path = folder / 'cell.yaml'
+        path.write_text(dump_cell(cell))
+        self.cell = cell
+        self.calibrator = spin(Calibrator, '--ros-args', '-p', f'cell:={path}')
+        self.node = rclpy.create_node('hand')
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.poses: list[PoseStamped] = []
+        self.states: list[Any] = []
+        self.node.create_subscription(PoseStamped, 'calibrator/next_touch', self.poses.append, LATCHED)
+        self.node.create_subscription(
+            DiagnosticArray, 'calibrator/state', lambda array: self.states.append(array.status[0]), LATCHED
+        )
+        self.report = self.node.create_publisher(DiagnosticArray, 'collector/touch', LATCHED_TOUCHES)
+        self.made: list[TouchSet] = []
+
+    def wait(self, until: Callable[[], Any]) -> None:
+        end = monotonic() + WAIT
+        while not until():
+            assert monotonic() < end, self.states[-1:]
+            self.executor.spin_once(timeout_sec=0.1)
+
+    @property
+    def values(self) -> dict[str, str]:
+        return {item.key: item.value for item in self.states[-1].values}
+
+    def wanted(self) -> Plan:
+        """The touch that is asked for."""
+        names, values, text = [disc.name for disc in self.cell.discs], self.values, self.states[-1].message
+        side = 1 if ', left, ' in text else -1
+        angle = np.radians(float(values['angle_deg']))
+        return Plan([names.index(values['object'])], [angle], [side], [float(values['force_N'])])
+
+    def touch(self, accepted: bool = True) -> None:
+        """Makes it, and waits for the next."""
+        plan, number, said = self.wanted(), len(self.made), len(self.states)
+        made = simulate_touches(self.cell, PAPER_ACTUAL, plan, seed=number)
+        values = made.force[0].tolist(), made.joints[0].tolist(), (*made.approach[0], *made.press[0])
+        name = self.cell.discs[int(plan.disc[0])].name
+        judged = JudgedTouch(number, 10**9 * (number + 1), '' if accepted else 'slipped', name, *map(tuple, values))
+        self.report.publish(judged.message('/collector', '/bags/hand', 'base'))
+        self.made += [made.replace(index=[number], order=[number])] if accepted else []
+        self.wait(lambda: len(self.states) > said)
+
+
+@pytest.fixture
+def hand(spin: Callable[..., Node], tmp_path: Path) -> Iterator[Callable[[Cell], Hand]]:
+    made: list[Hand] = []
+
+    def make(cell: Cell) -> Hand:
+        made.append(Hand(spin, tmp_path, cell))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.executor.shutdown()
+        one.node.destroy_node()
+
+
+def test_a_hand_is_guided_until_the_tolerance_is_reached(hand: Callable[[Cell], Hand]) -> None:
+    h = hand(CELL)
+    h.wait(lambda: h.poses and h.states)
+    falling = [float(h.values['tip_uncertainty_m'])]
+    for number in range(1, 40):
+        status, plan, pose = h.states[-1], h.wanted(), h.poses[-1].pose
+        disc = CELL.discs[int(plan.disc[0])]
+        degrees, force = np.degrees(plan.angle[0]) % 360, plan.force[0]
+        side = 'left' if plan.posture[0] > 0 else 'right'
+        assert status.level == OK
+        assert status.message.startswith(f'next: {disc.name} at {degrees:.0f}°, {side}, {force:.0f} N, it ')
+        assert 'tolerance 150 µm' in status.message
+        assert h.poses[-1].header.frame_id == 'base_link'
+        away = np.array([pose.position.x - disc.x, pose.position.y - disc.y])
+        assert np.hypot(*away) == pytest.approx(disc.radius)
+        x_axis = 2 * atan2(pose.orientation.z, pose.orientation.w)
+        np.testing.assert_allclose([np.cos(x_axis), np.sin(x_axis)], away / disc.radius, atol=1e-9)
+        h.touch()
+        falling.append(float(h.values['tip_uncertainty_m']))
+        assert sum(int(part.split()[-1]) for part in h.values['touches'].split(', ')) == number
+        if number == 2:  # one that is rejected changes nothing
+            h.touch(accepted=False)
+            assert float(h.values['tip_uncertainty_m']) == falling[-1]
+        if h.states[-1].message.startswith('enough touches: '):
+            break
+    assert falling[-1] <= CELL.tolerance < falling[-2]
+    assert falling == sorted(falling, reverse=True)
+    h.wait(lambda: not h.poses[-1].header.frame_id)
+
+    touches, said = TouchSet.concatenate(h.made), len(h.states)
+    outcome = calibrate_touches(touches, CELL)
+    assert outcome.tip_uncertainty.worst < 2 * CELL.tolerance  # predicted from the nominal model
+    h.calibrator._guidance.use(CalibrationRecord.of_outcome(outcome))
+    h.wait(lambda: len(h.states) > said)
+    assert float(h.values['tip_uncertainty_m']) == pytest.approx(outcome.tip_uncertainty.worst, rel=0.5)
+
+
+def test_a_cell_in_which_nothing_can_be_touched_is_said(hand: Callable[[Cell], Hand]) -> None:
+    h = hand(replace(CELL, limits=((-2.6, -2.5), (-2.6, 2.6))))
+    h.wait(lambda: h.states)
+    assert h.states[-1].level == WARN
+    assert h.states[-1].message.startswith('no touch can be planned: no touch can be reached: ')
+    assert not h.poses
+
+
+def test_no_guidance_without_limits(hand: Callable[[Cell], Hand]) -> None:
+    h = hand(PAPER_CELL)
+    reports: list[Any] = []
+    h.node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: reports.extend(array.status), 10)
+    h.wait(lambda: len(reports) > 1)
+    values = {item.key: item.value for item in reports[-1].values}
+    assert values['next touch'] == 'none: a cell with limits is needed'
+    assert not h.poses and not h.states
