@@ -21,7 +21,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -37,7 +39,9 @@ from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
-from scara_kinetostatic.simulation.commanded import Fault, ModelBody, Plant, PlantSettings
+from scara_kinetostatic.simulation.commanded import Body, Fault, ModelBody, Plant, PlantSettings
+from scara_kinetostatic.simulation.mujoco import SCENES, scene_named
+from scara_kinetostatic.simulation.mujoco.commanded import EngineBody
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
 from scara_kinetostatic.simulation.slides import Slide, simulate_slides
@@ -149,7 +153,15 @@ def declare_drives(node: Node) -> PlantSettings:
     )
     meaning = 'commanded: force at which the drives stop, N; 0: twice the max_force of the cell'
     overload = declare.parameter(node, 'overload', usual.overload, meaning, Range(0.0, 1e5))
+    meaning = f'commanded: scene of MuJoCo, with the robot of truth: {", ".join(SCENES)}; empty: by the model'
+    declare.parameter(node, 'scene', '', meaning)
     faults = ', '.join(fault.value for fault in Fault if fault.value)
+
+    def judge(parameters: Sequence[Parameter]) -> SetParametersResult:
+        unknown = [p for p in parameters if p.name == 'fault' and p.value not in [fault.value for fault in Fault]]
+        return SetParametersResult(successful=not unknown, reason=f'expected one of {faults}' if unknown else '')
+
+    node.add_on_set_parameters_callback(judge)
     declare.parameter(node, 'fault', '', f'commanded: what goes wrong: {faults}; empty: nothing', read_only=False)
     return PlantSettings(lag, speed, usual.lift_speed, overload)
 
@@ -274,8 +286,12 @@ class ContactSimulator(CellNode):
             self.get_logger().info(f'{len(self._plan)} {kind} planned')
 
     def _obey(self, drives: PlantSettings) -> Commanded:
-        """A robot that is commanded."""
-        body = ModelBody(self._cell, self._truth)
+        """A robot that is commanded, by the model or in MuJoCo."""
+        body: Body = ModelBody(self._cell, self._truth)
+        if scene := self.get_parameter('scene').value:
+            if self._truth.effects:
+                raise ParameterError('parameter effects', 'a scene has its own', 'leave out scene or effects')
+            body = EngineBody(scene_named(scene).with_parameters(self._truth.parameters), self._cell)
         plant = Plant(self._cell, body, settings=drives, sensors=self._sensors, seed=self._seed)
         self._names = plant.names
 
@@ -329,10 +345,7 @@ class ContactSimulator(CellNode):
 
     def _set_fault(self, plant: Plant) -> None:
         """The fault as the parameter has it now; says an overload once."""
-        try:
-            plant.fault = Fault(self.get_parameter('fault').value)
-        except ValueError:
-            plant.fault = Fault.NONE
+        plant.fault = Fault(self.get_parameter('fault').value)
         if plant.stopped != self._stopped:
             self._stopped = plant.stopped
             if plant.stopped:
