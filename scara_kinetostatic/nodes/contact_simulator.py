@@ -157,11 +157,11 @@ def declare_drives(node: Node) -> PlantSettings:
     declare.parameter(node, 'scene', '', meaning)
     faults = ', '.join(fault.value for fault in Fault if fault.value)
 
-    def judge(parameters: Sequence[Parameter]) -> SetParametersResult:
+    def is_known(parameters: Sequence[Parameter]) -> SetParametersResult:
         unknown = [p for p in parameters if p.name == 'fault' and p.value not in [fault.value for fault in Fault]]
         return SetParametersResult(successful=not unknown, reason=f'expected one of {faults}' if unknown else '')
 
-    node.add_on_set_parameters_callback(judge)
+    node.add_on_set_parameters_callback(is_known)
     declare.parameter(node, 'fault', '', f'commanded: what goes wrong: {faults}; empty: nothing', read_only=False)
     return PlantSettings(lag, speed, usual.lift_speed, overload)
 

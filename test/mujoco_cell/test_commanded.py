@@ -60,7 +60,7 @@ def test_without_a_lift_it_meets_the_disc_from_the_side_and_stops() -> None:
     last = at.step(2.5)
     assert last.touched == 'disc_2'
     assert at.stopped
-    assert at.peak_force > 100 > hypot(*last.true_force) > 10, "an impact, then at rest"
+    assert at.peak_force > 100 > hypot(*last.true_force) > 10, 'an impact, then at rest'
     at.reset()
     at.command(at.names, [0.5], [free])
     assert at.step(4.0).touched == ''
