@@ -46,21 +46,26 @@ def stamp_of(nanoseconds: int) -> Time:
     return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
 
 
-def joint_state(sample: Sample, names: Sequence[str]) -> JointState:
-    """A message with both joint angles."""
-    message = JointState(name=list(names), position=[sample.first, sample.second])
-    message.header.stamp = stamp_of(sample.stamp_ns)
+def joint_state(sample: Sequence[float], names: Sequence[str]) -> JointState:
+    """A message with a stamp, ns, and the position of each joint."""
+    message = JointState(name=list(names), position=list(sample[1:]))
+    message.header.stamp = stamp_of(int(sample[0]))
     return message
 
 
-def wrench(sample: Sample, frame_id: str) -> WrenchStamped:
-    """A message with the force in the plane; all else is 0."""
+def wrench(sample: Sequence[float], frame_id: str) -> WrenchStamped:
+    """A message with a stamp, ns, and the force in the plane; all else is 0."""
     message = WrenchStamped()
     message.header.frame_id = frame_id
-    message.header.stamp = stamp_of(sample.stamp_ns)
-    message.wrench.force.x = sample.first
-    message.wrench.force.y = sample.second
+    message.header.stamp = stamp_of(int(sample[0]))
+    message.wrench.force.x, message.wrench.force.y = sample[1:]
     return message
+
+
+def trajectory_points(message: JointTrajectory) -> tuple[list[float], list[Sequence[float]]]:
+    """Times from its start, s, and positions of the points of a trajectory."""
+    times = [point.time_from_start.sec + point.time_from_start.nanosec / NANOSECONDS for point in message.points]
+    return times, [point.positions for point in message.points]
 
 
 class PlanarPose(NamedTuple):
