@@ -112,6 +112,7 @@ class Campaign:
     Attributes:
         accepted: number of the touches that were accepted.
         failed: of those that were not.
+        touches: those accepted, a set for each contact.
         knowledge: what is known.
 
     Raises:
@@ -127,7 +128,7 @@ class Campaign:
         if cell.tolerance is not None and (limit := planned.uncertainty.beyond(cell.tolerance)):
             raise UnsupportedDataError(limit, 'reduce that, or allow a larger tolerance')
         self._targets = _targets(planned)
-        self._sets: list[TouchSet] = []
+        self.touches: list[TouchSet] = []
         self._given_up: tuple[tuple[int, float, int], ...] = ()
         self._job: Future[Any] | None = None
         self._in_row = self._deciding = self.accepted = self.failed = 0
@@ -142,7 +143,7 @@ class Campaign:
         """Takes the touches of a detection, at least one of them accepted."""
         touches = detection.touches
         self._start = self._start or detection.start
-        self._sets.append(touches.replace(time=touches.time + 1e-9 * (detection.start - self._start)))
+        self.touches.append(touches.replace(time=touches.time + 1e-9 * (detection.start - self._start)))
         self.accepted += len(touches)
         self._in_row = 0
         self._deciding += self.knowledge.discriminating
@@ -176,7 +177,7 @@ class Campaign:
 
     def _order(self) -> None:
         """Orders a calibration of all touches."""
-        touches, given_up, former = TouchSet.concatenate(self._sets), self._given_up, self.knowledge
+        touches, given_up, former = TouchSet.concatenate(self.touches), self._given_up, self.knowledge
         decide = self._deciding < _TO_DECIDE
         self._job = self._work(lambda: calibrated(self.cell, touches, former, given_up, decide))
 

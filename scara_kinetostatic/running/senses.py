@@ -45,7 +45,7 @@ class Senses:
         self._forces: deque[tuple[float, float, float]] = deque(maxlen=1000)
         self._fastest = [np.inf, np.inf]
         self._late = [0, 0]
-        self._problem = ['', '']
+        self._refusal, self._moved = '', ''
         self.joints = np.full(2, np.nan)
         self.lift: float | None = None
         self._zero = np.zeros(2)
@@ -55,6 +55,7 @@ class Senses:
     def add_joints(self, now: float, stamp: float, joints: Sequence[float], lift: float | None = None) -> None:
         """A reading of both joints, rad, and the lift, m, with its stamp, s."""
         self._note(0, now, stamp)
+        self._moved = ''
         self._joints.append((now, joints[0], joints[1]))
         self.joints, self.lift = np.array(joints, dtype=float), lift
 
@@ -65,15 +66,14 @@ class Senses:
         self._frozen = self._frozen + 1 if same else 0
         self._forces.append((now, force[0], force[1]))
 
-    def refuse(self, which: int, problem: str) -> None:
-        """A message of the joints (0) or the force (1) that cannot be used."""
-        self._problem[which] = problem
+    def refuse(self, refusal: str, *, moved: bool = False) -> None:
+        """A message that cannot be used; the text says why, and `moved` whether because a held joint has moved."""
+        self._refusal, self._moved = refusal, refusal if moved else ''
 
     def _note(self, which: int, now: float, stamp: float) -> None:
         self._fastest[which] = min(self._fastest[which], now - stamp)
         late = now - stamp - self._fastest[which] > LATE
         self._late[which] = self._late[which] + 1 if late else 0
-        self._problem[which] = ''
 
     def forget(self) -> None:
         """What is known of the delays of the messages: another clock may come."""
@@ -89,13 +89,14 @@ class Senses:
         """What is wrong with the messages; empty if nothing."""
         for which, readings in enumerate((self._joints, self._forces)):
             topic = self._topics[which]
-            if self._problem[which]:
-                return f'{topic}: {self._problem[which]}'
             silent = now - readings[-1][0] if readings else np.inf
             if silent > SILENT:
-                return f'{topic} is silent' + (f' for {silent:.2f} s' if readings else '')
+                lasting = f' for {silent:.2f} s' if readings else ''
+                return f'{topic} is silent{lasting}' + (f': {self._refusal}' if self._refusal else '')
             if self._late[which] > 2:
                 return f'{topic}: messages come {LATE} s late'
+        if self._moved:
+            return f'a joint has moved that must not: {self._moved}'
         if self._varies and self._frozen > _FROZEN:
             return f'{self._topics[1]}: the same reading {self._frozen} times; the sensor is frozen'
         return ''
