@@ -36,6 +36,7 @@ ORDER = (
     'pipeline',
     'results',
     'monitoring',
+    'running',
     'studies.dial_gauge',
     'studies.hysteresis',
     'studies.paper',

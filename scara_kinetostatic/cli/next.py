@@ -115,11 +115,7 @@ def _known(args: argparse.Namespace, cell: Cell) -> _Known:
         return _Known(Planner(nominal, touches=detection.touches), None)
     if outcome.arm.grade == 'unfit':
         note(f'the calibration is unfit: {outcome.assessment.reasons[0]}')
-    found, final, tip = outcome.diagnosis, outcome.final, outcome.tip_uncertainty
-    doubtful = {item.effect.label for item in found.found if not item.is_found}
-    suspected = frozenset(doubtful.union(*map(set, found.rivals)))
-    now = _known_or_infinite(tip.worst, tip.undetermined)
-    return _Known(Planner(outcome.arm, now, final.touches.select(final.used), suspected), outcome)
+    return _Known(Planner.of_outcome(outcome), outcome)
 
 
 def _from_calibration(args: argparse.Namespace, cell: Cell) -> Planner:
@@ -128,7 +124,7 @@ def _from_calibration(args: argparse.Namespace, cell: Cell) -> Planner:
 
     from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
     from scara_kinetostatic.pipeline import gather_touches
-    from scara_kinetostatic.planning.next_touches import Planner
+    from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
 
     record = CalibrationRecord.load(args.calibration)
     check_same_arm(record.arm.cell, cell, str(args.calibration), str(args.cell))
@@ -136,14 +132,8 @@ def _from_calibration(args: argparse.Namespace, cell: Cell) -> Planner:
         raise InputError(args.calibration, f'its discs are not those of {args.cell}', 'calibrate with that cell')
     made = gather_touches(args.bags, cell) if args.bags else record
     stated = record.document['tip_uncertainty']
-    now = _known_or_infinite(stated['worst'], stated['undetermined'])
+    now = known_or_infinite(stated['worst'], stated['undetermined'])
     return Planner(replace(record.arm, cell=cell), now, made.touches)
-
-
-def _known_or_infinite(worst: float | None, undetermined: float) -> float:
-    """The largest expanded uncertainty of the tip, m; infinite where it is not determined all over the region."""
-    found = float('inf') if worst is None or undetermined > 0 else worst
-    return found if found < float('inf') else float('inf')  # not a number neither
 
 
 def _discriminating(outcome: Outcome | None) -> tuple[DiscriminatingTouch, ...]:
@@ -168,7 +158,6 @@ def _is_enough(known: _Known, planned: PlannedTouches) -> bool:
         UnsupportedDataError: the first touches, and all after them, would not reach the tolerance.
     """
     from scara_kinetostatic.model.parameters import quantity
-    from scara_kinetostatic.planning.search import MOST_TOUCHES
 
     tolerance, found = known.planner.arm.cell.tolerance, planned.uncertainty
     if tolerance is None:
@@ -179,12 +168,9 @@ def _is_enough(known: _Known, planned: PlannedTouches) -> bool:
             f'the tolerance {quantity(tolerance, "m")}; no touch was planned'
         )
         return True
-    if found.least <= tolerance:
+    limit = found.beyond(tolerance)
+    if not limit:
         return False
-    limit = (
-        f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(found.least, "m")} (k = 2), '
-        f'the tolerance is {quantity(tolerance, "m")}: {found.limit} makes {100 * found.share:.0f} % of its variance'
-    )
     remedy = 'reduce that, or allow a larger tolerance; --touches N plans touches all the same'
     if known.planner.touches is None:
         raise UnsupportedDataError(limit, remedy)

@@ -305,7 +305,7 @@ class Compensator(CellNode):
             self._leave(f'~/target_pose is not answered: {error}')
             return
         duration = max(0.05, move / self._speed)  # controllers refuse points in the past
-        self._trajectory.publish(joint_trajectory(self._tip.cell.joint_names, joints, duration))
+        self._trajectory.publish(joint_trajectory(self._tip.cell.joint_names, [joints], [duration]))
         where = f'({x:.6f}, {y:.6f}) m under ({self._wanted[0]:.4g}, {self._wanted[1]:.4g}) N'
         self._answered = f'{where}: ({joints[0]:.6f}, {joints[1]:.6f}) rad, {status}'
         self._answer_problem = '' if status in _SURE else f'the last answer is {status}: {self._answered}'

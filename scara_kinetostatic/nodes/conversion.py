@@ -104,18 +104,32 @@ def planar(vector: Any) -> tuple[float, float]:
     return found.first, found.second
 
 
-def joint_trajectory(names: Sequence[str], angles: Sequence[float], duration: float) -> JointTrajectory:
-    """A trajectory of one point, which begins at once.
+def joint_trajectory(
+    names: Sequence[str], positions: Sequence[Sequence[float]], times: Sequence[float]
+) -> JointTrajectory:
+    """A trajectory that begins at once.
 
     Args:
         names: of the joints.
-        angles: rad.
-        duration: until it is reached, s.
+        positions: of each point, rad or m.
+        times: until each is reached, s.
     """
-    nanoseconds = round(duration * NANOSECONDS)
-    when = Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
-    point = JointTrajectoryPoint(positions=list(angles), time_from_start=when)
-    return JointTrajectory(joint_names=list(names), points=[point])
+    points = []
+    for row, time in zip(positions, times, strict=True):
+        nanoseconds = round(time * NANOSECONDS)
+        when = Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
+        points.append(JointTrajectoryPoint(positions=list(row), time_from_start=when))
+    return JointTrajectory(joint_names=list(names), points=points)
+
+
+def pose_stamped(stamp_ns: int, frame_id: str, place: tuple[float, float, float]) -> PoseStamped:
+    """A pose in the plane: x, y, m, and the angle of its x axis, rad."""
+    x, y, angle = place
+    pose = PoseStamped()
+    pose.header.frame_id, pose.header.stamp = frame_id, stamp_of(stamp_ns)
+    pose.pose.position.x, pose.pose.position.y = x, y
+    pose.pose.orientation.z, pose.pose.orientation.w = sin(angle / 2), cos(angle / 2)
+    return pose
 
 
 def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, float]]) -> Path:
@@ -128,11 +142,7 @@ def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, floa
     """
     message = Path()
     message.header.frame_id, message.header.stamp = frame_id, stamp_of(stamp_ns)
-    for x, y, angle in places:
-        pose = PoseStamped(header=message.header)
-        pose.pose.position.x, pose.pose.position.y = x, y
-        pose.pose.orientation.z, pose.pose.orientation.w = sin(angle / 2), cos(angle / 2)
-        message.poses.append(pose)
+    message.poses = [pose_stamped(stamp_ns, frame_id, place) for place in places]
     return message
 
 
@@ -160,6 +170,17 @@ def joint_sample(serialized: bytes, names: Sequence[str], hold: Mapping[str, flo
             raise UnusableMessageError(f'expected {name} at {wanted:g} (robot.hold), got {at:g}')
     first, second = (angles[fields.names.index(name)] for name in names)
     return _finite(Sample(_stamp(serialized), first, second))
+
+
+def joint_position(serialized: bytes, name: str) -> float | None:
+    """Position of one joint; None where the message has none.
+
+    Raises:
+        UnusableMessageError: the message cannot be read.
+    """
+    fields, positions = _fields(joint_fields, serialized)
+    names = fields.names[: fields.numbers]
+    return positions[names.index(name)] if name in names else None
 
 
 def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = None) -> Sample:
