@@ -49,6 +49,8 @@ from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, si
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
 
+_AT_ONCE = 0.02
+"""Simulated time that passes at most between two rounds of a commanded robot, s: what commands it has to react."""
 _E = TypeVar('_E', bound=Enum)
 
 
@@ -280,7 +282,7 @@ class ContactSimulator(CellNode):
         self._elapsed = 0.0
         self._ready_since: float | None = None
         self._last_tick: float | None = None
-        self._timer = self.create_timer(0.01 if self._plan is not None else 0.004, self._tick)
+        self._timer = self.create_timer(0.01 if self._plan is not None else 0.002, self._tick)
         if self._plan is not None:
             kind = 'slides' if isinstance(self._plan, tuple) else 'touches'
             self.get_logger().info(f'{len(self._plan)} {kind} planned')
@@ -327,8 +329,12 @@ class ContactSimulator(CellNode):
             return
         now = monotonic()
         factor = self.get_parameter('time_factor').value
-        self._elapsed += min(now - self._last_tick, 0.05) * factor  # a slow machine slows it down: no bursts
+        passed = min(now - self._last_tick, 0.05) * factor  # a slow machine slows it down: no bursts
+        self._elapsed += passed if self._plan is not None else min(passed, _AT_ONCE)
         self._last_tick = now
+        if self._time_of_cell is not None:
+            stamp = conversion.stamp_of(self._playback.start + round(1e9 * self._elapsed))
+            self._time_of_cell.publish(Clock(clock=stamp))
         if isinstance(self._playback, Commanded):
             self._set_fault(self._playback.plant)
         for is_wrench, sample in self._playback.advance(self._elapsed):
@@ -336,10 +342,6 @@ class ContactSimulator(CellNode):
                 self._wrench.publish(conversion.wrench(sample, self._frame_id))
             else:
                 self._joints.publish(conversion.joint_state(sample, self._names))
-        if self._time_of_cell is not None:
-            self._time_of_cell.publish(
-                Clock(clock=conversion.stamp_of(self._playback.start + round(1e9 * self._elapsed)))
-            )
         if self._playback.finished:
             self._end_pass()
 

@@ -99,12 +99,7 @@ class Runner:
     """
 
     def __init__(
-        self,
-        cell: Cell,
-        most: int,
-        judge: Callable[[], Detection],
-        work: Worker,
-        planner: Planner | None = None,
+        self, cell: Cell, most: int, judge: Callable[[], Detection], work: Worker, planner: Planner | None = None
     ) -> None:
         self.cell, self.senses = cell, Senses(cell)
         self.campaign = Campaign(cell, most, planner, work)
@@ -230,6 +225,7 @@ class Runner:
             'touch': str(campaign.accepted + 1),
             'accepted': str(campaign.accepted),
             'failed': str(campaign.failed),
+            'uncertainty_m': '' if now is None else f'{now:.4g}',
             'uncertainty': '' if now is None else 'not determined' if np.isinf(now) else quantity(now, 'm'),
             'tolerance': '' if tolerance is None else quantity(tolerance, 'm'),
             'grade': known.grade,
@@ -483,7 +479,9 @@ class Runner:
 
     def _release(self, motion: Motion, goal: float, compliance: float) -> Iterator[None]:
         """Down to a force, from above."""
-        motion = Motion(motion.track, float(np.clip(0.2 * goal * compliance / DELAY, 1e-4, 2e-3)), self._at(), ramps=False)
+        motion = Motion(
+            motion.track, float(np.clip(0.2 * goal * compliance / DELAY, 1e-4, 2e-3)), self._at(), ramps=False
+        )
         for _ in range(20):
             force = self.senses.mean_force(self._now, 0.05)
             if force < 1.07 * goal:
@@ -565,7 +563,9 @@ class Runner:
         goal = 0.0 if self._contact else max(0.0, at - 0.02)
         force, began = self.senses.force, self._now
         while motion.at > goal:
-            self.senses.check(self._now) if self.senses.problem(self._now).startswith(self.cell.sensor.topics[0]) else None
+            self.senses.check(self._now) if self.senses.problem(self._now).startswith(
+                self.cell.sensor.topics[0]
+            ) else None
             if self._now - began > 0.3 and self.senses.force > max(1.2 * force, self.cell.touch.max_force):
                 raise Fault('the force grows while retracting', may_retract=False)
             self._move(motion, goal, AHEAD_OF_CONTACT)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import cos, exp, hypot, isfinite, sin
 from typing import NamedTuple, Protocol
@@ -26,7 +26,7 @@ import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, SensorSign
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Lift, Region, SensorSign
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
@@ -43,6 +43,16 @@ RAISED = 0.9
 """Part of its way from which on the lift is over all objects."""
 COMMANDED_SENSORS = SensorModel(joint_rate=250.0, wrench_rate=250.0, jitter=0.0, offset=0.0)
 """As usual, but both at 250 Hz."""
+
+
+DEMO_CELL = replace(
+    PAPER_CELL,
+    limits=((-2.6, 2.6), (-2.6, 2.6)),
+    lift=Lift('joint3', up=0.02, down=0.0),
+    tolerance=3e-5,
+    region=Region(-0.35, 0.35, 0.2, 0.55),
+)
+"""The cell of figure 3 with what a robot needs that touches by itself."""
 
 
 class Body(Protocol):
