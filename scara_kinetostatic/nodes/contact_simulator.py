@@ -21,7 +21,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -37,7 +39,9 @@ from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
-from scara_kinetostatic.simulation.commanded import Fault, ModelBody, Plant, PlantSettings
+from scara_kinetostatic.simulation.commanded import Body, Fault, ModelBody, Plant, PlantSettings
+from scara_kinetostatic.simulation.mujoco import SCENES, scene_named
+from scara_kinetostatic.simulation.mujoco.commanded import EngineBody
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
 from scara_kinetostatic.simulation.slides import Slide, simulate_slides
@@ -45,6 +49,8 @@ from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, si
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
 
+_AT_ONCE = 0.02
+"""Simulated time that passes at most between two rounds of a commanded robot, s: what commands it has to react."""
 _E = TypeVar('_E', bound=Enum)
 
 
@@ -149,7 +155,15 @@ def declare_drives(node: Node) -> PlantSettings:
     )
     meaning = 'commanded: force at which the drives stop, N; 0: twice the max_force of the cell'
     overload = declare.parameter(node, 'overload', usual.overload, meaning, Range(0.0, 1e5))
+    meaning = f'commanded: scene of MuJoCo, with the robot of truth: {", ".join(SCENES)}; empty: by the model'
+    declare.parameter(node, 'scene', '', meaning)
     faults = ', '.join(fault.value for fault in Fault if fault.value)
+
+    def is_known(parameters: Sequence[Parameter]) -> SetParametersResult:
+        unknown = [p for p in parameters if p.name == 'fault' and p.value not in [fault.value for fault in Fault]]
+        return SetParametersResult(successful=not unknown, reason=f'expected one of {faults}' if unknown else '')
+
+    node.add_on_set_parameters_callback(is_known)
     declare.parameter(node, 'fault', '', f'commanded: what goes wrong: {faults}; empty: nothing', read_only=False)
     return PlantSettings(lag, speed, usual.lift_speed, overload)
 
@@ -268,14 +282,18 @@ class ContactSimulator(CellNode):
         self._elapsed = 0.0
         self._ready_since: float | None = None
         self._last_tick: float | None = None
-        self._timer = self.create_timer(0.01 if self._plan is not None else 0.004, self._tick)
+        self._timer = self.create_timer(0.01 if self._plan is not None else 0.002, self._tick)
         if self._plan is not None:
             kind = 'slides' if isinstance(self._plan, tuple) else 'touches'
             self.get_logger().info(f'{len(self._plan)} {kind} planned')
 
     def _obey(self, drives: PlantSettings) -> Commanded:
-        """A robot that is commanded."""
-        body = ModelBody(self._cell, self._truth)
+        """A robot that is commanded, by the model or in MuJoCo."""
+        body: Body = ModelBody(self._cell, self._truth)
+        if scene := self.get_parameter('scene').value:
+            if self._truth.effects:
+                raise ParameterError('parameter effects', 'a scene has its own', 'leave out scene or effects')
+            body = EngineBody(scene_named(scene).with_parameters(self._truth.parameters), self._cell)
         plant = Plant(self._cell, body, settings=drives, sensors=self._sensors, seed=self._seed)
         self._names = plant.names
 
@@ -311,8 +329,12 @@ class ContactSimulator(CellNode):
             return
         now = monotonic()
         factor = self.get_parameter('time_factor').value
-        self._elapsed += min(now - self._last_tick, 0.05) * factor  # a slow machine slows it down: no bursts
+        passed = min(now - self._last_tick, 0.05) * factor  # a slow machine slows it down: no bursts
+        self._elapsed += passed if self._plan is not None else min(passed, _AT_ONCE)
         self._last_tick = now
+        if self._time_of_cell is not None:
+            stamp = conversion.stamp_of(self._playback.start + round(1e9 * self._elapsed))
+            self._time_of_cell.publish(Clock(clock=stamp))
         if isinstance(self._playback, Commanded):
             self._set_fault(self._playback.plant)
         for is_wrench, sample in self._playback.advance(self._elapsed):
@@ -320,19 +342,12 @@ class ContactSimulator(CellNode):
                 self._wrench.publish(conversion.wrench(sample, self._frame_id))
             else:
                 self._joints.publish(conversion.joint_state(sample, self._names))
-        if self._time_of_cell is not None:
-            self._time_of_cell.publish(
-                Clock(clock=conversion.stamp_of(self._playback.start + round(1e9 * self._elapsed)))
-            )
         if self._playback.finished:
             self._end_pass()
 
     def _set_fault(self, plant: Plant) -> None:
         """The fault as the parameter has it now; says an overload once."""
-        try:
-            plant.fault = Fault(self.get_parameter('fault').value)
-        except ValueError:
-            plant.fault = Fault.NONE
+        plant.fault = Fault(self.get_parameter('fault').value)
         if plant.stopped != self._stopped:
             self._stopped = plant.stopped
             if plant.stopped:

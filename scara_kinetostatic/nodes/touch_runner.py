@@ -15,9 +15,13 @@ With `use_sim_time` all times are those of `/clock`.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+import os
+import signal
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context, parent_process
 from pathlib import Path
+from threading import Thread
 from time import monotonic_ns
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -39,6 +43,7 @@ from scara_kinetostatic.nodes.conversion import (
     pose_stamped,
 )
 from scara_kinetostatic.nodes.declare import Range
+from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import Session
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
@@ -53,8 +58,22 @@ _WAIT = 10.0
 """With `autostart`, how long somebody may take to hear `joint_trajectory`, s."""
 
 
+def _end_with_parent() -> None:
+    """Ends this process when the node has died, even by SIGKILL; signals are the node's to note."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
+
+    def watch() -> None:
+        parent = parent_process()
+        assert parent is not None
+        parent.join()
+        os._exit(0)
+
+    Thread(target=watch, daemon=True).start()
+
+
 class TouchRunner(CellNode):
-    """Runs the touches. One thread spins it, another one calibrates.
+    """Runs the touches. Another process calibrates: in a thread of this one the samples would have to wait.
 
     Raises:
         InputError: a parameter, the cell or the calibration is not valid.
@@ -76,7 +95,8 @@ class TouchRunner(CellNode):
         self._most = declare.parameter(self, 'max_touches', 100, meaning, Range(FIRST, 1000))
         if self._cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them to the cell description')
-        self._work = ThreadPoolExecutor(1)
+        self._work = ProcessPoolExecutor(1, get_context('spawn'), _end_with_parent)
+        self._work.submit(abs, 0)  # so that it has started, and imported what it needs, before it is needed
         self._runner = self._new_runner()
         self._session: Session | None = None
         self._process: CalibrationProcess | None = None

@@ -44,8 +44,8 @@ _WELL_KNOWN = 2e-3
 _LEAST_TO_END = 15
 """With fewer touches what limits is not yet known."""
 
-Worker = Callable[[Callable[[], Any]], 'Future[Any]']
-"""Does something aside, as an executor does."""
+Worker = Callable[..., 'Future[Any]']
+"""Calls a function with arguments aside, as `Executor.submit` does; in another process where it may."""
 
 
 class Target(NamedTuple):
@@ -177,9 +177,8 @@ class Campaign:
 
     def _order(self) -> None:
         """Orders a calibration of all touches."""
-        touches, given_up, former = TouchSet.concatenate(self.touches), self._given_up, self.knowledge
-        decide = self._made_to_decide < _TO_DECIDE
-        self._job = self._work(lambda: calibrated(self.cell, touches, former, given_up, decide))
+        touches, decide = TouchSet.concatenate(self.touches), self._made_to_decide < _TO_DECIDE
+        self._job = self._work(calibrated, self.cell, touches, self._given_up, decide)
 
     def poll(self) -> End | None:
         """Takes what has been found out; returns why the run ends, where it does."""
@@ -287,15 +286,12 @@ def clear_start(planner: Planner, here: Poses) -> tuple[Poses | None, str]:
     return Poses(np.concatenate([here.tip, out.tip]), np.concatenate([here.posture] * 2)), ''
 
 
-def calibrated(
-    cell: Cell, touches: TouchSet, former: Knowledge, given_up: tuple[tuple[int, float, int], ...], decide: bool
-) -> Knowledge:
+def calibrated(cell: Cell, touches: TouchSet, given_up: tuple[tuple[int, float, int], ...], decide: bool) -> Knowledge:
     """Calibrates touches, and plans the next ones.
 
     Args:
         cell: the cell.
         touches: all that were accepted.
-        former: what was known before.
         given_up: places not to be touched.
         decide: whether effects that are not distinguished are to be decided.
 

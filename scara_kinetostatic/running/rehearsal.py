@@ -22,11 +22,11 @@ _EPOCH = 1_000_000_000
 """Stamp of the first sample, ns: a stamp of 0 is none."""
 
 
-def at_once(do: Callable[[], Any]) -> Future[Any]:
+def at_once(do: Callable[..., Any], *arguments: Any) -> Future[Any]:
     """Does it now; in simulated time it takes none."""
     future: Future[Any] = Future()
     try:
-        future.set_result(do())
+        future.set_result(do(*arguments))
     except Exception as error:  # as an executor does
         future.set_exception(error)
     return future

@@ -236,6 +236,7 @@ class Runner:
             'touch': str(campaign.accepted + 1),
             'accepted': str(campaign.accepted),
             'failed': str(campaign.failed),
+            'uncertainty_m': '' if now is None else f'{now:.4g}',
             'uncertainty': '' if now is None else 'not determined' if np.isinf(now) else quantity(now, 'm'),
             'tolerance': '' if tolerance is None else quantity(tolerance, 'm'),
             'grade': known.grade,

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import cos, exp, hypot, isfinite, sin
 from typing import NamedTuple, Protocol
@@ -26,7 +26,7 @@ import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, SensorSign
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Lift, Region, SensorSign
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
@@ -45,16 +45,28 @@ COMMANDED_SENSORS = SensorModel(joint_rate=250.0, wrench_rate=250.0, jitter=0.0,
 """As usual, but both at 250 Hz."""
 
 
+DEMO_CELL = replace(
+    PAPER_CELL,
+    limits=((-2.6, 2.6), (-2.6, 2.6)),
+    lift=Lift('joint3', up=0.02, down=0.0),
+    tolerance=3e-5,
+    region=Region(-0.35, 0.35, 0.2, 0.55),
+)
+"""The cell of figure 3 with what a robot needs that touches by itself."""
+
+
 class Body(Protocol):
     """What the robot is made of and what it meets.
 
     Attributes:
         tick: longest step of time, s.
+        joints: motor angles, which the encoders measure, rad.
         force: of the tip on what it touches, base frame, N.
         touched: name of it, empty in free motion.
     """
 
     tick: float
+    joints: tuple[float, float]
     force: tuple[float, float]
     touched: str
 
@@ -62,7 +74,7 @@ class Body(Protocol):
         """Stands at motor angles, rad, with the lift at a part of its way up, in free motion."""
 
     def advance(self, time: float, joints: tuple[float, float], lift: float) -> None:
-        """One step of time: the motors are at `joints`, rad, at `time`, s, the lift is at a part of its way up."""
+        """On to a time, s, at which the drives have the motors at `joints`, rad, the lift at a part of its way up."""
 
     def sensed(self, share: float) -> Floats:
         """The force in the frame of the sensor, without its sign, bias and noise, (2,), N.
@@ -98,6 +110,10 @@ _SHARP = 1e-4
 """Least radius of a corner, m."""
 _NEAR = 3e-3
 """Gap above which there is no contact, m: effects and uncertainties of objects are smaller."""
+
+
+_DEEP, _CRASH = 0.01, 1e5
+"""Depth beyond which a tip without an equilibrium has crashed into an object, m; force by depth then, N/m."""
 
 
 def _circle_of_outline(name: str, number: int, outline: Floats, tip: Floats, tip_radius: float) -> Circle:
@@ -168,7 +184,7 @@ class ModelBody:
     def begin(self, joints: tuple[float, float], lift: float) -> None:
         """Stands at motor angles, relaxed."""
         self.force, self.touched, self.contacts = (0.0, 0.0), '', 0
-        self._joints, self._raised, self._time = joints, lift > RAISED, 0.0
+        self.joints, self._raised, self._time = joints, lift > RAISED, 0.0
         self._movements = [_Movement(angle) for angle in joints]
         self._history: list[tuple[float, float, float, float]] = []
         self._metadata = TouchMetadata.plain(1)
@@ -190,9 +206,9 @@ class ModelBody:
     def advance(self, time: float, joints: tuple[float, float], lift: float) -> None:
         """The equilibrium at motor angles, next to that of the step before."""
         raised = lift > RAISED
-        if raised == self._raised and max(abs(a - b) for a, b in zip(joints, self._joints, strict=True)) < 1e-9:
+        if raised == self._raised and max(abs(a - b) for a, b in zip(joints, self.joints, strict=True)) < 1e-9:
             return
-        self._joints, self._raised, self._time = joints, raised, time
+        self.joints, self._raised, self._time = joints, raised, time
         for movement, angle in zip(self._movements, joints, strict=True):
             movement.follow(angle, bool(self.touched))
         circle = None if raised else self.nearest(joints)
@@ -206,8 +222,8 @@ class ModelBody:
             self._remember()
 
     def _press(self, circle: Circle) -> None:
-        """The force of the contact with an arc; where there is no equilibrium the force stays as it was."""
-        q = np.array([self._joints])
+        """The force of the contact with an arc; where no equilibrium is found it stays, deep inside it is a crash."""
+        q = np.array([self.joints])
         if self.model.effects:
             history = np.array([self._history]) if self._history else None
             approach, press = (
@@ -225,17 +241,21 @@ class ModelBody:
         )  # fmt: skip
         if found.solved[0]:
             self.force = float(found.force[0, 0]), float(found.force[0, 1])
-            self.touched = circle.name if any(self.force) else ''
+        elif circle.gap < -_DEEP:
+            out = center[0] - forward(self.model.parameters, q)[0]
+            x, y = -_CRASH * circle.gap * out / np.hypot(*out)
+            self.force = float(x), float(y)
+        self.touched = circle.name if any(self.force) else ''
 
     def _remember(self) -> None:
         """The turning points of the load, which joints with memory keep."""
-        self._history.append((*self._joints, *self.force))
+        self._history.append((*self.joints, *self.force))
         torques = torques_of(self.model.parameters, np.array(self._history))
         self._history = [self._history[k] for k in remembered([(a, b) for a, b in torques.tolist()])]
 
     def sensed(self, share: float) -> Floats:
         """As `reported_force`."""
-        state = np.array([self._joints]), np.array([self.force]), np.zeros((1, 2)), np.array([share])
+        state = np.array([self.joints]), np.array([self.force]), np.zeros((1, 2)), np.array([share])
         return np.asarray(reported_force(self.cell, self.model, *state, self._metadata)[0])
 
 
@@ -373,7 +393,7 @@ class Plant:
         self._limits += [(min(lift.up, lift.down), max(lift.up, lift.down))] if lift else []
         self._limits += [(-np.inf, np.inf) for _ in cell.hold]
         self._motion: tuple[list[float], list[list[float]]] | None = None
-        self._overload = s.overload or 2.0 * cell.touch.max_force
+        self._overload = self._most = s.overload or 2.0 * cell.touch.max_force
         self.time, self.peak_force, self.stopped, self.fault = 0.0, 0.0, '', Fault.NONE
         self._noise = sensors.touch_noise or cell.noise or TYPICAL_NOISE
         self._error, self._next = self._random.standard_normal((2, 4))  # of joints and force, in standard deviations
@@ -428,8 +448,8 @@ class Plant:
         return points
 
     def reset(self) -> None:
-        """Lets drives that have stopped move again."""
-        self.stopped = ''
+        """Lets drives that have stopped move again, out of the overload."""
+        self.stopped, self._most = '', max(self._overload, 1.1 * hypot(*self.body.force))
 
     def step(self, time: float) -> Reading:
         """Goes on to a time, s, and reads the sensors there; not back."""
@@ -449,20 +469,21 @@ class Plant:
         self.time += duration
         wanted, follow = self._wanted(), 1.0 - exp(-duration / self.settings.lag) if self.settings.lag else 1.0
         stands = self.stopped or self.fault is Fault.DOES_NOT_FOLLOW
+        creeping = {Fault.MOVED: 0, Fault.HELD_MOVES: len(self.names) - 1}.get(self.fault, -1)
+        stuck = 2 if self.fault is Fault.LIFT_STUCK and self.cell.lift else -1
         for k, (goal, speed) in enumerate(zip(wanted, self._speeds, strict=True)):
-            if stands or (k == 2 and self.fault is Fault.LIFT_STUCK and self.cell.lift):
+            if k == creeping:
+                self._position[k] += _CREEP * duration
+            if stands or k in (creeping, stuck):
                 continue
             most = speed * duration
             self._setpoint[k] += min(max(goal - self._setpoint[k], -most), most)
             self._position[k] += follow * (self._setpoint[k] - self._position[k])
-        creeping = {Fault.MOVED: 0, Fault.HELD_MOVES: len(self.names) - 1}.get(self.fault)
-        if creeping is not None:
-            self._position[creeping] += _CREEP * duration
-            self._setpoint[creeping] = self._position[creeping]
         self.body.advance(self.time, (self._position[0], self._position[1]), self._raised)
         force, touching = hypot(*self.body.force), bool(self.body.touched)
         self.peak_force = max(self.peak_force, force)
-        if force > self._overload and not self.stopped:
+        self._most = self._overload if force < self._overload else self._most
+        if force > self._most and not self.stopped:
             self.stopped = f'{force:.0f} N on {self.body.touched}, more than {self._overload:g} N'
             self._motion, self._setpoint = None, list(self._position)
         if self._touching and not touching:
@@ -487,13 +508,9 @@ class Plant:
         sensors, force, random = self.sensors, hypot(*self.body.force), self._random
         joints: tuple[float, ...] | None = None
         if self.fault is not Fault.SILENT_JOINTS:
-            noise = self._noise.joint_levels
-            read = [
-                self._position[k] + noise[k] * self._error[k] + sensors.joint_noise * random.standard_normal()
-                for k in (0, 1)
-            ]
-            step = sensors.resolution
-            joints = (*((round(each / step) * step if step else each) for each in read), *self._position[2:])
+            error = self._error[:2] * self._noise.joint_levels + sensors.joint_noise * random.standard_normal(2)
+            read, step = (self.body.joints + error).tolist(), sensors.resolution
+            joints = (*(round(each / step) * step if step else each for each in read), *self._position[2:])
         wrench: tuple[float, float] | None = None
         if self.fault is not Fault.SILENT_WRENCH:
             share, grown = min(force / FULL, 1.0), self._noise.growth * force
