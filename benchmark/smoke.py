@@ -49,6 +49,7 @@ ARGUMENTS = {
     'pictures': '--out {folder} --first 1',
     'reading': '--seconds 10 --rate 100',
     'recordings': '--number 2',
+    'runner': '--cells 1 --tolerance 3e-4',
     'statistics': '--runs 10',
     'uncertainty': '--count 1 --kind small',
 }

@@ -138,7 +138,7 @@ class TouchRunner(CellNode):
         return Planner(replace(record.arm, cell=self._cell), known_or_infinite(stated['worst'], stated['undetermined']))
 
     def _new_runner(self) -> Runner:
-        return Runner(self._cell, self._most, self._judge, self._work.submit, self._planner)
+        return Runner(self._cell, self._most, self._detect, self._work.submit, self._planner)
 
     # Services
 
@@ -233,7 +233,7 @@ class TouchRunner(CellNode):
         if self._session is not None:
             self._session.take_transforms(message, self._now(), anew)
 
-    def _judge(self) -> Detection:
+    def _detect(self) -> Detection:
         """The touches that were found and are on the disk."""
         if self._session is None:
             return Detection(no_touches())
@@ -256,7 +256,7 @@ class TouchRunner(CellNode):
         self._ticked = now
         try:
             command = self._runner.tick(1e-9 * now)
-        except OSError as error:  # of the recording, in `_judge`
+        except OSError as error:  # of the recording, in `_detect`
             self._lose_recording(error)
             return
         if command is not None:

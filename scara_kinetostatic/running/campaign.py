@@ -131,7 +131,7 @@ class Campaign:
         self.touches: list[TouchSet] = []
         self._given_up: tuple[tuple[int, float, int], ...] = ()
         self._job: Future[Any] | None = None
-        self._in_row = self._deciding = self.accepted = self.failed = 0
+        self._in_row = self._made_to_decide = self.accepted = self.failed = 0
         self._limited = self._start = 0
 
     @property
@@ -146,7 +146,7 @@ class Campaign:
         self.touches.append(touches.replace(time=touches.time + 1e-9 * (detection.start - self._start)))
         self.accepted += len(touches)
         self._in_row = 0
-        self._deciding += self.knowledge.discriminating
+        self._made_to_decide += self.knowledge.discriminating
         if self.accepted >= FIRST:
             self._order()
 
@@ -177,7 +177,7 @@ class Campaign:
 
     def _order(self) -> None:
         """Orders a calibration of all touches."""
-        touches, decide = TouchSet.concatenate(self.touches), self._deciding < _TO_DECIDE
+        touches, decide = TouchSet.concatenate(self.touches), self._made_to_decide < _TO_DECIDE
         self._job = self._work(calibrated, self.cell, touches, self._given_up, decide)
 
     def poll(self) -> End | None:
@@ -293,7 +293,7 @@ def calibrated(cell: Cell, touches: TouchSet, given_up: tuple[tuple[int, float, 
         cell: the cell.
         touches: all that were accepted.
         given_up: places not to be touched.
-        decide: whether effects that are not told apart are to be decided.
+        decide: whether effects that are not distinguished are to be decided.
 
     Raises:
         UnsupportedDataError: no touch can be reached.

@@ -28,6 +28,8 @@ _CORNER = 0.02
 """Speed at a corner, m/s: with a lag of 50 ms the tip cuts it by less than 1 mm."""
 _POINTS = 4
 """Points of a command."""
+_LAG = 0.25
+"""A robot may be so late, s."""
 _FASTER = 1.25
 """What a commanded speed may exceed the wanted one by: the model of the arm is not exact."""
 
@@ -106,6 +108,15 @@ class Track(NamedTuple):
         q1, q2 = (np.interp(at, self.at, column) for column in self.joints.T)
         return np.stack([q1, q2], axis=-1), np.interp(at, self.at, self.lift)
 
+    def nearest(self, joints: Floats) -> float:
+        """Length of the way to where it comes nearest to Q, (2,), rad."""
+        along = np.diff(self.joints, axis=0)
+        part = ((joints - self.joints[:-1]) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-18)
+        part = np.clip(part, 0.0, 1.0)
+        off = np.hypot(*(self.joints[:-1] + part[:, None] * along - joints).T)
+        k = int(np.argmin(off))
+        return float(self.at[k] + part[k] * (self.at[k + 1] - self.at[k]))
+
 
 class Motion:
     """Runs along a track; it can turn round and stop anywhere.
@@ -162,7 +173,6 @@ class Commander:
     Attributes:
         joints: Q commanded last, (2,), rad; None before the first command.
         lift: position commanded last, m.
-        recent: the places commanded of late, times in s and Q in rad, (k, 3).
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -172,7 +182,7 @@ class Commander:
         self._names = (*cell.joint_names, *lift, *cell.hold)
         self.joints: Floats | None = None
         self.lift = 0.0 if cell.lift is None else cell.lift.down
-        self.recent = np.empty((0, 3))
+        self._recent = np.empty((0, 4))
 
     def command(self, now: float, at: tuple[Floats, float], points: tuple[Floats, Floats, Floats]) -> Command:
         """Checks where the joints are to be, and says it.
@@ -195,22 +205,23 @@ class Commander:
         if speed.max() > _FASTER * self._cell.touch.speed:
             raise Fault(f'a motion of {1e3 * speed.max():.0f} mm/s was planned; nothing was commanded')
         self.joints, self.lift = at[0], float(at[1])
-        recent = self.recent[self.recent[:, 0] > now - 0.6]
-        self.recent = np.vstack([recent, [now, *at[0]], [now, *joints[-1]]])[-200:]
+        here, end = [now, *at[0], at[1]], [now, *joints[-1], lift[-1]]
+        self._recent = np.vstack([self._recent[self._recent[:, 0] > now - 2 * _LAG], here, end])
         lifts = [lift[:, None]] if self._cell.lift is not None else []
         held = np.tile(list(self._cell.hold.values()), (len(times), 1))
         return Command(self._names, times, np.hstack([joints, *lifts, held]))
 
-    def off_track(self, now: float, joints: Floats) -> float:
-        """How far measured joints are from where they were told to be of late, the larger of both, rad."""
-        recent = self.recent[self.recent[:, 0] > now - 0.5]
+    def off_track(self, now: float, joints: Floats, lift: float | None) -> tuple[float, float]:
+        """How far joints, rad, and lift, m, are from where they were to be within the last `_LAG`."""
+        later = self._recent[:, 0] > now - _LAG
+        first = max(0, int(np.argmax(later)) - 1 if later.any() else len(self._recent) - 1)
+        recent = self._recent[first:, 1:]
         if not len(recent):
-            recent = self.recent[-1:]
-        if not len(recent):
-            return 0.0
-        a, b = recent[:-1, 1:], recent[1:, 1:]
+            return 0.0, 0.0
+        ahead = 0.0 if lift is None else float(np.abs(recent[:, 2] - lift).min())
+        a, along = recent[:-1, :2], np.diff(recent[:, :2], axis=0)
         if not len(a):
-            return float(np.abs(joints - recent[0, 1:]).max())
-        along = b - a
-        part = np.clip(((joints - a) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-18), 0.0, 1.0)
-        return float(np.abs(a + part[:, None] * along - joints).max(axis=1).min())
+            return float(np.abs(joints - recent[0, :2]).max()), ahead
+        part = ((joints - a) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-18)
+        nearest = a + np.minimum(np.maximum(part, 0.0), 1.0)[:, None] * along
+        return float(np.abs(nearest - joints).max(axis=1).min()), ahead

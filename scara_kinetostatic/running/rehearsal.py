@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
+from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.planning.next_touches import Planner
@@ -94,7 +96,8 @@ class Rehearsal:
         self._touched = reading.touched
         command = runner.tick(self.time)
         if command is not None:
-            self.plant.command(command.names, command.times.tolist(), command.positions.tolist())
+            with suppress(ParameterError):  # its drives have stopped
+                self.plant.command(command.names, command.times.tolist(), command.positions.tolist())
         if not self.history or self.history[-1][1] is not runner.status:
             self.history.append((self.time, runner.status))
         return command

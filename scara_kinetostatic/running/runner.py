@@ -9,7 +9,7 @@ along the normal, the force grows by speed · `DELAY` / c meanwhile: the approac
 missing to the wanted force.
 
 **What stops it**: silent, late or frozen sensors, a force where none must be, more than `touch.max_force`, no contact, a
-robot that is not where it was told to be, a joint that moved which must not. It stops, retracts along the way it came
+robot that is not where it was commanded to be, a joint that moved which must not. It stops, retracts along the way it came
 where that is safe, and says why.
 """
 
@@ -23,8 +23,8 @@ import numpy as np
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import HELD_WITHIN, Cell
-from scara_kinetostatic.model.kinematics import forward, jacobian
-from scara_kinetostatic.model.parameters import quantity
+from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.model.parameters import Parameters, quantity
 from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
@@ -44,14 +44,22 @@ from scara_kinetostatic.touches.detection import Detection
 
 DELAY = 0.08
 """From a force to its effect on the robot, s: sensor, filter, command, the robot's own lag."""
+_REACTION = 0.01
+"""From a contact on the way to the stop of the robot, s."""
+_STIFFEST = 5e-6
+"""No arm with its sensor and tip is less compliant, m/N."""
+_STIFFER = 3.0
+"""So many times as stiff as the model says a contact may be."""
 _LEAST_SPEED = 3e-4
 """Towards a contact, m/s."""
-_OFF_TRACK, _OFF_APPROACH = 0.03, 0.01
-"""How far the joints may be from where they were told to be, in travel and towards a contact, rad."""
+_OFF_TRACK, _OFF_APPROACH, _OFF_LIFT = 0.02, 2e-3, 2e-3
+"""How far the joints may be from where they were commanded to be, in travel and towards a contact, rad; the lift, m."""
 _LARGEST_ZERO = 0.5
 """Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
 _LIFT_SPEED = 0.05
 """Of the lift, m/s."""
+_BACK = 0.02
+"""How far it goes back after a contact on the way, m."""
 _WAIT = 0.12
 """Between a motion in contact and the measurement of the force, s: less than what would be a hold."""
 _JUDGED = 6.0
@@ -83,7 +91,7 @@ class Runner:
     Args:
         cell: with `robot.limits`.
         most: accepted touches after which it ends.
-        judge: returns the touches found since the last call.
+        detect: returns the touches found since the last call.
         work: does the calibrations aside.
         planner: to begin with; None for the nominal arm.
 
@@ -99,11 +107,11 @@ class Runner:
     """
 
     def __init__(
-        self, cell: Cell, most: int, judge: Callable[[], Detection], work: Worker, planner: Planner | None = None
+        self, cell: Cell, most: int, detect: Callable[[], Detection], work: Worker, planner: Planner | None = None
     ) -> None:
         self.cell, self.senses = cell, Senses(cell)
         self.campaign = Campaign(cell, most, planner, work)
-        self._judge, self._commander = judge, Commander(cell)
+        self._detect, self._commander = detect, Commander(cell)
         self.status = Status('idle', 'not started')
         self.target: Target | None = None
         self.end: End | None = None
@@ -112,7 +120,7 @@ class Runner:
         self._command: Command | None = None
         self._motion: Motion | None = None
         self._contact = False
-        self._free_force = 0.0
+        self._steepest = self._last_force = 0.0
         self._script: Iterator[None] | None = None
         self._paused = False
 
@@ -164,24 +172,21 @@ class Runner:
         except Fault as fault:
             if self.end is None:
                 self._give_up(fault)
-                return self._stand()
-            self._script = None  # while retracting: it stands
-            return self._stand()
+            else:  # while retracting: it stands
+                self._script = None
+            return self._stand(here=True)
         except ScaraKinetostaticError as error:
             self._give_up(Fault(str(error)))
-            return self._stand()
+            return self._stand(here=True)
         return self._command
 
     # Commands
 
-    def _stand(self) -> Command | None:
-        """Stops where the robot is to be now; where it is not there, where it is."""
-        self._motion = None
-        at, here = self._commander.joints, self.senses.joints
-        if at is None or not np.isfinite(here).all():
+    def _stand(self, *, here: bool = False) -> Command | None:
+        """Stops where the robot is to be now, or where it is."""
+        at = self.senses.joints if here else self._commander.joints
+        if at is None or self._commander.joints is None or not np.isfinite(at).all():
             return None
-        if np.abs(at - here).max() > _OFF_TRACK:
-            at = here
         lift = self._commander.lift
         try:
             return self._commander.command(self._now, (at, lift), (np.array([0.05]), at[None], np.array([lift])))
@@ -207,14 +212,20 @@ class Runner:
         force, most = self.senses.force, self.cell.touch.max_force
         if force > most:
             raise Fault(f'a force of {force:.0f} N, more than touch.max_force, {most:g} N')
-        away = self._commander.off_track(self._now, self.senses.joints)
-        if away > off_track:
-            text = f'a joint is {1e3 * away:.0f} mrad from where it was told to be: it does not follow, or is moved'
-            raise Fault(f'{text} by something else', may_retract=False)
+        jump, self._last_force = abs(force - self._last_force), force
+        if self._contact and jump > self._steepest * max(self._elapsed, 0.01) + 10 * self.senses.noise + 0.1 * most:
+            raise Fault(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
+        away, lift = self._commander.off_track(self._now, self.senses.joints, self.senses.lift)
+        if away > off_track or (self.cell.lift is not None and lift > _OFF_LIFT):
+            what = f'a joint is {1e3 * away:.1f} mrad' if away > off_track else f'the lift is {1e3 * lift:.1f} mm'
+            text = 'from where it was commanded to be: it does not follow, or is moved by something else'
+            raise Fault(f'{what} {text}', may_retract=False)
 
     # The run
 
     def _say(self, phase: str, text: str) -> None:
+        if (phase, text) == self.status[:2]:
+            return
         self.status = Status(phase, text, values=self._values())
 
     def _values(self) -> dict[str, str]:
@@ -258,8 +269,8 @@ class Runner:
                 continue
             self.target, way = chosen
             yield from self._travel(self.target, way)
-            failure = yield from self._touch(self.target)
-            yield from self._judgement(self.target, failure)
+            yield from self._touch(self.target)
+            yield from self._judgement(self.target)
             self.target = None
 
     def _here(self) -> Floats:
@@ -318,7 +329,7 @@ class Runner:
         return self.senses.lift is not None and abs(self.senses.lift - goal) <= HELD_WITHIN
 
     @property
-    def _parameters(self):  # type: ignore[no-untyped-def]
+    def _parameters(self) -> Parameters:
         return self._planner.arm.model.parameters
 
     @property
@@ -332,15 +343,13 @@ class Runner:
             Fault: a contact on the way, or what `_check` says.
         """
         motion = self._motion = Motion(track, speed)
-        limit = max(0.25 * self.cell.touch.force[0], 10 * self.senses.noise)
-        pausing = False
+        limit, pausing = self._free_limit, False
         while motion.at < track.length:
             self._check(_OFF_TRACK)
             if self.senses.force > limit:
                 raise Fault(f'a force of {self.senses.force:.1f} N on the way: a contact where none must be')
             if self._paused and not pausing:
                 self._command, pausing = self._stand(), True
-                self._motion = motion
                 motion = self._motion = Motion(track, speed, motion.at)
                 self._say('paused', 'paused on the way; call ~/start to go on')
             if not self._paused:
@@ -353,7 +362,7 @@ class Runner:
         self._motion = None
 
     def _stopped(self) -> Iterator[None]:
-        """Waits until the joints stand where they were told to be."""
+        """Waits until the joints stand where they were commanded to be."""
         began = self._now
         while self._now - began < 0.1 or not self.senses.stands(self._now):
             if self._now - began > 2.0:
@@ -384,9 +393,17 @@ class Runner:
                 pieces.append(before + part * (after - before))
         joints = np.concatenate(pieces)
         track = Track.of(joints, np.full(len(joints), self._commander.lift), self._parameters)
-        yield from self._follow(track, cell.touch.speed, text)
+        yield from self._follow(track, self._travel_speed(), text)
         if cell.lift is not None:
             yield from self._raise(cell.lift.down)
+
+    def _travel_speed(self) -> float:
+        """At which an obstacle that nobody knows is met with at most 1.5 times the largest force, m/s; raised the tip
+        meets none.
+        """
+        touch, compliance = self.cell.touch, max(self._parameters.p_ee, _STIFFEST)
+        met = np.inf if self.cell.lift is not None else 1.5 * touch.max_force * compliance / _REACTION
+        return float(min(touch.speed, met))
 
     def _compliance(self, target: Target, joints: Floats) -> float:
         """Of arm and tip along the normal of a touch, m/N."""
@@ -405,17 +422,18 @@ class Runner:
         joints = joint_angles(planner, Poses(tips, np.full(count, plan.posture[0])))
         joints[0] = self._here()
         track = Track.of(joints, np.full(count, self._commander.lift), self._parameters)
-        compliance = max(self._compliance(target, joints[0]), 1e-7)
+        compliance = max(self._compliance(target, joints[0]), _STIFFEST)
         wait = self._now
         while self._now - wait < 0.25:
             self._check(_OFF_APPROACH)
             yield
-        if (zero := self.senses.tare(self._now)) > max(0.25 * touch.force[0], 10 * self.senses.noise):
+        if (zero := self.senses.tare(self._now)) > self._free_limit:
             raise Fault(f'the force in free motion changed by {zero:.1f} N: the sensor, or something touches the arm')
         self._say('approach', f'approaching {self.campaign.name(target)}')
         threshold = max(CONTACT * goal, 6 * self.senses.noise, 1.0)
         speed = np.clip((0.8 * goal - threshold) * compliance / DELAY, _LEAST_SPEED, touch.contact_speed)
-        self._contact = True
+        self._contact, self._steepest = True, _STIFFER * touch.contact_speed / compliance
+        self._last_force = self.senses.force
         motion = self._motion = Motion(track, float(speed), ramps=False)
         deepest = float(np.interp(begin, np.linspace(0.0, begin + 4e-3, count), track.at))
         while self.senses.force < threshold:
@@ -447,7 +465,6 @@ class Runner:
             self._move(motion, goal, AHEAD_OF_CONTACT)
             yield
         self._command = self._stand()
-        self._motion = motion
         began = self._now
         yield
         while self._now - began < _WAIT:
@@ -509,14 +526,14 @@ class Runner:
         yield from self._stopped()
         self._contact, self._motion = False, None
 
-    def _judgement(self, target: Target, failure: str | None) -> Iterator[None]:
+    def _judgement(self, target: Target) -> Iterator[None]:
         """Waits for the judgement of the touch, and acts on it."""
         self._say('judge', 'waiting for the judgement of the touch')
         began, asked = self._now, -np.inf
         while True:
             if self._now - asked > 0.1:
                 asked = self._now
-                found = self._judge()
+                found = self._detect()
                 if len(found.touches):
                     self.campaign.accept(found)
                     return
@@ -546,33 +563,34 @@ class Runner:
         where = self.status.phase
         self.end = End(3, f'{fault} (in {where})' if is_fault else str(fault))
         self.status = Status('stopped', self.end.reason, is_fault, self._values())
-        self._script = self._retract() if fault.may_retract and self._motion is not None else self._hold()
+        motion, self._motion = self._motion, None
+        self._script = self._hold() if motion is None or not fault.may_retract else self._retract(motion)
 
     def _hold(self) -> Iterator[None]:
-        self._command = self._stand()
+        self._command = self._stand(here=True)
         yield
 
-    def _retract(self) -> Iterator[None]:
+    def _retract(self, motion: Motion) -> Iterator[None]:
         """Back along the way it came: to the beginning of an approach, else a little."""
-        assert self._motion is not None
-        motion, at = self._motion, self._at()
-        self._command = self._stand()
-        self._sent = self._now
+        self._command, self._sent = self._stand(here=True), self._now
         yield
-        motion = self._motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
-        goal = 0.0 if self._contact else max(0.0, at - 0.02)
+        at = min(motion.at, motion.track.nearest(self.senses.joints))
+        motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
+        goal = 0.0 if self._contact else max(0.0, motion.at - _BACK)
         force, began = self.senses.force, self._now
         while motion.at > goal:
-            self.senses.check(self._now) if self.senses.problem(self._now).startswith(
-                self.cell.sensor.topics[0]
-            ) else None
+            if self.senses.is_blind(self._now):
+                raise Fault('no joint states while retracting', may_retract=False)
             if self._now - began > 0.3 and self.senses.force > max(1.2 * force, self.cell.touch.max_force):
                 raise Fault('the force grows while retracting', may_retract=False)
             self._move(motion, goal, AHEAD_OF_CONTACT)
             yield
-        if self.senses.force > max(0.25 * self.cell.touch.force[0], 10 * self.senses.noise) and not self.senses.problem(
-            self._now
-        ):
+        if self.senses.force > self._free_limit and not self.senses.problem(self._now):
             text = f'{self.status.text}; {self.senses.force:.1f} N remain after retracting: a force in free motion'
             self.status = self.status._replace(text=text)
             self.end = End(3, text)
+
+    @property
+    def _free_limit(self) -> float:
+        """Largest force in free motion, N."""
+        return max(0.25 * self.cell.touch.force[0], 10 * self.senses.noise)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from itertools import islice
+from math import hypot
 
 import numpy as np
 
@@ -82,8 +84,11 @@ class Senses:
     @property
     def force(self) -> float:
         """Magnitude of the force now, N."""
-        last = np.array([each[1:] for each in list(self._forces)[-3:]])
-        return float(np.hypot(*(np.median(last, axis=0) - self._zero))) if len(last) else 0.0
+        last = list(islice(reversed(self._forces), 3))
+        if not last:
+            return 0.0
+        x, y = (sorted(reading[k] for reading in last)[len(last) // 2] for k in (1, 2))
+        return hypot(x - float(self._zero[0]), y - float(self._zero[1]))
 
     def problem(self, now: float) -> str:
         """What is wrong with the messages; empty if nothing."""
@@ -100,6 +105,10 @@ class Senses:
         if self._varies and self._frozen > _FROZEN:
             return f'{self._topics[1]}: the same reading {self._frozen} times; the sensor is frozen'
         return ''
+
+    def is_blind(self, now: float) -> bool:
+        """Whether there are no joint states."""
+        return not self._joints or now - self._joints[-1][0] > SILENT
 
     def check(self, now: float) -> None:
         """Check that both topics can be relied on.
@@ -120,7 +129,8 @@ class Senses:
 
     def mean_force(self, now: float, span: float) -> float:
         """Magnitude of the mean force of late, N."""
-        return float(np.hypot(*(self._latest(self._forces, now, span).mean(axis=0) - self._zero)))
+        latest = self._latest(self._forces, now, span)
+        return float(np.hypot(*(latest.mean(axis=0) - self._zero))) if len(latest) else self.force
 
     def stands(self, now: float) -> bool:
         """Whether both joints stand."""
