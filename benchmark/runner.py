@@ -23,8 +23,8 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.cell import Cell, Lift
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.running.rehearsal import Rehearsal
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, ModelBody, Plant
 from scara_kinetostatic.simulation.truth import TrueEffect, with_effects
