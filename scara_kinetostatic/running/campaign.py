@@ -41,7 +41,7 @@ _TO_DECIDE = 12
 """Touches that are made at most to decide between effects when the tolerance is reached."""
 _WELL_KNOWN = 2e-3
 """Expanded uncertainty of the tip above which the nominal arm is taken for the motions, m."""
-_LEAST_TO_END = 15
+_LEAST_TO_END = 30
 """With fewer touches what limits is not yet known."""
 
 Worker = Callable[..., 'Future[Any]']

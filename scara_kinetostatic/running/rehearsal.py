@@ -1,4 +1,4 @@
-"""A run in a simulated cell, as fast as the machine allows: runner, plant and the collector's detection on one clock."""
+"""A run in a simulated cell, as fast as the machine allows: runner, plant, the collector's detection, one clock."""
 
 from __future__ import annotations
 

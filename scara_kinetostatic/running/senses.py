@@ -23,6 +23,8 @@ LATE = 0.15
 """Messages that come so much later than the fastest ones are late, s."""
 TARE = 0.15
 """The zero of the force is the mean over so long, s."""
+_DRIFT = 1e-4
+"""By so much the clock of the stamps may fall behind from one message to the next, s."""
 _FROZEN = 30
 """So many equal readings of a sensor whose readings vary are no measurement."""
 _STANDING = 1e-4
@@ -73,7 +75,7 @@ class Senses:
         self._refusal, self._moved = refusal, refusal if moved else ''
 
     def _note(self, which: int, now: float, stamp: float) -> None:
-        self._fastest[which] = min(self._fastest[which], now - stamp)
+        self._fastest[which] = min(self._fastest[which] + _DRIFT, now - stamp)
         late = now - stamp - self._fastest[which] > LATE
         self._late[which] = self._late[which] + 1 if late else 0
 
