@@ -4,7 +4,7 @@
 
 Cells as in `benchmark.next`; every other one has a lift. The robot's base and offsets are 3 mm and 3 mrad off, the
 discs 3 µm (declared), friction of the contact 0 to 0.1, the sensor's bias 2 N, both sensors 250 Hz, the robot's lag
-20 ms. The run is that of the node `touch_runner`, its calibrations take no simulated time. Reported: why it ended, z of
+20 ms. With `--even` an even plan is made until the same tolerance. The run is that of the node `touch_runner`, its calibrations take no simulated time. Reported: why it ended, z of
 all parameters, the largest force, contacts that were not planned, joint limits, touches and time.
 """
 
@@ -18,15 +18,18 @@ from dataclasses import replace
 import numpy as np
 
 from benchmark.common import parser, print_and_save
-from benchmark.next import case
+from benchmark.next import case, even
 from scara_kinetostatic.effects.registry import find
+from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.cell import Cell, Lift
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.planning.next_touches import known_or_infinite
 from scara_kinetostatic.running.rehearsal import Rehearsal
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, ModelBody, Plant
+from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import TrueEffect, with_effects
 
 DISC = 3e-6
@@ -51,7 +54,7 @@ def cell_of(seed: int, tolerance: float) -> tuple[Cell, Cell, ExtendedModel]:
     return cell, replace(cell, discs=tuple(true)), truth
 
 
-def run(seed: int, tolerance: float) -> dict[str, object]:
+def run(seed: int, tolerance: float, with_even: bool) -> dict[str, object]:
     """One cell."""
     cell, true, truth = cell_of(seed, tolerance)
     random = np.random.default_rng([32, seed])
@@ -90,6 +93,8 @@ def run(seed: int, tolerance: float) -> dict[str, object]:
         'took_s': time.monotonic() - began,
         'verdict': campaign.knowledge.verdict,
     }
+    if with_even and end is not None and end.reason.startswith('enough'):
+        row['even'] = even_touches(seed, tolerance, cell, truth)
     if campaign.touches:
         outcome = calibrate_touches(TouchSet.concatenate(campaign.touches), cell)
         final = outcome.final
@@ -100,18 +105,37 @@ def run(seed: int, tolerance: float) -> dict[str, object]:
     return row
 
 
+def even_touches(seed: int, tolerance: float, cell: Cell, truth: ExtendedModel) -> int | None:
+    """Touches of an even plan (`benchmark.next`) until the tolerance, in steps of an eighth; None for more than 200."""
+    one, number = case(seed), 12
+    while number <= 200:
+        touches = simulate_touches(cell, truth, even(one, number, 0.5), seed=seed)
+        try:
+            outcome = calibrate_touches(touches, cell)
+        except ScaraKinetostaticError:
+            pass
+        else:
+            tip = outcome.tip_uncertainty
+            reached = known_or_infinite(tip.worst, tip.undetermined) <= tolerance
+            if reached and outcome.assessment.grade.value != 'unfit':
+                return number
+        number += max(1, number // 8)
+    return None
+
+
 def main() -> int:
     """Runs the cells."""
     options_of = parser(__doc__)
     options_of.add_argument('--cells', type=int, default=50)
     options_of.add_argument('--first', type=int, default=0, help='number of the first cell')
     options_of.add_argument('--tolerance', type=float, default=3e-5, help='m')
+    options_of.add_argument('--even', action='store_true', help='also the touches of an even plan')
     options_of.add_argument('--jobs', type=int, default=1)
     options = options_of.parse_args()
     seeds = range(options.first, options.first + options.cells)
     rows = []
     with ProcessPoolExecutor(options.jobs) as pool:
-        for row in pool.map(run, seeds, [options.tolerance] * len(seeds)):
+        for row in pool.map(run, seeds, [options.tolerance] * len(seeds), [options.even] * len(seeds)):
             print({key: value for key, value in row.items() if key != 'z'}, flush=True)
             rows.append(row)
     ran = [row for row in rows if 'refused' not in row]
@@ -127,6 +151,8 @@ def main() -> int:
         'simulated s, median': float(np.median([row['simulated_s'] for row in ran])) if ran else None,
         'took s, median': float(np.median([row['took_s'] for row in ran])) if ran else None,
     }
+    compared = [row['touches'] / (row['even'] or 200) for row in ran if 'even' in row]
+    result['touches in those of an even plan, median'] = float(np.median(compared)) if compared else None
     print_and_save(options.json, result | {'rows': rows})
     good = ran and all(row['status'] == 0 and not row['unplanned'] and not row['beyond_limits'] for row in ran)
     return 0 if good else 1

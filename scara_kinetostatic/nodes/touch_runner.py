@@ -17,12 +17,14 @@ from __future__ import annotations
 
 import os
 import signal
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from threading import Thread
 from time import monotonic_ns
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
@@ -49,6 +51,7 @@ from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
 from scara_kinetostatic.running.campaign import FIRST
 from scara_kinetostatic.running.runner import Runner, Status
+from scara_kinetostatic.simulation.commanded import DEMO_CELL
 from scara_kinetostatic.touches.detection import Detection, no_touches
 
 RESULT = 'calibration'
@@ -84,7 +87,7 @@ class TouchRunner(CellNode):
 
     def __init__(self) -> None:
         super().__init__('touch_runner')
-        self._cell = declare.cell_or_example(self)
+        self._cell = declare.cell_or_example(self, DEMO_CELL)
         output = declare.parameter(self, 'output', 'recordings', 'folder for recording and result')
         self._output = declare.place('output', output).absolute()
         path = declare.parameter(self, 'calibration', '', 'calibration.json to begin with; empty: the nominal arm')
@@ -95,8 +98,7 @@ class TouchRunner(CellNode):
         self._most = declare.parameter(self, 'max_touches', 100, meaning, Range(FIRST, 1000))
         if self._cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them to the cell description')
-        self._work = ProcessPoolExecutor(1, get_context('spawn'), _end_with_parent)
-        self._work.submit(abs, 0)  # so that it has started, and imported what it needs, before it is needed
+        self._work: ProcessPoolExecutor | None = None
         self._runner = self._new_runner()
         self._session: Session | None = None
         self._process: CalibrationProcess | None = None
@@ -128,7 +130,8 @@ class TouchRunner(CellNode):
             self.exit_status = 3
         if self._process is not None:
             self._process.close()
-        self._work.shutdown(cancel_futures=True)
+        if self._work is not None:
+            self._work.shutdown(cancel_futures=True)
 
     def _known(self, path: Path) -> Planner:
         """What a calibration says; its touches do not count."""
@@ -138,7 +141,13 @@ class TouchRunner(CellNode):
         return Planner(replace(record.arm, cell=self._cell), known_or_infinite(stated['worst'], stated['undetermined']))
 
     def _new_runner(self) -> Runner:
-        return Runner(self._cell, self._most, self._detect, self._work.submit, self._planner)
+        return Runner(self._cell, self._most, self._detect, self._submit, self._planner)
+
+    def _submit(self, do: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Has a calibration made in the other process."""
+        if self._work is None:
+            self._work = ProcessPoolExecutor(1, get_context('spawn'), _end_with_parent)
+        return self._work.submit(do, *arguments)
 
     # Services
 
@@ -156,6 +165,7 @@ class TouchRunner(CellNode):
         self._session = Session(self._output, self._cell, self._now(), (topics[0], topics[1]))
         for message in self._streams.frame.messages:
             self._session.take_transforms(message, self._now())
+        self._submit(abs, 0)  # the process has started, and imported what it needs, before it is needed
         self._autostart, self._is_running, self._result = False, True, ''
         self._runner.start()
         self._publish_state()
@@ -188,6 +198,9 @@ class TouchRunner(CellNode):
         ]
         if others or self.count_publishers(topic) > 1:
             return f'another node publishes {topic}, {", ".join(others) or "of the same name"}: end it'
+        robots = {name.rpartition('/')[2] for each in self._streams.monitors.values() for name in each.publishers}
+        if not self.get_parameter('cell').value and robots - {'contact_simulator'}:
+            return 'the parameter cell is empty: name the cell description of this robot'
         return ''
 
     # Samples and commands

@@ -86,8 +86,9 @@ class Uncertainty(NamedTuple):
         if self.least <= tolerance:
             return ''
         return (
-            f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(self.least, "m")} (k = 2), '
-            f'the tolerance is {quantity(tolerance, "m")}: {self.limit} makes {100 * self.share:.0f} % of its variance'
+            f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(self.least, "m")} (k = 2)'
+            f', the tolerance is {quantity(tolerance, "m")}: '
+            f'{self.limit} makes {100 * self.share:.0f} % of its variance'
         )
 
 

@@ -41,7 +41,7 @@ _TO_DECIDE = 12
 """Touches that are made at most to decide between effects when the tolerance is reached."""
 _WELL_KNOWN = 2e-3
 """Expanded uncertainty of the tip above which the nominal arm is taken for the motions, m."""
-_LEAST_TO_END = 15
+_LEAST_TO_END = 30
 """With fewer touches what limits is not yet known."""
 
 Worker = Callable[..., 'Future[Any]']
@@ -131,6 +131,7 @@ class Campaign:
         self.touches: list[TouchSet] = []
         self._given_up: tuple[tuple[int, float, int], ...] = ()
         self._job: Future[Any] | None = None
+        self._is_due = False
         self._in_row = self._made_to_decide = self.accepted = self.failed = 0
         self._limited = self._start = 0
 
@@ -176,7 +177,10 @@ class Campaign:
         return f'{self.cell.discs[disc].name} at {np.degrees(angle) % 360:.0f}°, {elbow}, {force}'
 
     def _order(self) -> None:
-        """Orders a calibration of all touches."""
+        """Orders a calibration of all touches, when the former one is done."""
+        self._is_due = self._job is not None
+        if self._is_due:
+            return
         touches, decide = TouchSet.concatenate(self.touches), self._made_to_decide < _TO_DECIDE
         self._job = self._work(calibrated, self.cell, touches, self._given_up, decide)
 
@@ -192,6 +196,8 @@ class Campaign:
             self._targets = again + _targets(self.knowledge.planned)
             if (end := self._enough()) is not None:
                 return end
+            if self._is_due:
+                self._order()
         if self._in_row >= _MOST_FAILED or self.failed >= 3 * _MOST_FAILED:
             return End(1, f'{self.failed} touches failed, {self._in_row} of them in a row')
         if self.accepted >= self._most and self._job is None:

@@ -1,10 +1,11 @@
-"""A run in a simulated cell, as fast as the machine allows: the runner, a plant, the collector's detection, one clock."""
+"""A run in a simulated cell, as fast as the machine allows: runner, plant, the collector's detection, one clock."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,16 +23,6 @@ _EPOCH = 1_000_000_000
 """Stamp of the first sample, ns: a stamp of 0 is none."""
 
 
-def at_once(do: Callable[..., Any], *arguments: Any) -> Future[Any]:
-    """Does it now; in simulated time it takes none."""
-    future: Future[Any] = Future()
-    try:
-        future.set_result(do(*arguments))
-    except Exception as error:  # as an executor does
-        future.set_exception(error)
-    return future
-
-
 class Rehearsal:
     """A run.
 
@@ -41,6 +32,7 @@ class Rehearsal:
         most: accepted touches after which it ends.
         rate: samples of both sensors per second.
         planner: to begin with.
+        calibrating: simulated time that a calibration takes, s.
 
     Attributes:
         runner: the runner.
@@ -51,17 +43,35 @@ class Rehearsal:
     """
 
     def __init__(
-        self, cell: Cell, plant: Plant, most: int = 100, rate: float = 250.0, planner: Planner | None = None
+        self,
+        cell: Cell,
+        plant: Plant,
+        most: int = 100,
+        rate: float = 250.0,
+        planner: Planner | None = None,
+        calibrating: float = 4.0,
     ) -> None:
         self.cell, self.plant = cell, plant
         self._detector = OnlineDetector(cell)
-        self.runner = Runner(cell, most, self._detector.poll, at_once, planner)
+        self.runner = Runner(cell, most, self._detector.poll, self._work, planner)
         self.history: list[tuple[float, Status]] = []
         self.contacts: list[tuple[str, str]] = []
         self.fastest = 0.0
         self.time = plant.time
         self._period, self._touched = 1 / rate, ''
         self._before: Floats | None = None
+        self._calibrating = calibrating
+        self._found: list[tuple[float, Callable[[], Any]]] = []
+
+    def _work(self, do: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Does it now, and gives the result later."""
+        future: Future[Any] = Future()
+        try:
+            found = do(*arguments)
+            self._found.append((self.time + self._calibrating, lambda: future.set_result(found)))
+        except Exception as error:  # as an executor does
+            self._found.append((self.time, partial(future.set_exception, error)))
+        return future
 
     def step(self) -> Command | None:
         """One sample of the sensors, and what the runner makes of it."""
@@ -94,6 +104,8 @@ class Rehearsal:
             meant = '' if target is None else self.cell.discs[target.place()[0]].name
             self.contacts.append((meant, reading.touched))
         self._touched = reading.touched
+        while self._found and self.time >= self._found[0][0]:
+            self._found.pop(0)[1]()
         command = runner.tick(self.time)
         if command is not None:
             with suppress(ParameterError):  # its drives have stopped

@@ -1,16 +1,16 @@
-"""The run: a robot that touches, judges and goes on by itself. It knows nothing of ROS: samples come in, commands go out.
+"""The run: a robot that touches, judges and goes on by itself. Samples come in, commands go out; no ROS.
 
 Every touch: travel to where the approach begins; take the zero of the force; approach slowly until the force says
 contact; press in steps to the force that is wanted; hold; retract along the line of the approach; wait for the
 judgement of the collector's own detection. The script of it is a generator that is resumed with every `tick`.
 
 **Speeds in contact.** From a force to its effect on the robot `DELAY` goes by. With the compliance c of arm and tip
-along the normal, the force grows by speed · `DELAY` / c meanwhile: the approach is so slow that this stays below what is
-missing to the wanted force.
+along the normal, the force grows by speed · `DELAY` / c meanwhile: the approach is so slow that this stays below what
+is missing to the wanted force.
 
-**What stops it**: silent, late or frozen sensors, a force where none must be, more than `touch.max_force`, no contact, a
-robot that is not where it was commanded to be, a joint that moved which must not. It stops, retracts along the way it came
-where that is safe, and says why.
+**What stops it**: silent, late or frozen sensors, a force where none must be, more than `touch.max_force`, no contact,
+a robot that is not where it was commanded to be, a joint that moved which must not. It stops, retracts along the way it
+came where that is safe, and says why.
 """
 
 from __future__ import annotations
@@ -160,6 +160,8 @@ class Runner:
         Returns:
             What the robot is to do; None where that does not change.
         """
+        if now - self._now > 2 * PERIOD:  # this machine was busy: what has come meanwhile is yet to be heard
+            self.senses.excuse(now)
         self._elapsed = min(now - self._now, 2 * PERIOD) if np.isfinite(self._now) else 0.0
         self._now = now
         if self._script is None:

@@ -23,6 +23,8 @@ LATE = 0.15
 """Messages that come so much later than the fastest ones are late, s."""
 TARE = 0.15
 """The zero of the force is the mean over so long, s."""
+_DRIFT = 1e-4
+"""By so much the clock of the stamps may fall behind from one message to the next, s."""
 _FROZEN = 30
 """So many equal readings of a sensor whose readings vary are no measurement."""
 _STANDING = 1e-4
@@ -46,7 +48,7 @@ class Senses:
         self._joints: deque[tuple[float, float, float]] = deque(maxlen=1000)
         self._forces: deque[tuple[float, float, float]] = deque(maxlen=1000)
         self._fastest = [np.inf, np.inf]
-        self._late = [0, 0]
+        self._late, self._excused_until = [0, 0], -np.inf
         self._refusal, self._moved = '', ''
         self.joints = np.full(2, np.nan)
         self.lift: float | None = None
@@ -73,13 +75,13 @@ class Senses:
         self._refusal, self._moved = refusal, refusal if moved else ''
 
     def _note(self, which: int, now: float, stamp: float) -> None:
-        self._fastest[which] = min(self._fastest[which], now - stamp)
+        self._fastest[which] = min(self._fastest[which] + _DRIFT, now - stamp)
         late = now - stamp - self._fastest[which] > LATE
         self._late[which] = self._late[which] + 1 if late else 0
 
-    def forget(self) -> None:
-        """What is known of the delays of the messages: another clock may come."""
-        self._fastest, self._late, self._frozen = [np.inf, np.inf], [0, 0], 0
+    def excuse(self, now: float) -> None:
+        """For a moment messages may be missing or late: nobody has listened."""
+        self._excused_until = now + SILENT
 
     @property
     def force(self) -> float:
@@ -92,7 +94,7 @@ class Senses:
 
     def problem(self, now: float) -> str:
         """What is wrong with the messages; empty if nothing."""
-        for which, readings in enumerate((self._joints, self._forces)):
+        for which, readings in enumerate((self._joints, self._forces)) if now > self._excused_until else ():
             topic = self._topics[which]
             silent = now - readings[-1][0] if readings else np.inf
             if silent > SILENT:
