@@ -4,14 +4,18 @@
 
 Cells as in `benchmark.next`; every other one has a lift. The robot's base and offsets are 3 mm and 3 mrad off, the
 discs 3 µm (declared), friction of the contact 0 to 0.1, the sensor's bias 2 N, both sensors 250 Hz, the robot's lag
-20 ms. With `--even` an even plan is made until the same tolerance. The run is that of the node `touch_runner`, its calibrations take no simulated time. Reported: why it ended, z of
-all parameters, the largest force, contacts that were not planned, joint limits, touches and time.
+20 ms. The run is that of the node `touch_runner`; a calibration takes 4 s of simulated time. Reported: why it ended, z
+of all parameters, the largest force, contacts that were not planned, joint limits, touches and time.
+
+With `--even` an even plan is made until the same tolerance. With `--effect` the robot has these effects instead of the
+friction, and it is noted after how many touches the diagnosis names each.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
@@ -19,7 +23,6 @@ import numpy as np
 
 from benchmark.common import parser, print_and_save
 from benchmark.next import case, even
-from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.cell import Cell, Lift
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -30,13 +33,13 @@ from scara_kinetostatic.planning.next_touches import known_or_infinite
 from scara_kinetostatic.running.rehearsal import Rehearsal
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, ModelBody, Plant
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.simulation.truth import TrueEffect, with_effects
+from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 
 DISC = 3e-6
 """Standard uncertainty of the places and radii of the discs, m."""
 
 
-def cell_of(seed: int, tolerance: float) -> tuple[Cell, Cell, ExtendedModel]:
+def cell_of(seed: int, tolerance: float, effects: Sequence[str] = ()) -> tuple[Cell, Cell, ExtendedModel]:
     """The cell as described, as it is, and the robot in it."""
     random = np.random.default_rng([31, seed])
     one = case(seed)
@@ -48,15 +51,14 @@ def cell_of(seed: int, tolerance: float) -> tuple[Cell, Cell, ExtendedModel]:
     for disc in discs:
         dx, dy, dr = (DISC * random.standard_normal(3)).tolist()
         true.append(disc._replace(x=disc.x + dx, y=disc.y + dy, radius=disc.radius + dr))
-    friction = float(random.uniform(0.0, 0.1))
-    effect = find(cell, 'contact_friction')
-    truth = with_effects(one.truth.parameters, [TrueEffect(effect, (friction,) * len(effect.parameters))])
+    texts = effects or [f'contact_friction:coefficient={random.uniform(0.0, 0.1)}']
+    truth = with_effects(one.truth.parameters, [parse_effect(text, cell) for text in texts])
     return cell, replace(cell, discs=tuple(true)), truth
 
 
-def run(seed: int, tolerance: float, with_even: bool) -> dict[str, object]:
+def run(seed: int, tolerance: float, with_even: bool, effects: Sequence[str]) -> dict[str, object]:
     """One cell."""
-    cell, true, truth = cell_of(seed, tolerance)
+    cell, true, truth = cell_of(seed, tolerance, effects)
     random = np.random.default_rng([32, seed])
     turn = random.uniform(0, 2 * np.pi)
     sensors = replace(COMMANDED_SENSORS, bias=(2 * np.cos(turn), 2 * np.sin(turn)))
@@ -70,10 +72,14 @@ def run(seed: int, tolerance: float, with_even: bool) -> dict[str, object]:
     runner = rehearsal.runner
     runner.start()
     low, high = np.array(cell.limits).T
-    beyond = 0
+    beyond, named = 0, dict[str, int]()
 
     def watch(one: Rehearsal) -> bool:
         nonlocal beyond
+        for effect in effects:
+            label = effect.partition(':')[0]
+            if label in one.runner.campaign.knowledge.verdict:
+                named.setdefault(label, one.runner.campaign.accepted)
         joints = one.runner.senses.joints
         beyond += bool(np.isfinite(joints).all() and ((joints < low) | (joints > high)).any())
         return False
@@ -92,6 +98,7 @@ def run(seed: int, tolerance: float, with_even: bool) -> dict[str, object]:
         'simulated_s': rehearsal.time,
         'took_s': time.monotonic() - began,
         'verdict': campaign.knowledge.verdict,
+        'named': named,
     }
     if with_even and end is not None and end.reason.startswith('enough'):
         row['even'] = even_touches(seed, tolerance, cell, truth)
@@ -130,12 +137,14 @@ def main() -> int:
     options_of.add_argument('--first', type=int, default=0, help='number of the first cell')
     options_of.add_argument('--tolerance', type=float, default=3e-5, help='m')
     options_of.add_argument('--even', action='store_true', help='also the touches of an even plan')
+    options_of.add_argument('--effect', action='append', default=[], help='of the robot, as for `simulate`')
     options_of.add_argument('--jobs', type=int, default=1)
     options = options_of.parse_args()
     seeds = range(options.first, options.first + options.cells)
     rows = []
     with ProcessPoolExecutor(options.jobs) as pool:
-        for row in pool.map(run, seeds, [options.tolerance] * len(seeds), [options.even] * len(seeds)):
+        given = ([each] * len(seeds) for each in (options.tolerance, options.even, options.effect))
+        for row in pool.map(run, seeds, *given):
             print({key: value for key, value in row.items() if key != 'z'}, flush=True)
             rows.append(row)
     ran = [row for row in rows if 'refused' not in row]
