@@ -218,7 +218,7 @@ class Commander:
         recent = self._recent[first:, 1:]
         if not len(recent):
             return 0.0, 0.0
-        ahead = 0.0 if lift is None else float(np.abs(recent[:, 2] - lift).min())
+        ahead = 0.0 if lift is None else max(float(recent[:, 2].min()) - lift, lift - float(recent[:, 2].max()), 0.0)
         a, along = recent[:-1, :2], np.diff(recent[:, :2], axis=0)
         if not len(a):
             return float(np.abs(joints - recent[0, :2]).max()), ahead
