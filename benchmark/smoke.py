@@ -23,6 +23,7 @@ ROOT = Path(__file__).parents[1]
 ARGUMENTS = {
     'archive': '--recordings 4 --jobs 1',
     'assessment': '--runs 1 --each 1',
+    'closed_loop': '--tolerance 1e-3',
     'command': '--runs 1',
     'compensation': '--calibrations 2 --poses 5 --timed 1000',
     'contour': '--runs 1',

@@ -29,7 +29,7 @@ from scara_kinetostatic.nodes.touch_runner import RESULT, TouchRunner
 from scara_kinetostatic.results.parameter_file import NAME, StoredResult, load_result
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 
-SIMULATOR = {'commanded': True, 'publish_clock': True, 'joint_rate': 250.0, 'wrench_rate': 250.0}
+SIMULATOR = {'commanded': True, 'publish_clock': True, 'joint_rate': 125.0, 'wrench_rate': 125.0}
 RUNNER = {'autostart': True, 'exit_when_done': True, 'use_sim_time': True}
 """Parameters of both nodes, for simulated time."""
 

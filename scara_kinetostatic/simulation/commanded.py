@@ -396,7 +396,8 @@ class Plant:
         self._overload = self._most = s.overload or 2.0 * cell.touch.max_force
         self.time, self.peak_force, self.stopped, self.fault = 0.0, 0.0, '', Fault.NONE
         self._noise = sensors.touch_noise or cell.noise or TYPICAL_NOISE
-        self._error, self._next = self._random.standard_normal((2, 4))  # of joints and force, in standard deviations
+        # of joints and force, in standard deviations
+        self._error, self._next = self._random.standard_normal((2, 4)).tolist()
         self._touching = False
         self._delayed: deque[Reading] = deque()
         body.begin((start[0], start[1]), self._raised)
@@ -487,10 +488,11 @@ class Plant:
             self.stopped = f'{force:.0f} N on {self.body.touched}, more than {self._overload:g} N'
             self._motion, self._setpoint = None, list(self._position)
         if self._touching and not touching:
-            self._next = self._random.standard_normal(4)
+            self._next = self._random.standard_normal(4).tolist()
         self._touching = touching
         if not touching:  # within some tenths of a second of free motion the error is that of the next touch
-            self._error += (1.0 - exp(-duration / 0.1)) * (self._next - self._error)
+            part = 1.0 - exp(-duration / 0.1)
+            self._error = [a + part * (b - a) for a, b in zip(self._error, self._next, strict=True)]
 
     def _wanted(self) -> list[float]:
         """Where the motion has the joints now."""
@@ -505,19 +507,29 @@ class Plant:
         return [a + part * (b - a) for a, b in zip(points[0], points[1], strict=True)]
 
     def _read(self) -> Reading:
-        sensors, force, random = self.sensors, hypot(*self.body.force), self._random
+        s, body, noise = self.sensors, self.body, self._random.standard_normal(4).tolist()
         joints: tuple[float, ...] | None = None
         if self.fault is not Fault.SILENT_JOINTS:
-            error = self._error[:2] * self._noise.joint_levels + sensors.joint_noise * random.standard_normal(2)
-            read, step = (self.body.joints + error).tolist(), sensors.resolution
-            joints = (*(round(each / step) * step if step else each for each in read), *self._position[2:])
+            error = [
+                level * self._error[k] + s.joint_noise * noise[k] for k, level in enumerate(self._noise.joint_levels)
+            ]
+            read = [body.joints[0] + error[0], body.joints[1] + error[1], *self._position[2:]]
+            joints = tuple(round(each / s.resolution) * s.resolution if s.resolution else each for each in read)
         wrench: tuple[float, float] | None = None
         if self.fault is not Fault.SILENT_WRENCH:
-            share, grown = min(force / FULL, 1.0), self._noise.growth * force
-            error = np.array([hypot(level * share, grown) for level in self._noise.force_levels]) * self._error[2:]
-            reported = self.body.sensed(share) + error if self.body.touched else np.zeros(2)
-            reported = -reported if self.cell.sensor.sign is SensorSign.ON_ROBOT else reported
-            reported = reported + sensors.bias + sensors.force_noise * random.standard_normal(2)
-            reported += _FREE_FORCE * (self.fault is Fault.FREE_FORCE) * np.array([1.0, 0.0])
-            wrench = float(reported[0]), float(reported[1])
-        return Reading(self.time, joints, wrench, self.body.force, self.body.touched)
+            x, y = self._sensed()
+            sign = -1.0 if self.cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+            x += _FREE_FORCE * (self.fault is Fault.FREE_FORCE)
+            white = s.force_noise * noise[2], s.force_noise * noise[3]
+            wrench = sign * x + s.bias[0] + white[0], sign * y + s.bias[1] + white[1]
+        return Reading(self.time, joints, wrench, body.force, body.touched)
+
+    def _sensed(self) -> tuple[float, float]:
+        """The force with the error of the touch, in the frame of the sensor, N."""
+        force = hypot(*self.body.force)
+        if not self.body.touched:
+            return 0.0, 0.0
+        share, grown = min(force / FULL, 1.0), self._noise.growth * force
+        x, y = self.body.sensed(share).tolist()
+        levels = [hypot(level * share, grown) for level in self._noise.force_levels]
+        return x + levels[0] * self._error[2], y + levels[1] * self._error[3]
