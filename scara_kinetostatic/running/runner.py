@@ -58,6 +58,8 @@ _LARGEST_ZERO = 0.5
 """Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
 _LIFT_SPEED = 0.05
 """Of the lift, m/s."""
+_HALT = 0.05
+"""Time within which it stops, s."""
 _BACK = 0.02
 """How far it goes back after a contact on the way, m."""
 _WAIT = 0.12
@@ -176,22 +178,32 @@ class Runner:
                 self._give_up(fault)
             else:  # while retracting: it stands
                 self._script = None
-            return self._stand(here=True)
+            return self._stand()
         except ScaraKinetostaticError as error:
             self._give_up(Fault(str(error)))
-            return self._stand(here=True)
+            return self._stand()
         return self._command
 
     # Commands
 
-    def _stand(self, *, here: bool = False) -> Command | None:
-        """Stops where the robot is to be now, or where it is."""
-        at = self.senses.joints if here else self._commander.joints
-        if at is None or self._commander.joints is None or not np.isfinite(at).all():
+    def _halt(self, joints: Floats, lift: float) -> Command:
+        """To stop at once where the robot is to be."""
+        points = np.array([_HALT]), joints[None], np.array([lift])
+        return self._commander.command(self._now, (joints, lift), points)
+
+    def _halt_motion(self, motion: Motion) -> None:
+        joints, lift = motion.track.place(np.array([motion.at]))
+        self._command = self._halt(joints[0], float(lift[0]))
+
+    def _stand(self) -> Command | None:
+        """Stops where the robot is; where that is not known, where it is to be."""
+        at = self._commander.joints
+        if at is None:
             return None
-        lift = self._commander.lift
+        if not self.senses.problem(self._now):
+            at = self.senses.joints
         try:
-            return self._commander.command(self._now, (at, lift), (np.array([0.05]), at[None], np.array([lift])))
+            return self._halt(at, self._commander.lift)
         except Fault:
             return None
 
@@ -351,7 +363,8 @@ class Runner:
             if self.senses.force > limit:
                 raise Fault(f'a force of {self.senses.force:.1f} N on the way: a contact where none must be')
             if self._paused and not pausing:
-                self._command, pausing = self._stand(), True
+                pausing = True
+                self._halt_motion(motion)
                 motion = self._motion = Motion(track, speed, motion.at)
                 self._say('paused', 'paused on the way; call ~/start to go on')
             if not self._paused:
@@ -447,7 +460,7 @@ class Runner:
             yield
         surface = motion.at
         self._say('press', f'pressing to {goal:g} N')
-        yield from self._press(motion, goal * (1 + float(plan.preload[0])), compliance, threshold)
+        yield from self._press(motion, goal * (1 + float(plan.preload[0])), compliance)
         if plan.preload[0] > 0:
             yield from self._release(motion, goal, compliance)
         self._say('hold', f'holding {self.senses.force:.1f} N')
@@ -466,14 +479,14 @@ class Runner:
             self._check(_OFF_APPROACH)
             self._move(motion, goal, AHEAD_OF_CONTACT)
             yield
-        self._command = self._stand()
+        self._halt_motion(motion)
         began = self._now
         yield
         while self._now - began < _WAIT:
             self._check(_OFF_APPROACH)
             yield
 
-    def _press(self, motion: Motion, goal: float, compliance: float, threshold: float) -> Iterator[None]:
+    def _press(self, motion: Motion, goal: float, compliance: float) -> Iterator[None]:
         """To a force, from below.
 
         Raises:
@@ -498,9 +511,8 @@ class Runner:
 
     def _release(self, motion: Motion, goal: float, compliance: float) -> Iterator[None]:
         """Down to a force, from above."""
-        motion = Motion(
-            motion.track, float(np.clip(0.2 * goal * compliance / DELAY, 1e-4, 2e-3)), self._at(), ramps=False
-        )
+        speed = float(np.clip(0.2 * goal * compliance / DELAY, _LEAST_SPEED / 2, 2e-3))
+        motion = self._motion = Motion(motion.track, speed, self._at(), ramps=False)
         for _ in range(20):
             force = self.senses.mean_force(self._now, 0.05)
             if force < 1.07 * goal:
@@ -569,12 +581,12 @@ class Runner:
         self._script = self._hold() if motion is None or not fault.may_retract else self._retract(motion)
 
     def _hold(self) -> Iterator[None]:
-        self._command = self._stand(here=True)
+        self._command = self._stand()
         yield
 
     def _retract(self, motion: Motion) -> Iterator[None]:
         """Back along the way it came: to the beginning of an approach, else a little."""
-        self._command, self._sent = self._stand(here=True), self._now
+        self._command, self._sent = self._stand(), self._now
         yield
         at = min(motion.at, motion.track.nearest(self.senses.joints))
         motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
