@@ -78,6 +78,7 @@ setup(
             f'monitor = {NAME}.nodes.executables:monitor',
             f'compensator = {NAME}.nodes.executables:compensator',
             f'contour_tracker = {NAME}.nodes.executables:contour_tracker',
+            f'touch_runner = {NAME}.nodes.executables:touch_runner',
         ]
     },
 )

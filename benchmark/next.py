@@ -27,6 +27,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import cos, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -94,16 +95,16 @@ class Case(NamedTuple):
 def random_cell(random: np.random.Generator) -> Cell:
     """A cell in which discs can be touched."""
     while True:
-        l1, l2 = random.uniform(0.2, 0.4, 2)
+        l1, l2 = random.uniform(0.2, 0.4, 2).tolist()
         nominal = Parameters(l1=l1, l2=l2, p_ee=1e-5, p1=1e-5, p2=1e-5)
         discs = []
         for k in range(3):
             away, turn = random.uniform(0.4, 0.85) * (l1 + l2), random.uniform(-0.6, np.pi + 0.6)
-            discs.append(Disc(f'disc_{k + 1}', away * np.cos(turn), away * np.sin(turn), random.uniform(0.03, 0.12)))
-        limits = random.uniform(2.2, 2.8, 2)
+            discs.append(Disc(f'disc_{k + 1}', away * cos(turn), away * sin(turn), random.uniform(0.03, 0.12)))
+        limits = random.uniform(2.2, 2.8, 2).tolist()
         obstacles = ()
         if random.random() < 0.5:
-            x, y = random.uniform([-0.3, 0.1], [0.3, 0.4])
+            x, y = random.uniform([-0.3, 0.1], [0.3, 0.4]).tolist()
             obstacles = (((x, y), (x + 0.08, y), (x, y + 0.08)),)
         span = 0.7 * (l1 + l2)
         cell = Cell(

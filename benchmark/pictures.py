@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
+from benchmark.closed_loop import closed_loop, loop_picture
 from benchmark.common import CELL, normal_error, parser
 from benchmark.contour import CELL as CONTOUR_CELL
 from benchmark.contour import MOVED_DISC, OBJECTS, calibrated, slide_along, surfaces_of
@@ -91,6 +92,7 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     gripper = analyse_points(simulate_experiments()).parts['gripper']
     yield 'gripper_backlash', map_picture(gripper.maps['gap'], 'µm', 'backlash (gap)', 'gap')
     yield 'gripper_force', force_picture(gripper.runs[0], 'force')
+    yield 'closed_loop', loop_picture(closed_loop())
 
 
 def markers() -> Markup:

@@ -23,6 +23,7 @@ ROOT = Path(__file__).parents[1]
 ARGUMENTS = {
     'archive': '--recordings 4 --jobs 1',
     'assessment': '--runs 1 --each 1',
+    'closed_loop': '--tolerance 1e-3',
     'command': '--runs 1',
     'compensation': '--calibrations 2 --poses 5 --timed 1000',
     'contour': '--runs 1',
@@ -50,6 +51,7 @@ ARGUMENTS = {
     'population': '--robots 1 --sizes 1 --kind all --cell paper --jobs 1',
     'reading': '--seconds 10 --rate 100',
     'recordings': '--number 2',
+    'runner': '--cells 1 --tolerance 3e-4',
     'statistics': '--runs 10',
     'uncertainty': '--count 1 --kind small',
 }

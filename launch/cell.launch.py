@@ -66,6 +66,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('compensate', 'false', 'start the compensator', *switch),
         argument('track', 'false', 'start the contour tracker', *switch),
         argument('watch', 'false', 'start the monitor', *switch),
+        argument('run', 'false', 'start the touch runner, which moves the robot at ~/start', *switch),
         argument('frames', 'true', 'start robot_state_publisher, where it is installed', *switch),
         argument('rviz', 'false', 'start RViz with the configuration of the package', *switch),
         argument('plan', '', 'simulator: plan of touches or slides'),
@@ -73,7 +74,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('time_factor', '', 'simulator: simulated seconds per second'),
         argument('seed', '', 'simulator: seed of the noise'),
         argument('autostart', '', 'collector: record at once', *switch),
-        argument('recordings', '', 'collector: folder for the recordings'),
+        argument('recordings', '', 'collector and touch runner: folder for the recordings'),
         argument('recording', '', 'calibrator: recording to calibrate from; empty: what the collector announces'),
         argument('output', '', 'calibrator: folder for the results; empty: beside the recording'),
         argument(
@@ -114,7 +115,9 @@ class CellNodes:
     def _check(self) -> None:
         if not (self._on('simulate') or self._text('cell')) and self._on('record'):
             raise RuntimeError('simulate:=false needs the cell description of the robot: cell:=/path/to/cell.yaml')
-        parts = ('simulate', 'record', 'calibrate', 'show', 'compensate', 'track', 'watch')
+        if self._on('run') and not self._text('cell'):
+            raise RuntimeError('run:=true needs the cell description, with the limits of the joints: cell:=/path')
+        parts = ('simulate', 'record', 'calibrate', 'show', 'compensate', 'track', 'watch', 'run')
         if not any(map(self._on, parts)):
             raise RuntimeError(f'nothing to start: {", ".join(parts[:-1])} and {parts[-1]} are all false')
         self._cell = _cell_description(self._text('cell'))
@@ -124,7 +127,8 @@ class CellNodes:
     def _nodes(self) -> Iterable[Node]:
         if self._on('simulate'):
             given = self._given(plan=str, effects=List[str], time_factor=float, seed=int)  # noqa: UP006
-            yield self._node('contact_simulator', given | self._framed)
+            commanded = {'commanded': True} if self._on('run') else {}
+            yield self._node('contact_simulator', given | commanded | self._framed)
         if self._on('record'):
             places = self._given(recordings=str).values()
             yield self._node('collector', self._given(autostart=bool) | dict(zip(['output'], places, strict=False)))
@@ -138,6 +142,9 @@ class CellNodes:
                 yield self._node(name, calibration | self._framed)
         if self._on('watch'):
             yield self._node('monitor', calibration)
+        if self._on('run'):
+            places = self._given(recordings=str).values()
+            yield self._node('touch_runner', calibration | dict(zip(['output'], places, strict=False)))
 
     def _calibration(self) -> dict[str, Any]:
         """For the nodes that use one: the file given, else the one that was written with the preloaded parameters.

@@ -32,7 +32,16 @@ from benchmark.common import CELL, parser, save
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.nodes.demo_client import NodeProcesses, free_domain
 
-NODES = ('calibrator', 'collector', 'compensator', 'contact_simulator', 'contour_tracker', 'monitor', 'visualizer')
+NODES = (
+    'calibrator',
+    'collector',
+    'compensator',
+    'contact_simulator',
+    'contour_tracker',
+    'monitor',
+    'touch_runner',
+    'visualizer',
+)
 SECONDS = 12.0
 START_UP = 40.0
 

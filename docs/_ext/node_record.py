@@ -28,6 +28,7 @@ NODES = {
     'monitor': 'Monitor',
     'compensator': 'Compensator',
     'contour_tracker': 'ContourTracker',
+    'touch_runner': 'TouchRunner',
 }
 
 

@@ -1,9 +1,11 @@
-"""Simulate, record and calibrate over ROS.
+"""A simulated robot calibrates itself, over ROS.
 
-Starts the three nodes as processes in a private ROS domain: a simulated robot
-touches the discs of a cell, the collector records, the calibrator calibrates on
-a service call. Prints the estimated parameters beside the true ones of the
-simulator. Needs ROS 2 Jazzy, as wheels or from apt.
+A robot 2.5 mm off its data sheet touches the discs of a cell by itself, in
+simulated time: the runner chooses each touch, commands it, judges it, and ends
+when the tip is known to the tolerance of the cell. Prints how the tip's
+uncertainty falls, and the estimated parameters beside the true ones of the
+simulator. A cell of yours needs robot.limits and a tolerance. Needs ROS 2
+Jazzy, as wheels or from apt.
 
 Example:
   scara-kinetostatic demo --seed 7
@@ -20,16 +22,16 @@ from scara_kinetostatic.cli.arguments import add_cell, add_options, add_seed, re
 from scara_kinetostatic.errors import InputError, OutputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.nodes.demo_client import DemoResult
+    from scara_kinetostatic.nodes.demo import DemoResult, Progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
-    folder, factor = {'default': Path('demo')}, {'default': 20.0}
+    folder, factor = {'default': Path('demo')}, {'default': 10.0}
     add_options(
         parser,
         ('--out', 'DIR', Path, 'each run makes a folder in it (default: demo)', folder),
-        ('--time-factor', 'X', real(0.01), 'simulated seconds per second (default: 20)', factor),
+        ('--time-factor', 'X', real(0.01), 'simulated seconds per second, at most (default: 10)', factor),
     )
     add_cell(parser)
     add_seed(parser)
@@ -43,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: there was no calibration.
     """
     try:
-        from scara_kinetostatic.nodes.demo_client import run_demo
+        from scara_kinetostatic.nodes.demo import run_demo
     except ModuleNotFoundError as error:
         if str(error.name).startswith('scara_kinetostatic'):
             raise
@@ -55,8 +57,20 @@ def run(args: argparse.Namespace) -> int:
 
     cell = load_cell(args.cell) if args.cell else None
     settings = {'seed': args.seed, 'time_factor': args.time_factor}
-    _print_result(run_demo(_new_folder(args.out), cell, settings, lambda step: print(f'{step} …', flush=True)))
+    print('touch       tip, expanded uncertainty so far', flush=True)
+    _print_result(run_demo(_new_folder(args.out), cell, settings, _print_progress))
     return 0
+
+
+def _print_progress(now: Progress) -> None:
+    """One line for a touch; the bar is shorter by 10 where the uncertainty is a tenth."""
+    from math import isinf, log10
+
+    known, bar = now.uncertainty, ''
+    text = '' if known is None else 'not yet' if isinf(known) else f'{1e6 * known:.0f} µm'
+    if known is not None and not isinf(known):
+        bar = '█' * max(1, round(10 * log10(known / 5e-6)))
+    print(f'{now.accepted:5}  {text:>8}  {bar:24}  {now.touch}', flush=True)
 
 
 def _new_folder(parent: Path) -> Path:

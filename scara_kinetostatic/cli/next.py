@@ -94,7 +94,7 @@ class _Known(NamedTuple):
 def _known(args: argparse.Namespace, cell: Cell) -> _Known:
     """What recordings and calibration say."""
     from scara_kinetostatic.files.calibration_file import nominal_arm
-    from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
+    from scara_kinetostatic.planning.next_touches import Planner
 
     if args.calibration:
         return _Known(_from_calibration(args, cell), None)
@@ -115,11 +115,7 @@ def _known(args: argparse.Namespace, cell: Cell) -> _Known:
         return _Known(Planner(nominal, touches=detection.touches), None)
     if outcome.arm.grade == 'unfit':
         note(f'the calibration is unfit: {outcome.assessment.reasons[0]}')
-    found, final, tip = outcome.diagnosis, outcome.final, outcome.tip_uncertainty
-    doubtful = {item.effect.label for item in found.found if not item.is_found}
-    suspected = frozenset(doubtful.union(*map(set, found.rivals)))
-    now = known_or_infinite(tip.worst, tip.undetermined)
-    return _Known(Planner(outcome.arm, now, final.touches.select(final.used), suspected), outcome)
+    return _Known(Planner.of_outcome(outcome), outcome)
 
 
 def _from_calibration(args: argparse.Namespace, cell: Cell) -> Planner:
@@ -154,7 +150,6 @@ def _is_enough(known: _Known, planned: PlannedTouches) -> bool:
         UnsupportedDataError: the first touches, and all after them, would not reach the tolerance.
     """
     from scara_kinetostatic.model.parameters import quantity
-    from scara_kinetostatic.planning.search import MOST_TOUCHES
 
     tolerance, found = known.planner.arm.cell.tolerance, planned.uncertainty
     if tolerance is None:
@@ -165,12 +160,9 @@ def _is_enough(known: _Known, planned: PlannedTouches) -> bool:
             f'the tolerance {quantity(tolerance, "m")}; no touch was planned'
         )
         return True
-    if found.least <= tolerance:
+    limit = found.beyond(tolerance)
+    if not limit:
         return False
-    limit = (
-        f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(found.least, "m")} (k = 2), '
-        f'the tolerance is {quantity(tolerance, "m")}: {found.limit} makes {100 * found.share:.0f} % of its variance'
-    )
     remedy = 'reduce that, or allow a larger tolerance; --touches N plans touches all the same'
     if known.planner.touches is None:
         raise UnsupportedDataError(limit, remedy)

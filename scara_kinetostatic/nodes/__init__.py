@@ -7,6 +7,7 @@
 - `compensator` publishes where the tip is under load, and answers a wanted pose and force with joint angles;
 - `monitor` holds each touch of production against the calibration;
 - `contour_tracker` traces the outline of an object along which the tip slides.
+- `touch_runner` moves the robot, touches and calibrates by itself.
 
 The only modules of the package that import `rclpy`. Shared by them: `executables` and `runtime` (start, spin, stop),
 `cell_node` (status, services, a calibration followed), `streams` (the two topics), `declare` (parameters with

@@ -62,10 +62,12 @@ class CellNode(Node):
         executor_type: of the executor that spins it.
         rest: between two callbacks, s. A round of the executor costs several times as much as a message; a node that
             takes all waiting messages of a topic at once needs less time if several are waiting.
+        exit_status: set by a node that has done what it had to, and ends; also by `close`.
     """
 
     executor_type: type[Executor] = SingleThreadedExecutor
     rest = 0.0
+    exit_status: int | None = None
 
     def close(self) -> None:
         """Closes files and ends processes; called once, after the last callback has begun."""

@@ -4,12 +4,15 @@ The streams of a whole plan, of touches or of slides along objects, are computed
 Header stamps are in simulated time, which begins at the wall time of the start
 and runs `time_factor` times as fast; what a recording holds does not depend on
 that factor. Publishes the topics named in the cell description and, latched,
-`~/finished` (`std_msgs/Bool`).
+`~/finished` (`std_msgs/Bool`); with `publish_clock` the simulated time on `/clock`.
+
+With `commanded` there is no plan: the robot obeys `joint_trajectory`, see `simulation.commanded`; a trajectory begins
+when it arrives, whatever its stamp. `~/reset` lets drives that an overload has stopped move again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from enum import Enum
 from math import tau
@@ -18,9 +21,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
+from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.urdf import BASE_FRAME, TOOL_FRAME
@@ -29,9 +36,11 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS, Parameters
 from scara_kinetostatic.nodes import conversion, declare
 from scara_kinetostatic.nodes.cell_node import CellNode
-from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
+from scara_kinetostatic.simulation.commanded import Body, Fault, ModelBody, Plant, PlantSettings
+from scara_kinetostatic.simulation.mujoco import SCENES, scene_named
+from scara_kinetostatic.simulation.mujoco.commanded import EngineBody
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
 from scara_kinetostatic.simulation.slides import Slide, simulate_slides
@@ -39,6 +48,8 @@ from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, si
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
 
+_AT_ONCE = 0.02
+"""Simulated time that passes at most between two rounds of a commanded robot, s: what commands it has to react."""
 _E = TypeVar('_E', bound=Enum)
 
 
@@ -63,8 +74,8 @@ def _choices(default: Enum) -> str:
     return ' or '.join(str(choice.value) for choice in type(default))
 
 
-def declare_plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...]:
-    """Declares the touches, or the slides along objects.
+def declare_plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...] | None:
+    """Declares the touches, or the slides along objects; None for a robot that is commanded.
 
     Raises:
         InputError: the plan cannot be read.
@@ -73,6 +84,10 @@ def declare_plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...]:
     file = declare.parameter(node, 'plan', '', meaning)
     meaning = 'preload of every other touch: force beyond that of the hold, over it; with a plan: 0'
     preload = declare.parameter(node, 'preload', 0.0, meaning, Range(0.0, LARGEST_PRELOAD))
+    if declare.parameter(node, 'commanded', False, 'obey joint_trajectory, instead of a plan'):
+        if file or preload > 0:
+            raise ParameterError('parameter commanded', 'a commanded robot has no plan', 'leave out plan and preload')
+        return None
     if file and preload > 0:
         raise ParameterError('parameter preload', 'a plan defines all touches', 'leave out preload or plan')
     if file and holds_slides(file):
@@ -126,6 +141,64 @@ def declare_sensors(node: Node, cell: Cell) -> SensorModel:
     )
 
 
+def declare_drives(node: Node) -> PlantSettings:
+    """Declares the drives of a robot that is commanded.
+
+    Raises:
+        ParameterError: they cannot be.
+    """
+    usual = PlantSettings()
+    lag = declare.parameter(node, 'lag', usual.lag, 'commanded: time constant of the joints, s', Range(0.0, 1.0))
+    speed = declare.parameter(
+        node, 'speed_limit', usual.speed, 'commanded: largest speed of a joint, rad/s', Range(1e-3, 100.0)
+    )
+    meaning = 'commanded: force at which the drives stop, N; 0: twice the max_force of the cell'
+    overload = declare.parameter(node, 'overload', usual.overload, meaning, Range(0.0, 1e5))
+    meaning = f'commanded: scene of MuJoCo, with the robot of truth: {", ".join(SCENES)}; empty: by the model'
+    declare.parameter(node, 'scene', '', meaning)
+    faults = ', '.join(fault.value for fault in Fault if fault.value)
+
+    def is_known(parameters: Sequence[Parameter]) -> SetParametersResult:
+        unknown = [p for p in parameters if p.name == 'fault' and p.value not in [fault.value for fault in Fault]]
+        return SetParametersResult(successful=not unknown, reason=f'expected one of {faults}' if unknown else '')
+
+    node.add_on_set_parameters_callback(is_known)
+    declare.parameter(node, 'fault', '', f'commanded: what goes wrong: {faults}; empty: nothing', read_only=False)
+    return PlantSettings(lag, speed, usual.lift_speed, overload)
+
+
+class Commanded:
+    """A commanded robot in the place of a `Playback`, without end.
+
+    Args:
+        plant: drives and sensors.
+        rates: of joint states and wrenches, Hz.
+
+    Attributes:
+        plant: as given.
+        start: added to every stamp, ns.
+    """
+
+    finished = False
+
+    def __init__(self, plant: Plant, rates: tuple[float, float]) -> None:
+        self.plant, self.start, self._rates, self._counts = plant, 0, rates, [0, 0]
+
+    def advance(self, elapsed: float) -> Iterator[tuple[bool, Sequence[float]]]:
+        """As `Playback.advance`; of joint states all positions."""
+        while True:
+            due = [count / rate for count, rate in zip(self._counts, self._rates, strict=True)]
+            if min(due) > elapsed:
+                return
+            reading = self.plant.step(min(due))
+            stamp = self.start + round(1e9 * reading.time)
+            for number, values in enumerate((reading.joints, reading.force)):
+                if due[number] <= min(due) + 1e-9:
+                    self._counts[number] += 1
+                    if values is not None:
+                        yield number == 1, (stamp, *values)
+
+
 class Playback:
     """Both streams in the order of their stamps.
 
@@ -156,24 +229,24 @@ class Playback:
         """Stamp of the last message, ns."""
         return self.start + int(self._stamp[-1])
 
-    def advance(self, elapsed: float) -> Iterator[tuple[bool, Sample]]:
+    def advance(self, elapsed: float) -> Iterator[tuple[bool, Sequence[float]]]:
         """The messages that became due since the last call.
 
         Args:
             elapsed: simulated time since the start, s.
 
         Yields:
-            Whether it is a wrench, else joint angles, and its numbers.
+            Whether it is a wrench, else joint angles; its stamp and its numbers.
         """
         first = self._next
         self._next = max(first, int(np.searchsorted(self._stamp, round(1e9 * elapsed), side='right')))
         for row in range(first, self._next):
             stamp = self.start + int(self._stamp[row])
-            yield bool(self._is_wrench[row]), Sample(stamp, *self._values[row].tolist())
+            yield bool(self._is_wrench[row]), (stamp, *self._values[row].tolist())
 
 
 class ContactSimulator(CellNode):
-    """Publishes a plan of touches or slides, once or repeatedly.
+    """Publishes a plan of touches or slides, once or repeatedly; or obeys.
 
     Raises:
         InputError: a parameter, the cell or the plan is not valid.
@@ -185,7 +258,7 @@ class ContactSimulator(CellNode):
         self._cell = declare_cell(self)
         self._plan = declare_plan(self, self._cell)
         self._truth = declare_truth(self, self._cell)
-        self._sensors = declare_sensors(self, self._cell)
+        self._sensors, drives = declare_sensors(self, self._cell), declare_drives(self)
         self._seed = declare.parameter(self, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1))
         waiting = 'subscribers that both topics need before the simulation starts'
         self._needed = declare.parameter(self, 'wait_for_subscribers', 0, waiting, Range(0, 100))
@@ -197,19 +270,50 @@ class ContactSimulator(CellNode):
         self._wrench = self.create_publisher(WrenchStamped, sensor.wrench, RELIABLE_STREAM)
         self._finished = self.create_publisher(Bool, '~/finished', LATCHED)
         self._finished.publish(Bool(data=False))
+        meaning = 'publish the simulated time on /clock'
+        with_clock = declare.parameter(self, 'publish_clock', False, meaning)
+        self._time_of_cell = self.create_publisher(Clock, '/clock', 10) if with_clock else None
         prefix = declare.parameter(self, 'frame_prefix', '', 'before the frame_id of the wrench')
         self._frame_id = prefix + (TOOL_FRAME if sensor.frame is SensorFrame.TOOL else BASE_FRAME)
-        self._passes = 0
-        self._playback = self._simulate()
+        self._stopped = ''
+        self._passes, self._names = 0, tuple(self._cell.joint_names)
+        self._playback: Playback | Commanded = self._obey(drives) if self._plan is None else self._simulate()
         self._elapsed = 0.0
         self._ready_since: float | None = None
         self._last_tick: float | None = None
-        self._timer = self.create_timer(0.01, self._tick)
-        kind = 'slides' if isinstance(self._plan, tuple) else 'touches'
-        self.get_logger().info(f'{len(self._plan)} {kind} planned')
+        self._timer = self.create_timer(0.01 if self._plan is not None else 0.002, self._tick)
+        if self._plan is not None:
+            kind = 'slides' if isinstance(self._plan, tuple) else 'touches'
+            self.get_logger().info(f'{len(self._plan)} {kind} planned')
+
+    def _obey(self, drives: PlantSettings) -> Commanded:
+        """A robot that is commanded, by the model or in MuJoCo."""
+        body: Body = ModelBody(self._cell, self._truth)
+        if scene := self.get_parameter('scene').value:
+            if self._truth.effects:
+                raise ParameterError('parameter effects', 'a scene has its own', 'leave out scene or effects')
+            body = EngineBody(scene_named(scene).with_parameters(self._truth.parameters), self._cell)
+        plant = Plant(self._cell, body, settings=drives, sensors=self._sensors, seed=self._seed)
+        self._names = plant.names
+
+        def take(message: JointTrajectory) -> None:
+            try:
+                plant.command(message.joint_names, *conversion.trajectory_points(message))
+            except ParameterError as error:
+                self.get_logger().warning(str(error))
+
+        def reset() -> str:
+            plant.reset()
+            return 'the drives are on'
+
+        self.create_subscription(JointTrajectory, 'joint_trajectory', take, 10)
+        self.serve('reset', reset)
+        self.get_logger().info(f'obeys {self.resolve_topic_name("joint_trajectory")}: {" ".join(plant.names)}')
+        return Commanded(plant, (self._sensors.joint_rate, self._sensors.wrench_rate))
 
     def _simulate(self, start: int = 0) -> Playback:
         """The next pass through the plan, with noise of its own; joints with memory keep what the last one left."""
+        assert self._plan is not None
         given: dict[str, Any] = {'sensors': self._sensors, 'seed': self._seed + self._passes, 'start': 0}
         if isinstance(self._plan, tuple):
             streams = simulate_slides(self._cell, self._truth, self._plan, **given)
@@ -224,15 +328,29 @@ class ContactSimulator(CellNode):
             return
         now = monotonic()
         factor = self.get_parameter('time_factor').value
-        self._elapsed += min(now - self._last_tick, 0.05) * factor  # a slow machine slows it down: no bursts
+        passed = min(now - self._last_tick, 0.05) * factor  # a slow machine slows it down: no bursts
+        self._elapsed += passed if self._plan is not None else min(passed, _AT_ONCE)
         self._last_tick = now
+        if self._time_of_cell is not None:
+            stamp = conversion.stamp_of(self._playback.start + round(1e9 * self._elapsed))
+            self._time_of_cell.publish(Clock(clock=stamp))
+        if isinstance(self._playback, Commanded):
+            self._set_fault(self._playback.plant)
         for is_wrench, sample in self._playback.advance(self._elapsed):
             if is_wrench:
                 self._wrench.publish(conversion.wrench(sample, self._frame_id))
             else:
-                self._joints.publish(conversion.joint_state(sample, self._cell.joint_names))
+                self._joints.publish(conversion.joint_state(sample, self._names))
         if self._playback.finished:
             self._end_pass()
+
+    def _set_fault(self, plant: Plant) -> None:
+        """The fault as the parameter has it now; says an overload once."""
+        plant.fault = Fault(self.get_parameter('fault').value)
+        if plant.stopped != self._stopped:
+            self._stopped = plant.stopped
+            if plant.stopped:
+                self.get_logger().error(f'the drives have stopped: {plant.stopped}; call ~/reset')
 
     def _start_if_ready(self) -> None:
         if min(self._joints.get_subscription_count(), self._wrench.get_subscription_count()) < self._needed:
@@ -246,6 +364,7 @@ class ContactSimulator(CellNode):
             self.get_logger().info('the simulation starts')
 
     def _end_pass(self) -> None:
+        assert isinstance(self._playback, Playback)
         if self.get_parameter('loop').value:
             self._playback = self._simulate(self._playback.end + 10**9)  # after a pause of 1 simulated s
             self._elapsed = -1.0

@@ -54,21 +54,26 @@ def stamp_of(nanoseconds: int) -> Time:
     return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
 
 
-def joint_state(sample: Sample, names: Sequence[str]) -> JointState:
-    """A message with both joint angles."""
-    message = JointState(name=list(names), position=[sample.first, sample.second])
-    message.header.stamp = stamp_of(sample.stamp_ns)
+def joint_state(sample: Sequence[float], names: Sequence[str]) -> JointState:
+    """A message with a stamp, ns, and the position of each joint."""
+    message = JointState(name=list(names), position=list(sample[1:]))
+    message.header.stamp = stamp_of(int(sample[0]))
     return message
 
 
-def wrench(sample: Sample, frame_id: str) -> WrenchStamped:
-    """A message with the force in the plane; all else is 0."""
+def wrench(sample: Sequence[float], frame_id: str) -> WrenchStamped:
+    """A message with a stamp, ns, and the force in the plane; all else is 0."""
     message = WrenchStamped()
     message.header.frame_id = frame_id
-    message.header.stamp = stamp_of(sample.stamp_ns)
-    message.wrench.force.x = sample.first
-    message.wrench.force.y = sample.second
+    message.header.stamp = stamp_of(int(sample[0]))
+    message.wrench.force.x, message.wrench.force.y = sample[1:]
     return message
+
+
+def trajectory_points(message: JointTrajectory) -> tuple[list[float], list[Sequence[float]]]:
+    """Times from its start, s, and positions of the points of a trajectory."""
+    times = [point.time_from_start.sec + point.time_from_start.nanosec / NANOSECONDS for point in message.points]
+    return times, [point.positions for point in message.points]
 
 
 class PlanarPose(NamedTuple):
@@ -107,18 +112,22 @@ def planar(vector: Any) -> tuple[float, float]:
     return found.first, found.second
 
 
-def joint_trajectory(names: Sequence[str], angles: Sequence[float], duration: float) -> JointTrajectory:
-    """A trajectory of one point, which begins at once.
+def joint_trajectory(
+    names: Sequence[str], positions: Sequence[Sequence[float]], times: Sequence[float]
+) -> JointTrajectory:
+    """A trajectory that begins at once.
 
     Args:
         names: of the joints.
-        angles: rad.
-        duration: until it is reached, s.
+        positions: of each point, rad or m.
+        times: until each is reached, s.
     """
-    nanoseconds = round(duration * NANOSECONDS)
-    when = Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
-    point = JointTrajectoryPoint(positions=list(angles), time_from_start=when)
-    return JointTrajectory(joint_names=list(names), points=[point])
+    points = []
+    for row, time in zip(positions, times, strict=True):
+        nanoseconds = round(time * NANOSECONDS)
+        when = Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
+        points.append(JointTrajectoryPoint(positions=list(row), time_from_start=when))
+    return JointTrajectory(joint_names=list(names), points=points)
 
 
 def pose_stamped(stamp_ns: int, frame_id: str, place: tuple[float, float, float]) -> PoseStamped:
@@ -166,6 +175,17 @@ def joint_sample(serialized: bytes, names: Sequence[str], others: Sequence[str] 
     there = fields.names[: fields.numbers]
     found = tuple(angles[there.index(name)] if name in there else nan for name in others)
     return _finite(Sample(_stamp(serialized), first, second, found))
+
+
+def joint_position(serialized: bytes, name: str) -> float | None:
+    """Position of one joint; None where the message has none.
+
+    Raises:
+        UnusableMessageError: the message cannot be read.
+    """
+    fields, positions = _fields(joint_fields, serialized)
+    names = fields.names[: fields.numbers]
+    return positions[names.index(name)] if name in names else None
 
 
 def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = None) -> Sample:

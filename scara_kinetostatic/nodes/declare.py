@@ -80,7 +80,7 @@ def place(name: str, path: str) -> Path:
         raise ParameterError(f'parameter {name}', f'{path!r}: {error}', 'write the path out') from error
 
 
-def cell_or_example(node: Node) -> Cell:
+def cell_or_example(node: Node, example: Cell = PAPER_CELL) -> Cell:
     """Declares the parameter `cell` and reads the file that it names; the example cell if it is empty.
 
     Raises:
@@ -90,4 +90,4 @@ def cell_or_example(node: Node) -> Cell:
     if path:
         return load_cell(place('cell', path))
     node.get_logger().warning('no cell given, taking the example cell of figure 3; set the parameter cell')
-    return PAPER_CELL
+    return example

@@ -1,4 +1,4 @@
-"""A whole cell on this machine: starts the three nodes, calls their services, reads the result."""
+"""Nodes on this machine as processes, and a node that watches them and calls their services."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from time import monotonic
-from typing import Any, NamedTuple
+from typing import Any
 
 import rclpy
 from rcl_interfaces.srv import GetParameters
@@ -22,14 +22,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_msgs.msg import Bool, String, UInt32
-from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import InputError, UnsupportedDataError
-from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell
-from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.nodes.streams import LATCHED
-from scara_kinetostatic.results.parameter_file import NAME, StoredResult, load_result
 
 THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 """Environment of nodes that look for others on this machine only."""
@@ -65,7 +60,7 @@ class NodeProcesses(AbstractContextManager['NodeProcesses']):
         Returns:
             Its process id.
         """
-        arguments = [part for key, value in parameters.items() for part in ('-p', f'{key}:={_yaml(value)}')]
+        arguments = [part for key, value in parameters.items() for part in ('-p', f'{key}:={ros_value(value)}')]
         code = f'import sys; from scara_kinetostatic.nodes import executables; sys.exit(executables.{name}())'
         command = [sys.executable, '-c', code, '--ros-args', *arguments]
         command += ['-r', f'__ns:=/{namespace}'] if namespace else []
@@ -135,29 +130,11 @@ def is_free(domain: int) -> bool:
     return True
 
 
-def _yaml(value: object) -> str:
+def ros_value(value: object) -> str:
     """A value as ROS reads it from the command line: strings in quotes, numbers and switches plain."""
     if isinstance(value, bool):
         return str(value).lower()
     return repr(value) if isinstance(value, (int, float)) else "'" + str(value).replace("'", "''") + "'"
-
-
-class DemoResult(NamedTuple):
-    """The result of a demonstration.
-
-    Attributes:
-        message: the calibrator's answer.
-        truth: the true parameters of the simulator, (12,).
-        estimate: what the calibrator stored.
-        recording: folder of the bag.
-        results: folder of the report.
-    """
-
-    message: str
-    truth: list[float]
-    estimate: StoredResult
-    recording: Path
-    results: Path
 
 
 class DemoClient(AbstractContextManager['DemoClient']):
@@ -238,50 +215,3 @@ class DemoClient(AbstractContextManager['DemoClient']):
         self.wait(f'an answer of the node with {service}', answered, START_UP)
         self._node.destroy_client(probe)
         return client
-
-
-def run_demo(
-    folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Callable[[str], None]
-) -> DemoResult:
-    """Simulates, records and calibrates a cell.
-
-    Args:
-        folder: where everything goes.
-        cell: None for the example cell.
-        settings: further parameters of the simulator.
-        progress: called with each step.
-
-    Raises:
-        InputError: a node did not start or did not answer; the message says which and where its output is.
-        UnsupportedDataError: the calibrator could not calibrate.
-    """
-    domain = free_domain()
-    with NodeProcesses(domain, folder / 'logs') as nodes:
-        description = {'cell': folder / 'cell.yaml'}
-        description['cell'].write_text(dump_cell(cell or PAPER_CELL), encoding='utf-8')
-        progress('starting the nodes')
-        nodes.start('calibrator', {'output': folder / 'calibration'})
-        nodes.start('collector', {**description, 'output': folder, 'autostart': True})
-        nodes.start('contact_simulator', {**description, 'wait_for_subscribers': 1, **settings})
-        with DemoClient(domain, nodes.check) as client:
-            client.wait('the collector to record', lambda: bool(client.recording), START_UP)
-            request = GetParameters.Request(names=[f'truth.{name}' for name in NAMES])
-            truth = client.call('/contact_simulator/get_parameters', GetParameters, request, START_UP).values
-            progress('touching')
-            while not client.finished:
-                known = client.touches
-                client.wait('a touch', lambda: client.finished or client.touches != known, 60.0)  # noqa: B023
-            _demand(client, '/collector/stop', START_UP)
-            progress('calibrating')
-            message = _demand(client, '/calibrator/calibrate', 600.0)
-            estimate = load_result(folder / 'calibration' / NAME)
-            values = [value.double_value for value in truth]
-            return DemoResult(message, values, estimate, Path(client.recording), folder / 'calibration')
-
-
-def _demand(client: DemoClient, service: str, timeout: float) -> str:
-    """Calls a Trigger service that has to succeed."""
-    answer = client.call(service, Trigger, Trigger.Request(), timeout)
-    if not answer.success:
-        raise UnsupportedDataError(f'{service}: {answer.message}')
-    return str(answer.message)

@@ -35,13 +35,13 @@ _SERVE = 0.25
 
 
 def run(kind: type[CellNode]) -> int:
-    """Runs one node until a signal ends it.
+    """Runs one node until a signal ends it, or it has done what it had to.
 
     Args:
         kind: of the node; the errors of its constructor are those of parameters and files.
 
     Returns:
-        Exit status: 0 after Ctrl-C or SIGTERM, 2 if a parameter, a file or a
+        Exit status: 0 after Ctrl-C or SIGTERM, that of a node which ends by itself, 2 if a parameter, a file or a
         ROS argument is wrong (one line on stderr says which).
     """
     signals = _note_signals()
@@ -55,7 +55,7 @@ def run(kind: type[CellNode]) -> int:
     executor = node.executor_type()
     executor.add_node(node)
     try:
-        while not signals and rclpy.ok():
+        while not signals and rclpy.ok() and node.exit_status is None:
             executor.spin_once(timeout_sec=0.2)  # the longest time from a signal to its effect
             time.sleep(node.rest)
     except ExternalShutdownException:
@@ -68,7 +68,7 @@ def run(kind: type[CellNode]) -> int:
         node.destroy_node()
         rclpy.try_shutdown()
         _ignore_signals()
-    return 0
+    return node.exit_status or 0
 
 
 def _refuse(message: str) -> int:

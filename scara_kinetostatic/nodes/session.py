@@ -43,7 +43,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.nodes.conversion import Sample, stamp_of
 from scara_kinetostatic.nodes.streams import Stream
-from scara_kinetostatic.touches.detection import DISCARDED, Detection
+from scara_kinetostatic.touches.detection import DISCARDED, Detection, no_touches
 from scara_kinetostatic.touches.online import OnlineDetector
 
 
@@ -145,6 +145,7 @@ class Session:
         touches: touches found and durably recorded.
         rejected: the same of touches that were rejected or discarded.
         news: last touch, one line; empty before the first.
+        latest: the touches reported last.
 
     Raises:
         OutputError: the folder cannot be made or written to; also in every method.
@@ -154,6 +155,7 @@ class Session:
         self.touches = 0
         self.rejected = 0
         self.news = ''
+        self.latest = Detection(no_touches())
         self._cell = cell
         self._writer = BagWriter(fresh_folder(parent, 'touches'), cell, log_time=log_time, topics=topics)
         self.folder = self._writer.folder
@@ -285,6 +287,7 @@ class Session:
         return f'{len(rejected)} of {len(self._judged)} touches rejected, {reason}'
 
     def _secure(self, new: Detection) -> list[JudgedTouch]:
+        self.latest = new
         if not new.found:
             return []
         self._checkpoint()

@@ -68,6 +68,7 @@ class StreamMonitor:
         count: messages so far.
         unusable: messages so far that did not hold what is needed.
         lost: messages so far that were published but not received.
+        refusal: why the last message that could not be used could not; or empty.
         problem: of the messages until the last report; empty where usable ones came: where several drivers publish
             joint states on one topic, good and unusable ones alternate.
     """
@@ -77,7 +78,7 @@ class StreamMonitor:
         self.publishers: list[str] = []
         self.count = self.unusable = self.lost = 0
         self._with_joints, self._values = with_joints, list[tuple[float, float]]()
-        self._refusal = self._mixed = ''
+        self.refusal = self._mixed = ''
         self._stamp, self._stamped, self._constant = -1, monotonic(), False
         self._number = 0
         self._reported, self._others = (monotonic(), 0, 0, 0), 0
@@ -96,7 +97,7 @@ class StreamMonitor:
         """Notes a message that cannot be used."""
         self.count += 1
         self.unusable += 1
-        self._refusal = problem
+        self.refusal = problem
 
     def follow(self, number: int | None, publishers: Callable[[], int]) -> None:
         """Counts the messages missing before one, also those that newer ones displaced from the queue.
@@ -124,7 +125,7 @@ class StreamMonitor:
             constant = 'the header stamps do not change: the times of reception are used'
             self.problem = constant if self._constant else ''
         elif count:
-            self.problem = self._refusal
+            self.problem = self.refusal
         self._mixed = INTERLEAVED if is_interleaved(np.array(self._values).reshape(-1, 2)) else ''
         self._values.clear()
         problems = [self.problem or ('no messages' if expected and not count else '')]

@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
 from scara_kinetostatic.effects.base import Effect
@@ -40,8 +41,9 @@ from scara_kinetostatic.model.arm import CalibratedArm, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.kinematics import wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.parameters import NAMES, quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidates import CandidateTouches, candidate_plan, declared_rows, prepare_candidates
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
@@ -67,6 +69,8 @@ _LEAST_GAIN = 0.01
 """Smallest decrease of the variance for which a touch is exchanged."""
 _CALIBRATED = 3e-3
 """Clearance beside three standard deviations of tip and discs where the arm is calibrated, m."""
+_SAME_PLACE = np.deg2rad(10)
+"""Nearer to a place that was given up nothing is touched, rad."""
 
 
 class Uncertainty(NamedTuple):
@@ -85,6 +89,16 @@ class Uncertainty(NamedTuple):
     least: float
     limit: str
     share: float
+
+    def beyond(self, tolerance: float) -> str:
+        """That more touches do not reach a tolerance, m, and what limits; empty where they do."""
+        if self.least <= tolerance:
+            return ''
+        return (
+            f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(self.least, "m")} (k = 2)'
+            f', the tolerance is {quantity(tolerance, "m")}: '
+            f'{self.limit} makes {100 * self.share:.0f} % of its variance'
+        )
 
 
 def known_or_infinite(worst: float | None, undetermined: float) -> float:
@@ -130,18 +144,29 @@ class Planner:
         now: the largest expanded uncertainty of the calibrated tip, m; None for a nominal arm.
         touches: that were made; None for none.
         suspected: labels of the effects that the diagnosis suspects and has not decided about.
+        given_up: places that are not to be touched: disc, direction from its centre, rad, and posture of each.
     """
 
     arm: CalibratedArm
     now: float | None = None
     touches: TouchSet | None = None
     suspected: frozenset[str] = frozenset()
+    given_up: tuple[tuple[int, float, int], ...] = ()
+
+    @classmethod
+    def of_outcome(cls, outcome: Outcome, given_up: tuple[tuple[int, float, int], ...] = ()) -> Planner:
+        """What a calibration knows, and its touches."""
+        found, final, tip = outcome.diagnosis, outcome.final, outcome.tip_uncertainty
+        doubtful = {item.effect.label for item in found.found if not item.is_found}
+        now = known_or_infinite(tip.worst, tip.undetermined)
+        suspected = frozenset(doubtful.union(*map(set, found.rivals)))
+        return cls(outcome.arm, now, final.touches.select(final.used), suspected, given_up)
 
     @cached_property
     def robot(self) -> Robot:
         """The robot, its effects those found and those undecided."""
         model, cell = self.arm.model, self.arm.cell
-        own = [effect for effect in model.effects if isinstance(effect, Effect)]
+        own = [effect for effect in self.arm.effects if isinstance(effect, Effect)]
         declared = Robot.of(cell).declared
         known = {effect.label for effect in own} | set(declared.places if declared else ())
         undecided = [
@@ -218,9 +243,14 @@ class Planner:
         one, two = cell.joint_names
         near = f'an object, the base or the end of the reach is within {1e3 * self.space.clearance:.1f} mm'
         strong = (1 + plan.preload) * plan.force > cell.touch.max_force
-        cases = [strong, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, ~joined]
+        left = np.zeros(len(plan), dtype=bool)
+        for disc, angle, posture in self.given_up:
+            near_by = np.abs(wrap(plan.angle - angle)) < _SAME_PLACE
+            left |= (plan.disc == disc) & (plan.posture == posture) & near_by
+        cases = [strong, left, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, ~joined]
         texts = [
             'beyond touch.max_force',
+            'given up',
             f'beyond the limits of {two}',
             f'beyond the limits of {one}',
             near,

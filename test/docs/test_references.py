@@ -20,7 +20,16 @@ from scara_kinetostatic.effects import catalogue
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.results.parameter_file import FACTS
 
-NODES = ('contact_simulator', 'collector', 'calibrator', 'compensator', 'contour_tracker', 'monitor', 'visualizer')
+NODES = (
+    'contact_simulator',
+    'collector',
+    'calibrator',
+    'compensator',
+    'contour_tracker',
+    'monitor',
+    'touch_runner',
+    'visualizer',
+)
 COMMON = {'parameter_events', 'rosout', 'clock'}
 """Topics that every node has."""
 OWN_SERVICES = {

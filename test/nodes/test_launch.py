@@ -102,6 +102,7 @@ def test_everything_starts_by_default(launched: Launched) -> None:
     ({'show': 'false', 'compensate': 'true', 'calibration': 'calibration.json'}, [*ALL[:3], 'compensator']),
     ({'show': 'false', 'track': 'true'}, [*ALL[:3], 'contour_tracker']),
     ({'show': 'false', 'watch': 'true', 'calibration': 'calibration.json'}, [*ALL[:3], 'monitor']),
+    ({'show': 'false', 'run': 'true', 'cell': CELL}, [*ALL[:3], 'touch_runner']),
 ])  # fmt: skip
 def test_parts_are_left_out(launched: Launched, arguments: dict[str, str], expected: list[str]) -> None:
     assert list(launched.nodes(**arguments)) == expected
@@ -112,6 +113,7 @@ def test_parts_are_left_out(launched: Launched, arguments: dict[str, str], expec
     ({'simulate': 'false', 'cell': ' '}, 'simulate:=false needs the cell description'),
     (dict.fromkeys(('simulate', 'record', 'calibrate', 'show'), 'false'), 'nothing to start'),
     ({'rviz': 'true'}, 'rviz2 is not installed'),
+    ({'run': 'true'}, 'run:=true needs the cell description'),
     ({'cell': '/no/cell.yaml'}, '^/no/cell.yaml: there is no such file; check the path$'),
 ])  # fmt: skip
 def test_arguments_that_contradict_each_other_are_refused(

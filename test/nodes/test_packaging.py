@@ -69,6 +69,7 @@ def test_every_executable_exists() -> None:
         'monitor',
         'compensator',
         'contour_tracker',
+        'touch_runner',
     ]
     for _, module, function in scripts:
         assert callable(getattr(import_module(f'{NAME}.{module}'), function))

@@ -17,6 +17,7 @@ from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker
 from scara_kinetostatic.nodes.monitor import Monitor
 from scara_kinetostatic.nodes.streams import TFMessage
+from scara_kinetostatic.nodes.touch_runner import TouchRunner
 from scara_kinetostatic.nodes.visualizer import Visualizer
 
 ROOT = Path(__file__).parents[2]
@@ -29,6 +30,7 @@ KINDS = {
     'monitor': Monitor,
     'compensator': Compensator,
     'contour_tracker': ContourTracker,
+    'touch_runner': TouchRunner,
 }
 RULES = {
     ('topics', 'publish'): Node.get_publisher_names_and_types_by_node,
@@ -84,7 +86,7 @@ def test_a_node_may_do_what_it_does_and_nothing_else(spin: Callable[..., Node], 
     node = spin(KINDS[name], '--ros-args', *given)
     assert (name, namespace or '/', enclave) in node.get_node_names_and_namespaces_with_enclaves()
     has = {rule: {topic for topic, _ in ask(node, name, namespace or '/')} for rule, ask in RULES.items()}
-    if name in ('collector', 'contour_tracker') and TFMessage is None:
+    if name in ('collector', 'contour_tracker', 'touch_runner') and TFMessage is None:
         has['topics', 'subscribe'].add('/tf_static')
     if name == 'compensator' and TFMessage is None:
         has['topics', 'subscribe'].add('/tf_static')

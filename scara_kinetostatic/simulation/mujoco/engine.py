@@ -309,17 +309,28 @@ class Engine:
         cell: the discs.
         joints: motor angles at the start, (2,), rad.
         outline: of one object that stands there instead of the discs.
+        lift: of the third axis at the start, m.
+        smooth: whether the targets move step by step, not at once; in a quasi-static scene they do.
 
     Raises:
         InputError: MuJoCo is not installed.
     """
 
-    def __init__(self, scene: Scene, cell: Cell, joints: Floats, outline: Outline | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        cell: Cell,
+        joints: Floats,
+        outline: Outline | None = None,
+        *,
+        lift: float = LIFT,
+        smooth: bool = False,
+    ) -> None:
         self._mujoco = load_engine()
         self.model: mujoco.MjModel = self._mujoco.MjModel.from_xml_string(build(scene, cell, outline))
         self.data: mujoco.MjData = self._mujoco.MjData(self.model)
         self._soften_contacts(scene, cell, outline)
-        self._smooth = scene.quasi_static or outline is not None
+        self._smooth = smooth or scene.quasi_static or outline is not None
         self._motors = np.array([self.model.joint(name).qposadr[0] for name in ('motor1', 'motor2')])
         names = [self.model.joint(number).name for number in range(self.model.njnt)]
         parts = ('motor', 'slip', 'spring', 'backlash')
@@ -331,8 +342,8 @@ class Engine:
         self._frame = self.model.body('quill').id
         self._ball = self.model.geom('ball').id
         self.data.qpos[self._motors] = joints
-        self.data.qpos[self.model.joint('lift').qposadr[0]] = LIFT
-        self.command(joints, LIFT)
+        self.data.qpos[self.model.joint('lift').qposadr[0]] = lift
+        self.command(joints, lift)
         self.data.ctrl[:] = self._target
         self._mujoco.mj_forward(self.model, self.data)
 
@@ -362,7 +373,7 @@ class Engine:
         self._target = np.append(joints, lift)
 
     def advance(self) -> None:
-        """One tick of time; in a quasi-static scene the targets move step by step, not at once."""
+        """One tick of time."""
         moves = np.linspace(self.data.ctrl, self._target, STEPS + 1)[1:] if self._smooth else (self._target,)
         for target in moves:
             self.data.ctrl[:] = target

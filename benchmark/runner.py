@@ -1,0 +1,171 @@
+"""A robot that calibrates itself, in random simulated cells, by simulated time.
+
+    python -m benchmark.runner [--cells 50] [--first 0] [--tolerance 3e-5] [--jobs 1] [--json FILE]
+
+Cells as in `benchmark.next`; every other one has a lift. The robot's base and offsets are 3 mm and 3 mrad off, the
+discs 3 µm (declared), friction of the contact 0 to 0.1, the sensor's bias 2 N, both sensors 250 Hz, the robot's lag
+20 ms. The run is that of the node `touch_runner`; a calibration takes 4 s of simulated time. Reported: why it ended, z
+of all parameters, the largest force, contacts that were not planned, joint limits, touches and time.
+
+With `--even` an even plan is made until the same tolerance. With `--effect` the robot has these effects instead of the
+friction, and it is noted after how many touches the diagnosis names each.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from benchmark.common import parser, print_and_save
+from benchmark.next import case, even
+from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.model.cell import Cell, Lift
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.planning.next_touches import known_or_infinite
+from scara_kinetostatic.running.rehearsal import Rehearsal
+from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, ModelBody, Plant
+from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.truth import parse_effect, with_effects
+
+DISC = 3e-6
+"""Standard uncertainty of the places and radii of the discs, m."""
+
+
+def cell_of(seed: int, tolerance: float, effects: Sequence[str] = ()) -> tuple[Cell, Cell, ExtendedModel]:
+    """The cell as described, as it is, and the robot in it."""
+    random = np.random.default_rng([31, seed])
+    one = case(seed)
+    cell = one.planner.arm.cell
+    lift = Lift('joint3', 0.02, 0.0) if seed % 2 else None
+    discs = tuple(disc._replace(center_std=DISC, radius_std=DISC) for disc in cell.discs)
+    cell = replace(cell, discs=discs, tolerance=tolerance, lift=lift)
+    true = []
+    for disc in discs:
+        dx, dy, dr = (DISC * random.standard_normal(3)).tolist()
+        true.append(disc._replace(x=disc.x + dx, y=disc.y + dy, radius=disc.radius + dr))
+    texts = effects or [f'contact_friction:coefficient={random.uniform(0.0, 0.1)}']
+    truth = with_effects(one.truth.parameters, [parse_effect(text, cell) for text in texts])
+    return cell, replace(cell, discs=tuple(true)), truth
+
+
+def run(seed: int, tolerance: float, with_even: bool, effects: Sequence[str]) -> dict[str, object]:
+    """One cell."""
+    cell, true, truth = cell_of(seed, tolerance, effects)
+    random = np.random.default_rng([32, seed])
+    turn = random.uniform(0, 2 * np.pi)
+    sensors = replace(COMMANDED_SENSORS, bias=(2 * np.cos(turn), 2 * np.sin(turn)))
+    began = time.monotonic()
+    row: dict[str, object] = {'cell': seed, 'lift': cell.lift is not None}
+    try:
+        plant = Plant(cell, ModelBody(true, truth), sensors=sensors, seed=seed)
+        rehearsal = Rehearsal(cell, plant)
+    except Exception as error:  # said before anything moves
+        return row | {'refused': f'{type(error).__name__}: {error}'}
+    runner = rehearsal.runner
+    runner.start()
+    low, high = np.array(cell.limits).T
+    beyond, named = 0, dict[str, int]()
+
+    def watch(one: Rehearsal) -> bool:
+        nonlocal beyond
+        for effect in effects:
+            label = effect.partition(':')[0]
+            if label in one.runner.campaign.knowledge.verdict:
+                named.setdefault(label, one.runner.campaign.accepted)
+        joints = one.runner.senses.joints
+        beyond += bool(np.isfinite(joints).all() and ((joints < low) | (joints > high)).any())
+        return False
+
+    rehearsal.run(watch)
+    end, campaign = runner.end, runner.campaign
+    row |= {
+        'status': None if end is None else end.status,
+        'reason': 'still running' if end is None else end.reason,
+        'touches': campaign.accepted,
+        'failed': campaign.failed,
+        'peak_N': plant.peak_force,
+        'unplanned': [pair for pair in rehearsal.contacts if pair[0] != pair[1]],
+        'beyond_limits': beyond,
+        'fastest_rad_s': rehearsal.fastest,
+        'simulated_s': rehearsal.time,
+        'took_s': time.monotonic() - began,
+        'verdict': campaign.knowledge.verdict,
+        'named': named,
+    }
+    if with_even and end is not None and end.reason.startswith('enough'):
+        row['even'] = even_touches(seed, tolerance, cell, truth)
+    if campaign.touches:
+        outcome = calibrate_touches(TouchSet.concatenate(campaign.touches), cell)
+        final = outcome.final
+        std = np.array([final[name].std for name in NAMES])
+        off = np.array([final[name].value for name in NAMES]) - truth.parameters.as_array()
+        row['z'] = dict(zip(NAMES, np.round(off / std, 2).tolist(), strict=True))
+        row['largest_z'] = float(np.abs(off / std).max())
+    return row
+
+
+def even_touches(seed: int, tolerance: float, cell: Cell, truth: ExtendedModel) -> int | None:
+    """Touches of an even plan (`benchmark.next`) until the tolerance, in steps of an eighth; None for more than 200."""
+    one, number = case(seed), 12
+    while number <= 200:
+        touches = simulate_touches(cell, truth, even(one, number, 0.5), seed=seed)
+        try:
+            outcome = calibrate_touches(touches, cell)
+        except ScaraKinetostaticError:
+            pass
+        else:
+            tip = outcome.tip_uncertainty
+            reached = known_or_infinite(tip.worst, tip.undetermined) <= tolerance
+            if reached and outcome.assessment.grade.value != 'unfit':
+                return number
+        number += max(1, number // 8)
+    return None
+
+
+def main() -> int:
+    """Runs the cells."""
+    options_of = parser(__doc__)
+    options_of.add_argument('--cells', type=int, default=50)
+    options_of.add_argument('--first', type=int, default=0, help='number of the first cell')
+    options_of.add_argument('--tolerance', type=float, default=3e-5, help='m')
+    options_of.add_argument('--even', action='store_true', help='also the touches of an even plan')
+    options_of.add_argument('--effect', action='append', default=[], help='of the robot, as for `simulate`')
+    options_of.add_argument('--jobs', type=int, default=1)
+    options = options_of.parse_args()
+    seeds = range(options.first, options.first + options.cells)
+    rows = []
+    with ProcessPoolExecutor(options.jobs) as pool:
+        given = ([each] * len(seeds) for each in (options.tolerance, options.even, options.effect))
+        for row in pool.map(run, seeds, *given):
+            print({key: value for key, value in row.items() if key != 'z'}, flush=True)
+            rows.append(row)
+    ran = [row for row in rows if 'refused' not in row]
+    result = {
+        'ended with status 0': sum(row['status'] == 0 for row in ran),
+        'refused at the start': len(rows) - len(ran),
+        'largest z': max((row.get('largest_z', 0.0) for row in ran), default=None),
+        'cells with z above 4.5': sum(row.get('largest_z', 0.0) > 4.5 for row in ran),
+        'peak force, N': max((row['peak_N'] for row in ran), default=None),
+        'contacts not planned': sum(len(row['unplanned']) for row in ran),
+        'samples beyond limits': sum(row['beyond_limits'] for row in ran),
+        'touches, median': float(np.median([row['touches'] for row in ran])) if ran else None,
+        'simulated s, median': float(np.median([row['simulated_s'] for row in ran])) if ran else None,
+        'took s, median': float(np.median([row['took_s'] for row in ran])) if ran else None,
+    }
+    compared = [row['touches'] / (row['even'] or 200) for row in ran if 'even' in row]
+    result['touches in those of an even plan, median'] = float(np.median(compared)) if compared else None
+    print_and_save(options.json, result | {'rows': rows})
+    good = ran and all(row['status'] == 0 and not row['unplanned'] and not row['beyond_limits'] for row in ran)
+    return 0 if good else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,141 @@
+"""A closed loop on this machine: a simulated robot that is commanded, and the runner that makes it touch by itself.
+
+Both nodes are spun in turn by one executor: simulated time passes as fast as both can, and never while the runner is
+busy. On the way between them is nothing but ROS topics, in a domain of their own.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from scara_kinetostatic.errors import InputError, UnsupportedDataError
+from scara_kinetostatic.files.cell_file import dump_cell
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.nodes.cell_node import CellNode
+from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
+from scara_kinetostatic.nodes.demo_client import THIS_MACHINE, free_domain, ros_value
+from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES
+from scara_kinetostatic.nodes.touch_runner import RESULT, TouchRunner
+from scara_kinetostatic.results.parameter_file import NAME, StoredResult, load_result
+from scara_kinetostatic.simulation.commanded import DEMO_CELL
+
+SIMULATOR = {'commanded': True, 'publish_clock': True, 'joint_rate': 125.0, 'wrench_rate': 125.0}
+RUNNER = {'autostart': True, 'exit_when_done': True, 'use_sim_time': True}
+"""Parameters of both nodes, for simulated time."""
+
+
+class DemoResult(NamedTuple):
+    """The result of a demonstration.
+
+    Attributes:
+        message: why the run ended.
+        truth: the true parameters of the simulator, (12,).
+        estimate: what the calibration found.
+        recording: folder of the bag.
+        results: folder of the report.
+    """
+
+    message: str
+    truth: list[float]
+    estimate: StoredResult
+    recording: Path
+    results: Path
+
+
+class Progress(NamedTuple):
+    """How far the run is.
+
+    Attributes:
+        accepted: touches so far.
+        uncertainty: largest expanded uncertainty of the tip by those that are calibrated already, m; None before the
+            first calibration.
+        touch: the last touch, and why it was made.
+    """
+
+    accepted: int
+    uncertainty: float | None
+    touch: str
+
+
+def run_demo(
+    folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Callable[[Progress], None]
+) -> DemoResult:
+    """A simulated robot touches by itself, and is calibrated.
+
+    Args:
+        folder: where everything goes.
+        cell: None for `DEMO_CELL`.
+        settings: further parameters of the simulator.
+        progress: called with each touch.
+
+    Raises:
+        InputError: a parameter or the cell is wrong.
+        UnsupportedDataError: the run was given up, or there is no calibration.
+    """
+    path = folder / 'cell.yaml'
+    path.write_text(dump_cell(cell or DEMO_CELL), encoding='utf-8')
+    given: dict[str, object] = {'cell': path}
+    given |= {f'contact_simulator:{name}': value for name, value in {**SIMULATOR, **settings}.items()}
+    given |= {f'touch_runner:{name}': value for name, value in {**RUNNER, 'output': folder}.items()}
+    arguments = [part for name, value in given.items() for part in ('-p', f'{name}:={ros_value(value)}')]
+    os.environ.update(THIS_MACHINE)
+    rclpy.init(
+        args=['--ros-args', '--log-level', 'error', *arguments],
+        domain_id=free_domain(),
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    nodes: list[CellNode] = []
+    try:
+        nodes.append(ContactSimulator())
+        nodes.append(runner := TouchRunner())
+        truth = [nodes[0].get_parameter(f'truth.{name}').value for name in NAMES]
+        state = _spin(nodes[0], runner, progress)
+    except ParameterException as error:
+        raise InputError('demo', str(error)) from error
+    finally:
+        for node in nodes:
+            node.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    results = folder / RESULT
+    if not (results / NAME).exists():
+        raise UnsupportedDataError(f'touch_runner: {state["message"]}; {state["result"]}')
+    return DemoResult(state['message'], truth, load_result(results / NAME), Path(state['recording']), results)
+
+
+def _spin(simulator: CellNode, runner: TouchRunner, progress: Callable[[Progress], None]) -> dict[str, str]:
+    """Both nodes in turn until the run has ended; returns the last state of the runner."""
+    state: dict[str, str] = {'message': '', 'result': '', 'recording': ''}
+    touch, accepted = '', 0
+
+    def take(message: DiagnosticArray) -> None:
+        nonlocal touch, accepted
+        (status,) = message.status
+        values = {item.key: item.value for item in status.values}
+        if int(values.get('accepted') or 0) > accepted:
+            accepted, found = int(values['accepted']), values['uncertainty_m']
+            progress(Progress(accepted, float(found) if found else None, touch))
+        if 'next' in values:
+            touch = f'{values["next"]}: {values["why"]}'
+        state.update(values, message=status.message, recording=values['recording'] or state['recording'])
+
+    runner.create_subscription(DiagnosticArray, '~/state', take, LATCHED_TOUCHES)  # all of them, not the last one
+    executor = SingleThreadedExecutor()
+    for node in (simulator, runner):
+        executor.add_node(node)
+    while runner.exit_status is None:
+        executor.spin_once(timeout_sec=0.1)
+    for _ in range(50):  # what was said last
+        executor.spin_once(timeout_sec=0.01)
+    executor.shutdown()
+    return state

@@ -1,0 +1,383 @@
+"""Node `touch_runner`: moves the robot, touches, judges, calibrates and goes on until it is enough.
+
+The robot is moved by `joint_trajectory`: positions of the cell's joints, then of the lift and the held joints, for the
+next 0.2 s at most, 0.1 s towards a contact; each replaces the one before, so that the robot stands soon after the node
+has died. `~/start` begins or goes on, `~/pause` stands still when the touch under way has ended, `~/stop` retracts and
+holds. What is done, what comes next and why is on `~/state`, the place of the next contact on `~/next_touch`, its x
+axis along the outward normal.
+
+The recording is that of the collector: a touch that was counted is on the disk. At the end it is calibrated in a
+process of its own, into the folder `calibration` in `output`. With `exit_when_done` the node ends then, with status 0
+where the tolerance is reached or touches are not the limit, 1 where it gave up, 3 where it was stopped.
+
+With `use_sim_time` all times are those of `/clock`.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from threading import Thread
+from time import monotonic_ns
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
+from trajectory_msgs.msg import JointTrajectory
+
+from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
+from scara_kinetostatic.files.urdf import BASE_FRAME
+from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
+from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.calibration_job import CalibrationProcess, Job
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
+from scara_kinetostatic.nodes.conversion import (
+    Sample,
+    UnusableMessageError,
+    joint_position,
+    joint_sample,
+    joint_trajectory,
+    pose_stamped,
+)
+from scara_kinetostatic.nodes.declare import Range
+from scara_kinetostatic.nodes.executables import ENDING
+from scara_kinetostatic.nodes.session import Session
+from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
+from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
+from scara_kinetostatic.running.campaign import FIRST
+from scara_kinetostatic.running.runner import Runner, Status
+from scara_kinetostatic.simulation.commanded import DEMO_CELL
+from scara_kinetostatic.touches.detection import Detection, no_touches
+
+RESULT = 'calibration'
+"""Folder of the result, in `output`."""
+_SECOND = 1_000_000_000
+_WAIT = 10.0
+"""With `autostart`, how long somebody may take to hear `joint_trajectory`, s."""
+
+
+def _end_with_parent() -> None:
+    """Ends this process when the node has died, even by SIGKILL; signals are the node's to note."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
+
+    def watch() -> None:
+        parent = parent_process()
+        assert parent is not None
+        parent.join()
+        os._exit(0)
+
+    Thread(target=watch, daemon=True).start()
+
+
+class TouchRunner(CellNode):
+    """Runs the touches. Another process calibrates: in a thread of this one the samples would have to wait.
+
+    Raises:
+        InputError: a parameter, the cell or the calibration is not valid.
+        UnsupportedDataError: nothing can be touched, or the tolerance is out of reach.
+    """
+
+    rest = 0.002
+
+    def __init__(self) -> None:
+        super().__init__('touch_runner')
+        self._cell = declare.cell_or_example(self, DEMO_CELL)
+        output = declare.parameter(self, 'output', 'recordings', 'folder for recording and result')
+        self._output = declare.place('output', output).absolute()
+        path = declare.parameter(self, 'calibration', '', 'calibration.json to begin with; empty: the nominal arm')
+        self._planner = self._known(declare.place('calibration', path)) if path else None
+        autostart = declare.parameter(self, 'autostart', False, 'begin at once')
+        self._exits = declare.parameter(self, 'exit_when_done', False, 'end the node when the run has ended')
+        meaning = 'accepted touches after which the run ends'
+        self._most = declare.parameter(self, 'max_touches', 100, meaning, Range(FIRST, 1000))
+        if self._cell.limits is None:
+            raise CellError('robot.limits', 'the limits of the joints are missing', 'add them to the cell description')
+        self._work: ProcessPoolExecutor | None = None
+        self._runner = self._new_runner()
+        self._session: Session | None = None
+        self._process: CalibrationProcess | None = None
+        self._result = ''
+        self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * _SECOND)
+        self._said: tuple[str, str] = ('', '')
+        self._commands = self.create_publisher(JointTrajectory, 'joint_trajectory', 10)
+        self._state = self.create_publisher(DiagnosticArray, '~/state', LATCHED)
+        self._next = self.create_publisher(PoseStamped, '~/next_touch', LATCHED)
+        self._streams = CellStreams(self, self._cell, self._take_transforms)
+        self._streams.subscribe(self._take)
+        self._autostart = autostart
+        self.serve('start', self._start)
+        self.serve('pause', self._pause)
+        self.serve('stop', self._stop)
+        self.every(0.01, self._tick)
+        self.every(0.1, self._watch)
+        self.every(0.5, self._publish_state)
+        self.publish_status('run', self._report)
+        self._publish_state()
+
+    def close(self) -> None:
+        """Lets the robot stand, completes the recording, ends a calibration."""
+        if self._is_running:
+            self._runner.fail('the node was ended', may_retract=False)
+            self._tick()
+            self._end_recording()
+            self._publish_state()
+            self.exit_status = 3
+        if self._process is not None:
+            self._process.close()
+        if self._work is not None:
+            self._work.shutdown(cancel_futures=True)
+
+    def _known(self, path: Path) -> Planner:
+        """What a calibration says; its touches do not count."""
+        record = CalibrationRecord.load(path)
+        check_same_arm(record.arm.cell, self._cell, str(path), 'the cell')
+        stated = record.document['tip_uncertainty']
+        return Planner(replace(record.arm, cell=self._cell), known_or_infinite(stated['worst'], stated['undetermined']))
+
+    def _new_runner(self) -> Runner:
+        return Runner(self._cell, self._most, self._detect, self._submit, self._planner)
+
+    def _submit(self, do: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Has a calibration made in the other process."""
+        if self._work is None:
+            self._work = ProcessPoolExecutor(1, get_context('spawn'), _end_with_parent)
+        return self._work.submit(do, *arguments)
+
+    # Services
+
+    def _start(self) -> str:
+        if self._is_running:
+            self._runner.start()
+            return 'going on'
+        if self._process is not None:
+            raise RefusedError('the former run is being calibrated; call again when that is done')
+        if problem := self._hearing():
+            raise RefusedError(problem)
+        if self._runner.end is not None:
+            self._runner = self._new_runner()
+        topics = tuple(monitor.topic for monitor in self._streams.monitors.values())
+        self._session = Session(self._output, self._cell, self._now(), (topics[0], topics[1]))
+        for message in self._streams.frame.messages:
+            self._session.take_transforms(message, self._now())
+        self._submit(abs, 0)  # the process has started, and imported what it needs, before it is needed
+        self._autostart, self._is_running, self._result = False, True, ''
+        self._runner.start()
+        self._publish_state()
+        return f'running; recording to {self._session.folder}'
+
+    def _pause(self) -> str:
+        self._check_running()
+        self._runner.pause()
+        return 'it stands still when the touch under way has ended; ~/start goes on'
+
+    def _stop(self) -> str:
+        self._check_running()
+        self._runner.stop('stopped by ~/stop')
+        self._tick()
+        return 'stopped: the tip is retracted, then the robot holds'
+
+    def _check_running(self) -> None:
+        if not self._is_running:
+            raise RefusedError('nothing is running; call ~/start first')
+
+    def _hearing(self) -> str:
+        """Why nobody, or somebody else as well, moves the robot; empty where all is well."""
+        topic = self._commands.topic_name
+        if not self._commands.get_subscription_count():
+            return f'nobody hears {topic}: start the controller, or remap the topic'
+        others = [
+            f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+            for info in self.get_publishers_info_by_topic(topic)
+            if (info.node_namespace, info.node_name) != (self.get_namespace(), self.get_name())
+        ]
+        if others or self.count_publishers(topic) > 1:
+            return f'another node publishes {topic}, {", ".join(others) or "of the same name"}: end it'
+        robots = {name.rpartition('/')[2] for each in self._streams.monitors.values() for name in each.publishers}
+        if not self.get_parameter('cell').value and robots - {'contact_simulator'}:
+            return 'the parameter cell is empty: name the cell description of this robot'
+        return ''
+
+    # Samples and commands
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _time(self) -> int:
+        """Of the run, ns: steady, or that of the simulation."""
+        return self._now() if self.get_clock().ros_time_is_active else monotonic_ns()
+
+    def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
+        if self._session is not None:
+            by_ros_time = self.get_clock().ros_time_is_active
+            try:
+                log_time = self._now() if by_ros_time or not received else received
+                self._session.take(stream, message, log_time, sample)
+            except (ScaraKinetostaticError, OSError) as error:
+                self._lose_recording(error)
+        senses, now = self._runner.senses, 1e-9 * self._time()
+        if sample is None:
+            self._refuse(stream, message)
+        elif stream is Stream.JOINTS:
+            lift = self._cell.lift
+            place = None if lift is None else joint_position(message, lift.joint)
+            senses.add_joints(now, 1e-9 * sample.stamp_ns, sample[1:3], place)
+        else:
+            senses.add_force(now, 1e-9 * sample.stamp_ns, sample[1:3])
+            self._tick()
+
+    def _refuse(self, stream: Stream, message: bytes) -> None:
+        """A message that cannot be used; where only a held joint is elsewhere, that joint has moved."""
+        moved = False
+        if stream is Stream.JOINTS and self._cell.hold:
+            try:
+                joint_sample(message, self._cell.joint_names)
+                moved = True
+            except UnusableMessageError:
+                pass
+        self._runner.senses.refuse(self._streams.monitors[stream].refusal, moved=moved)
+
+    def _take_transforms(self, message: bytes, anew: bool) -> None:
+        if self._session is not None:
+            self._session.take_transforms(message, self._now(), anew)
+
+    def _detect(self) -> Detection:
+        """The touches that were found and are on the disk."""
+        if self._session is None:
+            return Detection(no_touches())
+        for touch in self._session.poll():
+            self.say(WARN if touch.reason else OK, touch.line)
+        latest, self._session.latest = self._session.latest, Detection(no_touches())
+        return latest
+
+    def _lose_recording(self, error: Exception) -> None:
+        """The recording cannot go on: nor can the run."""
+        if self._session is not None:
+            self._session.abandon()
+        self._session = None
+        self._runner.fail(f'the recording failed: {error}')
+
+    def _tick(self) -> None:
+        now = self._time()
+        if not self._is_running or (now - self._ticked < 2_000_000 and now >= self._ticked):
+            return
+        self._ticked = now
+        try:
+            command = self._runner.tick(1e-9 * now)
+        except OSError as error:  # of the recording, in `_detect`
+            self._lose_recording(error)
+            return
+        if command is not None:
+            self._commands.publish(joint_trajectory(command.names, command.positions.tolist(), command.times.tolist()))
+        status = self._runner.status
+        if (status.phase, status.text) != self._said:
+            self._said = status.phase, status.text
+            self._publish_state()
+            self.say(self._level(status), f'{status.phase}: {status.text}')
+            self._publish_next()
+        if self._runner.is_over:
+            self._is_running = False
+            self._end_recording()
+            self._calibrate()
+
+    def _watch(self) -> None:
+        """Who hears and publishes; what the calibration at the end does."""
+        if self._is_running and self._runner.end is None and (problem := self._hearing()):
+            self._runner.fail(problem)
+        if self._autostart:
+            self._begin_by_itself()
+        news = None if self._process is None else self._process.poll()
+        if news is not None and 'progress' not in news:
+            self._process = None
+            reply = news.get('reply')
+            if reply is not None:
+                self._result = f'result in {reply["folder"]}'
+            else:
+                self._result = f'no result: {news.get("error") or news.get("cancelled")}'
+            self.get_logger().info(self._result)
+            self._end()
+
+    def _begin_by_itself(self) -> None:
+        """With `autostart`: as soon as somebody hears."""
+        problem = self._hearing()
+        if problem and monotonic_ns() < self._waits_until:
+            return
+        self._autostart = False
+        try:
+            self.get_logger().info(self._start())
+        except ScaraKinetostaticError as error:
+            self._runner.fail(str(error), may_retract=False)
+            self._publish_state()
+            self.get_logger().error(str(error))
+            self._end()
+
+    def _end_recording(self) -> None:
+        if self._session is not None:
+            try:
+                self._session.close()
+            except (ScaraKinetostaticError, OSError) as error:
+                self.get_logger().error(f'the recording could not be completed: {error}')
+
+    def _calibrate(self) -> None:
+        """Calibrates the recording, as far as there are touches in it."""
+        session, self._session = self._session, None
+        if session is None or session.touches < FIRST:
+            self._result = 'no result: too few touches'
+            self._end()
+            return
+        job = Job([str(session.folder)], '', [], [], str(self._output / RESULT), publish_unfit=True)
+        try:
+            self._process = CalibrationProcess(job)
+        except OSError as error:
+            self._result = f'no result: {error}'
+            self._end()
+
+    def _end(self) -> None:
+        self._publish_state()
+        end = self._runner.end
+        if self._exits and end is not None:
+            self.exit_status = end.status
+
+    # What it says
+
+    def _level(self, status: Status) -> bytes:
+        if status.is_fault:
+            return ERROR
+        return WARN if status.phase in ('paused', 'stopped') else OK
+
+    def _facts(self) -> dict[str, str]:
+        session, status = self._session, self._runner.status
+        values = {'phase': status.phase, **status.values, 'recording': '' if session is None else str(session.folder)}
+        return values | {'result': self._result}
+
+    def _publish_state(self) -> None:
+        status = self._runner.status
+        diagnostic = DiagnosticStatus(
+            level=self._level(status),
+            name=f'{self.get_fully_qualified_name()}: run',
+            message=status.text,
+            hardware_id=self.get_namespace().strip('/') or 'scara_kinetostatic',
+            values=[KeyValue(key=key, value=value) for key, value in self._facts().items()],
+        )
+        array = DiagnosticArray(status=[diagnostic])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._state.publish(array)
+
+    def _publish_next(self) -> None:
+        target = self._runner.target
+        if target is not None and self._runner.status.phase == 'travel':
+            (x, y), angle = target.plan.contact(self._cell)[0].tolist(), float(target.plan.angle[0])
+            self._next.publish(pose_stamped(self._now(), BASE_FRAME, (x, y, angle)))
+
+    def _report(self) -> Condition:
+        self._streams.look_at_publishers()
+        complaints, values = self._streams.examine(expected=self._is_running)
+        status = self._runner.status
+        text = '; '.join(filter(None, (status.text, self._result, *dict.fromkeys(complaints))))
+        level = max(self._level(status), WARN if any(complaints) else OK)
+        return Condition(level, text, values | self._facts())

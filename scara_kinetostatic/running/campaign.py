@@ -1,0 +1,336 @@
+"""What to touch next in a run, and when it is enough.
+
+The first touches are planned from the nominal model. After `FIRST` accepted ones, and after each further one, the
+touches are calibrated and the next few are planned, while the robot makes those planned before. A place where a touch
+fails is tried again, then somewhat aside, then given up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
+from scara_kinetostatic.files.calibration_file import nominal_arm
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.kinematics import forward, posture
+from scara_kinetostatic.model.parameters import quantity
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.planning.motion import Poses
+from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.touches.detection import Detection
+
+FIRST = 9
+"""Accepted touches after which the first calibration is made."""
+_FEW = 3
+"""Touches that are planned at a time from then on."""
+_TRIES = 3
+"""Failed touches after which a place is given up; the last of them was aside."""
+_MOST_FAILED = 9
+"""Failed touches in a row, or three times as many altogether, after which the whole run is given up."""
+_ASIDE = np.deg2rad(8)
+"""How far aside the last try of a place is, rad."""
+_TO_DECIDE = 12
+"""Touches that are made at most to decide between effects when the tolerance is reached."""
+_WELL_KNOWN = 2e-3
+"""Expanded uncertainty of the tip above which the nominal arm is taken for the motions, m."""
+_LEAST_TO_END = 30
+"""With fewer touches what limits is not yet known."""
+
+Worker = Callable[..., 'Future[Any]']
+"""Calls a function with arguments aside, as `Executor.submit` does; in another process where it may."""
+
+
+class Target(NamedTuple):
+    """A touch to make.
+
+    Attributes:
+        plan: the touch, of length 1.
+        reason: why.
+        attempts: how often it was tried.
+    """
+
+    plan: Plan
+    reason: str
+    attempts: int = 0
+
+    def place(self) -> tuple[int, float, int]:
+        """Disc, direction, posture."""
+        return int(self.plan.disc[0]), float(self.plan.angle[0]), int(self.plan.posture[0])
+
+
+class Knowledge(NamedTuple):
+    """What the touches so far tell.
+
+    Attributes:
+        planner: of the next touches.
+        planned: the next touches.
+        now: largest expanded uncertainty of the tip, m; None where there is no calibration.
+        grade: of the calibration; empty where there is none.
+        text: what it says, or why there is none.
+        verdict: of the diagnosis, with the effects found.
+        discriminating: whether the next touches decide between effects.
+    """
+
+    planner: Planner
+    planned: PlannedTouches
+    now: float | None = None
+    grade: str = ''
+    text: str = ''
+    verdict: str = ''
+    discriminating: bool = False
+
+
+class End(NamedTuple):
+    """Why the run ends.
+
+    Attributes:
+        status: 0 tolerance reached or nothing more to gain, 1 given up.
+        reason: one sentence.
+    """
+
+    status: int
+    reason: str
+
+
+class Campaign:
+    """Chooses the touches.
+
+    Args:
+        cell: the cell.
+        most: accepted touches after which the run ends.
+        planner: to begin with; None for the nominal arm.
+        work: does the calibrations.
+
+    Attributes:
+        accepted: number of the touches that were accepted.
+        failed: of those that were not.
+        touches: those accepted, a set for each contact.
+        knowledge: what is known.
+
+    Raises:
+        UnsupportedDataError: no touch can be reached, or the tolerance is out of reach.
+        CellError: the cell has no limits of the joints.
+    """
+
+    def __init__(self, cell: Cell, most: int, planner: Planner | None, work: Worker) -> None:
+        self.cell, self._most, self._work = cell, most, work
+        planner = planner or Planner(nominal_arm(cell))
+        self.knowledge = Knowledge(planner, planner.accurate(FIRST), planner.now)
+        planned = self.knowledge.planned
+        if cell.tolerance is not None and (limit := planned.uncertainty.beyond(cell.tolerance)):
+            raise UnsupportedDataError(limit, 'reduce that, or allow a larger tolerance')
+        self._targets = _targets(planned)
+        self.touches: list[TouchSet] = []
+        self._given_up: tuple[tuple[int, float, int], ...] = ()
+        self._job: Future[Any] | None = None
+        self._is_due = False
+        self._in_row = self._made_to_decide = self.accepted = self.failed = 0
+        self._limited = self._start = 0
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a calibration is being made."""
+        return self._job is not None
+
+    def accept(self, detection: Detection) -> None:
+        """Takes the touches of a detection, at least one of them accepted."""
+        touches = detection.touches
+        self._start = self._start or detection.start
+        self.touches.append(touches.replace(time=touches.time + 1e-9 * (detection.start - self._start)))
+        self.accepted += len(touches)
+        self._in_row = 0
+        self._made_to_decide += self.knowledge.discriminating
+        if self.accepted >= FIRST:
+            self._order()
+
+    def reject(self, target: Target) -> str:
+        """A touch that failed: again, aside, or its place is given up; returns which."""
+        self.failed += 1
+        self._in_row += 1
+        attempts = target.attempts + 1
+        if attempts >= _TRIES:
+            self._given_up = (*self._given_up, target.place())
+            return f'{self.name(target)} is given up'
+        moved = target.plan
+        if attempts == _TRIES - 1:
+            for side in (_ASIDE, -_ASIDE):
+                aside = replace(moved, angle=moved.angle + side)
+                if not any(self.knowledge.planner.problems(aside)):
+                    moved = aside
+                    break
+        self._targets.insert(0, Target(moved, target.reason, attempts))
+        return 'again' if moved is target.plan else 'again, moved aside'
+
+    def name(self, target: Target) -> str:
+        """Of a touch, in words."""
+        disc, angle, side = target.place()
+        elbow = 'left' if side > 0 else 'right'
+        force = f'{target.plan.force[0]:.0f} N'
+        return f'{self.cell.discs[disc].name} at {np.degrees(angle) % 360:.0f}°, {elbow}, {force}'
+
+    def _order(self) -> None:
+        """Orders a calibration of all touches, when the former one is done."""
+        self._is_due = self._job is not None
+        if self._is_due:
+            return
+        touches, decide = TouchSet.concatenate(self.touches), self._made_to_decide < _TO_DECIDE
+        self._job = self._work(calibrated, self.cell, touches, self._given_up, decide)
+
+    def poll(self) -> End | None:
+        """Takes what has been found out; returns why the run ends, where it does."""
+        if self._job is not None and self._job.done():
+            job, self._job = self._job, None
+            try:
+                self.knowledge = job.result()
+            except ScaraKinetostaticError as error:
+                return End(1, str(error))
+            again = [target for target in self._targets if target.attempts]
+            self._targets = again + _targets(self.knowledge.planned)
+            if (end := self._enough()) is not None:
+                return end
+            if self._is_due:
+                self._order()
+        if self._in_row >= _MOST_FAILED or self.failed >= 3 * _MOST_FAILED:
+            return End(1, f'{self.failed} touches failed, {self._in_row} of them in a row')
+        if self.accepted >= self._most and self._job is None:
+            return self._most_made()
+        return None
+
+    def _most_made(self) -> End:
+        now, tolerance = self.knowledge.now, self.cell.tolerance
+        found = 'no calibration' if now is None else f'an expanded uncertainty of the tip of {_length(now)}'
+        wanted = '' if tolerance is None else f', the tolerance is {_length(tolerance)}'
+        text = f'; {self.knowledge.text}' if self.knowledge.text else ''
+        status = 0 if tolerance is None and now is not None else 1
+        return End(status, f'{self.accepted} touches (max_touches) give {found}{wanted}{text}')
+
+    def _enough(self) -> End | None:
+        """Whether more touches are not needed, or of no use."""
+        found, tolerance = self.knowledge, self.cell.tolerance
+        if tolerance is None or found.now is None or found.discriminating:
+            return None
+        if found.now <= tolerance and found.grade != 'unfit':
+            reached = f'the expanded uncertainty of the tip is {_length(found.now)}, the tolerance {_length(tolerance)}'
+            return End(0, f'enough: {reached}; {found.verdict}')
+        limit = found.planned.uncertainty.beyond(tolerance)
+        self._limited = self._limited + 1 if limit else 0
+        if self._limited > 1 and self.accepted >= _LEAST_TO_END:
+            return End(0, f'touches are not the limit: {limit}')
+        return None
+
+    def choose(self, joints: Floats) -> tuple[Target, Poses] | End | None:
+        """The touch to make next and the way to where it begins; None while nothing is planned.
+
+        Args:
+            joints: where the robot stands, (2,), rad.
+        """
+        if not self._targets:
+            if self._job is None and self.accepted >= FIRST:
+                self._order()
+            elif self._job is None:
+                planner = Planner(nominal_arm(self.cell), given_up=self._given_up)
+                planned = planner.accurate(FIRST - self.accepted)
+                self.knowledge = self.knowledge._replace(planner=planner, planned=planned)
+                self._targets = _targets(planned)
+            return None
+        planner = self.knowledge.planner
+        parameters = planner.arm.model.parameters
+        here = Poses(forward(parameters, joints)[None], posture(parameters, joints[None]))
+        start, problem = clear_start(planner, here)
+        if start is None:
+            return End(1, problem)
+        tries = [target for target in self._targets if target.attempts] or self._targets
+        stops = [planner.approach(target.plan) for target in tries]
+        every = Poses(
+            np.concatenate([start.tip[-1:], *(stop.tip for stop in stops)]),
+            np.concatenate([start.posture[-1:], *(stop.posture for stop in stops)]),
+        )
+        ways = planner.roadmap.ways(every)
+        lengths = ways.lengths[0, 1:]
+        nearest = int(np.argmin(lengths))
+        if not np.isfinite(lengths[nearest]):
+            self._targets = [target for target in self._targets if target not in tries]
+            self._given_up = (*self._given_up, *(target.place() for target in tries))
+            self.failed += len(tries)
+            return None
+        chosen = tries[nearest]
+        self._targets = [target for target in self._targets if target is not chosen]
+        way = ways.way(0, nearest + 1)
+        return chosen, Poses(np.concatenate([start.tip, way.tip]), np.concatenate([start.posture, way.posture]))
+
+
+def clear_start(planner: Planner, here: Poses) -> tuple[Poses | None, str]:
+    """Where the tip stands and, where that is too near to an object, a place clear of it: the beginning of a way.
+
+    Args:
+        planner: with the objects.
+        here: where the tip stands, one pose.
+    """
+    space, cell = planner.space, planner.arm.cell
+    raised = cell.lift is not None
+    if space.beyond_limits(here).any():
+        return None, 'the robot stands beyond the limits of its joints, or less than 0.02 rad within: move it'
+    if space.is_clear(here.tip, here.tip, raised=raised)[0]:
+        return here, ''
+    off = here.tip - cell.centers
+    apart = np.hypot(*off.T) - cell.radii
+    disc = int(np.argmin(apart))
+    away = cell.radii[disc] + space.clearance + 1e-3
+    out = Poses((cell.centers[disc] + away * off[disc] / np.hypot(*off[disc]))[None], here.posture)
+    nearest = f'{1e3 * apart[disc]:.0f} mm from {cell.discs[disc].name}'
+    moves = space.is_clear(here.tip, out.tip, but=np.array([disc]))[0] and space.keeps_limits(here, out.tip)[0]
+    if apart[disc] < 0 or not moves or not space.is_clear(out.tip, out.tip)[0]:
+        return None, f'the tip stands too near to an object or the end of its reach ({nearest}): move it away'
+    return Poses(np.concatenate([here.tip, out.tip]), np.concatenate([here.posture] * 2)), ''
+
+
+def calibrated(cell: Cell, touches: TouchSet, given_up: tuple[tuple[int, float, int], ...], decide: bool) -> Knowledge:
+    """Calibrates touches, and plans the next ones.
+
+    Args:
+        cell: the cell.
+        touches: all that were accepted.
+        given_up: places not to be touched.
+        decide: whether effects that are not distinguished are to be decided.
+
+    Raises:
+        UnsupportedDataError: no touch can be reached.
+    """
+    nominal = nominal_arm(cell)
+    try:
+        outcome = calibrate_touches(touches, cell)
+    except ScaraKinetostaticError as error:
+        planner = Planner(nominal, None, touches, given_up=given_up)
+        return Knowledge(planner, planner.accurate(_FEW), text=str(error))
+    planner = Planner.of_outcome(outcome, given_up)
+    now, grade, found = planner.now, outcome.assessment.grade.value, outcome.diagnosis
+    effects = ', '.join(item.effect.label for item in found.found)
+    verdict = f'verdict {outcome.verdict}' + (f': {effects}' if effects else '')
+    text = outcome.assessment.reasons[0] if grade == 'unfit' and outcome.assessment.reasons else ''
+    if now is None or now > _WELL_KNOWN:
+        planner = Planner(nominal, None, planner.touches, planner.suspected, given_up)
+    reached = cell.tolerance is not None and now is not None and now <= cell.tolerance
+    if reached and decide and outcome.verdict == 'ambiguous' and found.discriminating:
+        try:
+            planned = planner.discriminating(found.discriminating, _FEW)
+        except UnsupportedDataError:
+            pass
+        else:
+            return Knowledge(planner, planned, now, grade, text, verdict, True)
+    return Knowledge(planner, planner.accurate(_FEW), now, grade, text, verdict)
+
+
+def _targets(planned: PlannedTouches) -> list[Target]:
+    return [Target(planned.plan.select(np.array([k])), reason) for k, reason in enumerate(planned.reasons)]
+
+
+def _length(value: float) -> str:
+    return 'not determined' if np.isinf(value) else quantity(value, 'm')

@@ -1,0 +1,610 @@
+"""The run: a robot that touches, judges and goes on by itself. Samples come in, commands go out; no ROS.
+
+Every touch: travel to where the approach begins; take the zero of the force; approach slowly until the force says
+contact; press in steps to the force that is wanted; hold; retract along the line of the approach; wait for the
+judgement of the collector's own detection. The script of it is a generator that is resumed with every `tick`.
+
+**Speeds in contact.** From a force to its effect on the robot `DELAY` goes by. With the compliance c of arm and tip
+along the normal, the force grows by speed · `DELAY` / c meanwhile: the approach is so slow that this stays below what
+is missing to the wanted force.
+
+**What stops it**: silent, late or frozen sensors, a force where none must be, more than `touch.max_force`, no contact,
+a robot that is not where it was commanded to be, a joint that moved which must not. It stops, retracts along the way it
+came where that is safe, and says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import HELD_WITHIN, Cell
+from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.model.parameters import Parameters, quantity
+from scara_kinetostatic.planning.motion import Poses
+from scara_kinetostatic.planning.next_touches import Planner
+from scara_kinetostatic.planning.program import CONTACT, joint_angles
+from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker
+from scara_kinetostatic.running.commands import (
+    AHEAD,
+    AHEAD_OF_CONTACT,
+    PERIOD,
+    Command,
+    Commander,
+    Fault,
+    Motion,
+    Track,
+)
+from scara_kinetostatic.running.senses import Senses
+from scara_kinetostatic.touches.detection import Detection
+
+DELAY = 0.08
+"""From a force to its effect on the robot, s: sensor, filter, command, the robot's own lag."""
+_REACTION = 0.01
+"""From a contact on the way to the stop of the robot, s."""
+_STIFFEST = 5e-6
+"""No arm with its sensor and tip is less compliant, m/N."""
+_STIFFER = 3.0
+"""So many times as stiff as the model says a contact may be."""
+_LEAST_SPEED = 3e-4
+"""Towards a contact, m/s."""
+_OFF_TRACK, _OFF_APPROACH, _OFF_LIFT = 0.02, 2e-3, 2e-3
+"""How far the joints may be from where they were commanded to be, in travel and towards a contact, rad; the lift, m."""
+_LARGEST_ZERO = 0.5
+"""Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
+_LIFT_SPEED = 0.05
+"""Of the lift, m/s."""
+_HALT = 0.05
+"""Time within which it stops, s."""
+_BACK = 0.02
+"""How far it goes back after a contact on the way, m."""
+_WAIT = 0.12
+"""Between a motion in contact and the measurement of the force, s: less than what would be a hold."""
+_JUDGED = 6.0
+"""Time within which a touch is judged, s."""
+_STEP = 5e-3
+"""Distance of the points of a track, m; tenth of that towards a contact."""
+
+
+class Status(NamedTuple):
+    """How the run is.
+
+    Attributes:
+        phase: ``idle``, ``travel``, ``approach``, ``press``, ``hold``, ``retract``, ``judge``, ``plan``, ``paused``,
+            ``stopped`` or ``done``.
+        text: one sentence.
+        is_fault: whether it stopped because something is wrong.
+        values: by name.
+    """
+
+    phase: str
+    text: str
+    is_fault: bool = False
+    values: dict[str, str] = {}  # noqa: RUF012
+
+
+class Runner:
+    """Makes the touches.
+
+    Args:
+        cell: with `robot.limits`.
+        most: accepted touches after which it ends.
+        detect: returns the touches found since the last call.
+        work: does the calibrations aside.
+        planner: to begin with; None for the nominal arm.
+
+    Attributes:
+        senses: takes the samples.
+        status: how it is.
+        target: the touch that is being made; None between touches.
+        end: why it ended, and the exit status; None while it runs.
+
+    Raises:
+        CellError: the cell has no limits of the joints.
+        UnsupportedDataError: nothing can be reached, or the tolerance is out of reach.
+    """
+
+    def __init__(
+        self, cell: Cell, most: int, detect: Callable[[], Detection], work: Worker, planner: Planner | None = None
+    ) -> None:
+        self.cell, self.senses = cell, Senses(cell)
+        self.campaign = Campaign(cell, most, planner, work)
+        self._detect, self._commander = detect, Commander(cell)
+        self.status = Status('idle', 'not started')
+        self.target: Target | None = None
+        self.end: End | None = None
+        self._now = self._sent = -np.inf
+        self._elapsed = 0.0
+        self._command: Command | None = None
+        self._motion: Motion | None = None
+        self._contact = False
+        self._steepest = self._last_force = 0.0
+        self._script: Iterator[None] | None = None
+        self._paused = False
+
+    # From outside
+
+    def start(self) -> None:
+        """Begins, or goes on after a pause."""
+        self._paused = False
+        if self._script is None and self.end is None:
+            self._script = self._run()
+
+    def pause(self) -> None:
+        """Stands still as soon as the touch that is being made has ended; `start` goes on."""
+        self._paused = True
+
+    def stop(self, reason: str) -> None:
+        """Retracts and holds, for good."""
+        if self.end is None:
+            self._give_up(Fault(reason), is_fault=False)
+
+    def fail(self, reason: str, *, may_retract: bool = True) -> None:
+        """Something outside is wrong: stops, and retracts where it may."""
+        if self.end is None:
+            self._give_up(Fault(reason, may_retract=may_retract))
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has ended and the robot stands."""
+        return self.end is not None and self._script is None
+
+    def tick(self, now: float) -> Command | None:
+        """Goes on; call it often, with every sample.
+
+        Args:
+            now: s.
+
+        Returns:
+            What the robot is to do; None where that does not change.
+        """
+        if now - self._now > 2 * PERIOD:  # this machine was busy: what has come meanwhile is yet to be heard
+            self.senses.excuse(now)
+        self._elapsed = min(now - self._now, 2 * PERIOD) if np.isfinite(self._now) else 0.0
+        self._now = now
+        if self._script is None:
+            return None
+        self._command = None
+        try:
+            next(self._script)
+        except StopIteration:
+            self._script = None
+        except Fault as fault:
+            if self.end is None:
+                self._give_up(fault)
+            else:  # while retracting: it stands
+                self._script = None
+            return self._stand()
+        except ScaraKinetostaticError as error:
+            self._give_up(Fault(str(error)))
+            return self._stand()
+        return self._command
+
+    # Commands
+
+    def _halt(self, joints: Floats, lift: float) -> Command:
+        """To stop at once where the robot is to be."""
+        points = np.array([_HALT]), joints[None], np.array([lift])
+        return self._commander.command(self._now, (joints, lift), points)
+
+    def _halt_motion(self, motion: Motion) -> None:
+        joints, lift = motion.track.place(np.array([motion.at]))
+        self._command = self._halt(joints[0], float(lift[0]))
+
+    def _stand(self) -> Command | None:
+        """Stops where the robot is; where that is not known, where it is to be."""
+        at = self._commander.joints
+        if at is None:
+            return None
+        if not self.senses.problem(self._now):
+            at = self.senses.joints
+        try:
+            return self._halt(at, self._commander.lift)
+        except Fault:
+            return None
+
+    def _move(self, motion: Motion, goal: float, ahead: float) -> None:
+        """Advances a motion, and commands the next piece of it where that is due."""
+        motion.advance(self._elapsed, goal)
+        if self._now - self._sent >= PERIOD - 1e-9:
+            joints, lift = motion.track.place(np.array([motion.at]))
+            points = motion.points(ahead, goal)
+            self._command = self._commander.command(self._now, (joints[0], float(lift[0])), points)
+            self._sent = self._now
+
+    def _check(self, off_track: float) -> None:
+        """Check the sensors and the robot.
+
+        Raises:
+            Fault: the robot must not go on.
+        """
+        self.senses.check(self._now)
+        force, most = self.senses.force, self.cell.touch.max_force
+        if force > most:
+            raise Fault(f'a force of {force:.0f} N, more than touch.max_force, {most:g} N')
+        jump, self._last_force = abs(force - self._last_force), force
+        if self._contact and jump > self._steepest * max(self._elapsed, 0.01) + 10 * self.senses.noise + 0.1 * most:
+            raise Fault(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
+        away, lift = self._commander.off_track(self._now, self.senses.joints, self.senses.lift)
+        if away > off_track or (self.cell.lift is not None and lift > _OFF_LIFT):
+            what = f'a joint is {1e3 * away:.1f} mrad' if away > off_track else f'the lift is {1e3 * lift:.1f} mm'
+            text = 'from where it was commanded to be: it does not follow, or is moved by something else'
+            raise Fault(f'{what} {text}', may_retract=False)
+
+    # The run
+
+    def _say(self, phase: str, text: str) -> None:
+        if (phase, text) == self.status[:2]:
+            return
+        self.status = Status(phase, text, values=self._values())
+
+    def _values(self) -> dict[str, str]:
+        campaign, tolerance = self.campaign, self.cell.tolerance
+        known = campaign.knowledge
+        now = known.now
+        values = {
+            'touch': str(campaign.accepted + 1),
+            'accepted': str(campaign.accepted),
+            'failed': str(campaign.failed),
+            'uncertainty_m': '' if now is None else f'{now:.4g}',
+            'uncertainty': '' if now is None else 'not determined' if np.isinf(now) else quantity(now, 'm'),
+            'tolerance': '' if tolerance is None else quantity(tolerance, 'm'),
+            'grade': known.grade,
+            'verdict': known.verdict,
+            'note': known.text,
+        }
+        if self.target is not None:
+            values |= {'next': campaign.name(self.target), 'why': self.target.reason}
+        return values
+
+    def _run(self) -> Iterator[None]:
+        yield from self._begin()
+        while True:
+            if (end := self.campaign.poll()) is not None:
+                yield from self._finish(end)
+                return
+            if self._paused:
+                self._say('paused', 'paused; call ~/start to go on')
+                self._check(_OFF_TRACK)
+                yield
+                continue
+            chosen = self.campaign.choose(self._here())
+            if isinstance(chosen, End):
+                yield from self._finish(chosen)
+                return
+            if chosen is None:
+                self._say('plan', 'calibrating and planning the next touches')
+                self._check(_OFF_TRACK)
+                yield
+                continue
+            self.target, way = chosen
+            yield from self._travel(self.target, way)
+            yield from self._touch(self.target)
+            yield from self._judgement(self.target)
+            self.target = None
+
+    def _here(self) -> Floats:
+        """Q where the robot is told to be; at first where it is."""
+        return self.senses.joints if self._commander.joints is None else self._commander.joints
+
+    def _begin(self) -> Iterator[None]:
+        """Waits for the sensors, and checks all that can be checked before anything moves.
+
+        Raises:
+            Fault: something is wrong.
+        """
+        cell, began = self.cell, self._now
+        while (problem := self.senses.problem(self._now)) or self._now - began < 0.5:
+            self._say('idle', problem or 'listening to the sensors')
+            if self._now - began > 5.0:
+                raise Fault(problem, may_retract=False)
+            yield
+        if not self.senses.stands(self._now):
+            raise Fault('the joints move: something else moves the robot', may_retract=False)
+        zero, most = self.senses.tare(self._now), _LARGEST_ZERO * cell.touch.force[0]
+        if zero > most:
+            text = f'the sensor reads {zero:.1f} N, more than {most:g} N, where nothing must be touched'
+            raise Fault(f'{text}: retract the tip, or set the zero of the sensor', may_retract=False)
+        limits = np.array(cell.limits)
+        if not ((self.senses.joints > limits[:, 0]) & (self.senses.joints < limits[:, 1])).all():
+            raise Fault('the robot stands beyond robot.limits: move it', may_retract=False)
+        if cell.lift is not None:
+            if self.senses.lift is None:
+                raise Fault(f'{cell.sensor.joint_states} has no position of {cell.lift.joint} (robot.lift)')
+            self._commander.lift = self.senses.lift
+            yield from self._raise(cell.lift.up)
+
+    def _raise(self, goal: float) -> Iterator[None]:
+        """Moves the lift, and sees that it moves.
+
+        Raises:
+            Fault: it does not.
+        """
+        lift, joints = self.cell.lift, self._here()
+        assert lift is not None
+        if abs(self._commander.lift - goal) < 1e-6 and self._arrived(goal):
+            return
+        track = Track.of(np.tile(joints, (2, 1)), np.array([self._commander.lift, goal]), self._parameters)
+        yield from self._follow(track, min(_LIFT_SPEED, self.cell.touch.speed), 'the lift moves')
+        began = self._now
+        while not self._arrived(goal):
+            if self._now - began > 1.0:
+                at = self.senses.lift
+                text = 'nowhere' if at is None else f'{at:.4f} m'
+                raise Fault(f'{lift.joint} (robot.lift) is at {text}, commanded {goal:g} m: it does not lift')
+            self._check(_OFF_TRACK)
+            yield
+
+    def _arrived(self, goal: float) -> bool:
+        return self.senses.lift is not None and abs(self.senses.lift - goal) <= HELD_WITHIN
+
+    @property
+    def _parameters(self) -> Parameters:
+        return self._planner.arm.model.parameters
+
+    @property
+    def _planner(self) -> Planner:
+        return self.campaign.knowledge.planner
+
+    def _follow(self, track: Track, speed: float, what: str) -> Iterator[None]:
+        """Goes along a track through free space.
+
+        Raises:
+            Fault: a contact on the way, or what `_check` says.
+        """
+        motion = self._motion = Motion(track, speed)
+        limit, pausing = self._free_limit, False
+        while motion.at < track.length:
+            self._check(_OFF_TRACK)
+            if self.senses.force > limit:
+                raise Fault(f'a force of {self.senses.force:.1f} N on the way: a contact where none must be')
+            if self._paused and not pausing:
+                pausing = True
+                self._halt_motion(motion)
+                motion = self._motion = Motion(track, speed, motion.at)
+                self._say('paused', 'paused on the way; call ~/start to go on')
+            if not self._paused:
+                if pausing:
+                    self._say('travel', what)
+                pausing = False
+                self._move(motion, track.length, AHEAD)
+            yield
+        yield from self._stopped()
+        self._motion = None
+
+    def _stopped(self) -> Iterator[None]:
+        """Waits until the joints stand where they were commanded to be."""
+        began = self._now
+        while self._now - began < 0.1 or not self.senses.stands(self._now):
+            if self._now - began > 2.0:
+                raise Fault('the joints do not come to rest', may_retract=False)
+            self._check(_OFF_TRACK)
+            yield
+
+    def _travel(self, target: Target, way: Poses) -> Iterator[None]:
+        """To where the approach begins."""
+        planner, cell, name = self._planner, self.cell, self.campaign.name(target)
+        text = f'next: {name}, {target.reason}'
+        self._say('travel', text)
+        if cell.lift is not None:
+            yield from self._raise(cell.lift.up)
+        self.senses.tare(self._now)
+        corners = joint_angles(planner, way)
+        pieces = [self._here()[None]]
+        for k in range(len(corners)):
+            before, after = pieces[-1][-1:], corners[k : k + 1]
+            same = k == 0 or way.posture[k] == way.posture[k - 1]
+            if k and same:
+                length = float(np.hypot(*(way.tip[k] - way.tip[k - 1])))
+                part = np.linspace(0.0, 1.0, max(2, int(length / _STEP)))[1:, None]
+                tips = way.tip[k - 1] + part * (way.tip[k] - way.tip[k - 1])
+                pieces.append(joint_angles(planner, Poses(tips, np.full(len(tips), way.posture[k]))))
+            else:
+                part = np.linspace(0.0, 1.0, 20)[1:, None]
+                pieces.append(before + part * (after - before))
+        joints = np.concatenate(pieces)
+        track = Track.of(joints, np.full(len(joints), self._commander.lift), self._parameters)
+        yield from self._follow(track, self._travel_speed(), text)
+        if cell.lift is not None:
+            yield from self._raise(cell.lift.down)
+
+    def _travel_speed(self) -> float:
+        """At which an obstacle that nobody knows is met with at most 1.5 times the largest force, m/s; raised the tip
+        meets none.
+        """
+        touch, compliance = self.cell.touch, max(self._parameters.p_ee, _STIFFEST)
+        met = np.inf if self.cell.lift is not None else 1.5 * touch.max_force * compliance / _REACTION
+        return float(min(touch.speed, met))
+
+    def _compliance(self, target: Target, joints: Floats) -> float:
+        """Of arm and tip along the normal of a touch, m/N."""
+        p, n = self._parameters, target.plan.normal()[0]
+        torque = jacobian(p, joints[None])[0].T @ n
+        return float(p.p_ee + p.p1 * torque[0] ** 2 + p.p2 * torque[1] ** 2)
+
+    def _touch(self, target: Target) -> Iterator[None]:
+        """Approach, press, hold, retract."""
+        plan, touch, planner = target.plan, self.cell.touch, self._planner
+        goal = float(plan.force[0])
+        start, normal = planner.approach(plan).tip[0], plan.normal()[0]
+        begin = planner.space.clearance + 1e-3 + touch.search
+        count = int((begin + 4e-3) / (0.1 * _STEP)) + 2
+        tips = start - np.linspace(0.0, begin + 4e-3, count)[:, None] * normal
+        joints = joint_angles(planner, Poses(tips, np.full(count, plan.posture[0])))
+        joints[0] = self._here()
+        track = Track.of(joints, np.full(count, self._commander.lift), self._parameters)
+        compliance = max(self._compliance(target, joints[0]), _STIFFEST)
+        wait = self._now
+        while self._now - wait < 0.25:
+            self._check(_OFF_APPROACH)
+            yield
+        if (zero := self.senses.tare(self._now)) > self._free_limit:
+            raise Fault(f'the force in free motion changed by {zero:.1f} N: the sensor, or something touches the arm')
+        self._say('approach', f'approaching {self.campaign.name(target)}')
+        threshold = max(CONTACT * goal, 6 * self.senses.noise, 1.0)
+        speed = np.clip((0.8 * goal - threshold) * compliance / DELAY, _LEAST_SPEED, touch.contact_speed)
+        self._contact, self._steepest = True, _STIFFER * touch.contact_speed / compliance
+        self._last_force = self.senses.force
+        motion = self._motion = Motion(track, float(speed), ramps=False)
+        deepest = float(np.interp(begin, np.linspace(0.0, begin + 4e-3, count), track.at))
+        while self.senses.force < threshold:
+            self._check(_OFF_APPROACH)
+            if motion.at >= deepest:
+                name = self.campaign.name(target)
+                raise Fault(f'no contact with {name} within touch.search, {1e3 * touch.search:g} mm, of its place')
+            self._move(motion, deepest, AHEAD_OF_CONTACT)
+            yield
+        surface = motion.at
+        self._say('press', f'pressing to {goal:g} N')
+        yield from self._press(motion, goal * (1 + float(plan.preload[0])), compliance)
+        if plan.preload[0] > 0:
+            yield from self._release(motion, goal, compliance)
+        self._say('hold', f'holding {self.senses.force:.1f} N')
+        began = self._now
+        while self._now - began < touch.hold + 0.1:
+            self._check(_OFF_APPROACH)
+            yield
+        self._say('retract', 'retracting')
+        yield from self._back(surface, threshold)
+
+    def _pushed(self, motion: Motion, step: float, until: float) -> Iterator[None]:
+        """Moves by a step towards the contact, or back, and waits; ends early where the force comes to a value."""
+        goal = float(np.clip(motion.at + step, 0.0, motion.track.length))
+        sign = np.sign(step)
+        while motion.at != goal and sign * (self.senses.force - until) < 0:
+            self._check(_OFF_APPROACH)
+            self._move(motion, goal, AHEAD_OF_CONTACT)
+            yield
+        self._halt_motion(motion)
+        began = self._now
+        yield
+        while self._now - began < _WAIT:
+            self._check(_OFF_APPROACH)
+            yield
+
+    def _press(self, motion: Motion, goal: float, compliance: float) -> Iterator[None]:
+        """To a force, from below.
+
+        Raises:
+            Fault: the force does not grow.
+        """
+        track, speed = motion.track, float(np.clip(0.2 * goal * compliance / DELAY, _LEAST_SPEED / 2, 2e-3))
+        motion = self._motion = Motion(track, speed, motion.at, ramps=False)
+        yield from self._pushed(motion, 0.0, 0.0)
+        softer = 1.0
+        for _ in range(40):
+            force = self.senses.mean_force(self._now, 0.05)
+            if force > 0.93 * goal:
+                return
+            before = motion.at
+            yield from self._pushed(motion, 0.9 * (goal - force) * softer * compliance, 0.97 * goal)
+            gained = self.senses.mean_force(self._now, 0.05) - force
+            seen = (motion.at - before) / max(gained, 1e-3) / compliance
+            softer = float(np.clip(seen, max(0.2, softer / 2), softer * 2))
+            if motion.at >= track.length:
+                raise Fault(f'the force stays at {force:.1f} N, wanted {goal:.0f} N: the object gives way, or slides')
+        raise Fault(f'the force does not come to {goal:.0f} N')
+
+    def _release(self, motion: Motion, goal: float, compliance: float) -> Iterator[None]:
+        """Down to a force, from above."""
+        speed = float(np.clip(0.2 * goal * compliance / DELAY, _LEAST_SPEED / 2, 2e-3))
+        motion = self._motion = Motion(motion.track, speed, self._at(), ramps=False)
+        for _ in range(20):
+            force = self.senses.mean_force(self._now, 0.05)
+            if force < 1.07 * goal:
+                return
+            yield from self._pushed(motion, -0.9 * (force - goal) * compliance, 1.03 * goal)
+
+    def _at(self) -> float:
+        return 0.0 if self._motion is None else self._motion.at
+
+    def _back(self, surface: float, threshold: float) -> Iterator[None]:
+        """To where the approach began.
+
+        Raises:
+            Fault: a force remains.
+        """
+        assert self._motion is not None
+        motion = self._motion = Motion(self._motion.track, self.cell.touch.contact_speed, self._at(), ramps=False)
+        free = min(surface - 3e-3, 0.5 * surface)
+        while motion.at > 0.0:
+            self._check(_OFF_TRACK)
+            if motion.at < free and self.senses.force > 2 * threshold:
+                raise Fault(f'a force of {self.senses.force:.1f} N remains after the touch', may_retract=False)
+            self._move(motion, 0.0, AHEAD_OF_CONTACT)
+            yield
+        yield from self._stopped()
+        self._contact, self._motion = False, None
+
+    def _judgement(self, target: Target) -> Iterator[None]:
+        """Waits for the judgement of the touch, and acts on it."""
+        self._say('judge', 'waiting for the judgement of the touch')
+        began, asked = self._now, -np.inf
+        while True:
+            if self._now - asked > 0.1:
+                asked = self._now
+                found = self._detect()
+                if len(found.touches):
+                    self.campaign.accept(found)
+                    return
+                if found.found:
+                    failure = found.rejected[-1].reason
+                    break
+            if self._now - began > _JUDGED:
+                failure = 'the touch was not found in the streams'
+                break
+            self._check(_OFF_TRACK)
+            yield
+        name, what = self.campaign.name(target), self.campaign.reject(target)
+        self._say('judge', f'{name}: {failure}; {what}')
+        yield
+
+    def _finish(self, end: End) -> Iterator[None]:
+        """The robot stands free; with a lift, the tip is raised."""
+        if self.cell.lift is not None and self._commander.joints is not None:
+            yield from self._raise(self.cell.lift.up)
+        self.end = end
+        self.status = Status('done', end.reason, end.status == 1, self._values())
+
+    # What goes wrong
+
+    def _give_up(self, fault: Fault, *, is_fault: bool = True) -> None:
+        """Stops, and retracts where that may be done."""
+        where = self.status.phase
+        self.end = End(3, f'{fault} (in {where})' if is_fault else str(fault))
+        self.status = Status('stopped', self.end.reason, is_fault, self._values())
+        motion, self._motion = self._motion, None
+        self._script = self._hold() if motion is None or not fault.may_retract else self._retract(motion)
+
+    def _hold(self) -> Iterator[None]:
+        self._command = self._stand()
+        yield
+
+    def _retract(self, motion: Motion) -> Iterator[None]:
+        """Back along the way it came: to the beginning of an approach, else a little."""
+        self._command, self._sent = self._stand(), self._now
+        yield
+        at = min(motion.at, motion.track.nearest(self.senses.joints))
+        motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
+        goal = 0.0 if self._contact else max(0.0, motion.at - _BACK)
+        force, began = self.senses.force, self._now
+        while motion.at > goal:
+            if self.senses.is_blind(self._now):
+                raise Fault('no joint states while retracting', may_retract=False)
+            if self._now - began > 0.3 and self.senses.force > max(1.2 * force, self.cell.touch.max_force):
+                raise Fault('the force grows while retracting', may_retract=False)
+            self._move(motion, goal, AHEAD_OF_CONTACT)
+            yield
+        if self.senses.force > self._free_limit and not self.senses.problem(self._now):
+            text = f'{self.status.text}; {self.senses.force:.1f} N remain after retracting: a force in free motion'
+            self.status = self.status._replace(text=text)
+            self.end = End(3, text)
+
+    @property
+    def _free_limit(self) -> float:
+        """Largest force in free motion, N."""
+        return max(0.25 * self.cell.touch.force[0], 10 * self.senses.noise)

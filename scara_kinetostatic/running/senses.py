@@ -1,0 +1,148 @@
+"""What the runner hears of its robot: the latest joint angles and forces, and what is wrong with them.
+
+The force is the median of the last three readings less the zero, which is taken anew while the tip stands free. All
+times are of the runner's clock, s; stamps only tell whether messages come late.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from itertools import islice
+from math import hypot
+
+import numpy as np
+
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.running.commands import Fault
+
+SILENT = 0.1
+"""Sensors that say nothing for so long are silent, s."""
+LATE = 0.15
+"""Messages that come so much later than the fastest ones are late, s."""
+TARE = 0.15
+"""The zero of the force is the mean over so long, s."""
+_DRIFT = 1e-4
+"""By so much the clock of the stamps may fall behind from one message to the next, s."""
+_FROZEN = 30
+"""So many equal readings of a sensor whose readings vary are no measurement."""
+_STANDING = 1e-4
+"""A joint that turns by less in `TARE` stands, rad."""
+
+
+class Senses:
+    """Joint angles and forces.
+
+    Args:
+        cell: whose they are.
+
+    Attributes:
+        joints: Q, (2,), rad.
+        lift: position of the lift, m; None where no message has it.
+        noise: standard deviation of a reading of the force while it stood free, N.
+    """
+
+    def __init__(self, cell: Cell) -> None:
+        self._topics = cell.sensor.topics
+        self._joints: deque[tuple[float, float, float]] = deque(maxlen=1000)
+        self._forces: deque[tuple[float, float, float]] = deque(maxlen=1000)
+        self._fastest = [np.inf, np.inf]
+        self._late, self._excused_until = [0, 0], -np.inf
+        self._refusal, self._moved = '', ''
+        self.joints = np.full(2, np.nan)
+        self.lift: float | None = None
+        self._zero = np.zeros(2)
+        self.noise = 0.0
+        self._frozen, self._varies = 0, False
+
+    def add_joints(self, now: float, stamp: float, joints: Sequence[float], lift: float | None = None) -> None:
+        """A reading of both joints, rad, and the lift, m, with its stamp, s."""
+        self._note(0, now, stamp)
+        self._moved = ''
+        self._joints.append((now, joints[0], joints[1]))
+        self.joints, self.lift = np.array(joints, dtype=float), lift
+
+    def add_force(self, now: float, stamp: float, force: Sequence[float]) -> None:
+        """A reading of the force as the sensor gives it, N, with its stamp, s."""
+        self._note(1, now, stamp)
+        same = bool(self._forces) and self._forces[-1][1:] == (force[0], force[1])
+        self._frozen = self._frozen + 1 if same else 0
+        self._forces.append((now, force[0], force[1]))
+
+    def refuse(self, refusal: str, *, moved: bool = False) -> None:
+        """A message that cannot be used; the text says why, and `moved` whether because a held joint has moved."""
+        self._refusal, self._moved = refusal, refusal if moved else ''
+
+    def _note(self, which: int, now: float, stamp: float) -> None:
+        self._fastest[which] = min(self._fastest[which] + _DRIFT, now - stamp)
+        late = now - stamp - self._fastest[which] > LATE
+        self._late[which] = self._late[which] + 1 if late else 0
+
+    def excuse(self, now: float) -> None:
+        """For a moment messages may be missing or late: nobody has listened."""
+        self._excused_until = now + SILENT
+
+    @property
+    def force(self) -> float:
+        """Magnitude of the force now, N."""
+        last = list(islice(reversed(self._forces), 3))
+        if not last:
+            return 0.0
+        x, y = (sorted(reading[k] for reading in last)[len(last) // 2] for k in (1, 2))
+        return hypot(x - float(self._zero[0]), y - float(self._zero[1]))
+
+    def problem(self, now: float) -> str:
+        """What is wrong with the messages; empty if nothing."""
+        for which, readings in enumerate((self._joints, self._forces)) if now > self._excused_until else ():
+            topic = self._topics[which]
+            silent = now - readings[-1][0] if readings else np.inf
+            if silent > SILENT:
+                lasting = f' for {silent:.2f} s' if readings else ''
+                return f'{topic} is silent{lasting}' + (f': {self._refusal}' if self._refusal else '')
+            if self._late[which] > 2:
+                return f'{topic}: messages come {LATE} s late'
+        if self._moved:
+            return f'a joint has moved that must not: {self._moved}'
+        if self._varies and self._frozen > _FROZEN:
+            return f'{self._topics[1]}: the same reading {self._frozen} times; the sensor is frozen'
+        return ''
+
+    def is_blind(self, now: float) -> bool:
+        """Whether there are no joint states."""
+        return not self._joints or now - self._joints[-1][0] > SILENT
+
+    def check(self, now: float) -> None:
+        """Check that both topics can be relied on.
+
+        Raises:
+            Fault: they cannot.
+        """
+        if text := self.problem(now):
+            raise Fault(text, may_retract=not text.startswith(self._topics[0]))
+
+    def _latest(self, readings: deque[tuple[float, float, float]], now: float, span: float) -> Floats:
+        found = []
+        for reading in reversed(readings):
+            if reading[0] < now - span:
+                break
+            found.append(reading[1:])
+        return np.array(found).reshape(-1, 2)
+
+    def mean_force(self, now: float, span: float) -> float:
+        """Magnitude of the mean force of late, N."""
+        latest = self._latest(self._forces, now, span)
+        return float(np.hypot(*(latest.mean(axis=0) - self._zero))) if len(latest) else self.force
+
+    def stands(self, now: float) -> bool:
+        """Whether both joints stand."""
+        latest = self._latest(self._joints, now, TARE)
+        return len(latest) > 2 and bool(np.ptp(latest, axis=0).max() < _STANDING)
+
+    def tare(self, now: float) -> float:
+        """Takes the force of late as zero, and returns its magnitude before, N."""
+        latest = self._latest(self._forces, now, TARE)
+        before, self._zero = self._zero, latest.mean(axis=0)
+        self.noise = max(float(latest.std(axis=0).max()), 0.9 * self.noise)
+        self._varies = bool(np.diff(latest, axis=0).any(axis=1).mean() > 0.8)
+        return float(np.hypot(*(self._zero - before)))

@@ -1,0 +1,131 @@
+"""The simulator as a robot that obeys `joint_trajectory`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from nodes.waiting import eventually, trigger
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.files.cell_file import dump_cell
+from scara_kinetostatic.model.cell import PAPER_CELL, Lift
+from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
+from scara_kinetostatic.nodes.conversion import joint_trajectory
+from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
+
+CELL = replace(PAPER_CELL, limits=((-2.6, 2.6), (-2.6, 2.6)), lift=Lift('joint3', 0.02, 0.0), hold={'joint4': 0.1})
+
+
+class Cockpit:
+    """Commands the robot, and hears where it is."""
+
+    def __init__(self, client: DemoClient) -> None:
+        self._client, node = client, client._node
+        self.states: list[JointState] = []
+        self.clock: list[float] = []
+        node.create_subscription(JointState, '/joint_states', self.states.append, 10)
+        node.create_subscription(Clock, '/clock', lambda said: self.clock.append(said.clock.sec), 10)
+        self._out = node.create_publisher(JointTrajectory, '/joint_trajectory', 10)
+        client.wait('the robot', lambda: bool(self.states) and self._out.get_subscription_count() > 0, 120.0)
+
+    @property
+    def at(self) -> list[float]:
+        return list(self.states[-1].position)
+
+    def send(self, positions: list[float], names: tuple[str, ...] = ('joint4', 'joint3', 'joint2', 'joint1')) -> None:
+        self._out.publish(joint_trajectory(names, [positions], [0.5]))
+
+    def wait(self, until: Callable[[], bool]) -> None:
+        self._client.wait('the robot', until, 60.0)
+
+    def set_fault(self, fault: str) -> Any:
+        request = SetParameters.Request(parameters=[Parameter('fault', value=fault).to_parameter_msg()])
+        return self._client.call('/contact_simulator/set_parameters', SetParameters, request, 60.0).results[0]
+
+
+@pytest.fixture(params=['', 'plain'])
+def cockpit(request: pytest.FixtureRequest, processes: NodeProcesses, client: DemoClient, tmp_path: Path) -> Cockpit:
+    """With the robot by its model, and in MuJoCo."""
+    if request.param:
+        pytest.importorskip('mujoco')
+    cell = tmp_path / 'cell.yaml'
+    cell.write_text(dump_cell(CELL))
+    parameters = {'cell': cell, 'commanded': True, 'scene': request.param, 'publish_clock': True, 'time_factor': 5.0}
+    processes.start('contact_simulator', parameters)
+    return Cockpit(client)
+
+
+def test_it_obeys_and_says_what_it_refuses(cockpit: Cockpit, processes: NodeProcesses, client: DemoClient) -> None:
+    assert list(cockpit.states[-1].name) == ['joint1', 'joint2', 'joint3', 'joint4']
+    q1, q2, *_ = begin = cockpit.at
+    cockpit.send([0.1, 0.015, q2 - 0.05, q1 - 0.05])
+    goal = [q1 - 0.05, q2 - 0.05, 0.015, 0.1]
+    cockpit.wait(lambda: cockpit.at == pytest.approx(goal, abs=2e-4))
+    cockpit.send([0.1, 0.0, 5.0, q1])
+    cockpit.send([q2, q1], ('joint2', 'joint1'))
+    log = processes.log('contact_simulator')
+    for text in ('joint2 at 5 is beyond its limits', 'expected the joints joint1 joint2 joint3 joint4'):
+        cockpit.wait(lambda: f'trajectory refused: {text}' in log.read_text())  # noqa: B023
+    assert cockpit.at == pytest.approx(goal, abs=2e-4)
+    assert trigger(client, '/contact_simulator/reset').success
+    assert not cockpit.set_fault('nonsense').successful
+    assert cockpit.set_fault('does_not_follow').successful
+    cockpit.send([0.1, 0.02, begin[1], begin[0]])
+    heard = len(cockpit.states)
+    cockpit.wait(lambda: len(cockpit.states) > heard + 100)
+    assert cockpit.at == pytest.approx(goal, abs=2e-4)
+
+
+def test_the_clock_runs_as_the_stamps_do(cockpit: Cockpit) -> None:
+    first = cockpit.states[-1].header.stamp.sec
+    cockpit.wait(lambda: cockpit.states[-1].header.stamp.sec >= first + 10)
+    assert cockpit.clock == sorted(cockpit.clock)
+    assert abs(cockpit.clock[-1] - cockpit.states[-1].header.stamp.sec) <= 1
+
+
+def test_a_robot_that_is_commanded_has_no_plan(spin: Callable[..., Node]) -> None:
+    with pytest.raises(ParameterError, match='parameter commanded: a commanded robot has no plan'):
+        spin(ContactSimulator, '--ros-args', '-p', 'commanded:=true', '-p', 'preload:=0.3')
+
+
+@pytest.mark.parametrize(
+    ('argument', 'message'),
+    [
+        ('scene:=nowhere', "scene: there is no 'nowhere'"),
+        ('fault:=nonsense', 'expected one of'),
+        ('lag:=-1.0', 'parameter lag'),
+        ('speed_limit:=0.0', 'parameter speed_limit'),
+    ],
+)
+def test_senseless_parameters_are_refused(spin: Callable[..., Node], argument: str, message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        spin(ContactSimulator, '--ros-args', '-p', 'commanded:=true', '-p', argument)
+
+
+def test_effects_do_not_go_with_a_scene(spin: Callable[..., Node]) -> None:
+    texts = "['sensor_bias:x=1.0,y=-0.5']"
+    with pytest.raises(ParameterError, match='a scene has its own'):
+        spin(ContactSimulator, '--ros-args', '-p', 'commanded:=true', '-p', 'scene:=plain', '-p', f'effects:={texts}')
+
+
+def test_an_overload_is_said(processes: NodeProcesses, client: DemoClient, tmp_path: Path) -> None:
+    cell = tmp_path / 'cell.yaml'
+    cell.write_text(dump_cell(CELL))
+    processes.start('contact_simulator', {'cell': cell, 'commanded': True, 'time_factor': 5.0, 'overload': 50.0})
+    cockpit = Cockpit(client)
+    q1, q2, *_ = cockpit.at
+    cockpit.send([0.1, 0.02, q2, q1 + 0.5])
+    cockpit.wait(lambda: cockpit.at[0] > q1 + 0.4)
+    cockpit.send([0.1, 0.0, q2, q1 + 0.5])
+    cockpit.wait(lambda: 'the drives have stopped: ' in processes.log('contact_simulator').read_text())
+    assert eventually(lambda: 'call ~/reset' in processes.log('contact_simulator').read_text())

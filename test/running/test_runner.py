@@ -1,0 +1,221 @@
+"""The runner in a simulated cell: a whole run, faults in every phase, and what is refused before anything moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.model.cell import Cell, Disc, Lift, Noise, Region
+from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.running.rehearsal import Rehearsal
+from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings
+
+CELL = Cell(
+    Parameters(l1=0.33, l2=0.33, p_ee=1e-5, p1=1e-5, p2=1e-5),
+    (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08)),
+    noise=Noise(joint=1e-5, force=0.3),
+    tolerance=1e-4,
+    region=Region(-0.35, 0.35, 0.2, 0.55),
+    limits=((-2.6, 2.6), (-2.6, 2.6)),
+)
+TRUTH = Parameters(
+    x0=2e-3, y0=-2e-3, theta1=3e-3, l1=0.3303, theta2=-2e-3, l2=0.3298,
+    p_ee=1.5e-5, p1=2e-5, p2=1e-5, g_ee=5e-5, g1=1e-4, g2=1.5e-4,
+)  # fmt: skip
+LIFT = Lift('joint3', 0.02, 0.0)
+
+
+def rehearsal(cell: Cell = CELL, true: Cell | None = None, seed: int = 1, most: int = 100) -> Rehearsal:
+    sensors = replace(COMMANDED_SENSORS, bias=(1.4, -1.4))
+    one = Rehearsal(cell, Plant(cell, ModelBody(true or cell, TRUTH), sensors=sensors, seed=seed), most)
+    one.runner.start()
+    return one
+
+
+def until_phase(one: Rehearsal, phase: str, more: float = 0.4) -> None:
+    """Into a phase, by some time, s."""
+    one.run(lambda at: at.runner.status.phase == phase and at.time > 3.0, 120.0)
+    one.run(longest=more)
+    assert one.runner.status.phase == phase
+
+
+@pytest.mark.parametrize('lift', [None, LIFT], ids=['round', 'lift'])
+def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
+    one = rehearsal(replace(CELL, lift=lift))
+    one.run()
+    end, campaign, touch = one.runner.end, one.runner.campaign, CELL.touch
+    assert end is not None
+    assert (end.status, end.reason.partition(':')[0]) == (0, 'enough')
+    assert one.plant.peak_force < touch.max_force
+    assert all(meant == met for meant, met in one.contacts)
+    assert len(one.contacts) == campaign.accepted + campaign.failed
+    outcome = calibrate_touches(TouchSet.concatenate(campaign.touches), CELL)
+    assert outcome.tip_uncertainty.worst <= 1e-4
+    std = np.array([outcome[name].std for name in NAMES])
+    off = np.array([outcome[name].value for name in NAMES]) - TRUTH.as_array()
+    assert np.abs(off / std).max() < 4.5
+    phases = [status.phase for _, status in one.history]
+    assert phases.index('travel') < phases.index('approach') < phases.index('press') < phases.index('hold')
+
+
+@pytest.mark.parametrize('phase', ['travel', 'approach', 'press'])
+@pytest.mark.parametrize(
+    ('fault', 'says'),
+    [
+        (Fault.DOES_NOT_FOLLOW, 'does not follow'),
+        (Fault.HELD_MOVES, 'must not'),
+        (Fault.FREE_FORCE, 'force'),
+        (Fault.SILENT_JOINTS, '/joint_states is silent'),
+        (Fault.SILENT_WRENCH, '/wrench is silent'),
+        (Fault.LATE, 'frozen'),
+    ],
+    ids=lambda value: value.name.lower() if isinstance(value, Fault) else '',
+)
+def test_a_fault_stops_the_robot_within_a_second(fault: Fault, says: str, phase: str) -> None:
+    one = rehearsal(replace(CELL, hold={'joint4': 0.0}))
+    until_phase(one, phase)
+    one.plant.fault, began = fault, one.time
+    one.run(lambda at: at.runner.end is not None, 2.0)
+    assert one.time - began < 1.0
+    status = one.runner.status
+    assert (status.phase, status.is_fault) == ('stopped', True)
+    assert says in status.text
+    one.run(longest=10.0)
+    assert one.runner.is_over
+    assert one.runner.end is not None
+    assert one.runner.end.status == 3
+    assert one.plant.peak_force < CELL.touch.max_force
+    one.plant.fault = Fault.NONE if fault is Fault.LATE else fault
+    before = one.plant.step(one.time + 0.5).joints
+    after = one.plant.step(one.time + 1.0).joints
+    if before is not None and after is not None and fault is not Fault.HELD_MOVES:
+        assert np.abs(np.subtract(after, before)).max() < 1e-4
+    if phase == 'press' and fault in (Fault.HELD_MOVES, Fault.SILENT_WRENCH, Fault.FREE_FORCE):
+        assert not one.plant.body.touched  # retracted
+
+
+@pytest.mark.parametrize('phase', ['travel', 'approach', 'press'])
+def test_the_robot_stands_when_the_runner_dies(phase: str) -> None:
+    one = rehearsal()
+    until_phase(one, phase)
+    one.plant.step(one.time + 0.3)
+    before = one.plant.step(one.time + 0.3001).joints
+    after = one.plant.step(one.time + 2.0).joints
+    assert before is not None
+    assert after is not None
+    assert np.abs(np.subtract(after, before)).max() < 1e-4
+    assert one.plant.peak_force < 1.5 * CELL.touch.max_force
+
+
+def test_somebody_else_moves_the_robot() -> None:
+    one = rehearsal()
+    until_phase(one, 'travel', 0.0)
+    one.runner.pause()
+    one.run(longest=0.5)
+    here = one.plant.step(one.time + 0.004).joints
+    assert here is not None
+    one.plant.command(one.plant.names, [1.0], [[here[0] + 0.3, here[1]]])
+    began = one.time
+    one.run(lambda at: at.runner.end is not None, 2.0)
+    assert one.time - began < 1.0
+    assert 'moved by something else' in one.runner.status.text
+
+
+def test_a_lift_that_does_not_lift() -> None:
+    one = rehearsal(replace(CELL, lift=LIFT))
+    one.plant.fault = Fault.LIFT_STUCK
+    one.plant._position[2] = one.plant._setpoint[2] = 0.0
+    one.run(longest=5.0)
+    assert 'lift' in one.runner.status.text
+    assert one.runner.end is not None
+    assert one.fastest < 0.02  # the arm has not moved
+
+
+def test_an_object_in_the_way() -> None:
+    discs = (*CELL.discs, *(Disc(f'box_{k}', 0.9 * x, 0.9 * y, 0.02) for k, (x, y) in enumerate(RING)))
+    one = rehearsal(true=replace(CELL, discs=discs))
+    one.run(longest=200.0)
+    end = one.runner.end
+    assert end is not None
+    assert end.status == 3
+    assert 'contact where none must be' in end.reason
+    assert 'remain' not in end.reason
+    assert one.plant.peak_force < 1.5 * CELL.touch.max_force
+    assert not one.plant.body.touched
+
+
+RING = [(0.66 * np.cos(angle), 0.66 * np.sin(angle)) for angle in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
+
+
+def test_an_object_that_is_not_there() -> None:
+    one = rehearsal(true=replace(CELL, discs=tuple(disc._replace(radius=0.02) for disc in CELL.discs)))
+    one.run(longest=120.0)
+    end = one.runner.end
+    assert end is not None
+    assert end.status == 3
+    assert 'no contact with disc_' in end.reason
+    assert one.plant.peak_force == 0
+
+
+def test_a_force_above_the_largest_one() -> None:
+    one = rehearsal()
+    until_phase(one, 'press')
+    one.runner.cell = replace(CELL, touch=CELL.touch._replace(max_force=10.0))
+    one.run(longest=10.0)
+    assert 'more than touch.max_force' in one.runner.status.text
+    assert not one.plant.body.touched
+
+
+def test_pause_start_and_stop() -> None:
+    one = rehearsal()
+    until_phase(one, 'travel', 0.2)
+    one.runner.pause()
+    one.run(longest=0.5)
+    assert one.runner.status.phase == 'paused'
+    before = one.runner.senses.joints
+    one.run(longest=2.0)
+    assert np.abs(one.runner.senses.joints - before).max() < 1e-4
+    one.runner.start()
+    until_phase(one, 'press')
+    one.runner.stop('stopped')
+    one.run(longest=20.0)
+    assert one.runner.is_over
+    assert not one.plant.body.touched
+    assert one.runner.end is not None
+    assert one.runner.end.status == 3
+
+
+def test_it_ends_after_so_many_touches() -> None:
+    one = rehearsal(replace(CELL, tolerance=None), most=9)
+    one.run(longest=200.0)
+    assert one.runner.end is not None
+    assert one.runner.end.status == 0
+    assert one.runner.campaign.accepted == 9
+
+
+@pytest.mark.parametrize(
+    ('change', 'error', 'says'),
+    [
+        ({'limits': None}, CellError, 'limits'),
+        ({'tolerance': 1e-7}, UnsupportedDataError, 'tolerance is 0.1 µm'),
+        ({'limits': ((-0.1, 0.1), (0.1, 0.3))}, UnsupportedDataError, 'no touch can be reached'),
+    ],
+    ids=['no limits', 'tolerance', 'unreachable'],
+)
+def test_what_is_refused_before_anything_moves(change: dict[str, object], error: type[Exception], says: str) -> None:
+    cell = replace(CELL, **change)
+    with pytest.raises(error, match=says):
+        Rehearsal(cell, Plant(cell, ModelBody(CELL, TRUTH), settings=PlantSettings(start=(0.5, 1.0))))
+
+
+def test_a_robot_that_stands_at_an_object_is_refused() -> None:
+    one = rehearsal()
+    one.plant.sensors = replace(one.plant.sensors, bias=(30.0, 0.0))
+    one.run(longest=3.0)
+    assert 'where nothing must be touched' in one.runner.status.text
+    assert one.fastest < 0.02
