@@ -196,8 +196,8 @@ class Planner:
 
     @cached_property
     def _values(self) -> int:
-        """Number of the values of the arm's own model."""
-        return len(self.arm.model.names)
+        """Number of the values of the arm's model, without undetected effects."""
+        return len(NAMES) + sum(len(effect.parameters) for effect in self.arm.effects)
 
     @cached_property
     def _tip(self) -> Tip:
