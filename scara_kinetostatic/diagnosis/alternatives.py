@@ -33,7 +33,14 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     orthonormal,
     pose_problem,
 )
-from scara_kinetostatic.diagnosis.refit import Effort, fit_again, penalised_deviance, start_from, with_rejections_of
+from scara_kinetostatic.diagnosis.refit import (
+    Effort,
+    Rival,
+    fit_again,
+    penalised_deviance,
+    start_from,
+    with_rejections_of,
+)
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -41,7 +48,7 @@ from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_E
 
 
 def cover_alternatives(
-    extended: Calibration, rivals: Sequence[Calibration], in_every_model: Container[str], effort: Effort
+    extended: Calibration, rivals: Sequence[Rival], in_every_model: Container[str], effort: Effort
 ) -> tuple[Calibration, list[Calibration]]:
     """The extended model with standard deviations that cover all that is credible beside it, but for moments.
 
@@ -57,8 +64,9 @@ def cover_alternatives(
     frequencies = _fit_variants(extended, _other_frequencies(extended, in_every_model), effort)
     frequencies += alternative_places(extended)
     laws = _fit_variants(extended, _other_laws(extended), effort)
-    wide = _widened_to_each(widened_by(extended, rivals), [*laws, *frequencies])
-    return widened_by_constants(wide, [wide, *rivals]), frequencies
+    fits = [rival.fit for rival in rivals]
+    wide = _widened_to_each(widened_by(extended, fits, [rival.weight for rival in rivals]), [*laws, *frequencies])
+    return widened_by_constants(wide, [wide, *fits]), frequencies
 
 
 def _other_laws(extended: Calibration) -> list[ExtendedModel]:
@@ -209,8 +217,10 @@ def _widened_to_each(extended: Calibration, others: Sequence[Calibration]) -> Ca
     return wide
 
 
-def widened_by(extended: Calibration, others: Sequence[Calibration]) -> Calibration:
-    """The extended model with the scatter of other fits about it added to its covariance.
+def widened_by(
+    extended: Calibration, others: Sequence[Calibration], weights: Sequence[float] | None = None
+) -> Calibration:
+    """The extended model with the scatter of other fits about it, by their weights, added to its covariance.
 
     It is added to the base parameters, and to those of the effects if all fits have the same.
     """
@@ -220,7 +230,8 @@ def widened_by(extended: Calibration, others: Sequence[Calibration]) -> Calibrat
     count = len(extended.covariance) if same_effects else len(NAMES)
     off = np.array([other.model.as_array()[:count] - extended.model.as_array()[:count] for other in others])
     more = np.zeros_like(extended.covariance)
-    more[:count, :count] = off.T @ off / len(off)
+    weight = np.ones(len(off)) if weights is None else np.array(weights)
+    more[:count, :count] = (weight * off.T) @ off / weight.sum()
     return _widened(extended, more)
 
 

@@ -18,8 +18,9 @@ from scipy import special
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis import advice
-from scara_kinetostatic.diagnosis.alternatives import cover_alternatives, find_moments, widened_by_moments
+from scara_kinetostatic.diagnosis.alternatives import cover_alternatives, find_moments, widened_by, widened_by_moments
 from scara_kinetostatic.diagnosis.candidates import all_candidates
 from scara_kinetostatic.diagnosis.comparison import discriminating_touches
 from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequacy, off_normal_p_value
@@ -34,11 +35,12 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 from scara_kinetostatic.diagnosis.mixed_model import with_undetected
 from scara_kinetostatic.diagnosis.model_selection import rank_singles, score_singles
 from scara_kinetostatic.diagnosis.noise_structure import likelier, noise_candidate
-from scara_kinetostatic.diagnosis.refit import Effort, fit_again
+from scara_kinetostatic.diagnosis.refit import Effort, Rival, fit_again
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.search import Search, fit_rivals, select_hypothesis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.model.cell import SizeMode
 
 
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
@@ -222,12 +224,13 @@ def _with_extended_model(
         known: the catalogue.
         effort: of the diagnosis.
     """
-    fitted, moments = find_moments(fitted)
-    after = adequacy(fitted)
     held = fitted.held_effects  # each credible set is fitted by itself; off-normal angles stay
     kept = tuple(effect for effect in fitted.model.effects if effect.off_normal_std or effect.label in held)
-    rivals = fit_rivals(found, replace(c, model=c.model.with_effects(kept)), effort) if found.rivals else []
-    extended, frequencies = cover_alternatives(fitted, rivals, found.in_every_model, effort)
+    weighted = fit_rivals(found, replace(c, model=c.model.with_effects(kept)), effort) if found.rivals else []
+    rivals = [rival.fit for rival in weighted]
+    fitted, moments = find_moments(_better_known(fitted, weighted))
+    after = adequacy(fitted)
+    extended, frequencies = cover_alternatives(fitted, weighted, found.in_every_model, effort)
     extended = widened_by_moments(extended, moments)
     rivals_at_moments = [widened_by_moments(rival, find_moments(rival, refit=False)[1]) for rival in rivals]
     effects = _describe(extended, found.in_every_model, rivals_at_moments)
@@ -253,6 +256,18 @@ def _with_extended_model(
         ),
         discriminating=touches,
     )
+
+
+def _better_known(together: Calibration, rivals: Sequence[Rival]) -> Calibration:
+    """The fit with all credible effects, or that with the likeliest set where the tip is better known by it, although
+    its rivals count: together they may leave hardly anything determined.
+    """
+    if together.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or not rivals:
+        return together
+    fits, weights = [rival.fit for rival in rivals], [rival.weight for rival in rivals]
+    likeliest = fits[int(np.argmax(weights))]
+    medians = [tip_uncertainty(widened_by(fit, fits, weights)).median for fit in (together, likeliest)]
+    return likeliest if np.nan_to_num(medians[1], nan=np.inf) < np.nan_to_num(medians[0], nan=np.inf) else together
 
 
 def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:

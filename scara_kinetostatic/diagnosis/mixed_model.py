@@ -36,7 +36,14 @@ from scara_kinetostatic.calibration.noise_estimation import whiten_matrix
 from scara_kinetostatic.calibration.result import UNDETECTED, Calibration, Contribution
 from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, pose_problem
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.undetected import Column, Undetected, columns_of, derivatives, typical_size
+from scara_kinetostatic.effects.undetected import (
+    Column,
+    Undetected,
+    columns_of,
+    derivatives,
+    sizes_in_typical,
+    typical_size,
+)
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import EffectSizes, SizeMode
 
@@ -150,11 +157,9 @@ def _log_sizes(problem: Problem, c: Calibration, random: RandomEffects) -> Float
 
 def _log_sizes_found(c: Calibration) -> Floats:
     """Log of the amplitudes of the effects that the fit has, in typical sizes, rms of each name."""
-    arm, found = c.cell.uncertainty.effects.arm, dict[str, list[float]]()
+    found = dict[str, list[float]]()
     for effect, values, _ in fitted_effects(c):
-        if effect.is_physical and len(values):
-            sizes = effect.amplitudes(np.array(values)) / [typical_size(effect, k, arm) for k in range(len(values))]
-            found.setdefault(effect.name, []).extend(sizes[sizes != 0].tolist())
+        found.setdefault(effect.name, []).extend(sizes_in_typical(effect, values, c.cell.uncertainty.effects.arm))
     return np.array([0.5 * np.log(np.mean(np.square(sizes))) for sizes in found.values() if sizes])
 
 

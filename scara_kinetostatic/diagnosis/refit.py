@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -126,6 +126,19 @@ def fit_with(
         calibration.touches, calibration.cell, start.effects, fixed=calibration.fixed, warm_start=warm_start
     )
     return with_rejections_of(found, calibration)
+
+
+class Rival(NamedTuple):
+    """The touches fitted with one credible set of effects by itself.
+
+    Attributes:
+        fit: the model.
+        weight: its evidence over that of the best one, exp(-Δ/2) with the difference Δ of the penalised deviances; 1 where
+            no sizes of effects are expected.
+    """
+
+    fit: Calibration
+    weight: float
 
 
 def fit_again(

@@ -33,9 +33,12 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 )
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets
 from scara_kinetostatic.diagnosis.noise_structure import fit_with_off_normal
-from scara_kinetostatic.diagnosis.refit import Effort, fit_with, penalised_deviance
+from scara_kinetostatic.diagnosis.refit import Effort, Rival, fit_with, penalised_deviance
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.undetected import sizes_in_typical
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import SizeMode
 
 _ATTEMPTS = 4
 """Credible sets that are fitted one by one, where their union does not converge."""
@@ -108,7 +111,15 @@ def search(
     return result or found
 
 
-def fit_rivals(found: Search, calibration: Calibration, effort: Effort) -> list[Calibration]:
+def sizes_of(fit: Calibration) -> Floats:
+    """The amplitudes of the effects of a fit in their typical sizes."""
+    arm = fit.cell.uncertainty.effects.arm
+    return np.array(
+        [size for effect, values, _ in fitted_effects(fit) for size in sizes_in_typical(effect, values, arm)]
+    )
+
+
+def fit_rivals(found: Search, calibration: Calibration, effort: Effort) -> list[Rival]:
     """The touches of a calibration fitted with each credible set of effects by itself.
 
     Args:
@@ -118,11 +129,17 @@ def fit_rivals(found: Search, calibration: Calibration, effort: Effort) -> list[
     """
     start, sets = found.start or calibration, found.scored_subsets
     fits = [
-        _fit_set(calibration, start, found, sets.members(subset), effort)
+        (_fit_set(calibration, start, found, sets.members(subset), effort), subset.score)
         for subset in sets.credible[:8]
         if effort.allows()
     ]
-    return [fit for fit in fits if fit is not None]
+    good = [(fit, score) for fit, score in fits if fit is not None]
+    if calibration.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED:
+        return [Rival(fit, 1.0) for fit, _ in good]
+    deviances = np.array([score + 2 * np.log1p(np.square(sizes_of(fit))).sum() for fit, score in good])
+    return [
+        Rival(fit, w) for (fit, _), w in zip(good, np.exp((deviances.min(initial=np.inf) - deviances) / 2), strict=True)
+    ]
 
 
 def _fit_set(

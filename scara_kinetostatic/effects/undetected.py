@@ -70,6 +70,14 @@ def typical_size(effect: Effect, parameter: int, arm: ArmClass = ArmClass.INDUST
     return CLASSES[arm] * (size[parameter] if isinstance(size, tuple) else size)
 
 
+def sizes_in_typical(effect: Effect, values: Floats, arm: ArmClass) -> list[float]:
+    """The amplitudes of an effect with these values, in its typical sizes; none of a fitted curve."""
+    if not (effect.is_physical and len(values)):
+        return []
+    sizes = effect.amplitudes(np.array(values)) / [typical_size(effect, k, arm) for k in range(len(values))]
+    return [float(size) for size in sizes if size != 0]
+
+
 class Column(NamedTuple):
     """A column of an effect: its derivative by one of its parameters.
 
