@@ -103,7 +103,7 @@ def unexplained(evidence: Evidence) -> Iterator[Remark]:
             Grade.CAUTION if small else Grade.UNFIT,
             f'a model error is not explained; the residual is correlated with: {largest.name}; the touches are '
             f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties '
-            + ('contain it as undetected effects only' if c.undetected else 'do not cover its bias'),
+            + ('contain it as undetected effects only' if c.has_undetected else 'do not cover its bias'),
             'look in the report at what the residuals depend on, mend it, and record again',
         )
     elif curves:
@@ -389,12 +389,15 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     if c.fixed:
         yield f'held at given values, which count as exact: {", ".join(c.fixed)}'
     yield from tolerance.kept(evidence)
-    if c.cell.uncertainty.effects.sizes is SizeMode.NONE:
-        yield 'undetected effects are left out: the uncertainties are those of a robot without any other error'
+    effects = c.cell.uncertainty.effects
+    if effects.sizes is SizeMode.NONE:
+        stated = ', '.join(effects.stated)
+        others = f' but {stated}' if stated else ''
+        yield f'undetected effects{others} are left out: uncertainties are those of a robot without them'
     missing = []
     if DeclaredErrors.of(c.cell) is None:
-        counted = 'errors of discs, radii and sensor count as undetected effects'
-        missing.append(f'no uncertainties ({counted if c.undetected else "discs, radii and sensor count as exact"})')
+        counted = 'as exact' if effects.sizes is SizeMode.NONE else 'with undetected errors'
+        missing.append(f'no uncertainties (discs, radii and sensor count {counted})')
     if c.cell.tolerance is None:
         missing.append('no tolerance')
     if missing:

@@ -63,8 +63,8 @@ def stated_conformity(evidence: Evidence) -> str:
     if found.decision is Decision.UNDECIDED:
         return 'neither shown nor excluded'
     if evidence.diagnosis.verdict == 'unexplained':
-        return 'cannot be stated: the cause of a model error is unknown, and the uncertainties do not contain it'
-    if DeclaredErrors.of(evidence.final.cell) is None and not evidence.final.undetected:
+        return 'cannot be stated: the cause of a model error is unknown'
+    if DeclaredErrors.of(evidence.final.cell) is None and not evidence.final.has_undetected:
         return 'shown as far as noise goes: no uncertainties of discs and sensor are declared'
     return 'shown (ISO 14253-1)'
 

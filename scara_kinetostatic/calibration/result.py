@@ -172,6 +172,11 @@ class Calibration:
         return self.model.parameters
 
     @property
+    def has_undetected(self) -> bool:
+        """Whether the covariance contains undetected effects."""
+        return any(part.label.startswith(UNDETECTED) for part in self.contributions)
+
+    @property
     def full_model(self) -> ExtendedModel:
         """The model with the undetected effects."""
         return self.model.with_effects((*self.model.effects, *self.undetected)) if self.undetected else self.model
@@ -480,13 +485,14 @@ def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
     return HeldOut(force_error(residual), folds)
 
 
-def undetected_covariance(c: Calibration) -> Floats:
+def undetected_covariance(c: Calibration, *, of_robot: bool = True) -> Floats:
     """What undetected effects contribute to the covariance of the values of the model, (12 + k, 12 + k): the same
-    robot has it at every calibration.
+    robot has it at every calibration; without those of the robot the same objects and sensor have it.
     """
     size = len(c.model.names)
-    parts = [part.covariance[:size, :size] for part in c.contributions if part.label.startswith(UNDETECTED)]
-    return np.asarray(sum(parts, np.zeros((size, size))))
+    parts = [part.covariance for part in c.contributions if part.label.startswith(UNDETECTED)]
+    chosen = [part[:size, :size] for part in parts if of_robot or not part[size:].any()]
+    return np.asarray(sum(chosen, np.zeros((size, size))))
 
 
 class JointCovariance(NamedTuple):

@@ -13,7 +13,8 @@ undetected.
 scoring in log τ. A robot is good or bad as a whole, so they have a common size τ_0 beforehand; τ_g / τ_0 and τ_0 have a
 half-Cauchy prior with scale 1 each (Gelman, Bayesian Analysis 1 (2006) 515), and its density in log τ counts: what the
 touches say nothing of has the common size, not none. Effects that the fit has count for τ_0 by their amplitudes. The
-mean of τ is taken, exp(log τ + v/2) with the variance v of log τ by Laplace's approximation. Sizes that the cell
+mean of τ is taken, exp(log τ + v/2) with the variance v of log τ by Laplace's approximation, v at most 1. Where the
+fit has enlarged its covariance, the noise is the enlarged one. Sizes that the cell
 description declares are held.
 
 **Contribution.** The estimate stays what it is: least squares without these effects. With C the covariance of the
@@ -82,7 +83,7 @@ def with_undetected(c: Calibration, known: Sequence[Effect]) -> Calibration:
         c: without; one that has them stays as it is.
         known: the catalogue.
     """
-    if c.undetected:
+    if c.has_undetected:
         return c
     declared = c.cell.uncertainty.effects
     problem = pose_problem(c)
@@ -110,7 +111,8 @@ def _random_effects(problem: Problem, c: Calibration, known: Sequence[Effect], d
         forms = max(len({column.values for column in columns}), 1)
         for column in columns:
             size = typical_size(effect, column.parameter, declared.arm)
-            held = np.log(stated / size) if stated else 0.0 if declared.sizes is SizeMode.TYPICAL else np.nan
+            first = typical_size(effect, 0, declared.arm)  # others in proportion
+            held = np.log(stated / first) if stated else 0.0 if declared.sizes is SizeMode.TYPICAL else np.nan
             found.append((column, size / forms**0.5, held))
     found.sort(key=lambda item: (not item[0].moves_robot, item[0].effect.force_dependence))
     columns, typical = [column for column, _, _ in found], np.array([size for _, size, _ in found])
@@ -143,7 +145,7 @@ def _log_sizes(problem: Problem, c: Calibration, random: RandomEffects) -> Float
     columns, fixed = np.concatenate(known, axis=1), sum(part.shape[1] for part in known[:-1])
     names, group = np.unique(random.group[free], return_inverse=True)
     of_joints = whiten_matrix(outer(problem.point.linear.by_joints) * c.noise.joint_rms**2, w.root)
-    levels, found, sizes_found = np.ones(2), np.zeros(len(names) + 1), _log_sizes_found(c)
+    levels, found, sizes_found = np.full(2, c.enlargement), np.zeros(len(names) + 1), _log_sizes_found(c)
     for _ in range(_ROUNDS if c.noise_source == 'estimated' else 1):
         inner = _Whitened.of(of_joints, levels, fitted, columns, residual)
         found, half_variance, weights = _scored(inner, fixed, group, sizes_found, found)
@@ -279,7 +281,9 @@ def _contributed(c: Calibration, random: RandomEffects, sizes: Floats, moved: Fl
     parts = [part._replace(covariance=np.pad(part.covariance, (0, own))) for part in c.contributions]
     for number, name in enumerate(random.names):
         some = total[:, random.group == number]
-        parts.append(Contribution(f'{UNDETECTED}[{name}]', None, '', some @ some.T))
+        stated = c.cell.uncertainty.effects.stated.get(name)
+        unit = next(column.effect.parameters[0].unit for column in random.columns if column.effect.name == name)
+        parts.append(Contribution(f'{UNDETECTED}[{name}]', stated, unit if stated else '', some @ some.T))
     covariance = np.sum([part.covariance for part in parts], axis=0)
     std, before = np.sqrt(np.diag(covariance))[:values], np.concatenate([c.std, c.effect_std])
     std = np.where(before > 0, std, before)

@@ -45,6 +45,7 @@ from scara_kinetostatic.model.cell import (
     Uncertainty,
     layout_problems,
 )
+from scara_kinetostatic.model.effect_law import Parameter
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
@@ -201,7 +202,8 @@ def cell_description(cell: Cell) -> dict[str, Any]:
 def _sizes(effects: EffectSizes) -> str | dict[str, Any]:
     if effects.arm is EffectSizes().arm and not effects.stated:
         return effects.sizes.value
-    return {'sizes': effects.sizes.value, 'arm': effects.arm.value, **effects.stated}
+    arm = {} if effects.arm is EffectSizes().arm else {'arm': effects.arm.value}
+    return {'sizes': effects.sizes.value, **arm, **effects.stated}
 
 
 def _stated(**stds: float) -> dict[str, Any]:
@@ -426,15 +428,21 @@ def _uncertainty(section: Section) -> Uncertainty:
 def _effects(top: Section, cell: Cell) -> EffectSizes:
     """How large undetected effects are: one word, or words and single sizes, of the effects that the cell may have."""
     section, usual = top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), EffectSizes()
-    if not isinstance(section.data.get('effects') or {}, dict):
+    if not isinstance(section.data.get('effects', {}), dict):
         return EffectSizes(section.choice('effects', usual.sizes))
-    known = {key: effect for effect in catalogue(cell) for key in (effect.name, effect.label) if effect.parameters}
+    known = dict[str, list[Parameter]]()
+    for effect in (effect for effect in catalogue(cell) if effect.parameters):
+        for key in {effect.name, effect.label}:
+            known.setdefault(key, []).append(effect.parameters[0])
     inner = section.section('effects', (), ('sizes', 'arm', *known))
-    largest = {name: Within(0.0, known[name].parameters[0].scale) for name in inner.data if name in known}
-    stated = {name: inner.number(name, '', limit) for name, limit in largest.items()}
+    stated = {}
+    for name in (name for name in inner.data if name in known):
+        if len({parameter.unit for parameter in known[name]}) > 1:
+            raise inner.error(name, 'is a size in several units', f'give {name}[joint1] and others by themselves')
+        stated[name] = inner.number(name, '', Within(0.0, min(parameter.scale for parameter in known[name])))
     sizes, arm = inner.choice('sizes', usual.sizes), inner.choice('arm', usual.arm)
     if 'arm' in inner.data and sizes is SizeMode.NONE:
-        raise inner.error('arm', 'has no meaning without sizes', 'add sizes: estimated, or typical')
+        raise inner.error('arm', 'has no meaning with sizes: none', 'write sizes: estimated, or typical')
     return EffectSizes(sizes, arm, stated)
 
 

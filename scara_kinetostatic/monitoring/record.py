@@ -94,6 +94,12 @@ class CalibrationRecord:
             raise CalibrationFileError(where, f'is damaged or old: {reason:.200}', _REMEDY) from error
         return record
 
+    def undetected_of_objects(self) -> Floats:
+        """The part of the covariance that undetected errors of objects and sensor have, (12 + k, 12 + k)."""
+        part = self.document['covariance_with_cell'].get('undetected_objects')
+        size = len(self.arm.model.with_effects(self.arm.effects).names)
+        return np.zeros((size, size)) if part is None else stored_numbers(part, (size, size))
+
     def without_undetected(self) -> CalibrationRecord:
         """The same without what undetected effects contribute: the robot has them at every calibration."""
         model, part = self.arm.model, self.document['covariance_with_cell'].get('undetected')

@@ -158,7 +158,11 @@ def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
 def _covariance_with_cell(c: Calibration) -> Document:
     """What a later prediction needs: all values of the model and the errors of the cell description, SI units."""
     names, values, matrix = joint_covariance(c)
-    undetected = {'undetected': undetected_covariance(c)} if c.cell.uncertainty.effects.in_use else {}
+    undetected = (
+        {'undetected': undetected_covariance(c), 'undetected_objects': undetected_covariance(c, of_robot=False)}
+        if c.has_undetected
+        else {}
+    )
     return {'names': names, 'values': values, 'matrix': matrix, **undetected}
 
 

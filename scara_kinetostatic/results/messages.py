@@ -69,7 +69,7 @@ def verdict(outcome: Outcome) -> Verdict:
         sentences = [f'{lack}.', *([f'Added to the model: {_names(d.found)}.'] if d.found else [])]
         sentences.append(
             'The standard uncertainties contain undetected effects, but no gross error.'
-            if outcome.final.undetected
+            if outcome.final.has_undetected
             else 'Do not rely on the standard deviations.'
         )
     sentences.append(f'Verdict: {d.verdict}.')

@@ -106,6 +106,7 @@ def test_a_cell_made_in_python_is_checked_alike() -> None:
     ('text', 'sizes'),
     [
         ('none', EffectSizes(SizeMode.NONE)),
+        ('{sizes: none, base_compliance: 1.0e-7}', EffectSizes(SizeMode.NONE, stated={'base_compliance': 1e-7})),
         ('typical', EffectSizes(SizeMode.TYPICAL)),
         ('{sizes: estimated, arm: desktop}', EffectSizes(SizeMode.ESTIMATED, ArmClass.DESKTOP)),
         (
@@ -126,7 +127,9 @@ def test_sizes_of_undetected_effects(text: str, sizes: EffectSizes) -> None:
     ('text', 'message'),
     [
         ('large', "uncertainty.effects: expected estimated or typical or none, got 'large'"),
-        ('{arm: desktop}', 'uncertainty.effects.arm: has no meaning without sizes'),
+        ('{sizes: none, arm: desktop}', 'uncertainty.effects.arm: has no meaning with sizes: none'),
+        ('no', 'uncertainty.effects: expected estimated or typical or none'),
+        ('{shift: 1.0e-5}', 'uncertainty.effects.shift: is a size in several units'),
         (
             '{sizes: typical, arm: wooden}',
             "uncertainty.effects.arm: expected industrial or desktop or printed, got 'wooden'",
