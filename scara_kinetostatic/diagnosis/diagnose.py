@@ -43,6 +43,10 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import SizeMode
 
 
+_FAR = 3.0
+"""Ratio of two uncertainties of the tip above which one is far better."""
+
+
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
     """Test whether the base model is complete, and find what it lacks.
 
@@ -259,15 +263,15 @@ def _with_extended_model(
 
 
 def _better_known(together: Calibration, rivals: Sequence[Rival]) -> Calibration:
-    """The fit with all credible effects, or that with the likeliest set where the tip is better known by it, although
-    its rivals count: together they may leave hardly anything determined.
+    """The fit with all credible effects, or that with the likeliest set where the tip is far better known by it,
+    although its rivals count: together, such as two of three discs free, they may leave hardly anything determined.
     """
     if together.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or not rivals:
         return together
     fits, weights = [rival.fit for rival in rivals], [rival.weight for rival in rivals]
     likeliest = fits[int(np.argmax(weights))]
-    medians = [tip_uncertainty(widened_by(fit, fits, weights)).median for fit in (together, likeliest)]
-    return likeliest if np.nan_to_num(medians[1], nan=np.inf) < np.nan_to_num(medians[0], nan=np.inf) else together
+    every, one = (tip_uncertainty(widened_by(fit, fits, weights)).median for fit in (together, likeliest))
+    return likeliest if np.isfinite(one) and not every <= _FAR * one else together
 
 
 def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
