@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic, sleep
 
@@ -18,6 +19,7 @@ from scara_kinetostatic.errors import CellError, InputError, OutputError
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.simulation.commanded import DEMO_CELL
 
 
 def parse(*arguments: str) -> Namespace:
@@ -30,25 +32,22 @@ def descendants(process: int) -> set[int]:
 
 
 def test_the_robot_calibrates_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The tolerance is reached, with fewer touches than the 72 of the plan, and the truth is found."""
-    began = monotonic()
-    assert demo.run(parse('--out', str(tmp_path), '--seed', '3')) == 0
+    """The tolerance is reached with fewer touches than the 72 of a plan, and the truth is found."""
+    (tmp_path / 'cell.yaml').write_text(dump_cell(replace(DEMO_CELL, tolerance=1e-4)))
+    assert demo.run(parse('--out', str(tmp_path), '--seed', '3', '--cell', str(tmp_path / 'cell.yaml'))) == 0
     printed = capsys.readouterr().out
-    assert re.search(
-        r'^enough: the expanded uncertainty of the tip is \d+ µm, the tolerance 30 µm', printed, re.MULTILINE
-    )
+    assert re.search(r'^enough: the expanded uncertainty of the tip is \d+ µm, the tolerance', printed, re.MULTILINE)
     rows = dict(re.findall(rf'^({"|".join(NAMES)}) .* (-?[0-9.]+)  \S+$', printed, re.MULTILINE))
     assert list(rows) == list(NAMES)
     assert all(abs(float(z)) < 4.5 for z in rows.values()), printed
     touches = [int(number) for number in re.findall(r'^ *(\d+) .* N: ', printed, re.MULTILINE)]
     assert touches == sorted(set(touches))  # a contact with two holds counts twice
-    assert 12 <= touches[-1] <= 60
+    assert 10 <= touches[-1] <= 40
     known = [int(size) for size in re.findall(r'^ *\d+ +(\d+) µm', printed, re.MULTILINE)]
-    assert known[0] > 100 > 45 > known[-1]
+    assert known[0] > 300 > 150 > known[-1]
     for name in ('recording', 'report'):
         (place,) = re.findall(rf'^{name}: +(.+)$', printed, re.MULTILINE)
         assert Path(place).exists()
-    assert monotonic() - began < WAIT
 
 
 def test_a_signal_ends_everything(tmp_path: Path) -> None:
