@@ -230,8 +230,9 @@ class Runner:
         force, most = self.senses.force, self.cell.touch.max_force
         if force > most:
             raise Fault(f'a force of {force:.0f} N, more than touch.max_force, {most:g} N')
-        jump, self._last_force = abs(force - self._last_force), force
-        if self._contact and jump > self._steepest * max(self._elapsed, 0.01) + 10 * self.senses.noise + 0.1 * most:
+        jump, self._last_force = force - self._last_force, force
+        judged = self._contact and not self.senses.is_excused(self._now)
+        if judged and jump > self._steepest * max(self._elapsed, 0.01) + 10 * self.senses.noise + 0.1 * most:
             raise Fault(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
         self._check_place(off_track)
 
