@@ -42,7 +42,6 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import SizeMode
 
-
 _FAR = 3.0
 """Ratio of two uncertainties of the tip above which one is far better."""
 

@@ -94,7 +94,7 @@ class Senses:
 
     def problem(self, now: float) -> str:
         """What is wrong with the messages; empty if nothing."""
-        for which, readings in enumerate((self._joints, self._forces)) if now > self._excused_until else ():
+        for which, readings in enumerate((self._joints, self._forces)) if not self.is_excused(now) else ():
             topic = self._topics[which]
             silent = now - readings[-1][0] if readings else np.inf
             if silent > SILENT:
@@ -107,6 +107,10 @@ class Senses:
         if self._varies and self._frozen > _FROZEN:
             return f'{self._topics[1]}: the same reading {self._frozen} times; the sensor is frozen'
         return ''
+
+    def is_excused(self, now: float) -> bool:
+        """Whether nobody has listened a moment ago."""
+        return now <= self._excused_until
 
     def is_blind(self, now: float) -> bool:
         """Whether there are no joint states."""
@@ -122,9 +126,9 @@ class Senses:
             raise Fault(text, may_retract=not text.startswith(self._topics[0]))
 
     def _latest(self, readings: deque[tuple[float, float, float]], now: float, span: float) -> Floats:
-        found = []
+        found = list[tuple[float, ...]]()
         for reading in reversed(readings):
-            if reading[0] < now - span:
+            if reading[0] < now - span and len(found) > 2:
                 break
             found.append(reading[1:])
         return np.array(found).reshape(-1, 2)
