@@ -51,6 +51,7 @@ ARGUMENTS = {
     'reading': '--seconds 10 --rate 100',
     'recordings': '--number 2',
     'runner': '--cells 1 --tolerance 3e-4',
+    'runner_faults': '--only silent_wrench:approach',
     'statistics': '--runs 10',
     'uncertainty': '--count 1 --kind small',
 }

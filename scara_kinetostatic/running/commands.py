@@ -28,8 +28,6 @@ _CORNER = 0.02
 """Speed at a corner, m/s: with a lag of 50 ms the tip cuts it by less than 1 mm."""
 _POINTS = 4
 """Points of a command."""
-_LAG = 0.25
-"""A robot may be so late, s."""
 _FASTER = 1.25
 """What a commanded speed may exceed the wanted one by: the model of the arm is not exact."""
 
@@ -108,14 +106,16 @@ class Track(NamedTuple):
         q1, q2 = (np.interp(at, self.at, column) for column in self.joints.T)
         return np.stack([q1, q2], axis=-1), np.interp(at, self.at, self.lift)
 
-    def nearest(self, joints: Floats) -> float:
-        """Length of the way to where it comes nearest to Q, (2,), rad."""
-        along = np.diff(self.joints, axis=0)
-        part = ((joints - self.joints[:-1]) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-18)
-        part = np.clip(part, 0.0, 1.0)
-        off = np.hypot(*(self.joints[:-1] + part[:, None] * along - joints).T)
-        k = int(np.argmin(off))
-        return float(self.at[k] + part[k] * (self.at[k + 1] - self.at[k]))
+    def nearest(self, joints: Floats, lift: float | None) -> tuple[float, float]:
+        """Length of the way to where it comes nearest to Q, (2,), rad, and lift, m, and how far the joints are off."""
+        every = np.column_stack([self.joints, self.lift])
+        here = np.append(joints, self.lift[0] if lift is None else lift)
+        along = np.diff(every, axis=0)
+        part = ((here - every[:-1]) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-18)
+        part = np.minimum(np.maximum(part, 0.0), 1.0)
+        off = every[:-1] + part[:, None] * along - here
+        k = int(np.argmin((off**2).sum(axis=1)))
+        return float(self.at[k] + part[k] * (self.at[k + 1] - self.at[k])), float(np.abs(off[k]).max())
 
 
 class Motion:
@@ -129,11 +129,12 @@ class Motion:
 
     Attributes:
         at: where it is, m.
+        speed: as given.
     """
 
     def __init__(self, track: Track, speed: float, at: float = 0.0, *, ramps: bool = True) -> None:
-        self.track, self.at = track, at
-        self._speed, self._now, self._ramps = speed, 0.0, ramps
+        self.track, self.at, self.speed = track, at, speed
+        self._now, self._ramps = 0.0, ramps
 
     def advance(self, elapsed: float, goal: float) -> None:
         """Goes on for some time towards a length of the track."""
@@ -151,7 +152,7 @@ class Motion:
     def _after(self, at: float, now: float, elapsed: float, goal: float) -> tuple[float, float]:
         """Length and speed after some time."""
         left = goal - at
-        speed = self._speed
+        speed = self.speed
         if self._ramps:
             corner = np.append(self.track.corners, goal)
             ahead = (corner - at) * np.sign(left)
@@ -159,7 +160,7 @@ class Motion:
             behind = float(np.min(-ahead[ahead <= 1e-6], initial=1.0))
             slow = [np.sqrt(_CORNER**2 + 2 * ACCELERATION * d) for d in (near, behind)]
             speed = min(speed, now + ACCELERATION * elapsed, *slow)
-            speed = max(speed, min(self._speed, _CORNER))
+            speed = max(speed, min(self.speed, _CORNER))
         step = min(speed * elapsed, abs(left))
         return at + float(np.copysign(step, left)), 0.0 if step == abs(left) else speed
 
@@ -182,13 +183,11 @@ class Commander:
         self._names = (*cell.joint_names, *lift, *cell.hold)
         self.joints: Floats | None = None
         self.lift = 0.0 if cell.lift is None else cell.lift.down
-        self._recent = np.empty((0, 4))
 
-    def command(self, now: float, at: tuple[Floats, float], points: tuple[Floats, Floats, Floats]) -> Command:
+    def command(self, at: tuple[Floats, float], points: tuple[Floats, Floats, Floats]) -> Command:
         """Checks where the joints are to be, and says it.
 
         Args:
-            now: s.
             at: Q and lift that hold now.
             points: times, Q and lift to come.
 
@@ -205,23 +204,6 @@ class Commander:
         if speed.max() > _FASTER * self._cell.touch.speed:
             raise Fault(f'a motion of {1e3 * speed.max():.0f} mm/s was planned; nothing was commanded')
         self.joints, self.lift = at[0], float(at[1])
-        here, end = [now, *at[0], at[1]], [now, *joints[-1], lift[-1]]
-        self._recent = np.vstack([self._recent[self._recent[:, 0] > now - 2 * _LAG], here, end])
         lifts = [lift[:, None]] if self._cell.lift is not None else []
         held = np.tile(list(self._cell.hold.values()), (len(times), 1))
         return Command(self._names, times, np.hstack([joints, *lifts, held]))
-
-    def off_track(self, now: float, joints: Floats, lift: float | None) -> tuple[float, float]:
-        """How far joints, rad, and lift, m, are from where they were to be within the last `_LAG`."""
-        later = self._recent[:, 0] > now - _LAG
-        first = max(0, int(np.argmax(later)) - 1 if later.any() else len(self._recent) - 1)
-        recent = self._recent[first:, 1:]
-        if not len(recent):
-            return 0.0, 0.0
-        ahead = 0.0 if lift is None else max(float(recent[:, 2].min()) - lift, lift - float(recent[:, 2].max()), 0.0)
-        a, along = recent[:-1, :2], np.diff(recent[:, :2], axis=0)
-        if not len(a):
-            return float(np.abs(joints - recent[0, :2]).max()), ahead
-        part = ((joints - a) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-18)
-        nearest = a + np.minimum(np.maximum(part, 0.0), 1.0)[:, None] * along
-        return float(np.abs(nearest - joints).max(axis=1).min()), ahead

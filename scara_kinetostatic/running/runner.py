@@ -52,8 +52,10 @@ _STIFFER = 3.0
 """So many times as stiff as the model says a contact may be."""
 _LEAST_SPEED = 3e-4
 """Towards a contact, m/s."""
-_OFF_TRACK, _OFF_APPROACH, _OFF_LIFT = 0.02, 2e-3, 2e-3
-"""How far the joints may be from where they were commanded to be, in travel and towards a contact, rad; the lift, m."""
+_OFF_TRACK, _OFF_APPROACH = 0.02, 2e-3
+"""How far the joints may be off their way in travel and towards a contact, rad."""
+_LATE, _BEHIND, _PATIENCE = 0.15, 3e-4, 0.4
+"""How far the robot may be behind, s and m together; farther, its way waits for it, and so long at most, s."""
 _LARGEST_ZERO = 0.5
 """Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
 _LIFT_SPEED = 0.05
@@ -123,6 +125,7 @@ class Runner:
         self._motion: Motion | None = None
         self._contact = False
         self._steepest = self._last_force = 0.0
+        self._is_behind, self._behind_since = False, np.inf
         self._script: Iterator[None] | None = None
         self._paused = False
 
@@ -189,7 +192,7 @@ class Runner:
     def _halt(self, joints: Floats, lift: float) -> Command:
         """To stop at once where the robot is to be."""
         points = np.array([_HALT]), joints[None], np.array([lift])
-        return self._commander.command(self._now, (joints, lift), points)
+        return self._commander.command((joints, lift), points)
 
     def _halt_motion(self, motion: Motion) -> None:
         joints, lift = motion.track.place(np.array([motion.at]))
@@ -209,11 +212,12 @@ class Runner:
 
     def _move(self, motion: Motion, goal: float, ahead: float) -> None:
         """Advances a motion, and commands the next piece of it where that is due."""
+        goal = motion.at if self._is_behind else goal
         motion.advance(self._elapsed, goal)
         if self._now - self._sent >= PERIOD - 1e-9:
             joints, lift = motion.track.place(np.array([motion.at]))
             points = motion.points(ahead, goal)
-            self._command = self._commander.command(self._now, (joints[0], float(lift[0])), points)
+            self._command = self._commander.command((joints[0], float(lift[0])), points)
             self._sent = self._now
 
     def _check(self, off_track: float) -> None:
@@ -229,11 +233,25 @@ class Runner:
         jump, self._last_force = abs(force - self._last_force), force
         if self._contact and jump > self._steepest * max(self._elapsed, 0.01) + 10 * self.senses.noise + 0.1 * most:
             raise Fault(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
-        away, lift = self._commander.off_track(self._now, self.senses.joints, self.senses.lift)
-        if away > off_track or (self.cell.lift is not None and lift > _OFF_LIFT):
-            what = f'a joint is {1e3 * away:.1f} mrad' if away > off_track else f'the lift is {1e3 * lift:.1f} mm'
-            text = 'from where it was commanded to be: it does not follow, or is moved by something else'
-            raise Fault(f'{what} {text}', may_retract=False)
+        self._check_place(off_track)
+
+    def _check_place(self, off_track: float) -> None:
+        """Check that the robot is on its track, and not far from where it is to be; where it stands, there."""
+        joints, lift, motion = self.senses.joints, self.senses.lift, self._motion
+        if motion is None:
+            at = self._commander.joints
+            away, behind = 0.0 if at is None else float(np.abs(joints - at).max()), 0.0
+            if at is not None and lift is not None:
+                away = max(away, abs(lift - self._commander.lift))
+        else:
+            near, away = motion.track.nearest(joints, lift)
+            behind = abs(motion.at - near)
+        self._is_behind = motion is not None and behind > _LATE * motion.speed + _BEHIND
+        self._behind_since = self._behind_since if self._is_behind else self._now
+        if away > off_track or self._now - self._behind_since > _PATIENCE:
+            how = f'{1e3 * away:.1f} mrad off its way' if away > off_track else f'{1e3 * behind:.1f} mm behind'
+            text = f'the robot is {how}: it does not follow, or is moved by something else'
+            raise Fault(text, may_retract=False)
 
     # The run
 
@@ -588,7 +606,8 @@ class Runner:
         """Back along the way it came: to the beginning of an approach, else a little."""
         self._command, self._sent = self._stand(), self._now
         yield
-        at = min(motion.at, motion.track.nearest(self.senses.joints))
+        at = min(motion.at, motion.track.nearest(self.senses.joints, self.senses.lift)[0])
+        self._is_behind = False
         motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
         goal = 0.0 if self._contact else max(0.0, motion.at - _BACK)
         force, began = self.senses.force, self._now

@@ -122,9 +122,9 @@ class Senses:
             raise Fault(text, may_retract=not text.startswith(self._topics[0]))
 
     def _latest(self, readings: deque[tuple[float, float, float]], now: float, span: float) -> Floats:
-        found = []
+        found = list[tuple[float, ...]]()
         for reading in reversed(readings):
-            if reading[0] < now - span:
+            if reading[0] < now - span and len(found) > 2:
                 break
             found.append(reading[1:])
         return np.array(found).reshape(-1, 2)

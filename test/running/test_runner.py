@@ -131,7 +131,7 @@ def test_a_lift_that_does_not_lift() -> None:
     one.plant.fault = Fault.LIFT_STUCK
     one.plant._position[2] = one.plant._setpoint[2] = 0.0
     one.run(longest=5.0)
-    assert 'lift' in one.runner.status.text
+    assert 'does not follow' in one.runner.status.text
     assert one.runner.end is not None
     assert one.fastest < 0.02  # the arm has not moved
 
