@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -24,7 +23,6 @@ from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.demo_client import THIS_MACHINE, free_domain, ros_value
-from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES
 from scara_kinetostatic.nodes.touch_runner import RESULT, TouchRunner
 from scara_kinetostatic.results.parameter_file import NAME, StoredResult, load_result
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
@@ -109,33 +107,23 @@ def run_demo(
         rclpy.try_shutdown()
     results = folder / RESULT
     if not (results / NAME).exists():
-        raise UnsupportedDataError(f'touch_runner: {state["message"]}; {state["result"]}')
-    return DemoResult(state['message'], truth, load_result(results / NAME), Path(state['recording']), results)
+        raise UnsupportedDataError(f'touch_runner: {state["text"]}; {state["result"]}')
+    return DemoResult(state['text'], truth, load_result(results / NAME), Path(state['recording']), results)
 
 
 def _spin(simulator: CellNode, runner: TouchRunner, progress: Callable[[Progress], None]) -> dict[str, str]:
     """Both nodes in turn until the run has ended; returns the last state of the runner."""
-    state: dict[str, str] = {'message': '', 'result': '', 'recording': ''}
-    touch, accepted = '', 0
-
-    def take(message: DiagnosticArray) -> None:
-        nonlocal touch, accepted
-        (status,) = message.status
-        values = {item.key: item.value for item in status.values}
-        if int(values.get('accepted') or 0) > accepted:
-            accepted, found = int(values['accepted']), values['uncertainty_m']
-            progress(Progress(accepted, float(found) if found else None, touch))
-        if 'next' in values:
-            touch = f'{values["next"]}: {values["why"]}'
-        state.update(values, message=status.message, recording=values['recording'] or state['recording'])
-
-    runner.create_subscription(DiagnosticArray, '~/state', take, LATCHED_TOUCHES)  # all of them, not the last one
-    executor = SingleThreadedExecutor()
+    executor, touch, accepted, recording = SingleThreadedExecutor(), '', 0, ''
     for node in (simulator, runner):
         executor.add_node(node)
     while runner.exit_status is None:
         executor.spin_once(timeout_sec=0.1)
-    for _ in range(50):  # what was said last
-        executor.spin_once(timeout_sec=0.01)
+        facts = runner.facts()
+        if int(facts.get('accepted', 0)) > accepted:
+            accepted, found = int(facts['accepted']), facts['uncertainty_m']
+            progress(Progress(accepted, float(found) if found else None, touch))
+        if 'next' in facts:
+            touch = f'{facts["next"]}: {facts["why"]}'
+        recording = facts['recording'] or recording
     executor.shutdown()
-    return state
+    return runner.facts() | {'recording': recording}

@@ -350,9 +350,15 @@ class TouchRunner(CellNode):
             return ERROR
         return WARN if status.phase in ('paused', 'stopped') else OK
 
-    def _facts(self) -> dict[str, str]:
+    def facts(self) -> dict[str, str]:
+        """What is on `~/state`, by name."""
         session, status = self._session, self._runner.status
-        values = {'phase': status.phase, **status.values, 'recording': '' if session is None else str(session.folder)}
+        values = {
+            'phase': status.phase,
+            'text': status.text,
+            **status.values,
+            'recording': '' if session is None else str(session.folder),
+        }
         return values | {'result': self._result}
 
     def _publish_state(self) -> None:
@@ -362,7 +368,7 @@ class TouchRunner(CellNode):
             name=f'{self.get_fully_qualified_name()}: run',
             message=status.text,
             hardware_id=self.get_namespace().strip('/') or 'scara_kinetostatic',
-            values=[KeyValue(key=key, value=value) for key, value in self._facts().items()],
+            values=[KeyValue(key=key, value=value) for key, value in self.facts().items()],
         )
         array = DiagnosticArray(status=[diagnostic])
         array.header.stamp = self.get_clock().now().to_msg()
@@ -380,4 +386,4 @@ class TouchRunner(CellNode):
         status = self._runner.status
         text = '; '.join(filter(None, (status.text, self._result, *dict.fromkeys(complaints))))
         level = max(self._level(status), WARN if any(complaints) else OK)
-        return Condition(level, text, values | self._facts())
+        return Condition(level, text, values | self.facts())

@@ -41,7 +41,7 @@ def test_the_robot_calibrates_itself(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert list(rows) == list(NAMES)
     assert all(abs(float(z)) < 4.5 for z in rows.values()), printed
     touches = [int(number) for number in re.findall(r'^ *(\d+) .* N: ', printed, re.MULTILINE)]
-    assert touches == sorted(set(touches))  # a contact with two holds counts twice
+    assert touches == sorted(set(touches))
     assert 10 <= touches[-1] <= 40
     known = [int(size) for size in re.findall(r'^ *\d+ +(\d+) µm', printed, re.MULTILINE)]
     assert known[0] > 300 > 150 > known[-1]
