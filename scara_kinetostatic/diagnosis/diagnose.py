@@ -231,12 +231,12 @@ def _with_extended_model(
     kept = tuple(effect for effect in fitted.model.effects if effect.off_normal_std or effect.label in held)
     weighted = fit_rivals(found, replace(c, model=c.model.with_effects(kept)), effort) if found.rivals else []
     rivals = [rival.fit for rival in weighted]
-    fitted, moments = find_moments(_better_known(fitted, weighted))
+    together, (fitted, moments) = fitted, find_moments(_better_known(fitted, weighted))
     after = adequacy(fitted)
     extended, frequencies = cover_alternatives(fitted, weighted, found.in_every_model, effort)
     extended = widened_by_moments(extended, moments)
     rivals_at_moments = [widened_by_moments(rival, find_moments(rival, refit=False)[1]) for rival in rivals]
-    effects = _describe(extended, found.in_every_model, rivals_at_moments)
+    effects = _describe(extended, together, found.in_every_model, rivals_at_moments)
     verdict = _verdict(found, effects, after)
     effects = tuple(_as_suspicion(item) for item in effects) if verdict == 'unexplained' else effects
     touches = discriminating_touches(c, rivals) if len(rivals) > 1 else None
@@ -288,12 +288,15 @@ def _as_suspicion(item: Found) -> Found:
     return item._replace(is_possible=item.effect.is_physical)
 
 
-def _describe(extended: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]) -> tuple[Found, ...]:
-    """The effects of the extended model with their values; a rival has those of the model with it alone."""
+def _describe(
+    extended: Calibration, together: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]
+) -> tuple[Found, ...]:
+    """All credible effects with their values in the extended model; a rival has those of the model with it alone."""
+    own = {item.effect.label: item for item in fitted_effects(extended)}
     alone = [(item.effect.label, _values(item, rival)) for rival in reversed(rivals) for item in fitted_effects(rival)]
     by_label = dict(alone)
     items = []
-    for item in fitted_effects(extended):
+    for item in (own.get(one.effect.label, one) for one in fitted_effects(together)):
         if item.effect.label in extended.held_effects:
             continue
         effect, values, is_certain = item.effect, _values(item, extended), item.effect.label in in_every_model

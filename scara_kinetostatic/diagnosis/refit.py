@@ -133,8 +133,8 @@ class Rival(NamedTuple):
 
     Attributes:
         fit: the model.
-        weight: its evidence over that of the best one, exp(-Δ/2) with the difference Δ of the penalised deviances, in
-            which implausible sizes count; 1 where no sizes are expected.
+        weight: its evidence over that of the best one, exp(-Δ/2) with the difference Δ of the penalised deviances; 1
+            where sizes are not estimated.
     """
 
     fit: Calibration

@@ -35,9 +35,7 @@ from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_su
 from scara_kinetostatic.diagnosis.noise_structure import fit_with_off_normal
 from scara_kinetostatic.diagnosis.refit import Effort, Rival, fit_with, penalised_deviance
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.undetected import sizes_in_typical
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SizeMode
 
 _ATTEMPTS = 4
@@ -111,14 +109,6 @@ def search(
     return result or found
 
 
-def sizes_of(fit: Calibration) -> Floats:
-    """The amplitudes of the effects of a fit in their typical sizes."""
-    arm = fit.cell.uncertainty.effects.arm
-    return np.array(
-        [size for effect, values, _ in fitted_effects(fit) for size in sizes_in_typical(effect, values, arm)]
-    )
-
-
 def fit_rivals(found: Search, calibration: Calibration, effort: Effort) -> list[Rival]:
     """The touches of a calibration fitted with each credible set of effects by itself.
 
@@ -136,10 +126,8 @@ def fit_rivals(found: Search, calibration: Calibration, effort: Effort) -> list[
     good = [(fit, score) for fit, score in fits if fit is not None]
     if calibration.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED:
         return [Rival(fit, 1.0) for fit, _ in good]
-    deviances = np.array([score + 2 * np.log1p(np.square(sizes_of(fit))).sum() for fit, score in good])
-    return [
-        Rival(fit, w) for (fit, _), w in zip(good, np.exp((deviances.min(initial=np.inf) - deviances) / 2), strict=True)
-    ]
+    best = min((score for _, score in good), default=0.0)
+    return [Rival(fit, float(np.exp((best - score) / 2))) for fit, score in good]
 
 
 def _fit_set(
