@@ -215,7 +215,7 @@ def diagnose(
         'explained'
         >>> radius = outcome.effects['object_radius[disc_2]']['radius']
         >>> print(f'{1e6 * radius.value:.0f} ± {1e6 * radius.std:.0f} µm')
-        60 ± 1 µm
+        60 ± 2 µm
     """
     if isinstance(source, Calibration):
         for name, given in (('cell', cell), ('fixed', fixed)):

@@ -237,13 +237,16 @@ def test_processes_give_the_same_results(recordings: Path, tmp_path: Path) -> No
         tasks = tasks_of(paths, recordings / 'cell.yaml', out, report=False)
         assert [done.problem for done in in_processes(tasks, number)] == ['']
         found.append([parameters(task.folder) for task in tasks])
-    assert found[0] == found[1]
+    for one, two in zip(*found, strict=True):
+        assert one == pytest.approx(two, rel=1e-9)
     with pytest.raises(InputError, match='has the name of'):
         tasks_of([Path('a/x.mcap'), Path('b/x.mcap')], None, tmp_path)
 
 
-def parameters(folder: str) -> object:
-    return json.loads((Path(folder) / 'calibration.json').read_text())['parameters']
+def parameters(folder: str) -> dict[str, Any]:
+    """Values and standard uncertainties; threads of the linear algebra change the last digits."""
+    found = json.loads((Path(folder) / 'calibration.json').read_text())['parameters']
+    return {f'{name}.{key}': part[key] for name, part in found.items() for key in ('value', 'std')}
 
 
 def test_a_cluster_gives_the_same_results(recordings: Path, tmp_path: Path) -> None:

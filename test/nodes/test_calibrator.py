@@ -112,7 +112,7 @@ def test_a_calibration_becomes_parameters_and_files_and_a_failure_leaves_them(
     assert abs(found[f'effects.{name}'] - GROWN) < 4 * found[f'effects_std.{name}']
     final = grown_outcome.final
     assert values(node, 'calibrated') == list(final.parameters.as_dict().values())
-    assert values(node, 'calibrated_std') == list(final.std)
+    assert values(node, 'calibrated_std') == pytest.approx(list(final.std), rel=1e-9)  # the job has fewer threads
     stored = yaml.safe_load((tmp_path / 'calibration.yaml').read_text())['/**']['ros__parameters']
     assert list(stored['calibrated'].values()) == values(node, 'calibrated')
     assert (tmp_path / 'report.html').is_file()

@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Region
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, EffectSizes, Region, SizeMode, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -31,7 +31,13 @@ from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
-CELL = replace(PAPER_CELL, limits=((-2.6, 2.6), (-2.6, 2.6)), region=Region(-0.35, 0.35, 0.2, 0.55), tolerance=1.5e-4)
+CELL = replace(
+    PAPER_CELL,
+    limits=((-2.6, 2.6), (-2.6, 2.6)),
+    region=Region(-0.35, 0.35, 0.2, 0.55),
+    tolerance=1.5e-4,
+    uncertainty=Uncertainty(effects=EffectSizes(SizeMode.NONE)),
+)
 
 
 class Hand:
