@@ -26,7 +26,6 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Sensor
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, RefusedError
 from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM, StreamMonitor
 from scara_kinetostatic.touches.detection import find_touches
@@ -39,8 +38,8 @@ def publish(node: Node, qos: QoSProfile, count: int, names: tuple[str, str] = ('
     meet(node, joints, wrench)
     for number in range(count):
         stamp = 1_700_000_000_000_000_000 + 10_000_000 * number
-        joints.publish(conversion.joint_state(Sample(stamp, 0.1, 0.2), names))
-        wrench.publish(conversion.wrench(Sample(stamp, 0.0, 0.0), 'base'))
+        joints.publish(conversion.joint_state((stamp, 0.1, 0.2), names))
+        wrench.publish(conversion.wrench((stamp, 0.0, 0.0), 'base'))
 
 
 def test_start_and_stop_each_make_sense_once(
@@ -110,7 +109,7 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
         message.header.stamp = conversion.stamp_of(stamp)
         joints.publish(message)
     for stamp, (x, y) in zip(streams.wrench.stamp.tolist(), streams.wrench.force.tolist(), strict=True):
-        force.publish(conversion.wrench(Sample(stamp, x, y), 'base'))
+        force.publish(conversion.wrench((stamp, x, y), 'base'))
     counts = len(streams.joints.stamp), len(streams.wrench.stamp)
     monitors = collector._streams.monitors.values()
     assert eventually(lambda: tuple(monitor.count for monitor in monitors) == counts)
@@ -186,11 +185,11 @@ def test_senseless_messages_do_not_end_the_node(spin: Callable[..., Node], tmp_p
     for stamp in (0, 2_000_000_000_000_000_000, 1_700_000_000_000_000_000, 1_600_000_000_000_000_000):
         joints.publish(JointState())
         joints.publish(JointState(name=['joint1', 'joint2'], position=[1.0]))
-        joints.publish(conversion.joint_state(Sample(stamp, nan, inf), names))
-        joints.publish(conversion.joint_state(Sample(stamp, 1e300, -1e300), names))
+        joints.publish(conversion.joint_state((stamp, nan, inf), names))
+        joints.publish(conversion.joint_state((stamp, 1e300, -1e300), names))
         wrench.publish(WrenchStamped())
-        wrench.publish(conversion.wrench(Sample(stamp, nan, 0.0), ''))
-        wrench.publish(conversion.wrench(Sample(stamp, 1e300, -1e300), ''))
+        wrench.publish(conversion.wrench((stamp, nan, 0.0), ''))
+        wrench.publish(conversion.wrench((stamp, 1e300, -1e300), ''))
         detector = collector._session._detector
         assert eventually(lambda: detector._polled == detector._pair.wrench.total)  # noqa: B023
     assert eventually(lambda: [m.count for m in collector._streams.monitors.values()] == [66, 62])

@@ -32,7 +32,7 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Identification, Lift
 from scara_kinetostatic.model.online import OnlineArm
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
 from scara_kinetostatic.nodes.compensator import Compensator
-from scara_kinetostatic.nodes.conversion import PlanarPose, Sample, joint_state, pose_bytes, wrench
+from scara_kinetostatic.nodes.conversion import PlanarPose, joint_state, pose_bytes, wrench
 from scara_kinetostatic.nodes.demo_client import THIS_MACHINE
 from scara_kinetostatic.nodes.streams import LATCHED
 
@@ -87,8 +87,8 @@ class Bench:
     def move(self, joints: tuple[float, float] = JOINTS, force: tuple[float, float] | None = FORCE) -> None:
         self.stamp += 1_000_000
         if force is not None:
-            self.force.publish(wrench(Sample(self.stamp, *force), 'base'))
-        self.joints.publish(joint_state(Sample(self.stamp, *joints), CELL.joint_names))
+            self.force.publish(wrench((self.stamp, *force), 'base'))
+        self.joints.publish(joint_state((self.stamp, *joints), CELL.joint_names))
 
     def want(self, x: float, y: float, frame: str = 'base_link', second: int = 0) -> None:
         message = PoseStamped()
@@ -172,7 +172,7 @@ def test_the_tip_under_load_with_its_covariance(bench: Callable[..., Bench], arm
 
 def test_a_wanted_pose_and_force_are_answered(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
     b = bench('speed:=0.5')
-    force = wrench(Sample(0, 0.0, 30.0), '')
+    force = wrench((0, 0.0, 30.0), '')
 
     def ask() -> None:
         b.move()
@@ -268,7 +268,7 @@ def test_the_other_joints_of_the_controller_are_sent_along(bench: Callable[..., 
             names, at = [*CELL.joint_names, 'joint4'], [*JOINTS, wrist]
             names, at = (names, at) if lift is None else ([*names, 'joint3'], [*at, lift])
             b.joints.publish(JointState(name=names, position=at))
-            b.force.publish(wrench(Sample(1, *FORCE), 'base'))
+            b.force.publish(wrench((1, *FORCE), 'base'))
 
         return publish
 
@@ -296,20 +296,20 @@ def test_a_pose_is_not_answered_with_the_former_force_after_one_that_is_refused(
 
     def want(size: tuple[float, float], frame: str) -> Callable[[int], None]:
         def publish(second: int) -> None:
-            b.wanted.publish(wrench(Sample(0, *size), frame))
+            b.wanted.publish(wrench((0, *size), frame))
             b.want(0.3, 0.2, second=second)
 
         return publish
 
     assert b.answer(want((0.0, 30.0), ''), 1)['fy_N'] == '30.0'
-    b.wait(lambda: b.node._wanted is None, lambda: b.wanted.publish(wrench(Sample(0, *force), frame)))
+    b.wait(lambda: b.node._wanted is None, lambda: b.wanted.publish(wrench((0, *force), frame)))
     number = len(b.trajectories)
     for second in (2, 3):  # the force once more, and the pose alone
         found = b.answer(want(force, frame) if second == 2 else lambda second: b.want(0.3, 0.2, second=second), second)
         assert found['message'] == '~/target_pose is not answered: the last force on ~/target_wrench was refused'
         assert found['status'] == 'refused'
     assert len(b.trajectories) == number
-    b.wait(lambda: b.node._wanted == (0.0, 10.0), lambda: b.wanted.publish(wrench(Sample(0, 0.0, 10.0), '')))
+    b.wait(lambda: b.node._wanted == (0.0, 10.0), lambda: b.wanted.publish(wrench((0, 0.0, 10.0), '')))
     assert b.answer(lambda second: b.want(0.3, 0.2, second=second), 4)['fy_N'] == '10.0'
 
 
@@ -339,7 +339,7 @@ def test_an_answer_beyond_the_calibration_is_said(bench: Callable[..., Bench]) -
 
     def ask() -> None:
         b.move()
-        b.wanted.publish(wrench(Sample(0, 150.0, 0.0), 'base_link'))
+        b.wanted.publish(wrench((0, 150.0, 0.0), 'base_link'))
         b.want(0.3, 0.2)
 
     b.wait(b.says('the last answer is extrapolated: (0.300000, 0.200000) m under (150, 0) N', b'\1'), ask)

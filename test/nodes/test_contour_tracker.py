@@ -32,7 +32,7 @@ from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes.contact_simulator import Playback
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker
-from scara_kinetostatic.nodes.conversion import Sample, joint_state, wrench
+from scara_kinetostatic.nodes.conversion import joint_state, wrench
 from scara_kinetostatic.nodes.demo_client import THIS_MACHINE
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.outline import circle
@@ -199,7 +199,7 @@ def test_what_cannot_be_traced_is_said(bench: Callable[..., Bench], slide: Strea
     b.node._felt -= 1.0
     assert 'no force of the last 0.5 s' in b.call('tare').message
     stamp = int(slide.wrench.stamp[-1]) + 10**18 + 10**7
-    forces = wrench(Sample(stamp, 0.0, 0.0), 'base_link')
+    forces = wrench((stamp, 0.0, 0.0), 'base_link')
     b.wait(lambda: b.node._felt > monotonic() - 0.2, lambda: b.force.publish(forces))
     assert b.call('tare').success
     assert b.value('zero of the force [N]') != 'not known'

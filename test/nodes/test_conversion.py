@@ -29,7 +29,7 @@ def joints(names: list[str], position: list[float], frame: str = '') -> bytes:
 
 @pytest.mark.parametrize('frame', ['', 'b', 'base', 'tool0', 'länger als sonst'])
 def test_a_wrench(frame: str) -> None:
-    message = conversion.wrench(Sample(STAMP, 1.5, -2.5), frame)
+    message = conversion.wrench((STAMP, 1.5, -2.5), frame)
     assert wrench_sample(bytes(serialize_message(message))) == Sample(STAMP, 1.5, -2.5)
     assert frame_of(bytes(serialize_message(message))) == frame
 

@@ -26,7 +26,6 @@ from scara_kinetostatic.nodes import conversion, streams
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
-from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM, Stream, StreamMonitor
 
@@ -45,7 +44,7 @@ def play(collector: Node, names: list[str], start: int) -> None:
         message = JointState(name=names, position=[angles[name] for name in names])
         message.header.stamp = conversion.stamp_of(stamp)
         joints.publish(message)
-        wrench.publish(conversion.wrench(Sample(stamp, 0.0, 0.0), 'base'))
+        wrench.publish(conversion.wrench((stamp, 0.0, 0.0), 'base'))
     assert eventually(lambda: [monitor.count for monitor in monitors] == expected)
     collector.destroy_publisher(joints)
     collector.destroy_publisher(wrench)
@@ -207,7 +206,7 @@ def test_a_driver_that_does_not_stamp_is_named(spin: Callable[..., Node], tmp_pa
         assert eventually(lambda: monitor.count == number)  # noqa: B023
         monitor._stamped -= 2.0  # as if 2 s had passed
     assert eventually(lambda: 'header stamps do not change' in monitor.problem)
-    publisher.publish(conversion.joint_state(Sample(1_700_000_000_000_000_000, 0.1, 0.2), ('joint1', 'joint2')))
+    publisher.publish(conversion.joint_state((1_700_000_000_000_000_000, 0.1, 0.2), ('joint1', 'joint2')))
     assert eventually(lambda: monitor.count == 3)
     assert eventually(lambda: monitor.problem == '')
 

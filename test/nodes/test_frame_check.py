@@ -21,7 +21,6 @@ from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.streams import FrameCheck, Stream
 from scara_kinetostatic.touches.detection import find_touches
 
@@ -33,7 +32,7 @@ def make_check(said: list[str], changed: Callable[[bytes, bool], None]) -> Frame
 
 
 def wrench(frame_id: str) -> bytes:
-    return bytes(serialize_message(conversion.wrench(Sample(0, 1.0, 2.0), frame_id)))
+    return bytes(serialize_message(conversion.wrench((0, 1.0, 2.0), frame_id)))
 
 
 def test_what_is_new_is_passed_on_once() -> None:

@@ -12,7 +12,6 @@ from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator, Playback
-from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.simulation.plan_file import load_slides
 from scara_kinetostatic.simulation.slides import simulate_slides
 from scara_kinetostatic.simulation.truth import deviating_robot
@@ -29,9 +28,9 @@ def test_playback_hands_out_both_streams_in_the_order_of_time() -> None:
     playback = Playback(STREAMS, start=100)
     early = list(playback.advance(0.012))
     assert early == [
-        (False, Sample(100, 0.0, 1.0)),
-        (True, Sample(5_000_100, 6.0, 7.0)),
-        (False, Sample(10_000_100, 2.0, 3.0)),
+        (False, (100, 0.0, 1.0)),
+        (True, (5_000_100, 6.0, 7.0)),
+        (False, (10_000_100, 2.0, 3.0)),
     ]
     assert list(playback.advance(0.012)) == []
     assert list(playback.advance(0.001)) == [], 'time does not run back'

@@ -21,7 +21,6 @@ from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import OK, WARN
 from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES, RELIABLE_STREAM
 from scara_kinetostatic.touches.detection import DISCARDED, find_touches
@@ -78,8 +77,8 @@ def test_topics_are_recorded_as_they_are(spin: Callable[..., Node], tmp_path: Pa
     assert eventually(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
     assert collector._start()
     for stamp in range(10**18, 10**18 + 10**9, 10**7):
-        joints.publish(conversion.joint_state(Sample(stamp, 0.1, 0.2), ('joint1', 'joint2')))
-        wrench.publish(conversion.wrench(Sample(stamp, 0.0, 0.0), 'base'))
+        joints.publish(conversion.joint_state((stamp, 0.1, 0.2), ('joint1', 'joint2')))
+        wrench.publish(conversion.wrench((stamp, 0.0, 0.0), 'base'))
         sleep(0.001)
     assert eventually(lambda: all(monitor.count > 50 for monitor in collector._streams.monitors.values()))
     collector.close()

@@ -28,7 +28,6 @@ from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.calibrator import _summary as summary
-from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.session import JudgedTouch
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM
 from scara_kinetostatic.nodes.visualizer import Visualizer
@@ -86,7 +85,7 @@ def test_it_shows_touches_arm_and_result(cell: Cell, grown: Any, tmp_path: Path)
 
     joints = cell.node.create_publisher(JointState, 'joint_states', RELIABLE_STREAM)
     cell.wait(joints.get_subscription_count)
-    joints.publish(conversion.joint_state(Sample(0, 0.3, 0.9), ('joint1', 'joint2')))
+    joints.publish(conversion.joint_state((0, 0.3, 0.9), ('joint1', 'joint2')))
     cell.wait(lambda: 'visualizer/arm' in cell.heard)
     (links,) = (item for item in cell.heard['visualizer/arm'].markers if item.type == Marker.LINE_STRIP)
     assert (links.points[2].x, links.points[2].y) == pytest.approx(tuple(forward(PAPER_CELL.nominal, (0.3, 0.9))))
@@ -153,7 +152,7 @@ def test_a_result_that_is_not_published_leaves_the_calibrated_arm_alone(cell: Ce
     cell.wait(lambda: 'summary' in cell.groups('visualizer/markers'))
     joints = cell.node.create_publisher(JointState, 'joint_states', RELIABLE_STREAM)
     cell.wait(joints.get_subscription_count)
-    joints.publish(conversion.joint_state(Sample(0, 0.3, 0.9), ('joint1', 'joint2')))
+    joints.publish(conversion.joint_state((0, 0.3, 0.9), ('joint1', 'joint2')))
     cell.wait(lambda: 'visualizer/arm' in cell.heard)
     assert cell.groups('visualizer/arm') == {'', 'nominal'}
     assert cell.heard['robot_description'].data == before
