@@ -127,8 +127,10 @@ def test_the_parameters_are_those_of_the_extended_model(grown: Outcome) -> None:
 def test_the_joint_covariance_has_all_values(grown: Outcome) -> None:
     found = read(grown)
     whole = found['covariance_with_cell']
-    assert whole['names'] == found['covariance_extended']['names']
-    assert whole['values'] == grown.final.model.as_array().tolist()
+    model = grown.final.full_model
+    assert whole['names'] == list(model.names)
+    assert whole['names'][: len(grown.final.model.names)] == found['covariance_extended']['names']
+    assert whole['values'] == model.as_array().tolist()
     assert whole['matrix'] == grown.final.covariance.tolist()
 
 
