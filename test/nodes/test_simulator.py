@@ -27,11 +27,7 @@ STREAMS = Streams(
 def test_playback_hands_out_both_streams_in_the_order_of_time() -> None:
     playback = Playback(STREAMS, start=100)
     early = list(playback.advance(0.012))
-    assert early == [
-        (False, (100, 0.0, 1.0)),
-        (True, (5_000_100, 6.0, 7.0)),
-        (False, (10_000_100, 2.0, 3.0)),
-    ]
+    assert early == [(False, (100, 0.0, 1.0)), (True, (5_000_100, 6.0, 7.0)), (False, (10_000_100, 2.0, 3.0))]
     assert list(playback.advance(0.012)) == []
     assert list(playback.advance(0.001)) == [], 'time does not run back'
     assert not playback.finished
