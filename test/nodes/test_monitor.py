@@ -88,7 +88,7 @@ def test_a_change_is_raised_and_reset(
     assert node._report().values['rejected touches in a row'] == '0'
     said: list[str] = []
     monkeypatch.setattr(node, 'get_logger', lambda: SimpleNamespace(error=said.append))
-    node._alarm = SimpleNamespace(best=SimpleNamespace(name='base'))
+    node._alarm = SimpleNamespace(best=SimpleNamespace(name='base'), rivals=())
     later = touches_of(CELL, 4, TRUTH.replace(l1=TRUTH.l1 + 1e-4), world=None).select(np.arange(2))
     feed(node, later, '/wednesday')
     (line,) = said  # the corrected name, once
