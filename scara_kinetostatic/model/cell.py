@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -306,7 +305,7 @@ class EffectSizes(NamedTuple):
 
     sizes: SizeMode = SizeMode.ESTIMATED
     arm: ArmClass = ArmClass.INDUSTRIAL
-    stated: Mapping[str, float] = MappingProxyType({})
+    stated: Mapping[str, float] = {}
 
     @property
     def in_use(self) -> bool:
