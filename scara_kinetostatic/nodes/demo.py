@@ -14,6 +14,7 @@ from typing import NamedTuple
 import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
@@ -105,6 +106,7 @@ def run_demo(
             node.close()
             node.destroy_node()
         rclpy.try_shutdown()
+        set_logger_level('', LoggingSeverity.INFO)  # it belongs to the process
     results = folder / RESULT
     if not (results / NAME).exists():
         raise UnsupportedDataError(f'touch_runner: {state["text"]}; {state["result"]}')
