@@ -236,7 +236,7 @@ def objects_left_out(c: Calibration) -> LeftOut:
         out = touches.disc == disc
         kept = rows[~out].reshape(-1, basis.shape[1])
         system = np.concatenate([kept, known])
-        if np.linalg.matrix_rank(system) < rank or 2 * len(kept) < 3 * rank:
+        if 2 * len(kept) < 3 * rank or np.linalg.matrix_rank(system) < rank:
             return LeftOut(np.nan, np.nan)
         fewer = np.linalg.pinv(system.T @ system)
         moved = residual[out] - rows[out] @ (fewer @ (kept.T @ residual[~out].ravel()))

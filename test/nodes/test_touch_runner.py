@@ -101,7 +101,7 @@ def test_a_kill_leaves_the_robot_standing_and_all_that_was_counted(
 
 def test_stop_retracts_and_says_why(watch: Watch, client: DemoClient) -> None:
     watch.until('approach')
-    assert watch.next
+    client.wait('the next touch', lambda: bool(watch.next), WAIT)
     pose = watch.next[-1].pose
     angle = 2 * np.arctan2(pose.orientation.z, pose.orientation.w)
     place = np.array([pose.position.x, pose.position.y])
