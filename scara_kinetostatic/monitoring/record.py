@@ -29,7 +29,7 @@ from scara_kinetostatic.model.extended_model import reported_force
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
-from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
+from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite, undetected_part
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.calibration_json import as_document
 
@@ -130,7 +130,8 @@ class CalibrationRecord:
         suspected = [*found.get('possible', ()), *chain(*found.get('rival_effects', ()))]
         labels = frozenset(f'{one["name"]}[{one["target"]}]' if one['target'] else one['name'] for one in suspected)
         now = known_or_infinite(stated['worst'], stated['undetermined'])
-        return Planner(replace(self.arm, cell=cell), now, touches, labels)
+        undetected = undetected_part({row['source']: row['contribution']['tip'] for row in self.document['budget']})
+        return Planner(replace(self.arm, cell=cell), now, touches, labels, undetected=undetected)
 
     @property
     def created(self) -> str:

@@ -24,7 +24,7 @@ Source: Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS (2007
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.calibration.result import UNDETECTED
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
 from scara_kinetostatic.effects.base import Effect
@@ -79,9 +80,11 @@ class Uncertainty(NamedTuple):
     Attributes:
         now: of the calibration; None for the nominal arm, infinite where it is not determined.
         planned: predicted with the touches made and planned, in the ratio to what those made give.
-        least: the same with `MOST_TOUCHES` more, evenly spread.
+        least: the same with `MOST_TOUCHES` more, evenly spread, and nothing undetected.
         limit: what of the declared uncertainties, or noise, contributes most to that.
         share: its part of the variance, 0 to 1.
+        undetected: what undetected effects contribute to `now` and, as large, to `planned`, m: more touches may show
+            how small they are, or not.
     """
 
     now: float | None
@@ -89,6 +92,7 @@ class Uncertainty(NamedTuple):
     least: float
     limit: str
     share: float
+    undetected: float
 
     def beyond(self, tolerance: float) -> str:
         """That more touches do not reach a tolerance, m, and what limits; empty where they do."""
@@ -97,7 +101,7 @@ class Uncertainty(NamedTuple):
         return (
             f'{MOST_TOUCHES} more touches leave the tip an expanded uncertainty of {quantity(self.least, "m")} (k = 2)'
             f', the tolerance is {quantity(tolerance, "m")}: '
-            f'{self.limit} makes {100 * self.share:.0f} % of its variance'
+            f'{100 * self.share:.0f} % of its variance is from {self.limit}'
         )
 
 
@@ -105,6 +109,12 @@ def known_or_infinite(worst: float | None, undetermined: float) -> float:
     """The largest expanded uncertainty of the tip, m; infinite where it is not determined all over the region."""
     found = float('inf') if worst is None or undetermined > 0 else worst
     return found if found < float('inf') else float('inf')  # not a number neither
+
+
+def undetected_part(of_tip: Mapping[str, float]) -> float:
+    """What undetected effects contribute to the largest expanded uncertainty of the tip, m, by the rows of a budget."""
+    parts = [part for label, part in of_tip.items() if label.startswith(UNDETECTED) and part and np.isfinite(part)]
+    return float(COVERAGE_FACTOR * np.sqrt(np.square(parts).sum()))
 
 
 class PlannedTouches(NamedTuple):
@@ -145,6 +155,7 @@ class Planner:
         touches: that were made; None for none.
         suspected: labels of the effects that the diagnosis suspects and has not decided about.
         given_up: places that are not to be touched: disc, direction from its centre, rad, and posture of each.
+        undetected: the part of `now` that undetected effects contribute, m.
     """
 
     arm: CalibratedArm
@@ -152,6 +163,7 @@ class Planner:
     touches: TouchSet | None = None
     suspected: frozenset[str] = frozenset()
     given_up: tuple[tuple[int, float, int], ...] = ()
+    undetected: float = 0.0
 
     @classmethod
     def of_outcome(cls, outcome: Outcome, given_up: tuple[tuple[int, float, int], ...] = ()) -> Planner:
@@ -160,7 +172,8 @@ class Planner:
         doubtful = {item.effect.label for item in found.found if not item.is_found}
         now = known_or_infinite(tip.worst, tip.undetermined)
         suspected = frozenset(doubtful.union(*map(set, found.rivals)))
-        return cls(outcome.arm, now, final.touches.select(final.used), suspected, given_up)
+        undetected = undetected_part({item.label: item.tip for item in outcome.budget})
+        return cls(outcome.arm, now, final.touches.select(final.used), suspected, given_up, undetected)
 
     @cached_property
     def robot(self) -> Robot:
@@ -396,7 +409,9 @@ class Planner:
         def largest(information: Floats) -> float:
             return float(self._expanded(covariance(information)[: self._values, : self._values]).max())
 
-        ratio = 1.0 if self.now is None or np.isinf(self.now) else self.now / largest(self.candidates.prior)
+        known = self.now is not None and np.isfinite(self.now)
+        undetected = self.undetected if known else 0.0
+        ratio = np.sqrt(max(self.now**2 - undetected**2, 0.0)) / largest(self.candidates.prior) if known else 1.0
         every = candidates.information_of(chosen) + MOST_TOUCHES * candidates.information.mean(axis=0)
         least = covariance(every)
         by_source = []
@@ -409,8 +424,8 @@ class Planner:
         parts = contributions(own, by_source, tip)
         limit = max(parts, key=lambda kind: parts[kind])
         share = parts[limit] ** 2 / sum(part**2 for part in parts.values())
-        planned = ratio * largest(candidates.information_of(chosen))
-        return Uncertainty(self.now, planned, ratio * float(self._expanded(own).max()), limit, share)
+        planned = float(np.hypot(ratio * largest(candidates.information_of(chosen)), undetected))
+        return Uncertainty(self.now, planned, ratio * float(self._expanded(own).max()), limit, share, undetected)
 
     def _reasons(self, candidates: CandidateTouches, chosen: list[int], among: Indices | None = None) -> list[str]:
         """What each touch of a set tells: the value, of all or of some, whose variance would grow most without it."""

@@ -41,8 +41,8 @@ _TO_DECIDE = 12
 """Touches that are made at most to decide between effects when the tolerance is reached."""
 _WELL_KNOWN = 2e-3
 """Expanded uncertainty of the tip above which the nominal arm is taken for the motions, m."""
-_LEAST_TO_END = 30
-"""With fewer touches what limits is not yet known."""
+_STALLED, _PROGRESS = 12, 0.9
+"""Touches are not the limit where so many of them left more than this part of the uncertainty of the tip."""
 
 Worker = Callable[..., 'Future[Any]']
 """Calls a function with arguments aside, as `Executor.submit` does; in another process where it may."""
@@ -133,7 +133,7 @@ class Campaign:
         self._job: Future[Any] | None = None
         self._is_due = False
         self._in_row = self._made_to_decide = self.accepted = self.failed = 0
-        self._limited = self._start = 0
+        self._start, self._past = 0, list[tuple[int, float]]()
 
     @property
     def is_busy(self) -> bool:
@@ -220,9 +220,16 @@ class Campaign:
         if found.now <= tolerance and found.grade != 'unfit':
             reached = f'the expanded uncertainty of the tip is {_length(found.now)}, the tolerance {_length(tolerance)}'
             return End(0, f'enough: {reached}; {found.verdict}')
-        limit = found.planned.uncertainty.beyond(tolerance)
-        self._limited = self._limited + 1 if limit else 0
-        if self._limited > 1 and self.accepted >= _LEAST_TO_END:
+        before = [now for accepted, now in self._past if accepted <= self.accepted - _STALLED]
+        self._past.append((self.accepted, found.now))
+        uncertainty = found.planned.uncertainty
+        limit, share = uncertainty.beyond(tolerance), (uncertainty.undetected / found.now) ** 2
+        if not limit and share > 0.5:
+            limit = (
+                f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(found.now)}, the tolerance is '
+                f'{_length(tolerance)}: {100 * share:.0f} % of its variance is from undetected effects'
+            )
+        if limit and before and np.inf > found.now > _PROGRESS * min(before):
             return End(0, f'touches are not the limit: {limit}')
         return None
 

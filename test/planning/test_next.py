@@ -19,6 +19,7 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Region, Uncertainty
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import LIMIT_MARGIN, Edges, Poses, Space, shortest_order
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import Robot, tip_in_use
@@ -207,6 +208,16 @@ def test_touches_made_count():
     assert later.accurate(6).uncertainty.planned < first.uncertainty.planned
     made = places_of(planner, first.plan)
     assert largest_variance(later.candidates, []) < 1.5 * largest_variance(planner.candidates, made)
+
+
+def test_touches_are_not_expected_to_lower_undetected_effects():
+    touches = simulate_touches(CELL, PAPER_ACTUAL, planner_of(CELL).accurate(60).plan, seed=1)
+    outcome = calibrate_touches(touches, CELL)
+    planner = Planner.of_outcome(outcome)
+    found = planner.accurate(24).uncertainty
+    parts = [item.tip for item in outcome.budget if item.label.startswith('undetected')]
+    assert found.undetected == pytest.approx(2 * np.linalg.norm(parts))
+    assert found.least < found.undetected < found.planned < found.now
 
 
 @pytest.mark.parametrize('label', ['encoder_gain[joint2]', 'base_compliance'])
@@ -412,7 +423,7 @@ def test_what_limits_is_named(tmp_path, cell_file, capsys):
     uncertain = tuple(disc._replace(center_std=1e-4) for disc in CELL.discs)
     cell = cell_file(replace(CELL, discs=uncertain, tolerance=3e-5))
     assert main(['next', '--cell', str(cell), '--out', str(tmp_path / 'out')]) == 3
-    assert 'the places of the discs makes' in capsys.readouterr().err
+    assert 'is from the places of the discs' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('verb', ['compensate', 'locate'])
