@@ -61,6 +61,8 @@ CLASSES = MappingProxyType({ArmClass.INDUSTRIAL: 1.0, ArmClass.DESKTOP: 5.0, Arm
 """Classes of arms, and by what factor their typical sizes are larger; a convention."""
 _PART = 50.0
 """The typical size of an effect that is not in the table is this part of its largest plausible one."""
+_OF_SURFACES = 'contact_friction'
+"""Says nothing of how good the arm is: dry steel has 25 times the typical friction."""
 
 
 def typical_size(effect: Effect, parameter: int, arm: ArmClass = ArmClass.INDUSTRIAL) -> float:
@@ -71,8 +73,8 @@ def typical_size(effect: Effect, parameter: int, arm: ArmClass = ArmClass.INDUST
 
 
 def sizes_in_typical(effect: Effect, values: Floats, arm: ArmClass) -> list[float]:
-    """The amplitudes of an effect with these values, in its typical sizes; none of a fitted curve."""
-    if not (effect.is_physical and len(values)):
+    """The amplitudes of an effect with these values, in its typical sizes; none of a fitted curve, or of friction."""
+    if not (effect.is_physical and len(values)) or effect.name == _OF_SURFACES:
         return []
     sizes = effect.amplitudes(np.array(values)) / [typical_size(effect, k, arm) for k in range(len(values))]
     return [float(size) for size in sizes if size != 0]
