@@ -1,10 +1,10 @@
 """Node `touch_runner`: moves the robot, touches, judges, calibrates and goes on until it is enough.
 
-The robot is moved by `joint_trajectory`: positions of the cell's joints, then of the lift and the held joints, for the
-next 0.2 s at most, 0.1 s towards a contact; each replaces the one before, so that the robot stands soon after the node
-has died. `~/start` begins or goes on, `~/pause` stands still when the touch under way has ended, `~/stop` retracts and
-holds. What is done, what comes next and why is on `~/state`, the place of the next contact on `~/next_touch`, its x
-axis along the outward normal.
+The robot is moved by `joint_trajectory`, or with the parameter `action` by a FollowJointTrajectory server: positions of
+the cell's joints, then of the lift and the held joints, for the next 0.2 s at most, 0.1 s towards a contact; each
+replaces the one before, so that the robot stands soon after the node has died. `~/start` begins or goes on, `~/pause`
+stands still when the touch under way has ended, `~/stop` retracts and holds. What is done, what comes next and why is
+on `~/state`, the place of the next contact on `~/next_touch`, its x axis along the outward normal.
 
 The recording is that of the collector: a touch that was counted is on the disk. At the end it is calibrated in a
 process of its own, into the folder `calibration` in `output`. With `exit_when_done` the node ends then, with status 0
@@ -20,6 +20,7 @@ import signal
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
+from importlib import import_module
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from threading import Thread
@@ -28,9 +29,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionClient
+from rclpy.task import Future as RclpyFuture
 from trajectory_msgs.msg import JointTrajectory
 
-from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
+from scara_kinetostatic.errors import CellError, InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.nodes import declare
@@ -106,6 +109,10 @@ class TouchRunner(CellNode):
         self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * _SECOND)
         self._said: tuple[str, str] = ('', '')
         self._commands = self.create_publisher(JointTrajectory, 'joint_trajectory', 10)
+        action = declare.parameter(
+            self, 'action', '', 'FollowJointTrajectory server to move by; empty: joint_trajectory'
+        )
+        self._action = self._action_client(action) if action else None
         self._state = self.create_publisher(DiagnosticArray, '~/state', LATCHED)
         self._next = self.create_publisher(PoseStamped, '~/next_touch', LATCHED)
         self._streams = CellStreams(self, self._cell, self._take_transforms)
@@ -139,6 +146,26 @@ class TouchRunner(CellNode):
         check_same_arm(record.arm.cell, self._cell, str(path), 'the cell')
         stated = record.document['tip_uncertainty']
         return Planner(replace(record.arm, cell=self._cell), known_or_infinite(stated['worst'], stated['undetermined']))
+
+    def _action_client(self, name: str) -> ActionClient:
+        try:
+            kind = import_module('control_msgs.action').FollowJointTrajectory
+        except ImportError as error:
+            remedy = 'install control_msgs, or leave action empty and command by joint_trajectory'
+            raise InputError('action', 'control_msgs cannot be imported', remedy) from error
+        return ActionClient(self, kind, name)
+
+    def _command(self, trajectory: JointTrajectory) -> None:
+        """Sends a trajectory, which replaces the former, to the action server or as a message."""
+        if self._action is None:
+            self._commands.publish(trajectory)
+            return
+        goal = self._action._action_type.Goal(trajectory=trajectory)
+        self._action.send_goal_async(goal).add_done_callback(self._take_answer)
+
+    def _take_answer(self, future: RclpyFuture) -> None:
+        if not future.result().accepted and self._is_running:
+            self._runner.fail('the controller refuses a trajectory')
 
     def _new_runner(self) -> Runner:
         return Runner(self._cell, self._most, self._detect, self._submit, self._planner)
@@ -189,6 +216,9 @@ class TouchRunner(CellNode):
     def _hearing(self) -> str:
         """Why nobody, or somebody else as well, moves the robot; empty where all is well."""
         topic = self._commands.topic_name
+        if self._action is not None:
+            ready = self._action.server_is_ready()
+            return '' if ready else f'nobody serves the action {self.get_parameter("action").value}'
         if not self._commands.get_subscription_count():
             return f'nobody hears {topic}: start the controller, or remap the topic'
         others = [
@@ -273,7 +303,7 @@ class TouchRunner(CellNode):
             self._lose_recording(error)
             return
         if command is not None:
-            self._commands.publish(joint_trajectory(command.names, command.positions.tolist(), command.times.tolist()))
+            self._command(joint_trajectory(command.names, command.positions.tolist(), command.times.tolist()))
         status = self._runner.status
         if (status.phase, status.text) != self._said:
             self._said = status.phase, status.text

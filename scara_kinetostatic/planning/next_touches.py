@@ -409,9 +409,10 @@ class Planner:
         def largest(information: Floats) -> float:
             return float(self._expanded(covariance(information)[: self._values, : self._values]).max())
 
-        known = self.now is not None and np.isfinite(self.now)
+        ratio = 1.0
+        if known := self.now is not None and np.isfinite(self.now):
+            ratio = np.sqrt(max(self.now**2 - self.undetected**2, 0.0)) / largest(self.candidates.prior)
         undetected = self.undetected if known else 0.0
-        ratio = np.sqrt(max(self.now**2 - undetected**2, 0.0)) / largest(self.candidates.prior) if known else 1.0
         every = candidates.information_of(chosen) + MOST_TOUCHES * candidates.information.mean(axis=0)
         least = covariance(every)
         by_source = []

@@ -226,8 +226,8 @@ class Campaign:
         limit, share = uncertainty.beyond(tolerance), (uncertainty.undetected / found.now) ** 2
         if not limit and share > 0.5:
             limit = (
-                f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(found.now)}, the tolerance is '
-                f'{_length(tolerance)}: {100 * share:.0f} % of its variance is from undetected effects'
+                f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(found.now)}, the tolerance '
+                f'is {_length(tolerance)}: {100 * share:.0f} % of its variance is from undetected effects'
             )
         if limit and before and np.inf > found.now > _PROGRESS * min(before):
             return End(0, f'touches are not the limit: {limit}')

@@ -8,17 +8,22 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nodes.waiting import WAIT, eventually, trigger
 from rclpy.node import Node
+from rclpy.task import Future
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
-from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import touch_runner
@@ -144,6 +149,52 @@ def test_started_by_itself_it_ends_with_a_status(
     node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
     assert eventually(lambda: node.exit_status == 3)
     assert 'nobody hears' in node._runner.status.text
+
+
+def test_without_control_msgs_an_action_is_refused(spin: Callable[..., Node], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='control_msgs cannot be imported'):
+        spin(TouchRunner, '--ros-args', '-p', f'cell:={cell_in(tmp_path)}', '-p', 'action:=arm/follow')
+
+
+def test_an_action_server_is_commanded_and_may_refuse(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a stand-in for rclpy's action client: control_msgs is not needed here."""
+    goals, answers = [], list[Future]()
+
+    class Client:
+        _action_type = SimpleNamespace(Goal=lambda trajectory: trajectory)
+        server_is_ready = staticmethod(lambda: True)
+
+        def send_goal_async(self, goal: JointTrajectory) -> Future:
+            goals.append(goal)
+            answers.append(Future())
+            answers[-1].set_result(SimpleNamespace(accepted=len(goals) < 20))
+            return answers[-1]
+
+    monkeypatch.setattr(TouchRunner, '_action_client', lambda self, name: Client())
+    given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'action': 'arm/follow', 'use_sim_time': 'true'}
+    node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
+    states = client._node.create_publisher(JointState, '/joint_states', 10)
+    wrenches = client._node.create_publisher(WrenchStamped, '/wrench', 10)
+    clock = client._node.create_publisher(Clock, '/clock', 10)
+    client.wait('the clock', lambda: clock.get_subscription_count() > 0 and wrenches.get_subscription_count() > 0, WAIT)
+    start = trigger(client, '/touch_runner/start')
+    assert start.success, start.message
+    now = 1.0
+
+    def stand() -> bool:
+        nonlocal now
+        now += 0.004
+        stamp = Time(seconds=now).to_msg()
+        clock.publish(Clock(clock=stamp))
+        states.publish(JointState(header=Header(stamp=stamp), name=['joint1', 'joint2'], position=[0.5, 1.0]))
+        wrenches.publish(WrenchStamped(header=Header(stamp=stamp, frame_id='base_link')))
+        return 'refuses' in node._runner.status.text or node._runner.is_over
+
+    client.wait('the refusal', stand, WAIT)
+    assert goals[0].joint_names == list(CELL.joint_names)
+    assert 'the controller refuses a trajectory' in node._runner.status.text
 
 
 @pytest.mark.parametrize(
