@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.result import UNDETECTED
+from scara_kinetostatic.calibration.result import ALTERNATIVES, UNDETECTED
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
 from scara_kinetostatic.effects.base import Effect
@@ -83,8 +83,8 @@ class Uncertainty(NamedTuple):
         least: the same with `MOST_TOUCHES` more, evenly spread, and nothing undetected.
         limit: what of the declared uncertainties, or noise, contributes most to that.
         share: its part of the variance, 0 to 1.
-        undetected: what undetected effects contribute to `now` and, as large, to `planned`, m: more touches may show
-            how small they are, or not.
+        undetected: what effects not detected or decided contribute to `now` and, as large, to `planned`, m: more
+            touches may show how small they are, or not.
     """
 
     now: float | None
@@ -112,8 +112,9 @@ def known_or_infinite(worst: float | None, undetermined: float) -> float:
 
 
 def undetected_part(of_tip: Mapping[str, float]) -> float:
-    """What undetected effects contribute to the largest expanded uncertainty of the tip, m, by the rows of a budget."""
-    parts = [part for label, part in of_tip.items() if label.startswith(UNDETECTED) and part and np.isfinite(part)]
+    """What effects not detected or decided contribute to the largest uncertainty of the tip, m, by rows of a budget."""
+    known = {label: part for label, part in of_tip.items() if part and np.isfinite(part)}
+    parts = [part for label, part in known.items() if label.startswith((UNDETECTED, ALTERNATIVES))]
     return float(COVERAGE_FACTOR * np.sqrt(np.square(parts).sum()))
 
 
@@ -155,7 +156,7 @@ class Planner:
         touches: that were made; None for none.
         suspected: labels of the effects that the diagnosis suspects and has not decided about.
         given_up: places that are not to be touched: disc, direction from its centre, rad, and posture of each.
-        undetected: the part of `now` that undetected effects contribute, m.
+        undetected: the part of `now` that effects not detected or not decided contribute, m.
     """
 
     arm: CalibratedArm

@@ -38,7 +38,7 @@ _MOST_FAILED = 9
 _ASIDE = np.deg2rad(8)
 """How far aside the last try of a place is, rad."""
 _TO_DECIDE = 12
-"""Touches that are made at most to decide between effects when the tolerance is reached."""
+"""Touches that are made at most to decide between effects, when the tolerance is reached or others help no more."""
 _WELL_KNOWN = 2e-3
 """Expanded uncertainty of the tip above which the nominal arm is taken for the motions, m."""
 _STALLED, _PROGRESS = 12, 0.9
@@ -76,7 +76,8 @@ class Knowledge(NamedTuple):
         grade: of the calibration; empty where there is none.
         text: what it says, or why there is none.
         verdict: of the diagnosis, with the effects found.
-        discriminating: whether the next touches decide between effects.
+        undecided: whether there are touches that would decide between effects.
+        discriminating: whether the next touches do.
     """
 
     planner: Planner
@@ -85,6 +86,7 @@ class Knowledge(NamedTuple):
     grade: str = ''
     text: str = ''
     verdict: str = ''
+    undecided: bool = False
     discriminating: bool = False
 
 
@@ -133,7 +135,7 @@ class Campaign:
         self._job: Future[Any] | None = None
         self._is_due = False
         self._in_row = self._made_to_decide = self.accepted = self.failed = 0
-        self._start, self._past = 0, list[tuple[int, float]]()
+        self._start, self._past, self._decides = 0, list[tuple[int, float]](), False
 
     @property
     def is_busy(self) -> bool:
@@ -181,8 +183,10 @@ class Campaign:
         self._is_due = self._job is not None
         if self._is_due:
             return
-        touches, decide = TouchSet.concatenate(self.touches), self._made_to_decide < _TO_DECIDE
-        self._job = self._work(calibrated, self.cell, touches, self._given_up, decide)
+        decided_below = np.inf if self._decides else self.cell.tolerance or 0.0
+        if self._made_to_decide >= _TO_DECIDE:
+            decided_below = 0.0
+        self._job = self._work(calibrated, self.cell, TouchSet.concatenate(self.touches), self._given_up, decided_below)
 
     def poll(self) -> End | None:
         """Takes what has been found out; returns why the run ends, where it does."""
@@ -227,9 +231,12 @@ class Campaign:
         if not limit and share > 0.5:
             limit = (
                 f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(found.now)}, the tolerance '
-                f'is {_length(tolerance)}: {100 * share:.0f} % of its variance is from undetected effects'
+                f'is {_length(tolerance)}: {100 * share:.0f} % of its variance is from effects not detected or decided'
             )
         if limit and before and np.inf > found.now > _PROGRESS * min(before):
+            if found.undecided and not self._decides:
+                self._decides = True
+                return None
             return End(0, f'touches are not the limit: {limit}')
         return None
 
@@ -301,14 +308,16 @@ def clear_start(planner: Planner, here: Poses) -> tuple[Poses | None, str]:
     return Poses(np.concatenate([here.tip, out.tip]), np.concatenate([here.posture] * 2)), ''
 
 
-def calibrated(cell: Cell, touches: TouchSet, given_up: tuple[tuple[int, float, int], ...], decide: bool) -> Knowledge:
+def calibrated(
+    cell: Cell, touches: TouchSet, given_up: tuple[tuple[int, float, int], ...], decided_below: float
+) -> Knowledge:
     """Calibrates touches, and plans the next ones.
 
     Args:
         cell: the cell.
         touches: all that were accepted.
         given_up: places not to be touched.
-        decide: whether effects that are not distinguished are to be decided.
+        decided_below: expanded uncertainty of the tip from which on effects that are not distinguished are decided, m.
 
     Raises:
         UnsupportedDataError: no touch can be reached.
@@ -326,15 +335,16 @@ def calibrated(cell: Cell, touches: TouchSet, given_up: tuple[tuple[int, float, 
     text = outcome.assessment.reasons[0] if grade == 'unfit' and outcome.assessment.reasons else ''
     if now is None or now > _WELL_KNOWN:
         planner = Planner(nominal, None, planner.touches, planner.suspected, given_up)
-    reached = cell.tolerance is not None and now is not None and now <= cell.tolerance
-    if reached and decide and outcome.verdict == 'ambiguous' and found.discriminating:
+    those = found.discriminating if outcome.verdict == 'ambiguous' else ()
+    undecided = bool(those)
+    if those and now is not None and now <= decided_below:
         try:
-            planned = planner.discriminating(found.discriminating, _FEW)
+            planned = planner.discriminating(those, _FEW)
         except UnsupportedDataError:
             pass
         else:
-            return Knowledge(planner, planned, now, grade, text, verdict, True)
-    return Knowledge(planner, planner.accurate(_FEW), now, grade, text, verdict)
+            return Knowledge(planner, planned, now, grade, text, verdict, undecided, True)
+    return Knowledge(planner, planner.accurate(_FEW), now, grade, text, verdict, undecided)
 
 
 def _targets(planned: PlannedTouches) -> list[Target]:
