@@ -220,8 +220,8 @@ def mistake(evidence: Evidence) -> Iterator[Remark]:
 def undetermined(evidence: Evidence) -> Iterator[Remark]:
     """Parameters without a value: unfit where the place of the unloaded tip depends on them."""
     c = evidence.final
-    groups = [set(group) & set(NAMES) for group in c.identifiability.confounded]
-    names = [name for name in NAMES if any(name in group for group in groups)]
+    groups = [set(group) & set(c.parameters.names) for group in c.identifiability.confounded]
+    names = [name for name in c.parameters.names if any(name in group for group in groups)]
     if not names:
         return
     # 4: so many parameters without a value are more than some touches of a kind would mend

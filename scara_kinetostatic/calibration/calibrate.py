@@ -117,8 +117,8 @@ def _start(
         if name not in start.names:
             remedy = did_you_mean(name, start.names)
             raise ParameterError(f'fixed parameter {name!r}', 'no such parameter', remedy)
-    if all(name in fixed for name in NAMES):
-        raise ParameterError('fixed parameters', 'all twelve are fixed', 'leave one free at least')
+    if all(name in fixed for name in start.parameters.names):
+        raise ParameterError('fixed parameters', 'all are fixed', 'leave one free at least')
     start = _with_fixed(start, fixed)
     start.parameters.check_physical('fixed parameters' if fixed else 'nominal')
     return start
@@ -201,8 +201,8 @@ def parse_fixed(text: str, where: str = 'fixed') -> tuple[str, float | None]:
         ParameterError: no such parameter, or no number.
     """
     name, sign, value = (part.strip() for part in text.partition('='))
-    if '.' not in name and name not in NAMES:
-        remedy = did_you_mean(name, NAMES)
+    if '.' not in name and name not in UNITS:
+        remedy = did_you_mean(name, UNITS)
         effect = '' if '[' not in name else ', and of an effect such as object_radius[disc_2].radius'
         raise ParameterError(f'{where} {name}', f'expected the name of a parameter{effect}', remedy)
     if not sign:

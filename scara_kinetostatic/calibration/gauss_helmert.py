@@ -45,7 +45,7 @@ from scara_kinetostatic.model.extended_model import (
     true_force_derivative,
 )
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2
+from scara_kinetostatic.model.parameters import THETA1, THETA2
 from scara_kinetostatic.model.touch_equations import Arm, State, free_state
 
 
@@ -115,7 +115,7 @@ def linearise(
     if has_sensor_error(model):
         true = _in_sensor_frame(o, model, adjusted.joints, state)
         by_force = by_force @ true_force_derivative(model, adjusted.force, true, o.metadata)
-        derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, true, by_force, o.metadata)
+        derivative[:, :, model.base_count :] += sensor_error_columns(model, adjusted.force, true, by_force, o.metadata)
     misclosure = by_touch(2, len(o.joints))
     misclosure[:, 0], misclosure[:, 1] = e.h.real, e.h.imag
     for by, off in zip((*by_joints.T, *by_force.T), _off_measured(o, adjusted), strict=True):

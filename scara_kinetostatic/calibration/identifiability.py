@@ -30,6 +30,8 @@ from scara_kinetostatic.model.contact import solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 
+MOMENT_SCALES = np.array([2.0, 2.0])
+"""The same of s1 and s2, kg m."""
 SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
 NOISE_SHARE = 0.25
@@ -43,7 +45,8 @@ _MEMBER_PART = 0.05
 
 def scales_of(model: ExtendedModel) -> Floats:
     """Plausible range of each value of a model, (12 + k,): `SCALES`, then those of the effects."""
-    return np.concatenate([SCALES, model.effect_scales]) if model.effects else SCALES
+    base = np.concatenate([SCALES, MOMENT_SCALES]) if model.parameters.has_gravity else SCALES
+    return np.concatenate([base, model.effect_scales]) if model.effects else base
 
 
 class Combination(NamedTuple):

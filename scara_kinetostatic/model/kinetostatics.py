@@ -111,7 +111,8 @@ def direct_kinetostatics(
         S, (n, 2), m, and C, (n, 2), Nm.
     """
     law, load, known = Law(as_model(model), as_gripper(gripper)), Force.of(force), metadata
-    p, pressed = law.model.parameters, np.any(force != 0, axis=1)[:, None]
+    p = law.model.parameters
+    pressed = (np.any(force != 0, axis=1) | p.has_gravity)[:, None]
     known = TouchMetadata.plain(len(force)) if known is None else known
     turn = moved = np.zeros(np.shape(joints))
     for _ in range(60):

@@ -26,10 +26,16 @@ _TABLE = (
     ('g1', 'rad', 'backlash of joint 1, half the gap'),
     ('g2', 'rad', 'backlash of joint 2, half the gap'),
 )
-UNITS = {name: unit for name, unit, _ in _TABLE}
-NAMES = tuple(UNITS)
-DESCRIPTIONS = {name: description for name, _, description in _TABLE}
-_LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0}
+_MOMENTS = (
+    ('s1', 'kg m', 'static moment about joint 1 along link 1; what joint 2 carries counts at the elbow'),
+    ('s2', 'kg m', 'static moment about joint 2 along link 2'),
+)
+NAMES = tuple(name for name, *_ in _TABLE)
+MOMENTS = tuple(name for name, *_ in _MOMENTS)
+"""The parameters beside the twelve of an arm that gravity loads in its plane."""
+UNITS = {name: unit for name, unit, _ in _TABLE + _MOMENTS}
+DESCRIPTIONS = {name: description for name, _, description in _TABLE + _MOMENTS}
+_LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0, 'kg m': 1e4}
 """Largest plausible size of a number by its unit."""
 _HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
 X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
@@ -63,6 +69,8 @@ def displacement(x: float, y: float) -> str:
 class Parameters:
     """One set of values of L̄ = [L, L_c, L_g] (4), SI units, in the order of table 1.
 
+    Where `gravity` is not zero, the static moments `s1` and `s2` (kg m) are parameters, too: `names` has 14 then.
+
     Estimates may be negative where noise makes them so; those of a real robot are not, see `check_physical`.
 
     Raises:
@@ -81,9 +89,12 @@ class Parameters:
     g_ee: float = 0.0
     g1: float = 0.0
     g2: float = 0.0
+    s1: float = 0.0
+    s2: float = 0.0
+    gravity: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        for name in NAMES:
+        for name in self.names:
             value = getattr(self, name)
             if type(value) is float and isfinite(value):  # as nearly always
                 continue
@@ -111,13 +122,28 @@ class Parameters:
             raise ParameterError(where, f'{problem} {wrong[0]!r}', f'give all of {" ".join(NAMES)}')
         return cls(**values)
 
+    @property
+    def has_gravity(self) -> bool:
+        """Whether gravity loads the joints."""
+        return self.gravity != (0.0, 0.0)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """`NAMES`, and `MOMENTS` where gravity loads the joints."""
+        return NAMES + MOMENTS if self.has_gravity else NAMES
+
+    def with_array(self, values: ArrayLike) -> Parameters:
+        """Other values in the order of `names`, under the same gravity."""
+        found = np.asarray(values, dtype=float).tolist()
+        return Parameters(*found, gravity=self.gravity) if self.has_gravity else Parameters(*found)
+
     def as_array(self) -> NDArray[np.float64]:
-        """The 12 values in the order of `NAMES`, (12,)."""
-        return np.array([getattr(self, name) for name in NAMES])
+        """The values in the order of `names`, (12,) or (14,)."""
+        return np.array([getattr(self, name) for name in self.names])
 
     def as_dict(self) -> dict[str, float]:
-        """The values by name, in the order of `NAMES`."""
-        return {name: getattr(self, name) for name in NAMES}
+        """The values by name, in the order of `names`."""
+        return {name: getattr(self, name) for name in self.names}
 
     @property
     def joint_compliances(self) -> NDArray[np.float64]:

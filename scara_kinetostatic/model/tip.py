@@ -9,6 +9,8 @@ torque is not known. Here
 
     q - q* = p c + g s(c / b) + δ,    s(u) = max(-1, min(u, 1)),
 
+c with the torques of gravity (`touch_equations`),
+
 with the band b_i = 3 σ_F ‖J_i‖ + 4 |g_i| f (l1 + l2): the law is (6) wherever the torque exceeds three standard
 deviations, and a straight line across the dead band between. So the joint angles are a continuous function of place
 and force, the middle of the dead band at c = 0, and they do not jump. The second part of b keeps 1 + (g/b) ∂c/∂q* at
@@ -98,6 +100,7 @@ class Loading(NamedTuple):
         s2: of joint 2.
         k1: dq1*-slope of the law, p1 + g1 s'/b1, rad/Nm.
         k2: of joint 2.
+        pull: what gravity takes from both torques per angle of their joints, Nm/rad; None without.
     """
 
     x1: Any
@@ -111,6 +114,7 @@ class Loading(NamedTuple):
     s2: Any
     k1: Any
     k2: Any
+    pull: tuple[Any, Any] | None = None
 
     @property
     def in_band(self) -> Any:
@@ -143,13 +147,21 @@ def load_arm(
         known2 = x2 * y - y2 * x
         known1 = x1 * y - y1 * x + known2
     own, known = STEEPEST * (p.l1 + p.l2) * force.size, SIGN_KNOWN * force.std
+    pull = None
+    if p.has_gravity:  # `model.touch_equations`
+        gx, gy = p.gravity
+        per1, per2 = p.s1 / p.l1, p.s2 / p.l2
+        pull2, turn2 = -per2 * (x2 * gy - y2 * gx), -per2 * (x2 * gx + y2 * gy)
+        pull1, turn1 = pull2 - per1 * (x1 * gy - y1 * gx), turn2 - per1 * (x1 * gx + y1 * gy)
+        c1, c2, known1, known2, pull = c1 + pull1, c2 + pull2, known1 + pull1, known2 + pull2, (turn1, turn2)
+        own = own + STEEPEST * (abs(p.s1) + abs(p.s2)) * (gx * gx + gy * gy) ** 0.5
     x, y = x1 + x2, y1 + y2
     b1, b2 = known * (x * x + y * y) ** 0.5 + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
     u1, u2 = known1 / b1, known2 / b2
     inside1, inside2 = abs(u1) < 1, abs(u2) < 1
     s1, s2 = inside1 * u1 + (u1 >= 1) - (u1 <= -1), inside2 * u2 + (u2 >= 1) - (u2 <= -1)
     k1, k2 = p.p1 + inside1 * (p.g1 / b1), p.p2 + inside2 * (p.g2 / b2)
-    return Loading(x1, y1, x2, y2, offset, c1, c2, s1, s2, k1, k2)
+    return Loading(x1, y1, x2, y2, offset, c1, c2, s1, s2, k1, k2, pull)
 
 
 def newton_step(
@@ -175,6 +187,8 @@ def inverse_of_rows(at: Loading, force: Force) -> tuple[Any, Any, Any, Any]:
     """M⁻¹ by rows, M = I + diag(k) ∂C/∂Q* at constant F."""
     c22 = -(force.x * at.x2 + force.y * at.y2)
     c11 = c22 - (force.x * at.x1 + force.y * at.y1)
+    if at.pull is not None:
+        c11, c22 = c11 - at.pull[0], c22 - at.pull[1]
     m11, m12, m21, m22 = 1.0 + at.k1 * c11, at.k1 * c22, at.k2 * c22, 1.0 + at.k2 * c22
     scale = 1.0 / (m11 * m22 - m12 * m21)
     return m22 * scale, -m12 * scale, -m21 * scale, m11 * scale
@@ -433,12 +447,14 @@ def tip_by_values(law: Law, jacobian: Floats, at: Loading, force: Force, state: 
         state: the poses as effects take them; None without effects.
     """
     p, s = law.model.parameters, law.gripper.factor
+    gx, gy = p.gravity
     u1x, u1y, u2x, u2y = at.x1 / p.l1, at.y1 / p.l1, at.x2 / p.l2, at.y2 / p.l2
     joints = LoadedJoints(
         slope=(at.k1, at.k2),
         moment=(u1x * force.y - u1y * force.x, u2x * force.y - u2y * force.x),
         torque=(at.c1, at.c2),
         sense=(at.s1, at.s2),
+        pull=((at.k1, at.k2), (-u1x * gy + u1y * gx, -u2x * gy + u2y * gx)) if p.has_gravity else None,
     )
     parts = (
         ((1.0, 0.0), (u1x, u2x), (s * force.x, -force.place * force.nx)),
