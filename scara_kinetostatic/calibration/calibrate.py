@@ -100,6 +100,10 @@ def calibrate(
         raise InputError('force', problem, 'give the force on the object; check sign, frame and axes of the sensor')
     try:
         found = estimate(observations, cell, start, free, warm_start)
+        for _ in range(3 if start.parameters.has_gravity and warm_start is None else 0):
+            # the flanks at torques near zero are chosen anew, by the moments found
+            again = WarmStart(found.fit.point.model, found.noise, np.ones_like(found.used), found.fit.point.errors)
+            found = estimate(observations, cell, start, free, again)
     except np.linalg.LinAlgError as error:
         problem = 'the fit diverged to where the model is not defined'
         raise UnsupportedDataError(problem, 'check the nominal values, the discs and the sensor in the cell') from error

@@ -34,6 +34,7 @@ from scara_kinetostatic.model.touch_equations import (
     Equations,
     State,
     free_state,
+    keep_flanks,
     move_links,
     next_modes,
     parameter_derivative,
@@ -194,7 +195,9 @@ def solve_links(
     p, gripper, first = model.parameters, contact_problem.gripper, state
     arm = view_arm(p, *state[:4], gripper)
     for _ in range(1 + again):
+        flanks = state
         state, arm = step_links(p, contact_problem.shifted(model, state, arm).joints, state, gripper, frozen, arm)
+        state = keep_flanks(p, state, flanks, arm)
         if not model.effects and (frozen or ((state.mode1 == first.mode1) & (state.mode2 == first.mode2)).all()):
             break
     return state, arm

@@ -120,7 +120,7 @@ class Parameters:
         if wrong:
             problem = 'unknown parameter' if wrong[0] in values else 'missing parameter'
             raise ParameterError(where, f'{problem} {wrong[0]!r}', f'give all of {" ".join(NAMES)}')
-        return cls(**values)
+        return cls(*(values[name] for name in NAMES))
 
     @property
     def has_gravity(self) -> bool:
@@ -135,7 +135,8 @@ class Parameters:
     def with_array(self, values: ArrayLike) -> Parameters:
         """Other values in the order of `names`, under the same gravity."""
         found = np.asarray(values, dtype=float).tolist()
-        return Parameters(*found, gravity=self.gravity) if self.has_gravity else Parameters(*found)
+        made = Parameters(*found)
+        return replace(made, gravity=self.gravity) if self.has_gravity else made
 
     def as_array(self) -> NDArray[np.float64]:
         """The values in the order of `names`, (12,) or (14,)."""

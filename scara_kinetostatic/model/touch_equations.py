@@ -197,6 +197,24 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     return state._replace(mode1=mode1, mode2=mode2)
 
 
+TORQUE_KNOWN = 0.1
+"""Part of the largest torque of gravity below which the sign of a torque is not known, as the moments are not."""
+
+
+def keep_flanks(parameters: Parameters, state: State, before: State, arm: Arm) -> State:
+    """The flanks of before wherever a torque is too small for its sign to be known; only under gravity.
+
+    Elsewhere C = f a has the sign of a lever arm, which is known better than the static moments are.
+    """
+    pull = pull_of(parameters, arm.link1, arm.link2)
+    if pull is None:
+        return state
+    largest = (abs(parameters.s1) + abs(parameters.s2)) * np.hypot(*parameters.gravity)
+    small = np.abs(state.magnitude * arm.lever + pull.torque) < TORQUE_KNOWN * largest
+    mode1, mode2 = np.where(small, before[4:], state[4:])
+    return state._replace(mode1=mode1, mode2=mode2)
+
+
 def free_state(parameters: Parameters, joints: Floats, centers: Floats) -> State:
     """A start for n touches: links at the measured angles, no force, pointing from tip to disc."""
     direction = np.arctan2(*(centers - forward(parameters, joints)).T[::-1])
