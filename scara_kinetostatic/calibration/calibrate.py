@@ -122,7 +122,8 @@ def _start(
             remedy = did_you_mean(name, start.names)
             raise ParameterError(f'fixed parameter {name!r}', 'no such parameter', remedy)
     if all(name in fixed for name in start.parameters.names):
-        raise ParameterError('fixed parameters', 'all are fixed', 'leave one free at least')
+        count = 'fourteen' if start.parameters.has_gravity else 'twelve'
+        raise ParameterError('fixed parameters', f'all {count} are fixed', 'leave one free at least')
     start = _with_fixed(start, fixed)
     start.parameters.check_physical('fixed parameters' if fixed else 'nominal')
     return start

@@ -235,7 +235,7 @@ def _turned_radial(observations: Observations, model: ExtendedModel, state: Stat
 
 
 def _nearest_flanks(observations: Observations, model: ExtendedModel, state: State) -> State:
-    """The state with each joint whose torque has no known sign (`keep_flanks`) on the flank that fits the touch best."""
+    """The state with each joint whose torque has no known sign (`keep_flanks`) on the flank that fits best."""
     o, p, best, found = observations, model.parameters, np.full(len(state.mode1), np.inf), state
     problem = o.contact_problem(o.joints)
     for one, two in ((1, 1), (-1, 1), (1, -1), (-1, -1)):

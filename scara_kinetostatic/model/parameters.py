@@ -120,7 +120,7 @@ class Parameters:
         if wrong:
             problem = 'unknown parameter' if wrong[0] in values else 'missing parameter'
             raise ParameterError(where, f'{problem} {wrong[0]!r}', f'give all of {" ".join(NAMES)}')
-        return cls(*(values[name] for name in NAMES))
+        return cls.from_array([values[name] for name in NAMES])
 
     @property
     def has_gravity(self) -> bool:
