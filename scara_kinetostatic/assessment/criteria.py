@@ -24,7 +24,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SizeMode
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
-from scara_kinetostatic.model.parameters import NAMES, UNITS, displacement
+from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, displacement
 
 
 def ambiguous(evidence: Evidence) -> Iterator[Remark]:
@@ -255,6 +255,20 @@ def negative(evidence: Evidence) -> Iterator[Remark]:
             )
 
 
+def upside_down(evidence: Evidence) -> Iterator[Remark]:
+    """Static moments below zero: gravity points the other way, or a counterweight is heavier than the arm."""
+    c = evidence.final
+    names = [
+        n for n in MOMENTS if n in c.parameters.names and getattr(c.parameters, n) < -LIMITS.negative * c.std_of(n)
+    ]
+    if names:
+        yield Remark(
+            Grade.CAUTION,
+            f'{" and ".join(names)} negative: gravity is stated upside down, or counterweights outweigh the arm',
+            'check the sign of `gravity` in the cell description: its direction of fall, base frame',
+        )
+
+
 _RADII = 'check the radii in the cell description: they reach to the centre of the tip'
 _SLIP = 'preload every other touch: a joint that slips under load looks like a negative backlash'
 _FORCE = 'check the gain, the frame and the sign of the force sensor'
@@ -341,6 +355,7 @@ CRITERIA: tuple[Callable[[Evidence], Iterator[Remark]], ...] = (
     mistake,
     convergence,
     negative,
+    upside_down,
     undetermined,
     rejections.rejected,
     held_out,

@@ -118,11 +118,11 @@ def component_by_parameters(
     (k1, k2), (m1, m2), (c1, c2), (s1, s2), (rests1, rests2), pull = at
     by1, by2 = g1 * k1, g2 * k2
     l1, l2 = u - by1 * m1, v - (by1 + by2) * m2
-    twelve = (*axis, g1 * rests1, l1, g2 * rests2, l2, gripper[0], -g1 * c1, -g2 * c2, gripper[1], -g1 * s1, -g2 * s2)
+    found = (*axis, g1 * rests1, l1, g2 * rests2, l2, gripper[0], -g1 * c1, -g2 * c2, gripper[1], -g1 * s1, -g2 * s2)
     if pull is None:
-        return twelve
+        return found
     (w1, w2), (per_s1, per_s2) = pull
-    return (*twelve, -g1 * w1 * per_s1, -(g1 * w1 + g2 * w2) * per_s2)
+    return (*found, -g1 * w1 * per_s1, -(g1 * w1 + g2 * w2) * per_s2)
 
 
 def stacked(rows: Sequence[Sequence[Any]], shape: tuple[int, ...]) -> Floats:

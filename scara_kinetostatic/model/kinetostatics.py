@@ -41,7 +41,9 @@ def joint_deflection(parameters: Parameters, torques: ArrayLike, slack: ArrayLik
 
 
 def joint_torques(parameters: Parameters, links: ArrayLike, force: ArrayLike) -> Floats:
-    """Torques C = JᵀF (2) (8) and those of gravity, with J at the link angles Q*; without gravity exact zeros below 1e-13 of force times arm length.
+    """Torques C = JᵀF (2) (8), with J at the link angles Q*, and what holds the arm against gravity.
+
+    Without gravity they are exact zeros below 1e-13 of force times arm length.
 
     Args:
         parameters: L̄.

@@ -42,7 +42,7 @@ from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
@@ -135,7 +135,7 @@ class State(NamedTuple):
     def stated_place(self, name: str) -> int:
         """Position of what `stated_uncertainties` names."""
         if name.startswith('nominal['):
-            return NAMES.index(name.removeprefix('nominal[').rstrip(']'))
+            return self.place(name.removeprefix('nominal[').rstrip(']'))
         return self.error_place(name)
 
     def of_stored_forces(self) -> State:

@@ -185,10 +185,13 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         facts: of it.
 
     Raises:
-        UnsupportedDataError: the arm has a general gripper or effects of its own, which the functions do not have.
+        UnsupportedDataError: an upright arm, a general gripper or effects of its own, which the functions do not have.
     """
     if facts.robot_effects:
         problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
+        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
+    if arm.cell.nominal.has_gravity:
+        problem = 'a C header has no torque of gravity, and the cell description states `gravity`'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
