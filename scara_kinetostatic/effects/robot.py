@@ -190,7 +190,7 @@ class BaseTilt(LinearEffect):
         Parameter('m2_x', 'Nm', 10.0, 'static moment along link 2 times gravity along x', typical=0.8),
         Parameter('m2_y', 'Nm', 10.0, 'static moment along link 2 times gravity along y', typical=-0.4),
     )
-    statement = 'the base is tilted, so that gravity loads the joints'
+    statement = 'the base is tilted or the arm stands upright, so that gravity loads the joints'
     confounded_with = (
         'a transmission error of joint 1 of one cycle per turn, which m1 alone exactly is; the base position and the '
         'offsets, if there is one elbow posture'

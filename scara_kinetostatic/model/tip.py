@@ -11,7 +11,7 @@ torque is not known. Here
 
 c with the torques of gravity (`touch_equations`),
 
-with the band b_i = 3 σ_F ‖J_i‖ + 4 |g_i| f (l1 + l2): the law is (6) wherever the torque exceeds three standard
+with the band b_i = 3 σ_F ‖J_i‖ + 4 |g_i| f (l1 + l2), under gravity 3 σ of its torque more and a part for its turn: the law is (6) wherever the torque exceeds three standard
 deviations, and a straight line across the dead band between. So the joint angles are a continuous function of place
 and force, the middle of the dead band at c = 0, and they do not jump. The second part of b keeps 1 + (g/b) ∂c/∂q* at
 3/4 or more, also where a link is pressed along itself: the equations have one solution, so H̄ and Ḡ are each other's
@@ -127,7 +127,12 @@ class Loading(NamedTuple):
 
 
 def load_arm(
-    p: Parameters, links: tuple[Any, Any, Any, Any], offset: tuple[Any, Any], force: Force, moment: Any = 0.0
+    p: Parameters,
+    links: tuple[Any, Any, Any, Any],
+    offset: tuple[Any, Any],
+    force: Force,
+    moment: Any = 0.0,
+    gravity_std: tuple[float, float] = (0.0, 0.0),
 ) -> Loading:
     """The torques of the arm and its places in the dead bands; floats, or arrays of any one shape.
 
@@ -137,6 +142,7 @@ def load_arm(
         offset: S - H(Q*) by the gripper, m.
         force: on the object.
         moment: that it adds to both torques where it acts beside the rigid tip, Nm.
+        gravity_std: as `Law.gravity_std`.
     """
     x1, y1, x2, y2 = links
     c2 = x2 * force.y - y2 * force.x + moment
@@ -157,6 +163,8 @@ def load_arm(
         own = own + STEEPEST * (abs(p.s1) + abs(p.s2)) * (gx * gx + gy * gy) ** 0.5
     x, y = x1 + x2, y1 + y2
     b1, b2 = known * (x * x + y * y) ** 0.5 + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
+    if pull is not None:
+        b1, b2 = b1 + SIGN_KNOWN * gravity_std[0], b2 + SIGN_KNOWN * gravity_std[1]
     u1, u2 = known1 / b1, known2 / b2
     inside1, inside2 = abs(u1) < 1, abs(u2) < 1
     s1, s2 = inside1 * u1 + (u1 >= 1) - (u1 <= -1), inside2 * u2 + (u2 >= 1) - (u2 <= -1)
@@ -202,11 +210,14 @@ class Law:
         model: the model, with the effects that are part of H̄ and Ḡ.
         gripper: the form of (7).
         noise: of one touch; None for law (6) to the letter, without a band: s = sign(c).
+        gravity_std: standard uncertainties of the torques of gravity, at most, Nm: the sign of a smaller torque is not
+            known, either.
     """
 
     model: ExtendedModel
     gripper: Gripper
     noise: Noise | None = None
+    gravity_std: tuple[float, float] = (0.0, 0.0)
 
     def offset(self, force: Force) -> tuple[Any, Any]:
         """S - H(Q*) by an isotropic gripper, m; floats, or arrays of any one shape."""
@@ -224,7 +235,7 @@ class Law:
             moment = -tangent * force.size
         links = p.l1 * np.cos(first), p.l1 * np.sin(first), p.l2 * np.cos(second), p.l2 * np.sin(second)
         if self.noise is not None:
-            return load_arm(p, links, offset, force, moment)
+            return load_arm(p, links, offset, force, moment, self.gravity_std)
         exactly = force._replace(std=1.0)  # any: the places in the bands are replaced
         at = load_arm(p, links, offset, exactly, moment)
         c1, c2 = (np.where(np.abs(c) <= 1e-13 * (p.l1 + p.l2) * force.size, 0.0, c) for c in (at.c1, at.c2))

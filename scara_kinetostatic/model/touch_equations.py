@@ -197,8 +197,9 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     return state._replace(mode1=mode1, mode2=mode2)
 
 
-TORQUE_KNOWN = 0.1
-"""Part of the largest torque of gravity below which the sign of a torque is not known, as the moments are not."""
+SMALL_TORQUE, SMALL_DEFLECTION = 0.25, 3e-5
+"""Part of the largest torque of gravity, and deflection by compliance, rad, below both of which the sign of a torque is
+not known: the moments are not, as touches show them by the deflection."""
 
 
 def keep_flanks(parameters: Parameters, state: State, before: State, arm: Arm) -> State:
@@ -210,7 +211,8 @@ def keep_flanks(parameters: Parameters, state: State, before: State, arm: Arm) -
     if pull is None:
         return state
     largest = (abs(parameters.s1) + abs(parameters.s2)) * np.hypot(*parameters.gravity)
-    small = np.abs(state.magnitude * arm.lever + pull.torque) < TORQUE_KNOWN * largest
+    torque = np.abs(state.magnitude * arm.lever + pull.torque)
+    small = (torque < SMALL_TORQUE * largest) & (parameters.joint_compliances * torque < SMALL_DEFLECTION)
     mode1, mode2 = np.where(small, before[4:], state[4:])
     return state._replace(mode1=mode1, mode2=mode2)
 
