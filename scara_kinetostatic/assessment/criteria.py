@@ -7,6 +7,7 @@ have; where the result is an extrapolation.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import special
@@ -14,6 +15,7 @@ from scipy import special
 from scara_kinetostatic.assessment import rejections, tolerance
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import LIMITS, Assessment, Grade, Remark, quantity
+from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
@@ -21,6 +23,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_covariance
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SizeMode
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
@@ -255,6 +258,27 @@ def negative(evidence: Evidence) -> Iterator[Remark]:
             )
 
 
+def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
+    """A cell without gravity whose touches fit much better with it: the arm stands upright."""
+    c = evidence.final
+    if evidence.diagnosis.verdict != 'unexplained' or c.parameters.has_gravity or c.fixed:
+        return
+    for axis, gravity in (('y', (0.0, -9.81)), ('x', (-9.81, 0.0))):
+        cell = replace(c.cell, nominal=c.cell.nominal.replace(gravity=gravity))
+        try:
+            upright = calibrate(c.touches, cell)
+        except (ParameterError, UnsupportedDataError):
+            continue
+        if upright.is_result and upright.force_error < LIMITS.better_upright * evidence.calibration.force_error:
+            yield Remark(
+                Grade.UNFIT,
+                f'with gravity along {axis} the force error is {upright.force_error:.2g} N instead of '
+                f'{evidence.calibration.force_error:.2g} N: the arm stands upright',
+                f'state `gravity` in the cell description, such as {list(gravity)}, and `robot.moments` where known',
+            )
+            return
+
+
 def upside_down(evidence: Evidence) -> Iterator[Remark]:
     """Static moments below zero: gravity points the other way, or a counterweight is heavier than the arm."""
     c = evidence.final
@@ -355,6 +379,7 @@ CRITERIA: tuple[Callable[[Evidence], Iterator[Remark]], ...] = (
     mistake,
     convergence,
     negative,
+    forgotten_gravity,
     upside_down,
     undetermined,
     rejections.rejected,

@@ -9,13 +9,12 @@ torque is not known. Here
 
     q - q* = p c + g s(c / b) + δ,    s(u) = max(-1, min(u, 1)),
 
-c with the torques of gravity (`touch_equations`),
-
-with the band b_i = 3 σ_F ‖J_i‖ + 4 |g_i| f (l1 + l2), under gravity 3 σ of its torque more and a part for its turn: the law is (6) wherever the torque exceeds three standard
+with the band b_i = 3 σ_F ‖J_i‖ + 4 |g_i| f (l1 + l2): the law is (6) wherever the torque exceeds three standard
 deviations, and a straight line across the dead band between. So the joint angles are a continuous function of place
 and force, the middle of the dead band at c = 0, and they do not jump. The second part of b keeps 1 + (g/b) ∂c/∂q* at
 3/4 or more, also where a link is pressed along itself: the equations have one solution, so H̄ and Ḡ are each other's
-inverse inside the band, too. The gripper alike: -g_ee s(f / 3 σ_F) n.
+inverse inside the band, too. The gripper alike: -g_ee s(f / 3 σ_F) n. Under gravity c contains its torque
+(`touch_equations`), and b three standard uncertainties of it and 4 |g_i| times its largest change per angle.
 
 What is left out inside the band, the sign, is part of the uncertainty: the variance g²/3 (1 - s²), that of a uniform
 distribution over the dead band at its middle, nothing at its edge.
