@@ -1,6 +1,6 @@
 """An arm that stands upright: scatter of the estimates over many recordings, recovery, error of the tip under load.
 
-Simulated touches, of robots and seeds that served nothing else. Usage: `python benchmark/gravity.py [RECORDINGS]`.
+Simulated touches, at the end of a robot in MuJoCo. Usage: `python -m benchmark.gravity [RECORDINGS]`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,9 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
+from scara_kinetostatic.simulation.mujoco import scene_named
+from scara_kinetostatic.simulation.mujoco.streams import expected_parameters, simulate_touches
+from scara_kinetostatic.simulation.plan import default_plan
 
 GRAVITY = (0.0, -9.81)
 ROBOTS = {
@@ -36,11 +39,11 @@ def main(recordings: int) -> None:
         cell, truth = cell_of(s1, s2), robot.replace(s1=s1, s2=s2, gravity=GRAVITY)
         z, rejected, before, after = [], 0, [], []
         random = np.random.default_rng(5)
-        for seed in range(1000, 1000 + recordings):
+        for seed in range(70000, 70000 + recordings):
             calibration = sk.calibrate(sk.simulate(cell, truth, seed=seed), cell)
             z.append([(calibration[n].value - getattr(truth, n)) / calibration[n].std for n in truth.names])
             rejected += int((~calibration.used).sum())
-            if seed < 1020:
+            if seed < 70020:
                 joints = np.array([random.uniform(0.3, 1.8, 200), random.uniform(0.6, 2.4, 200)]).T
                 angle = random.uniform(-np.pi, np.pi, 200)
                 force = random.uniform(20, 60, 200)[:, None] * np.array([np.cos(angle), np.sin(angle)]).T
@@ -60,6 +63,17 @@ def main(recordings: int) -> None:
         print(f'  without noise: {moments} off, relative; force {off:.1e} of the largest')
 
 
+def engine(seed: int) -> None:
+    """Prints how far a calibration of a robot in MuJoCo is off, in standard deviations."""
+    cell, truth = cell_of(2.0, 0.7), sk.PAPER_ACTUAL.replace(gravity=GRAVITY)
+    scene = scene_named('plain').with_parameters(truth)
+    outcome = sk.diagnose(simulate_touches(scene, cell, default_plan(cell), seed=seed), cell)
+    expected = expected_parameters(scene)
+    z = {n: (outcome[n].value - getattr(expected, n)) / outcome.calibration[n].std for n in expected.names}
+    worst = max(z, key=lambda name: abs(z[name]))
+    print(f'MuJoCo, seed {seed}: verdict {outcome.verdict}, at most {abs(z[worst]):.1f} standard deviations ({worst})')
+
+
 def _rms(errors: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(errors))))
 
@@ -70,4 +84,7 @@ def _without_noise(cell: sk.Cell, truth: sk.Parameters) -> sk.TouchSet:
 
 
 if __name__ == '__main__':
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200)
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    main(count)
+    for seed in range(40, 40 + min(count, 5)):
+        engine(seed)
