@@ -121,8 +121,9 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
     lift = _lift(robot, joint_names)
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
     plates = _plates(top)
+    base = _nominal(top, robot)
     cell = Cell(
-        nominal=_nominal(top, robot),
+        nominal=base,
         discs=_discs(top, plates),
         joint_names=joint_names,
         sensor=_sensor(top.section('sensor', (), ('joint_states', 'wrench', 'frame', 'sign', 'time_offset'))),
@@ -130,7 +131,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
         gripper_excess=_excess(model),
         plates=plates,
-        uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects'))),
+        uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), base.names),
         tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=_TOLERANCE),
         tip_radius=top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE),
         region=_region(top),
@@ -434,9 +435,9 @@ def _stds(section: Section, **limits: Within) -> list[float]:
     return [inner.optional(name, within=limit) or 0.0 for name, limit in limits.items()]
 
 
-def _uncertainty(section: Section) -> Uncertainty:
+def _uncertainty(section: Section, names: tuple[str, ...]) -> Uncertainty:
     """What is common to all touches."""
-    nominal = section.section('nominal', (), tuple(UNITS))
+    nominal = section.section('nominal', (), names)
     limits = zip(_COMMON, (_LENGTH, _PART, _ANGLE), strict=True)
     radius, gain, rotation = (section.optional(name, within=limit) or 0.0 for name, limit in limits)
     stated = {name: nominal.number(name, UNITS[name], POSITIVE) for name in nominal.data}

@@ -27,8 +27,8 @@ _TABLE = (
     ('g2', 'rad', 'backlash of joint 2, half the gap'),
 )
 _MOMENTS = (
-    ('s1', 'kg m', 'static moment about joint 1 along link 1; what joint 2 carries counts at the elbow'),
-    ('s2', 'kg m', 'static moment about joint 2 along link 2'),
+    ('s1', 'kg m', 'static moment about joint 1, with joint 2 and beyond at the elbow'),
+    ('s2', 'kg m', 'static moment about joint 2'),
 )
 NAMES = tuple(name for name, *_ in _TABLE)
 MOMENTS = tuple(name for name, *_ in _MOMENTS)
