@@ -46,7 +46,7 @@ from scara_kinetostatic.model.cell import (
     layout_problems,
 )
 from scara_kinetostatic.model.effect_law import Parameter
-from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, Parameters
+from scara_kinetostatic.model.parameters import MOMENTS, MOST_GRAVITY, NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
 """Topic of the cell description in a recording, `std_msgs/msg/String`."""
@@ -235,8 +235,6 @@ def dump_cell(cell: Cell) -> str:
     return '\n'.join(lines) + '\n'
 
 
-_MOST_GRAVITY = 25.0
-"""m/s², that of Jupiter: more than any arm stands in."""
 _MOMENT = Within(-1e4, 1e4, 'it is in kg m: mass times distance from the joint', unit='kg m')
 
 
@@ -247,8 +245,8 @@ def _nominal(top: Section, robot: Section) -> Parameters:
     values = {name: section.number(name, UNITS[name], limits.get(name, Within())) for name in NAMES}
     given = top.data.get('gravity') is not None
     gx, gy = top.vector('gravity', ('x', 'y'), 'm/s²') if given else (0.0, 0.0)
-    if (gx * gx + gy * gy) ** 0.5 > _MOST_GRAVITY:
-        problem = f'expected at most {_MOST_GRAVITY:g} m/s² in size, got {shown([gx, gy])}'
+    if (gx * gx + gy * gy) ** 0.5 > MOST_GRAVITY:
+        problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {shown([gx, gy])}'
         raise top.error('gravity', problem, 'give it in m/s²: [0.0, -9.81]')
     moments = robot.section('moments', (), MOMENTS)
     if moments.data and not (gx or gy):

@@ -37,6 +37,10 @@ UNITS = {name: unit for name, unit, _ in _TABLE + _MOMENTS}
 DESCRIPTIONS = {name: description for name, _, description in _TABLE + _MOMENTS}
 _LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0, 'kg m': 1e4}
 """Largest plausible size of a number by its unit."""
+LEVEL = (0.0, 0.0)
+"""Gravity in the plane of an arm that does not stand upright."""
+MOST_GRAVITY = 25.0
+"""m/s², about that of Jupiter: no arm has to hold more."""
 _HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
 X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
 
@@ -74,7 +78,7 @@ class Parameters:
     Estimates may be negative where noise makes them so; those of a real robot are not, see `check_physical`.
 
     Raises:
-        ParameterError: a value is not a finite number.
+        ParameterError: a value is not a finite number, or gravity is larger than `MOST_GRAVITY`.
     """
 
     x0: float = 0.0
@@ -91,7 +95,7 @@ class Parameters:
     g2: float = 0.0
     s1: float = 0.0
     s2: float = 0.0
-    gravity: tuple[float, float] = (0.0, 0.0)
+    gravity: tuple[float, float] = LEVEL
 
     def __post_init__(self) -> None:
         for name in self.names:
@@ -103,6 +107,20 @@ class Parameters:
             if not isfinite(value):
                 raise ParameterError(name, f'expected a finite number, got {value}')
             object.__setattr__(self, name, float(value))
+        if self.gravity is not LEVEL:
+            self._check_gravity()
+
+    def _check_gravity(self) -> None:
+        try:
+            gx, gy = map(float, self.gravity)
+        except (TypeError, ValueError):
+            raise ParameterError(
+                'gravity', f'expected two numbers, got {self.gravity!r}', 'give (0.0, -9.81)'
+            ) from None
+        if not (gx * gx + gy * gy) ** 0.5 <= MOST_GRAVITY:
+            problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {(gx, gy)}'
+            raise ParameterError('gravity', problem, 'give it in m/s²: (0.0, -9.81)')
+        object.__setattr__(self, 'gravity', (gx + 0.0, gy + 0.0))
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> Parameters:
@@ -125,7 +143,7 @@ class Parameters:
     @property
     def has_gravity(self) -> bool:
         """Whether gravity loads the joints."""
-        return self.gravity != (0.0, 0.0)
+        return self.gravity != LEVEL
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -201,3 +201,9 @@ def test_moments_need_gravity():
 def test_touches_are_not_planned_for_an_upright_arm():
     with pytest.raises(sk.ScaraKinetostaticError, match='upright'):
         Robot.of(CELL)
+
+
+@pytest.mark.parametrize('gravity', [(0.0, -98.1), (np.nan, 0.0), (9.81,), 9.81])
+def test_parameters_refuse_gravity_that_no_arm_holds(gravity):
+    with pytest.raises(sk.ScaraKinetostaticError, match='gravity'):
+        sk.Parameters(gravity=gravity)
