@@ -113,7 +113,7 @@ class State(NamedTuple):
         of_cell = [unit for source in probe.sources for unit in [source.unit] * source.components]
         of_effects = [p.unit for effect in arm.model.effects for p in effect.parameters]
         scale = np.concatenate([scales_of(arm.model), [_SCALES[unit] for unit in of_cell]])
-        units = (*UNITS.values(), *of_effects, *of_cell)
+        units = (*(UNITS[name] for name in arm.model.parameters.names), *of_effects, *of_cell)
         errors, covariance = _prior(record, cell, names)
         values = len(arm.model.names)
         covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
