@@ -34,6 +34,7 @@ ARGUMENTS = {
     'export': '--poses 10',
     'faults': '--bags 5 --cells 5 --kills 0 --disks 0',
     'faults.fuzz': '--files 56',
+    'gravity': '2',
     'faults.hostile': '--only heading history_view ros1_giant',
     'faults.services': '--nodes compensator --calls 20 --values 2',
     'hysteresis': '--seeds 0 --alarms 2',

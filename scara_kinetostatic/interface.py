@@ -30,7 +30,7 @@ from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture, rotate
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
 from scara_kinetostatic.pipeline import (
     calibrate_recordings,
@@ -175,9 +175,11 @@ def simulate(
     expect(cell, Cell, 'cell', _LOAD)
     if not isinstance(truth, Parameters):
         expect(truth, Mapping, 'truth', "give the parameters by name, such as {'l1': 0.3302}")
-        unknown = [name for name in truth if name not in NAMES]
+        unknown = [name for name in truth if name not in cell.nominal.names]
         if unknown:
-            raise ParameterError('truth', f'unknown parameter {unknown[0]!r}', did_you_mean(unknown[0], NAMES))
+            raise ParameterError(
+                'truth', f'unknown parameter {unknown[0]!r}', did_you_mean(unknown[0], cell.nominal.names)
+            )
     world = World.of(cell, None) if drawn is None else World.draw(cell, np.random.default_rng(drawn))
     if not isinstance(truth, Parameters):
         truth = world.robot(cell.nominal).replace(**truth)

@@ -348,7 +348,8 @@ def _check_converged(final: Calibration, detection: Detection, names: str) -> No
     if not final.is_result:
         error = UnsupportedDataError(
             f'the fit does not converge; its force error is {final.force_error:.3g} N',
-            'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor',
+            'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor; '
+            'an upright arm needs `gravity`',
         )
         raise _with_rejections(error, detection, names)
 

@@ -7,6 +7,7 @@ have; where the result is an extrapolation.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import special
@@ -14,6 +15,7 @@ from scipy import special
 from scara_kinetostatic.assessment import rejections, tolerance
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import LIMITS, Assessment, Grade, Remark, quantity
+from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
@@ -21,10 +23,11 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_covariance
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SizeMode
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
-from scara_kinetostatic.model.parameters import NAMES, UNITS, displacement
+from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, displacement
 
 
 def ambiguous(evidence: Evidence) -> Iterator[Remark]:
@@ -220,8 +223,8 @@ def mistake(evidence: Evidence) -> Iterator[Remark]:
 def undetermined(evidence: Evidence) -> Iterator[Remark]:
     """Parameters without a value: unfit where the place of the unloaded tip depends on them."""
     c = evidence.final
-    groups = [set(group) & set(NAMES) for group in c.identifiability.confounded]
-    names = [name for name in NAMES if any(name in group for group in groups)]
+    groups = [set(group) & set(c.parameters.names) for group in c.identifiability.confounded]
+    names = [name for name in c.parameters.names if any(name in group for group in groups)]
     if not names:
         return
     # 4: so many parameters without a value are more than some touches of a kind would mend
@@ -253,6 +256,41 @@ def negative(evidence: Evidence) -> Iterator[Remark]:
                 'that; something else is wrong that has the same effect',
                 check,
             )
+
+
+def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
+    """A cell without gravity whose touches fit much better with it: the arm stands upright."""
+    c = evidence.final
+    if evidence.diagnosis.verdict != 'unexplained' or c.parameters.has_gravity or c.fixed:
+        return
+    for axis, gravity in (('y', (0.0, -9.81)), ('x', (-9.81, 0.0))):
+        cell = replace(c.cell, nominal=c.cell.nominal.replace(gravity=gravity))
+        try:
+            upright = calibrate(c.touches, cell)
+        except (ParameterError, UnsupportedDataError):
+            continue
+        if upright.is_result and upright.force_error < LIMITS.better_upright * evidence.calibration.force_error:
+            yield Remark(
+                Grade.UNFIT,
+                f'with gravity along {axis} the force error is {upright.force_error:.2g} N instead of '
+                f'{evidence.calibration.force_error:.2g} N: the arm stands upright',
+                f'state `gravity` in the cell description, such as {list(gravity)}, and `robot.moments` where known',
+            )
+            return
+
+
+def upside_down(evidence: Evidence) -> Iterator[Remark]:
+    """Static moments below zero: gravity points the other way, or a counterweight is heavier than the arm."""
+    c = evidence.final
+    names = [
+        n for n in MOMENTS if n in c.parameters.names and getattr(c.parameters, n) < -LIMITS.negative * c.std_of(n)
+    ]
+    if names:
+        yield Remark(
+            Grade.CAUTION,
+            f'{" and ".join(names)} negative: gravity is stated upside down, or counterweights outweigh the arm',
+            'check the sign of `gravity` in the cell description: its direction of fall, base frame',
+        )
 
 
 _RADII = 'check the radii in the cell description: they reach to the centre of the tip'
@@ -341,6 +379,8 @@ CRITERIA: tuple[Callable[[Evidence], Iterator[Remark]], ...] = (
     mistake,
     convergence,
     negative,
+    forgotten_gravity,
+    upside_down,
     undetermined,
     rejections.rejected,
     held_out,

@@ -137,6 +137,9 @@ class Limits:
     noise_overstated: float = 0.5
     """Residuals in stated noise below which standard uncertainties are too large to be of use: caution. Source: half.
     """
+    better_upright: float = 0.5
+    """Force error with gravity over that without, below which the arm stands upright: unfit. Source: half.
+    """
     force_range: float = 1.5
     """Largest over smallest force of the touches below which other forces are an extrapolation: caution. Source: p_ee
     and g_ee need two levels; at 1.5 their columns are still nearly proportional.

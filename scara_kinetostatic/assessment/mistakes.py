@@ -287,7 +287,7 @@ class _Misses(NamedTuple):
 def _reading(touches: TouchSet, cell: Cell, fixed: Mapping[str, float]) -> _Reading:
     fixed = {name: value for name, value in fixed.items() if name in NAMES}
     free = np.array([float(name not in fixed) for name in NAMES])
-    tool, nominal = cell.sensor.frame is SensorFrame.TOOL, cell.nominal.replace(**fixed).as_array()
+    tool, nominal = cell.sensor.frame is SensorFrame.TOOL, cell.nominal.replace(**fixed).as_array()[: len(NAMES)]
     return _Reading(touches.joints, touches.force, tool, cell.centers, cell.radii, nominal, free)
 
 

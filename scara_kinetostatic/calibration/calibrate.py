@@ -100,6 +100,10 @@ def calibrate(
         raise InputError('force', problem, 'give the force on the object; check sign, frame and axes of the sensor')
     try:
         found = estimate(observations, cell, start, free, warm_start)
+        for _ in range(3 if start.parameters.has_gravity and warm_start is None else 0):
+            # the flanks at torques near zero are chosen anew, by the moments found
+            again = WarmStart(found.fit.point.model, found.noise, np.ones_like(found.used), found.fit.point.errors)
+            found = estimate(observations, cell, start, free, again)
     except np.linalg.LinAlgError as error:
         problem = 'the fit diverged to where the model is not defined'
         raise UnsupportedDataError(problem, 'check the nominal values, the discs and the sensor in the cell') from error
@@ -117,8 +121,9 @@ def _start(
         if name not in start.names:
             remedy = did_you_mean(name, start.names)
             raise ParameterError(f'fixed parameter {name!r}', 'no such parameter', remedy)
-    if all(name in fixed for name in NAMES):
-        raise ParameterError('fixed parameters', 'all twelve are fixed', 'leave one free at least')
+    if all(name in fixed for name in start.parameters.names):
+        count = 'fourteen' if start.parameters.has_gravity else 'twelve'
+        raise ParameterError('fixed parameters', f'all {count} are fixed', 'leave one free at least')
     start = _with_fixed(start, fixed)
     start.parameters.check_physical('fixed parameters' if fixed else 'nominal')
     return start
@@ -201,8 +206,8 @@ def parse_fixed(text: str, where: str = 'fixed') -> tuple[str, float | None]:
         ParameterError: no such parameter, or no number.
     """
     name, sign, value = (part.strip() for part in text.partition('='))
-    if '.' not in name and name not in NAMES:
-        remedy = did_you_mean(name, NAMES)
+    if '.' not in name and name not in UNITS:
+        remedy = did_you_mean(name, UNITS)
         effect = '' if '[' not in name else ', and of an effect such as object_radius[disc_2].radius'
         raise ParameterError(f'{where} {name}', f'expected the name of a parameter{effect}', remedy)
     if not sign:

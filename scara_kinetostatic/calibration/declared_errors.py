@@ -30,7 +30,7 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import UNITS
 
 
 class Source(NamedTuple):
@@ -160,13 +160,13 @@ class DeclaredErrors:
     def prior(self) -> Prior:
         """The prior of errors and trusted nominal values."""
         nominal = self.cell.uncertainty.nominal
-        trusted = [name for name in NAMES if name in nominal]
+        trusted = [name for name in self.cell.nominal.names if name in nominal]
         mean = np.array([getattr(self.cell.nominal, name) for name in trusted])
         stds = np.array([nominal[name] for name in trusted])
         trusted_sources = [Source(f'nominal[{name}]', nominal[name], UNITS[name]) for name in trusted]
         return Prior(
             sources=(*trusted_sources, *self.sources),
-            trusted=np.array([NAMES.index(name) for name in trusted], dtype=np.intp),
+            trusted=np.array([self.cell.nominal.names.index(name) for name in trusted], dtype=np.intp),
             mean=mean,
             std=stds,
             errors=self.count,

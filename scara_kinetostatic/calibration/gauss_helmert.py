@@ -45,8 +45,8 @@ from scara_kinetostatic.model.extended_model import (
     true_force_derivative,
 )
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2
-from scara_kinetostatic.model.touch_equations import Arm, State, free_state
+from scara_kinetostatic.model.parameters import THETA1, THETA2
+from scara_kinetostatic.model.touch_equations import Arm, State, free_state, keep_flanks, next_modes
 
 
 class Adjusted(NamedTuple):
@@ -115,7 +115,7 @@ def linearise(
     if has_sensor_error(model):
         true = _in_sensor_frame(o, model, adjusted.joints, state)
         by_force = by_force @ true_force_derivative(model, adjusted.force, true, o.metadata)
-        derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, true, by_force, o.metadata)
+        derivative[:, :, model.base_count :] += sensor_error_columns(model, adjusted.force, true, by_force, o.metadata)
     misclosure = by_touch(2, len(o.joints))
     misclosure[:, 0], misclosure[:, 1] = e.h.real, e.h.imag
     for by, off in zip((*by_joints.T, *by_force.T), _off_measured(o, adjusted), strict=True):
@@ -234,6 +234,23 @@ def _turned_radial(observations: Observations, model: ExtendedModel, state: Stat
     return reported_force(model, turned, o.metadata)
 
 
+def _nearest_flanks(observations: Observations, model: ExtendedModel, state: State) -> State:
+    """The state with each joint whose torque has no known sign (`keep_flanks`) on the flank that fits best."""
+    o, p, best, found = observations, model.parameters, np.full(len(state.mode1), np.inf), state
+    problem = o.contact_problem(o.joints)
+    for one, two in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
+        trial = state._replace(mode1=one * state.mode1, mode2=two * state.mode2)
+        for _ in range(3):
+            trial, arm = solve_links(model, problem, trial, frozen=True)
+        flanks = keep_flanks(p, next_modes(p, problem.shifted(model, trial, arm).joints, trial, arm), trial, arm)
+        to_disc = problem.shifted(model, trial, arm).centers - forward(p, np.array(trial[:2]).T)
+        off = np.abs(np.hypot(*to_disc.T) - o.radii - o.gripper.stretch(p, trial.magnitude))
+        off[(flanks.mode1 != trial.mode1) | (flanks.mode2 != trial.mode2)] = np.inf
+        closer = off < best
+        best, found = np.where(closer, off, best), found.replace_where(closer, trial)
+    return found
+
+
 def as_radial(observations: Observations, model: ExtendedModel, state: State) -> Adjusted:
     """The observations as measured but for the direction of the force, which points from the tip to the disc's centre.
 
@@ -242,6 +259,8 @@ def as_radial(observations: Observations, model: ExtendedModel, state: State) ->
         model: the model.
         state: where the tips are.
     """
+    if model.parameters.has_gravity:
+        state = _nearest_flanks(observations, model, state)
     o, force = observations, _turned_radial(observations, model, state)
     off_normal = np.zeros(len(force)) if model.off_normal_std else None
     state = place_force(o, model, o.joints, force, state)

@@ -28,8 +28,10 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
 
+MOMENT_SCALES = np.array([2.0, 2.0])
+"""The same of s1 and s2, kg m."""
 SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
 NOISE_SHARE = 0.25
@@ -43,7 +45,8 @@ _MEMBER_PART = 0.05
 
 def scales_of(model: ExtendedModel) -> Floats:
     """Plausible range of each value of a model, (12 + k,): `SCALES`, then those of the effects."""
-    return np.concatenate([SCALES, model.effect_scales]) if model.effects else SCALES
+    base = np.concatenate([SCALES, MOMENT_SCALES]) if model.parameters.has_gravity else SCALES
+    return np.concatenate([base, model.effect_scales]) if model.effects else base
 
 
 class Combination(NamedTuple):
@@ -281,7 +284,12 @@ def advise(groups: tuple[tuple[str, ...], ...], mean_force: float) -> str:
     )
     sentences = []
     for group in groups:
-        if len(group) == 1:
+        if group[0] in MOMENTS:
+            sentences.append(
+                f'{" and ".join(group)} cannot be determined: static moments act through compliance and backlash of '
+                'the joints only; hold them (--fix)'
+            )
+        elif len(group) == 1:
             sentences.append(f'{group[0]} is not determined; touch where it has more effect, or fix it')
         else:
             cure = next((cure for names, cure in cures if set(group) <= names), cures[-1][1])

@@ -41,7 +41,7 @@ from scara_kinetostatic.model.arrays import Floats, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
+from scara_kinetostatic.model.parameters import UNITS, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 
 
@@ -161,8 +161,8 @@ class Calibration:
         Raises:
             KeyError: no such parameter.
         """
-        if name not in UNITS:
-            raise KeyError(f'no parameter {name!r}; the names are {" ".join(NAMES)}')
+        if name not in (names := self.parameters.names):
+            raise KeyError(f'no parameter {name!r}; the names are {" ".join(names)}')
         nominal = getattr(self.start.parameters, name)
         return Estimate(getattr(self.parameters, name), self.std_of(name), UNITS[name], self.status[name], nominal)
 
@@ -184,7 +184,7 @@ class Calibration:
     @property
     def status(self) -> dict[str, str]:
         """Of each parameter of L̄ by name: ``estimated``, ``fixed`` or ``confounded``."""
-        stds = zip(NAMES, self.std, strict=True)
+        stds = zip(self.parameters.names, self.std, strict=True)
         return {n: 'fixed' if n in self.fixed else 'confounded' if np.isnan(std) else 'estimated' for n, std in stds}
 
     @property
@@ -217,7 +217,7 @@ class Calibration:
     @property
     def std_noise(self) -> Floats:
         """The part of `std` that noise contributes, (12,): standard uncertainty if all that is declared were exact."""
-        return np.asarray(np.sqrt(np.clip(np.diag(self.contributions[0].covariance)[: len(NAMES)], 0.0, None)))
+        return np.asarray(np.sqrt(np.clip(np.diag(self.contributions[0].covariance)[: len(self.std)], 0.0, None)))
 
     @property
     def effect_stds(self) -> list[Floats]:
@@ -301,7 +301,7 @@ class Calibration:
 
     def std_of(self, name: str) -> float:
         """Standard uncertainty of a parameter of the base model by name, in its unit."""
-        return float(self.std[NAMES.index(name)])
+        return float(self.std[self.parameters.names.index(name)])
 
 
 def build_result(
@@ -342,8 +342,8 @@ def build_result(
         model=model,
         covariance=covariance,
         covariance_with_errors=enlargement_of(chi_square, freedoms) * everything,
-        std=std[: len(NAMES)],
-        effect_std=std[len(NAMES) :],
+        std=std[: model.base_count],
+        effect_std=std[model.base_count :],
         errors=fit.point.errors,
         contributions=contributions,
         touches=touches,

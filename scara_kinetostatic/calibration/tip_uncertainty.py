@@ -42,7 +42,7 @@ from scara_kinetostatic.model.kinematics import (
     tip_by_parameters,
     wrap,
 )
-from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
+from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques, pull_of_links
 from scara_kinetostatic.model.parameters import Parameters
 
 COVERAGE_FACTOR = 2.0
@@ -196,7 +196,9 @@ def tip_derivative(c: Calibration, poses: Poses) -> Floats:
     p, force = c.parameters, poses.force
     links = poses.joints - joint_deflection(p, joint_torques(p, poses.joints, force))
     torques = joint_torques(p, links, force)
-    at = LoadedJoints(torque=tuple(torques.T), sense=tuple(np.sign(torques).T))
+    at, pull = LoadedJoints(torque=tuple(torques.T), sense=tuple(np.sign(torques).T)), pull_of_links(p, links)
+    if pull is not None:
+        at = at._replace(pull=((p.p1, p.p2), tuple(pull.per_moment)))
     base = tip_by_parameters(p, links, force, c.cell.gripper.factor, at)
     if not c.full_model.effects:
         return base

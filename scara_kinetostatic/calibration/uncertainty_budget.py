@@ -33,7 +33,6 @@ from scara_kinetostatic.calibration.tip_uncertainty import (
     workspace,
 )
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.parameters import NAMES
 
 NOISE = 'noise'
 """Label of the only source of type A."""
@@ -98,7 +97,7 @@ def uncertainty_budget(c: Calibration, tip: TipUncertainty | None = None) -> tup
     undetermined = np.isnan(c.std)
 
     def item(label: str, declared: float | None, unit: str, covariance: Floats) -> Item:
-        variances = np.clip(np.diag(covariance)[: len(NAMES)], 0.0, None)
+        variances = np.clip(np.diag(covariance)[: len(c.std)], 0.0, None)
         of_tip = np.nan if at is None else np.sqrt(max(float(at.gradient @ covariance @ at.gradient), 0.0))
         return Item(label, declared, unit, np.where(undetermined, np.nan, np.sqrt(variances)), float(of_tip))
 

@@ -13,7 +13,7 @@ from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.linear_problem import DISTINCT, STRICT_SIGNIFICANCE, fitted_effects
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, DiscriminatingTouch, Found
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.model.parameters import NAMES, UNITS, quantity
+from scara_kinetostatic.model.parameters import UNITS, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
 _MOST_NAMES = 4
@@ -127,7 +127,9 @@ def alternative_laws(extended: Calibration, widened: Calibration) -> str:
         extended: the extended model.
         widened: the same with standard deviations that cover the alternatives.
     """
-    names = [name for name, a, b in zip(NAMES, extended.std, widened.std, strict=True) if b > 5.0 * a]
+    names = [
+        name for name, a, b in zip(extended.parameters.names, extended.std, widened.std, strict=True) if b > 5.0 * a
+    ]
     if not names:
         return ''
     return (

@@ -212,7 +212,7 @@ def _widened_to_each(extended: Calibration, others: Sequence[Calibration]) -> Ca
         same_effects = other.model.effects == extended.model.effects
         std = np.concatenate([wide.std, wide.effect_std])
         beyond = off > np.where(std > 0, std, np.inf)
-        if beyond[: len(std) if same_effects else len(NAMES)].any():
+        if beyond[: len(std) if same_effects else extended.model.base_count].any():
             wide = widened_by(wide, [other])
     return wide
 
@@ -227,7 +227,7 @@ def widened_by(
     if not others:
         return extended
     same_effects = all(other.model.effects == extended.model.effects for other in others)
-    count = len(extended.covariance) if same_effects else len(NAMES)
+    count = len(extended.covariance) if same_effects else extended.model.base_count
     off = np.array([other.model.as_array()[:count] - extended.model.as_array()[:count] for other in others])
     more = np.zeros_like(extended.covariance)
     weight = np.ones(len(off)) if weights is None else np.array(weights)
@@ -248,8 +248,8 @@ def _widened(extended: Calibration, more: Floats, with_moments: bool = False) ->
         extended,
         covariance=covariance,
         contributions=(*known, Contribution(ALTERNATIVES, None, '', rest)),
-        std=std[: len(NAMES)],
-        effect_std=std[len(NAMES) :],
+        std=std[: extended.model.base_count],
+        effect_std=std[extended.model.base_count :],
     )
 
 
@@ -371,7 +371,7 @@ def _moment(extended: Calibration, problem: Problem, found: list[Candidate], pla
     where = ['numbered in the order of time'] if renumbered else []
     where += [f'that is between the recordings {first + 1} and {second + 1}'] if first != second else []
     covariance = _scatter(extended, problem, found, place, scan, weight)
-    row = len(NAMES) + sum(len(values) for values in extended.model.effect_values[:place]) + effect.grid_parameter_index
+    row = sum(map(len, extended.model.effect_values[:place])) + extended.model.base_count + effect.grid_parameter_index
     # a moment may lie anywhere between its two touches
     after = np.clip(np.searchsorted(acts, moments), 1, len(acts) - 1)
     covariance[row, row] += float(np.sum(weight * (acts[after] - acts[after - 1]) ** 2 / 12) / weight.sum())
@@ -411,6 +411,6 @@ def _scatter(
         off = _start_with(problem, found, place, candidate).as_array() - here
         off[np.isnan(np.concatenate([extended.std, extended.effect_std]))] = 0.0
         scatter += weight[k] / total * np.outer(off, off)
-    fixed = np.concatenate([extended.std == 0, np.zeros(len(own) - len(NAMES), dtype=bool)])
+    fixed = np.concatenate([extended.std == 0, np.zeros(len(own) - extended.model.base_count, dtype=bool)])
     scatter[fixed] = scatter[:, fixed] = 0.0
     return scatter

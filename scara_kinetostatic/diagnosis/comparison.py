@@ -49,7 +49,6 @@ from scara_kinetostatic.model.effect_law import Shift, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
-from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import LATER, TouchSet
 
 
@@ -122,7 +121,7 @@ class Comparison(NamedTuple):
         tip_bias: displacement of the tip H(L̄, Q) by the bias of base, offsets and link lengths: root mean square over
             the touches, m.
         largest_tip_bias: the largest such displacement, m.
-        biases: of the base model's parameters, in the order of `NAMES`.
+        biases: of the base model's parameters, in the order of `Parameters.names`.
     """
 
     nominal: float
@@ -154,7 +153,7 @@ def compare(base: Calibration, final: Calibration, held_out: float, final_held_o
         extended=extended,
         tip_bias=float(np.sqrt(np.mean(moved**2))),
         largest_tip_bias=float(moved.max()),
-        biases=tuple(_bias(name, base, final) for name in NAMES),
+        biases=tuple(_bias(name, base, final) for name in final.parameters.names),
     )
 
 
@@ -316,7 +315,7 @@ def _residual(problem: Problem, final: Calibration, found: Sequence[Found], item
 
 def _taken_out(problem: Problem, final: Calibration, found: Sequence[Found], item: Found) -> Floats:
     """Change of the residual where an effect and its rivals are left out, (n, 2)."""
-    columns = problem.point.whitened.derivative[:, :, len(NAMES) :].reshape(len(problem.left), -1)
+    columns = problem.point.whitened.derivative[:, :, final.model.base_count :].reshape(len(problem.left), -1)
     parts = final.model.effect_arrays
     amplitudes = [effect.amplitudes(part) for effect, part in zip(final.model.effects, parts, strict=True)]
     out = {f.effect.label: f.effect == item.effect or not (f.in_every_model or item.in_every_model) for f in found}

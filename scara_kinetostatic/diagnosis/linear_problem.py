@@ -188,7 +188,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         extended_equations(c.model, contact_problem, state),
         contact_problem.touch_state(c.parameters, state),
     )
-    by_base = point.whitened.derivative[:, :, : len(NAMES)].copy()
+    by_base = point.whitened.derivative[:, :, : c.model.base_count].copy()
     for name, shift in c.model.shift_by_robot(
         touch_state
     ).items():  # the effects are to be taken out, and this with them
@@ -210,7 +210,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         noise_given=c.noise_source == 'given',
         one_level=_is_one_level(point, c.noise),
         response=-identifiable @ np.linalg.pinv(whitened),
-        without_effects=np.zeros(len(NAMES)),
+        without_effects=np.zeros(c.model.base_count),
         jacobian=jacobian,
         declared=frozenset(() if declared is None else (source.label for source in declared.sources)),
     )
@@ -218,7 +218,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         0.0 * part if effect.label in c.held_effects else effect.amplitudes(part)
         for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)
     ]
-    effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
+    effects = point.whitened.derivative[:, :, c.model.base_count :].reshape(len(base), -1)
     y = unprojected - marginal.apply(effects @ np.concatenate([np.empty(0), *amplitudes]))
     return problem._replace(left=y - base @ (base.T @ y), without_effects=problem.response @ y)
 
@@ -246,9 +246,9 @@ def _identifiable(calibration: Calibration, observations: Observations, point: P
     fit: that of the base model may have been so large that little was identifiable.
     """
     c = calibration
-    free = np.array([k for k, name in enumerate(NAMES) if name not in c.fixed], dtype=np.intp)
+    free = np.array([k for k, name in enumerate(c.parameters.names) if name not in c.fixed], dtype=np.intp)
     unidentifiable = unidentifiable_directions(observations, point, free, c.noise)
-    return Subspace.of_free(c.model, free, scales_of(c.model)).without(unidentifiable).basis[: len(NAMES)]
+    return Subspace.of_free(c.model, free, scales_of(c.model)).without(unidentifiable).basis[: c.model.base_count]
 
 
 def _with_larger_force(touch_state: TouchState, more: Floats) -> TouchState:

@@ -32,7 +32,6 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
 
@@ -97,7 +96,7 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Extended
         for member, part, end in zip(members, columns, ends, strict=True)
     ]
     moved = problem.without_effects + problem.response @ np.concatenate(columns, axis=1) @ found
-    base = Parameters.from_array(problem.point.parameters.as_array() + moved)
+    base = problem.point.parameters.with_array(problem.point.parameters.as_array() + moved)
     effects = tuple(member.effect for member in members)
     return ExtendedModel(base, effects, tuple(tuple(part) for part in values)), max(share, 0.03)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -155,6 +156,10 @@ class BaseCompliance(LinearEffect):
         return Shift(place=np.array([-x, y]).T), Shift(place=np.array([-y, -x]).T)
 
 
+LARGEST_SAG = 1e-4
+"""Angle by which the weight of a tilted arm may turn a joint, rad."""
+
+
 @dataclass(frozen=True)
 class BaseTilt(LinearEffect):
     """The part of gravity that lies in the plane of the arm loads the joints.
@@ -168,16 +173,24 @@ class BaseTilt(LinearEffect):
     The actuators hold only what it leaves, C - t, so q - q* = p (c - t) + …: δ_i = -p_i t_i. That the
     flank of the backlash might change as well is left out. M1 and M2 are
     taken as independent of each other, though both point downhill.
+
+    The larger an arm, the stiffer its joints and the heavier its links: moments are plausible that turn a joint by
+    `LARGEST_SAG` at its nominal compliance. An upright arm has none of this: its cell states `gravity`.
+
+    Attributes:
+        sizes: largest plausible moments of joint 1 and joint 2, Nm.
     """
 
+    sizes: tuple[float, float] = (10.0, 10.0)
+
     name = 'base_tilt'
-    parameters = (
+    _parameters: ClassVar = (
         Parameter('m1_x', 'Nm', 10.0, 'static moment along link 1 times gravity along x', typical=2.0),
         Parameter('m1_y', 'Nm', 10.0, 'static moment along link 1 times gravity along y', typical=-1.0),
         Parameter('m2_x', 'Nm', 10.0, 'static moment along link 2 times gravity along x', typical=0.8),
         Parameter('m2_y', 'Nm', 10.0, 'static moment along link 2 times gravity along y', typical=-0.4),
     )
-    statement = 'the base is tilted, so that gravity loads the joints'
+    statement = 'the base is tilted or the arm stands upright, so that gravity loads the joints'
     confounded_with = (
         'a transmission error of joint 1 of one cycle per turn, which m1 alone exactly is; the base position and the '
         'offsets, if there is one elbow posture'
@@ -186,6 +199,21 @@ class BaseTilt(LinearEffect):
     plot_variable = 'angle'
     force_dependence = ForceDependence.NONE
     scaled_by = ('p1', 'p2')
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        p = cell.nominal
+        sizes = (LARGEST_SAG / p.p1 if p.p1 > 0 else 10.0, LARGEST_SAG / p.p2 if p.p2 > 0 else 10.0)
+        return [] if p.has_gravity else [cls(sizes=sizes)]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        """The moments, as large as the arm lets expect."""
+        sizes = (self.sizes[0], self.sizes[0], self.sizes[1], self.sizes[1])
+        return tuple(p._replace(scale=size) for p, size in zip(self._parameters, sizes, strict=True))
+
+    def correction(self, values: Mapping[str, float]) -> str:
+        return 'level the base; where the arm stands upright, state `gravity` in the cell description'
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         p1, p2 = -at.parameters.p1, -at.parameters.p2

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
@@ -32,7 +32,6 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Level, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import NAMES
 
 SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""
@@ -41,7 +40,18 @@ RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 _MAX_BYTES, _MOST_VALUES = 12 << 20, 1_000_000
 """Larger documents are refused; one has up to 1.2 kB for each touch."""
 _REMEDY = 'give the calibration.json that calibrate writes'
-_VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'identification', 'obstacles', 'touch')
+_VERBATIM = (
+    'noise',
+    'plates',
+    'uncertainty',
+    'tolerance',
+    'region',
+    'tip',
+    'identification',
+    'obstacles',
+    'touch',
+    'gravity',
+)
 """Keys of `cell` that are those of a cell description."""
 
 
@@ -108,9 +118,9 @@ def load_calibration(path: str | Path) -> CalibratedArm:
 
 def nominal_arm(cell: Cell) -> CalibratedArm:
     """The arm as the cell describes it; nothing of it is determined by touches."""
-    size, nothing = len(NAMES), UsedRange(0.0, 0.0, 0.0, ())
-    model, noise = ExtendedModel(cell.nominal), cell.noise or USUAL_NOISE
-    return CalibratedArm(cell, model, np.zeros((size, size)), np.diag(SCALES), noise, SensorErrors(), nothing)
+    nothing, model, noise = UsedRange(0.0, 0.0, 0.0, ()), ExtendedModel(cell.nominal), cell.noise or USUAL_NOISE
+    size = model.base_count
+    return CalibratedArm(cell, model, np.zeros((size, size)), np.diag(scales_of(model)), noise, SensorErrors(), nothing)
 
 
 def load_predictor(path: str | Path, *, nominal: bool = False, rigid: bool = False) -> Predictor:
@@ -293,7 +303,7 @@ def stored_cell(entry: Mapping[str, Any], where: str | Path) -> Cell:
     """
     model = {'gripper_sign': entry['gripper_sign'], 'gripper_excess': entry['gripper_excess']}
     robot = {'joint_names': entry['joint_names'], 'nominal': entry['nominal']}
-    robot |= {key: entry[key] for key in ('limits', 'lift', 'hold') if key in entry}
+    robot |= {key: entry[key] for key in ('limits', 'lift', 'hold', 'moments') if key in entry}
     description = {'robot': robot, 'objects': entry['objects'], 'sensor': entry['sensor'], 'model': model}
     description |= {key: entry[key] for key in _VERBATIM if entry.get(key)}
     return read_cell(description, f'{where}: cell', check_layout=False)

@@ -46,7 +46,7 @@ from scara_kinetostatic.model.cell import (
     layout_problems,
 )
 from scara_kinetostatic.model.effect_law import Parameter
-from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
+from scara_kinetostatic.model.parameters import MOMENTS, MOST_GRAVITY, NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
 """Topic of the cell description in a recording, `std_msgs/msg/String`."""
@@ -116,13 +116,14 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
     top = Section(
         CellError, str(where), '', data, ('robot', 'objects'), (*optional, 'obstacles', 'touch', 'identification')
     )
-    robot = top.section('robot', ('nominal',), ('joint_names', *_MOTION))
+    robot = top.section('robot', ('nominal',), ('joint_names', 'moments', *_MOTION))
     joint_names = _joint_names(robot)
     lift = _lift(robot, joint_names)
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
     plates = _plates(top)
+    base = _nominal(top, robot)
     cell = Cell(
-        nominal=_nominal(robot),
+        nominal=base,
         discs=_discs(top, plates),
         joint_names=joint_names,
         sensor=_sensor(top.section('sensor', (), ('joint_states', 'wrench', 'frame', 'sign', 'time_offset'))),
@@ -130,7 +131,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
         gripper_excess=_excess(model),
         plates=plates,
-        uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects'))),
+        uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), base.names),
         tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=_TOLERANCE),
         tip_radius=top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE),
         region=_region(top),
@@ -142,7 +143,6 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         identification=_identification(top.section('identification', (), Identification._fields)),
     )
     cell = replace(cell, uncertainty=replace(cell.uncertainty, effects=_effects(top, cell)))
-    _check_gravity(top)
     if check_layout:
         _check_layout(cell, top)
     return cell
@@ -155,6 +155,7 @@ def cell_description(cell: Cell) -> dict[str, Any]:
     if not cell.gripper.isotropic:
         model['gripper_excess'] = [list(row) for row in cell.gripper_excess]
     optional = {
+        'gravity': list(cell.nominal.gravity) if cell.nominal.has_gravity else [],
         'noise': {} if cell.noise is None else cell.noise.as_dict(as_stated=True),
         'model': model,
         'plates': [
@@ -178,9 +179,18 @@ def cell_description(cell: Cell) -> dict[str, Any]:
         'identification': cell.identification.given(),
     }
     limits = dict(zip(cell.joint_names, map(list, cell.limits), strict=True)) if cell.limits else {}
-    motion = {'limits': limits, 'lift': cell.lift._asdict() if cell.lift else {}, 'hold': dict(cell.hold)}
+    moments = {name: getattr(cell.nominal, name) for name in cell.nominal.names[len(NAMES) :]}
+    motion = {
+        'moments': moments,
+        'limits': limits,
+        'lift': cell.lift._asdict() if cell.lift else {},
+        'hold': dict(cell.hold),
+    }
     return {
-        'robot': {'joint_names': list(cell.joint_names), 'nominal': cell.nominal.as_dict()}
+        'robot': {
+            'joint_names': list(cell.joint_names),
+            'nominal': {name: getattr(cell.nominal, name) for name in NAMES},
+        }
         | {key: value for key, value in motion.items() if value},
         'objects': [
             {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius}
@@ -225,12 +235,24 @@ def dump_cell(cell: Cell) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def _nominal(robot: Section) -> Parameters:
+_MOMENT = Within(-1e4, 1e4, 'it is in kg m: mass times distance from the joint', unit='kg m')
+
+
+def _nominal(top: Section, robot: Section) -> Parameters:
     section = robot.section('nominal', NAMES)
     limits = dict.fromkeys(('l1', 'l2'), POSITIVE)
     limits |= dict.fromkeys(('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'), NOT_NEGATIVE)
     values = {name: section.number(name, UNITS[name], limits.get(name, Within())) for name in NAMES}
-    return Parameters.from_mapping(values)
+    given = top.data.get('gravity') is not None
+    gx, gy = top.vector('gravity', ('x', 'y'), 'm/s²') if given else (0.0, 0.0)
+    if (gx * gx + gy * gy) ** 0.5 > MOST_GRAVITY:
+        problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {shown([gx, gy])}'
+        raise top.error('gravity', problem, 'give it in m/s²: [0.0, -9.81]')
+    moments = robot.section('moments', (), MOMENTS)
+    if moments.data and not (gx or gy):
+        raise robot.error('moments', 'without gravity they are no parameters', 'give `gravity` or leave them out')
+    held = {name: moments.number(name, 'kg m', _MOMENT) for name in moments.data}
+    return Parameters.from_mapping(values).replace(**held, gravity=(gx + 0.0, gy + 0.0))
 
 
 def _joint_names(robot: Section) -> tuple[str, str]:
@@ -335,11 +357,6 @@ def _region(top: Section) -> Region:
     return Region(*x, *y)
 
 
-def _check_gravity(top: Section) -> None:
-    if top.data.get('gravity') is not None and any(top.vector('gravity', ('x', 'y'))):
-        raise top.error('gravity', 'an upright arm is not supported', 'give [0.0, 0.0]')
-
-
 def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc, ...]:
     discs: list[Disc] = []
     known = [plate.name for plate in plates]
@@ -416,9 +433,9 @@ def _stds(section: Section, **limits: Within) -> list[float]:
     return [inner.optional(name, within=limit) or 0.0 for name, limit in limits.items()]
 
 
-def _uncertainty(section: Section) -> Uncertainty:
+def _uncertainty(section: Section, names: tuple[str, ...]) -> Uncertainty:
     """What is common to all touches."""
-    nominal = section.section('nominal', (), NAMES)
+    nominal = section.section('nominal', (), names)
     limits = zip(_COMMON, (_LENGTH, _PART, _ANGLE), strict=True)
     radius, gain, rotation = (section.optional(name, within=limit) or 0.0 for name, limit in limits)
     stated = {name: nominal.number(name, UNITS[name], POSITIVE) for name in nominal.data}

@@ -17,6 +17,7 @@ from scara_kinetostatic.model.effect_law import EffectLaw, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import posture as posture_of
 from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.tip import (
     SIGN_KNOWN,
     Equilibrium,
@@ -284,7 +285,11 @@ class Predictor:
         model = self.arm.nominal if self.nominal else self.arm.model
         if self.rigid:
             model = model.replace(p_ee=0.0, p1=0.0, p2=0.0, g_ee=0.0, g1=0.0, g2=0.0)
-        return Law(model, self.arm.cell.gripper, self.arm.noise)
+        gravity_std = (0.0, 0.0)
+        if (p := model.parameters).has_gravity and not self.nominal:
+            of_s1, of_s2 = np.sqrt(np.diag(self.arm.covariance)[len(NAMES) : len(p.names)]) * np.hypot(*p.gravity)
+            gravity_std = (float(of_s1 + of_s2), float(of_s2))
+        return Law(model, self.arm.cell.gripper, self.arm.noise, gravity_std)
 
     @cached_property
     def _spread(self) -> Spread | None:

@@ -14,7 +14,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.kinematics import Gripper
 from scara_kinetostatic.model.kinematics import GripperSign as GripperSign
-from scara_kinetostatic.model.parameters import NAMES, PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.parameters import PAPER_NOMINAL, UNITS, Parameters
 
 Level: TypeAlias = float | tuple[float, float]
 """A standard deviation of both axes, or one of each."""
@@ -268,8 +268,8 @@ class Uncertainty:
         for name in ('radius', 'force_gain', 'force_rotation'):
             _check_uncertainty(f'uncertainty.{name}', getattr(self, name))
         for name, std in self.nominal.items():
-            if name not in NAMES:
-                problem, remedy = 'no such parameter', f'the names are {" ".join(NAMES)}'
+            if name not in UNITS:
+                problem, remedy = 'no such parameter', f'the names are {" ".join(UNITS)}'
                 raise ParameterError(f'uncertainty.nominal: {name!r}', problem, remedy)
             if not (np.isfinite(std) and std > 0):
                 raise ParameterError(f'uncertainty.nominal.{name}', f'expected a number above 0, got {std}')
@@ -444,7 +444,7 @@ class Cell:
     """What is known about the cell before the calibration (`cell.yaml`).
 
     Attributes:
-        nominal: L̄n.
+        nominal: L̄n, with gravity in the plane of the arm.
         discs: the calibration objects, at least one.
         joint_names: names of q1 and q2 in `JointState`.
         sensor: topics, frame and sign of the sensor.
@@ -503,6 +503,10 @@ class Cell:
             _check_uncertainty(f'{disc.name}: radius_std', disc.radius_std)
             if disc.plate and disc.plate not in plates:
                 raise ParameterError(f'{disc.name}: plate', f'no plate {disc.plate!r} in the cell', 'add it to plates')
+        held = [name for name in self.uncertainty.nominal if name not in self.nominal.names]
+        if held:
+            problem, remedy = 'without gravity there is no such parameter', 'give `gravity` or leave it out'
+            raise ParameterError(f'uncertainty.nominal.{held[0]}', problem, remedy)
         for name in ('tolerance', 'tip_radius'):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):

@@ -34,9 +34,11 @@ from scara_kinetostatic.model.touch_equations import (
     Equations,
     State,
     free_state,
+    keep_flanks,
     move_links,
     next_modes,
     parameter_derivative,
+    pull_of,
     step_links,
     touch_equations,
     view_arm,
@@ -77,14 +79,14 @@ class ContactProblem(NamedTuple):
         """The touches at a state, as effects take them; `arm` saves work where that of the state is known."""
         assert self.metadata is not None
         arm = view_arm(parameters, *state[:4], self.gripper) if arm is None else arm
-        f, normal = state.magnitude, pairs(arm.normal)
+        f, normal, pull = state.magnitude, pairs(arm.normal), pull_of(parameters, arm.link1, arm.link2)
         return TouchState(
             parameters=parameters,
             joints=self.joints,
             force=f[:, None] * normal,
             magnitude=f,
             normal=normal,
-            torques=(f * arm.lever).T,
+            torques=(f * arm.lever if pull is None else f * arm.lever + pull.torque).T,
             link1=pairs(arm.link1),
             link2=pairs(arm.link2),
             centers=self.centers,
@@ -164,7 +166,8 @@ def all_derivatives(
     model: ExtendedModel, contact_problem: ContactProblem, state: State, equations: Equations
 ) -> Floats:
     """∂h/∂L̄ of n touches, f and φ held, and by the parameters of the effects behind, (n, 2, 12 + k)."""
-    base, at = parameter_derivative(state, equations, contact_problem.gripper), equations.touch_state
+    at = equations.touch_state
+    base = parameter_derivative(model.parameters, state, equations, contact_problem.gripper)
     if at is None:
         return base
     for name, shift in model.shift_by_robot(at).items():
@@ -192,7 +195,9 @@ def solve_links(
     p, gripper, first = model.parameters, contact_problem.gripper, state
     arm = view_arm(p, *state[:4], gripper)
     for _ in range(1 + again):
+        flanks = state
         state, arm = step_links(p, contact_problem.shifted(model, state, arm).joints, state, gripper, frozen, arm)
+        state = keep_flanks(p, state, flanks, arm)
         if not model.effects and (frozen or ((state.mode1 == first.mode1) & (state.mode2 == first.mode2)).all()):
             break
     return state, arm
@@ -275,7 +280,10 @@ def nearest_equilibrium(
     b = np.abs(arm.reach.real)
     slide = ((np.abs(p.joint_backlashes) + np.abs(p.joint_compliances * state.magnitude) * b) * b).sum(axis=0)
     # a lever arm is small if the backlash of the joints, times 2.5, could change its sign
-    toggles = (np.abs(arm.lever) < 2.5 * slide * (1 + b / radii)).any(axis=0)
+    lever = arm.lever
+    if (pull := pull_of(p, arm.link1, arm.link2)) is not None:
+        lever = lever + pull.torque / np.maximum(np.abs(state.magnitude), 1.0)
+    toggles = (np.abs(lever) < 2.5 * slide * (1 + b / radii)).any(axis=0)
     if not toggles.any():
         return state
     with np.errstate(all='ignore'):
@@ -364,7 +372,9 @@ def contact(
         touching = solved & (state.magnitude > 0)
         if contact_problem.gripper.sign is GripperSign.PHYSICAL:
             touching &= _reaches(parameters, free, shifted.centers, contact_problem.radii)
-        zero = free._replace(mode1=np.zeros_like(free.mode1), mode2=np.zeros_like(free.mode2))
+        zero = free
+        if not parameters.has_gravity:
+            zero = free._replace(mode1=np.zeros_like(free.mode1), mode2=np.zeros_like(free.mode2))
         state = zero.replace_where(touching, state)
     return _as_contact(model, contact_problem, state, solved)
 

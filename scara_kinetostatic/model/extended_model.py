@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, as_complex, pairs
 from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.parameters import Parameters
 
 _ROBOT_STEP = 1e-6
 """Step of the central difference over a parameter of L̄, in its unit; the shift is linear in it."""
@@ -85,7 +85,14 @@ class ExtendedModel:
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each value of `as_array`: those of L̄, then such as ``encoder_gain[joint1].gain``."""
-        return NAMES + tuple(f'{effect.label}.{p.name}' for effect in self.effects for p in effect.parameters)
+        return self.parameters.names + tuple(
+            f'{effect.label}.{p.name}' for effect in self.effects for p in effect.parameters
+        )
+
+    @property
+    def base_count(self) -> int:
+        """Number of values before those of the effects: 12, or 14 where gravity loads the joints."""
+        return len(self.parameters.names)
 
     @property
     def effect_scales(self) -> Floats:
@@ -100,12 +107,11 @@ class ExtendedModel:
     def with_array(self, values: ArrayLike) -> ExtendedModel:
         """The same effects with other values, (12 + k,) in the order of `names`."""
         vector = np.asarray(values, dtype=float)
-        base = Parameters.from_array(vector[: len(NAMES)])
+        count = self.base_count
+        base = self.parameters.with_array(vector[:count])
         if not self.effects:
             return ExtendedModel(base)
-        return ExtendedModel(
-            base, self.effects, tuple(tuple(part.tolist()) for part in self.split(vector[len(NAMES) :]))
-        )
+        return ExtendedModel(base, self.effects, tuple(tuple(part.tolist()) for part in self.split(vector[count:])))
 
     def split(self, values: Floats) -> list[Floats]:
         """One value per parameter of the effects, (k,), as one array per effect."""

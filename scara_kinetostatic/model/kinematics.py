@@ -84,6 +84,8 @@ class LoadedJoints(NamedTuple):
         torque: C, Nm.
         sense: place in the dead band, sign(c) beyond it.
         rests: 1 where the joint rests on a flank or in a dead band that is crossed continuously, 0 where it floats.
+        pull: change of the row per torque of gravity, and the torque u × g per static moment of each link, m/s²;
+            None without gravity.
     """
 
     slope: tuple[Any, Any] = (0.0, 0.0)
@@ -91,6 +93,7 @@ class LoadedJoints(NamedTuple):
     torque: tuple[Any, Any] = (0.0, 0.0)
     sense: tuple[Any, Any] = (0.0, 0.0)
     rests: tuple[Any, Any] = (1.0, 1.0)
+    pull: tuple[tuple[Any, Any], tuple[Any, Any]] | None = None
 
 
 def component_by_parameters(
@@ -109,13 +112,17 @@ def component_by_parameters(
         at: the joints.
 
     Returns:
-        The twelve, in the order of `NAMES`.
+        The twelve, in the order of `NAMES`; with `pull` those by s1 and s2 behind.
     """
     (u, v), (g1, g2) = links, turns
-    (k1, k2), (m1, m2), (c1, c2), (s1, s2), (rests1, rests2) = at
+    (k1, k2), (m1, m2), (c1, c2), (s1, s2), (rests1, rests2), pull = at
     by1, by2 = g1 * k1, g2 * k2
     l1, l2 = u - by1 * m1, v - (by1 + by2) * m2
-    return (*axis, g1 * rests1, l1, g2 * rests2, l2, gripper[0], -g1 * c1, -g2 * c2, gripper[1], -g1 * s1, -g2 * s2)
+    found = (*axis, g1 * rests1, l1, g2 * rests2, l2, gripper[0], -g1 * c1, -g2 * c2, gripper[1], -g1 * s1, -g2 * s2)
+    if pull is None:
+        return found
+    (w1, w2), (per_s1, per_s2) = pull
+    return (*found, -g1 * w1 * per_s1, -(g1 * w1 + g2 * w2) * per_s2)
 
 
 def stacked(rows: Sequence[Sequence[Any]], shape: tuple[int, ...]) -> Floats:

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Mask, as_complex
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import Gripper, GripperSign, as_gripper
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, joints_under_load, tip_by_joints, tip_by_values
-from scara_kinetostatic.model.touch_equations import State, step_links
+from scara_kinetostatic.model.touch_equations import Pull, State, pull_of, step_links
 
 
 def joint_deflection(parameters: Parameters, torques: ArrayLike, slack: ArrayLike = 0.0) -> Floats:
@@ -41,7 +41,9 @@ def joint_deflection(parameters: Parameters, torques: ArrayLike, slack: ArrayLik
 
 
 def joint_torques(parameters: Parameters, links: ArrayLike, force: ArrayLike) -> Floats:
-    """Torques C = JᵀF (2) (8), with J at the link angles Q*; exact zeros below 1e-13 of force times arm length.
+    """Torques C = JᵀF (2) (8), with J at the link angles Q*, and what holds the arm against gravity.
+
+    Without gravity they are exact zeros below 1e-13 of force times arm length.
 
     Args:
         parameters: L̄.
@@ -54,7 +56,15 @@ def joint_torques(parameters: Parameters, links: ArrayLike, force: ArrayLike) ->
     force = np.asarray(force, dtype=float)
     torques = np.einsum('...ij,...i->...j', kinematics.jacobian(parameters, links), force)
     scale = (parameters.l1 + parameters.l2) * np.hypot(force[..., 0], force[..., 1])
-    return np.where(np.abs(torques) <= 1e-13 * scale[..., None], 0.0, torques)
+    torques = np.where(np.abs(torques) <= 1e-13 * scale[..., None], 0.0, torques)
+    pull = pull_of_links(parameters, links)
+    return torques if pull is None else torques + pull.torque.T
+
+
+def pull_of_links(parameters: Parameters, links: ArrayLike) -> Pull | None:
+    """Gravity on links at Q*, (n, 2), rad; None where there is none."""
+    first, second = kinematics.link_vectors(parameters, links)
+    return pull_of(parameters, as_complex(first) / parameters.l1, as_complex(second) / parameters.l2)
 
 
 def inverse_kinetostatics(
@@ -111,7 +121,8 @@ def direct_kinetostatics(
         S, (n, 2), m, and C, (n, 2), Nm.
     """
     law, load, known = Law(as_model(model), as_gripper(gripper)), Force.of(force), metadata
-    p, pressed = law.model.parameters, np.any(force != 0, axis=1)[:, None]
+    p = law.model.parameters
+    pressed = (np.any(force != 0, axis=1) | p.has_gravity)[:, None]
     known = TouchMetadata.plain(len(force)) if known is None else known
     turn = moved = np.zeros(np.shape(joints))
     for _ in range(60):

@@ -196,7 +196,7 @@ class OnlineArm:
         p, offset, turn = self._p, self._law.offset(force), self._shift
         for _ in range(_PASSES):
             links = p.l1 * cos(first), p.l1 * sin(first), p.l2 * cos(second), p.l2 * sin(second)
-            load = load_arm(p, links, offset, force)
+            load = load_arm(p, links, offset, force, gravity_std=self._law.gravity_std)
             step1, step2, rows = newton_step(p, joints, (first, second), turn, load, force)
             first, second = first - step1, second - step1 - step2
             # a step of Newton's method after which the angles are right to its square, rad

@@ -26,11 +26,21 @@ _TABLE = (
     ('g1', 'rad', 'backlash of joint 1, half the gap'),
     ('g2', 'rad', 'backlash of joint 2, half the gap'),
 )
-UNITS = {name: unit for name, unit, _ in _TABLE}
-NAMES = tuple(UNITS)
-DESCRIPTIONS = {name: description for name, _, description in _TABLE}
-_LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0}
+_MOMENTS = (
+    ('s1', 'kg m', 'static moment about joint 1, with joint 2 and beyond at the elbow'),
+    ('s2', 'kg m', 'static moment about joint 2'),
+)
+NAMES = tuple(name for name, *_ in _TABLE)
+MOMENTS = tuple(name for name, *_ in _MOMENTS)
+"""The parameters beside the twelve of an arm that gravity loads in its plane."""
+UNITS = {name: unit for name, unit, _ in _TABLE + _MOMENTS}
+DESCRIPTIONS = {name: description for name, _, description in _TABLE + _MOMENTS}
+_LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0, 'kg m': 1e4}
 """Largest plausible size of a number by its unit."""
+LEVEL = (0.0, 0.0)
+"""Gravity in the plane of an arm that does not stand upright."""
+MOST_GRAVITY = 25.0
+"""m/s², about that of Jupiter: no arm has to hold more."""
 _HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
 X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
 
@@ -63,10 +73,12 @@ def displacement(x: float, y: float) -> str:
 class Parameters:
     """One set of values of L̄ = [L, L_c, L_g] (4), SI units, in the order of table 1.
 
+    Where `gravity` is not zero, the static moments `s1` and `s2` (kg m) are parameters, too: `names` has 14 then.
+
     Estimates may be negative where noise makes them so; those of a real robot are not, see `check_physical`.
 
     Raises:
-        ParameterError: a value is not a finite number.
+        ParameterError: a value is not a finite number, or gravity is larger than `MOST_GRAVITY`.
     """
 
     x0: float = 0.0
@@ -81,9 +93,12 @@ class Parameters:
     g_ee: float = 0.0
     g1: float = 0.0
     g2: float = 0.0
+    s1: float = 0.0
+    s2: float = 0.0
+    gravity: tuple[float, float] = LEVEL
 
     def __post_init__(self) -> None:
-        for name in NAMES:
+        for name in self.names:
             value = getattr(self, name)
             if type(value) is float and isfinite(value):  # as nearly always
                 continue
@@ -92,6 +107,20 @@ class Parameters:
             if not isfinite(value):
                 raise ParameterError(name, f'expected a finite number, got {value}')
             object.__setattr__(self, name, float(value))
+        if self.gravity is not LEVEL:
+            self._check_gravity()
+
+    def _check_gravity(self) -> None:
+        try:
+            gx, gy = map(float, self.gravity)
+        except (TypeError, ValueError):
+            raise ParameterError(
+                'gravity', f'expected two numbers, got {self.gravity!r}', 'give (0.0, -9.81)'
+            ) from None
+        if not (gx * gx + gy * gy) ** 0.5 <= MOST_GRAVITY:
+            problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {(gx, gy)}'
+            raise ParameterError('gravity', problem, 'give it in m/s²: (0.0, -9.81)')
+        object.__setattr__(self, 'gravity', (gx + 0.0, gy + 0.0))
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> Parameters:
@@ -109,15 +138,31 @@ class Parameters:
         if wrong:
             problem = 'unknown parameter' if wrong[0] in values else 'missing parameter'
             raise ParameterError(where, f'{problem} {wrong[0]!r}', f'give all of {" ".join(NAMES)}')
-        return cls(**values)
+        return cls.from_array([values[name] for name in NAMES])
+
+    @property
+    def has_gravity(self) -> bool:
+        """Whether gravity loads the joints."""
+        return self.gravity != LEVEL
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """`NAMES`, and `MOMENTS` where gravity loads the joints."""
+        return NAMES + MOMENTS if self.has_gravity else NAMES
+
+    def with_array(self, values: ArrayLike) -> Parameters:
+        """Other values in the order of `names`, under the same gravity."""
+        found = np.asarray(values, dtype=float).tolist()
+        made = Parameters(*found)
+        return replace(made, gravity=self.gravity) if self.has_gravity else made
 
     def as_array(self) -> NDArray[np.float64]:
-        """The 12 values in the order of `NAMES`, (12,)."""
-        return np.array([getattr(self, name) for name in NAMES])
+        """The values in the order of `names`, (12,) or (14,)."""
+        return np.array([getattr(self, name) for name in self.names])
 
     def as_dict(self) -> dict[str, float]:
-        """The values by name, in the order of `NAMES`."""
-        return {name: getattr(self, name) for name in NAMES}
+        """The values by name, in the order of `names`."""
+        return {name: getattr(self, name) for name in self.names}
 
     @property
     def joint_compliances(self) -> NDArray[np.float64]:

@@ -13,7 +13,8 @@ with the band b_i = 3 σ_F ‖J_i‖ + 4 |g_i| f (l1 + l2): the law is (6) where
 deviations, and a straight line across the dead band between. So the joint angles are a continuous function of place
 and force, the middle of the dead band at c = 0, and they do not jump. The second part of b keeps 1 + (g/b) ∂c/∂q* at
 3/4 or more, also where a link is pressed along itself: the equations have one solution, so H̄ and Ḡ are each other's
-inverse inside the band, too. The gripper alike: -g_ee s(f / 3 σ_F) n.
+inverse inside the band, too. The gripper alike: -g_ee s(f / 3 σ_F) n. Under gravity c contains its torque
+(`touch_equations`), and b three standard uncertainties of it and 4 |g_i| times its largest change per angle.
 
 What is left out inside the band, the sign, is part of the uncertainty: the variance g²/3 (1 - s²), that of a uniform
 distribution over the dead band at its middle, nothing at its edge.
@@ -98,6 +99,7 @@ class Loading(NamedTuple):
         s2: of joint 2.
         k1: dq1*-slope of the law, p1 + g1 s'/b1, rad/Nm.
         k2: of joint 2.
+        pull: what gravity takes from both torques per angle of their joints, Nm/rad; None without.
     """
 
     x1: Any
@@ -111,6 +113,7 @@ class Loading(NamedTuple):
     s2: Any
     k1: Any
     k2: Any
+    pull: tuple[Any, Any] | None = None
 
     @property
     def in_band(self) -> Any:
@@ -123,7 +126,12 @@ class Loading(NamedTuple):
 
 
 def load_arm(
-    p: Parameters, links: tuple[Any, Any, Any, Any], offset: tuple[Any, Any], force: Force, moment: Any = 0.0
+    p: Parameters,
+    links: tuple[Any, Any, Any, Any],
+    offset: tuple[Any, Any],
+    force: Force,
+    moment: Any = 0.0,
+    gravity_std: tuple[float, float] = (0.0, 0.0),
 ) -> Loading:
     """The torques of the arm and its places in the dead bands; floats, or arrays of any one shape.
 
@@ -133,6 +141,7 @@ def load_arm(
         offset: S - H(Q*) by the gripper, m.
         force: on the object.
         moment: that it adds to both torques where it acts beside the rigid tip, Nm.
+        gravity_std: as `Law.gravity_std`.
     """
     x1, y1, x2, y2 = links
     c2 = x2 * force.y - y2 * force.x + moment
@@ -143,13 +152,23 @@ def load_arm(
         known2 = x2 * y - y2 * x
         known1 = x1 * y - y1 * x + known2
     own, known = STEEPEST * (p.l1 + p.l2) * force.size, SIGN_KNOWN * force.std
+    pull = None
+    if p.has_gravity:  # `model.touch_equations`
+        gx, gy = p.gravity
+        per1, per2 = p.s1 / p.l1, p.s2 / p.l2
+        pull2, turn2 = -per2 * (x2 * gy - y2 * gx), -per2 * (x2 * gx + y2 * gy)
+        pull1, turn1 = pull2 - per1 * (x1 * gy - y1 * gx), turn2 - per1 * (x1 * gx + y1 * gy)
+        c1, c2, known1, known2, pull = c1 + pull1, c2 + pull2, known1 + pull1, known2 + pull2, (turn1, turn2)
+        own = own + STEEPEST * (abs(p.s1) + abs(p.s2)) * (gx * gx + gy * gy) ** 0.5
     x, y = x1 + x2, y1 + y2
     b1, b2 = known * (x * x + y * y) ** 0.5 + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
+    if pull is not None:
+        b1, b2 = b1 + SIGN_KNOWN * gravity_std[0], b2 + SIGN_KNOWN * gravity_std[1]
     u1, u2 = known1 / b1, known2 / b2
     inside1, inside2 = abs(u1) < 1, abs(u2) < 1
     s1, s2 = inside1 * u1 + (u1 >= 1) - (u1 <= -1), inside2 * u2 + (u2 >= 1) - (u2 <= -1)
     k1, k2 = p.p1 + inside1 * (p.g1 / b1), p.p2 + inside2 * (p.g2 / b2)
-    return Loading(x1, y1, x2, y2, offset, c1, c2, s1, s2, k1, k2)
+    return Loading(x1, y1, x2, y2, offset, c1, c2, s1, s2, k1, k2, pull)
 
 
 def newton_step(
@@ -175,6 +194,8 @@ def inverse_of_rows(at: Loading, force: Force) -> tuple[Any, Any, Any, Any]:
     """M⁻¹ by rows, M = I + diag(k) ∂C/∂Q* at constant F."""
     c22 = -(force.x * at.x2 + force.y * at.y2)
     c11 = c22 - (force.x * at.x1 + force.y * at.y1)
+    if at.pull is not None:
+        c11, c22 = c11 - at.pull[0], c22 - at.pull[1]
     m11, m12, m21, m22 = 1.0 + at.k1 * c11, at.k1 * c22, at.k2 * c22, 1.0 + at.k2 * c22
     scale = 1.0 / (m11 * m22 - m12 * m21)
     return m22 * scale, -m12 * scale, -m21 * scale, m11 * scale
@@ -188,11 +209,14 @@ class Law:
         model: the model, with the effects that are part of H̄ and Ḡ.
         gripper: the form of (7).
         noise: of one touch; None for law (6) to the letter, without a band: s = sign(c).
+        gravity_std: standard uncertainties of the torques of gravity, at most, Nm: the sign of a smaller torque is not
+            known, either.
     """
 
     model: ExtendedModel
     gripper: Gripper
     noise: Noise | None = None
+    gravity_std: tuple[float, float] = (0.0, 0.0)
 
     def offset(self, force: Force) -> tuple[Any, Any]:
         """S - H(Q*) by an isotropic gripper, m; floats, or arrays of any one shape."""
@@ -210,7 +234,7 @@ class Law:
             moment = -tangent * force.size
         links = p.l1 * np.cos(first), p.l1 * np.sin(first), p.l2 * np.cos(second), p.l2 * np.sin(second)
         if self.noise is not None:
-            return load_arm(p, links, offset, force, moment)
+            return load_arm(p, links, offset, force, moment, self.gravity_std)
         exactly = force._replace(std=1.0)  # any: the places in the bands are replaced
         at = load_arm(p, links, offset, exactly, moment)
         c1, c2 = (np.where(np.abs(c) <= 1e-13 * (p.l1 + p.l2) * force.size, 0.0, c) for c in (at.c1, at.c2))
@@ -433,12 +457,14 @@ def tip_by_values(law: Law, jacobian: Floats, at: Loading, force: Force, state: 
         state: the poses as effects take them; None without effects.
     """
     p, s = law.model.parameters, law.gripper.factor
+    gx, gy = p.gravity
     u1x, u1y, u2x, u2y = at.x1 / p.l1, at.y1 / p.l1, at.x2 / p.l2, at.y2 / p.l2
     joints = LoadedJoints(
         slope=(at.k1, at.k2),
         moment=(u1x * force.y - u1y * force.x, u2x * force.y - u2y * force.x),
         torque=(at.c1, at.c2),
         sense=(at.s1, at.s2),
+        pull=((at.k1, at.k2), (-u1x * gy + u1y * gx, -u2x * gy + u2y * gx)) if p.has_gravity else None,
     )
     parts = (
         ((1.0, 0.0), (u1x, u2x), (s * force.x, -force.place * force.nx)),

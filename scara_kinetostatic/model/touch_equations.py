@@ -25,6 +25,16 @@ becomes a_i = 0, the force line passes through the joint's axis, and q_i no
 longer matters as long as the joint stays inside its backlash. The modes are found as
 in a complementarity problem, see `next_modes`.
 
+**Gravity** g in the plane of the arm pulls each link down with the torque s (e × g), s its static moment and e its unit
+vector. Both torques on the links have to be held by the actuators: the robot's force F on the object comes back as -F,
+with the torques -JᵀF = -f a; so the actuators exert C = f a - τ,
+
+    τ1 = s1 (e1 × g) + s2 (e2 × g),   τ2 = s2 (e2 × g),
+
+and in (6) C replaces f a, in the dead band too: `Pull` holds t = -τ. As the links turn, t changes as the lever arms do:
+dt1 = -k1 dq1 - k2 dq2, dt2 = -k2 (dq1 + dq2), with k = -(s1 e1·g + s2 e2·g, s2 e2·g). A joint floats where C = 0. Its
+row is C / f then, of which f counts as a constant. The moments of link 2 and of a load count at the elbow for s1.
+
 **Elimination.** The rows fix Q*. With M = ∂rows/∂Q* and A = [a; b], G = A M⁻¹,
 the circle's residual h and its derivatives with respect to the measured quantities and to L̄ are
 
@@ -135,6 +145,30 @@ class State(NamedTuple):
         return State(*(np.where(where, new, old) for new, old in zip(other, self, strict=True)))
 
 
+class Pull(NamedTuple):
+    """Gravity on n touches; of joint 1 and joint 2, (2, n).
+
+    Attributes:
+        torque: t, what it adds to the torques of the actuators, Nm.
+        turn: k, what t loses per angle of its joint, Nm/rad.
+        per_moment: -(e × g) of each link, m/s².
+    """
+
+    torque: Floats
+    turn: Floats
+    per_moment: Floats
+
+
+def pull_of(parameters: Parameters, link1: Complexes, link2: Complexes) -> Pull | None:
+    """Gravity on links along unit vectors, (n,), complex; None where there is none."""
+    if not parameters.has_gravity:
+        return None
+    seen = -complex(*parameters.gravity) * np.array([link1, link2]).conj()
+    first, second = parameters.s1 * seen[0], parameters.s2 * seen[1]
+    torques = np.array([first + second, second])
+    return Pull(torques.imag, torques.real, seen.imag)
+
+
 def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -> State:
     """The modes that the state calls for, by the rule of a primal-dual active set.
 
@@ -155,7 +189,31 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     compliance, backlash = parameters.joint_compliances, parameters.joint_backlashes
     pointer = joints.T - np.array(state[:2]) + (1.0 - compliance * state.magnitude) * arm.lever
     pointer = np.where(backlash <= 0, arm.lever, pointer)
+    if (pull := pull_of(parameters, arm.link1, arm.link2)) is not None:
+        torque = np.abs(state.magnitude) * arm.lever + pull.torque  # C, which f < 0 continues
+        beyond = compliance * (state.magnitude * arm.lever + pull.torque)
+        pointer = np.where(backlash <= 0, torque, joints.T - np.array(state[:2]) - beyond + torque)
     mode1, mode2 = np.copysign(np.abs(pointer) >= backlash, pointer)
+    return state._replace(mode1=mode1, mode2=mode2)
+
+
+SMALL_TORQUE, SMALL_DEFLECTION = 0.25, 3e-5
+"""Part of the largest torque of gravity, and deflection by compliance, rad, below both of which the sign of a torque is
+not known: the moments are not, as touches show them by the deflection."""
+
+
+def keep_flanks(parameters: Parameters, state: State, before: State, arm: Arm) -> State:
+    """The flanks of before wherever a torque is too small for its sign to be known; only under gravity.
+
+    Elsewhere C = f a has the sign of a lever arm, which is known better than the static moments are.
+    """
+    pull = pull_of(parameters, arm.link1, arm.link2)
+    if pull is None:
+        return state
+    largest = (abs(parameters.s1) + abs(parameters.s2)) * np.hypot(*parameters.gravity)
+    torque = np.abs(state.magnitude * arm.lever + pull.torque)
+    small = (torque < SMALL_TORQUE * largest) & (parameters.joint_compliances * torque < SMALL_DEFLECTION)
+    mode1, mode2 = np.where(small, before[4:], state[4:])
     return state._replace(mode1=mode1, mode2=mode2)
 
 
@@ -164,7 +222,13 @@ def free_state(parameters: Parameters, joints: Floats, centers: Floats) -> State
     direction = np.arctan2(*(centers - forward(parameters, joints)).T[::-1])
     still, (q1, q2) = np.zeros(len(direction)), joints.T
     arm = view_arm(parameters, q1, q2, still, direction, Gripper())
-    return State(q1, q2, still, direction, *np.where(arm.lever < 0, -1.0, 1.0))
+    state = State(q1, q2, still, direction, *np.where(arm.lever < 0, -1.0, 1.0))
+    if parameters.has_gravity:  # the arm hangs in its joints
+        for _ in range(4):
+            state, _ = step_links(parameters, joints, state, Gripper())
+        links = np.array(state[:2]).T
+        state = state._replace(direction=np.arctan2(*(centers - forward(parameters, links)).T[::-1]))
+    return state
 
 
 class Rows(NamedTuple):
@@ -177,6 +241,8 @@ class Rows(NamedTuple):
         weight: how strongly a row feels its lever arm: p f on a flank, 1 where the joint floats.
         on: 1 where the joint rests on a flank, 0 where it floats.
         inverse: M⁻¹, (2, 2, n).
+        pulled: how strongly a row feels the torque of gravity, 1/N m: p on a flank, 1 / f where the joint floats; and
+            -(e × g) of each link, m/s², (2, n); None without gravity.
     """
 
     arm: Arm
@@ -185,10 +251,15 @@ class Rows(NamedTuple):
     weight: Floats
     on: Floats
     inverse: Floats
+    pulled: tuple[Floats, Floats] | None = None
 
     def step(self, left: Floats) -> Floats:
         """M⁻¹ times what is left of the rows, (2, n)."""
         return self.inverse[:, 0] * left[0] + self.inverse[:, 1] * left[1]
+
+
+_LEAST_FORCE = 1e-3
+"""A smaller force does not divide the row of a joint that floats under gravity, N."""
 
 
 def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None) -> Rows:
@@ -197,11 +268,20 @@ def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gr
     mode = np.array(state[4:])
     on = mode * mode
     weight = on * (parameters.joint_compliances * state.magnitude) + (1.0 - on)
+    pull, pulled = pull_of(parameters, arm.link1, arm.link2), None
+    if pull is not None:
+        force = np.where(np.abs(state.magnitude) > _LEAST_FORCE, state.magnitude, _LEAST_FORCE)
+        by = on * parameters.joint_compliances + (1.0 - on) / force
+        weight, pulled = by * state.magnitude, (by, pull.per_moment)
     row = weight * arm.lever + on * (np.array(state[:2]) - joints.T) + parameters.joint_backlashes * mode
     m11, n12, n21 = on[0] - weight[0] * arm.turn[0], weight[0] * arm.turn[1], weight[1] * arm.turn[1]
+    if pull is not None and pulled is not None:
+        row = row + pulled[0] * pull.torque
+        m11, n12 = m11 - pulled[0][0] * pull.turn[0], n12 + pulled[0][0] * pull.turn[1]
+        n21 = n21 + pulled[0][1] * pull.turn[1]
     m22 = on[1] - n21
     inverse = np.array([[m22, n12], [n21, m11]]) / (m11 * m22 - n12 * n21)
-    return Rows(arm, joints, row, weight, on, inverse)
+    return Rows(arm, joints, row, weight, on, inverse, pulled)
 
 
 def step_links(
@@ -280,6 +360,8 @@ def touch_equations(
     by_f, by_d = np.asarray(gripper.slope(p), dtype=complex), np.asarray(1j * reach)
     across = 1j * arm.reach
     row_f, row_d = p.joint_compliances * rows.on * arm.lever, rows.weight * arm.turn
+    if rows.pulled is not None:
+        row_f = rows.pulled[0] * arm.lever
     if (skew := arm.skew) is not None:
         stretch = skew.normal + 1j * skew.tangent
         across = -arm.reach.imag - f * skew.normal_turn + 1j * arm.turn
@@ -291,19 +373,24 @@ def touch_equations(
     return e._replace(h=circle - e.moved(rows.row), h_by=(by_f - e.moved(row_f), by_d - e.moved(row_d)))
 
 
-def parameter_derivative(state: State, equations: Equations, gripper: Gripper) -> Floats:
+def parameter_derivative(parameters: Parameters, state: State, equations: Equations, gripper: Gripper) -> Floats:
     """∂h/∂L̄ of n touches, f and φ held.
 
     Returns:
-        (n, 2, 12): along n and t, by the parameters in the order of `NAMES`.
+        (n, 2, 12), with gravity (n, 2, 14): along n and t, by the parameters in the order of `Parameters.names`.
     """
     r, f, arm = equations.rows, state.magnitude, equations.rows.arm
+    torque, pull, pulled = f * arm.lever, None, pull_of(parameters, arm.link1, arm.link2)
+    if pulled is not None and r.pulled is not None:
+        torque = torque + pulled.torque
+        pull = (tuple(r.pulled[0]), tuple(r.pulled[1]))
     joints = LoadedJoints(
         slope=tuple(r.weight),
         moment=tuple(-arm.links.imag),
-        torque=tuple(f * arm.lever * r.on),
+        torque=tuple(torque * r.on),
         sense=(state.mode1, state.mode2),
         rests=tuple(r.on),
+        pull=pull,
     )
     seen = arm.normal.conj()
     columns = component_by_parameters(

@@ -51,7 +51,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of
 from scara_kinetostatic.monitoring.linear import (
     Evidence,
@@ -91,7 +91,7 @@ class Fit(NamedTuple):
         for name, std in stated_uncertainties(record.arm.cell).items():
             place = state.stated_place(name)
             prior[place] = (state.scale[place] / std) ** 2 / record.enlargement
-        prior[[NAMES.index(name) for name in record.fixed]] = np.inf
+        prior[[record.place(name) for name in record.fixed]] = np.inf
         prior[[record.place(name) for name in record.arm.model.held]] = np.inf
         prior[[] if held is None else held] = np.inf
         free = np.flatnonzero(np.isfinite(prior))
@@ -286,7 +286,7 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     effects = (*before.arm.model.effects, *after.arm.model.effects)
     not_compared = tuple(dict.fromkeys(e.label for e in effects if not is_comparable(e, *cells)))
     names = [name for name in both[0].arm.model.names if name in both[1].arm.model.names]
-    names = [name for name in names if name in NAMES or name.rpartition('.')[0] not in not_compared]
+    names = [name for name in names if name in UNITS or name.rpartition('.')[0] not in not_compared]
     fits = [Fit.of(record) for record in both]
     state = fits[1].state
     scale = state.scale[[state.place(name) for name in names]]

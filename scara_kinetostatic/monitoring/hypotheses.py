@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from scara_kinetostatic.calibration.result import UNDETECTED
-from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, State, p_values
 from scara_kinetostatic.report.quantities import SCALES, scale_of, shown
 
@@ -89,12 +88,13 @@ def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[H
         state: what may be off.
         objects: numbers of the objects that can have changed; None for all.
     """
-    named: dict[str, tuple[int, ...]] = {name: (k,) for k, name in enumerate(NAMES)}
-    named |= {part: tuple(map(NAMES.index, names)) for part, names in _PARTS.items()}
+    base = state.cell.nominal.names
+    named: dict[str, tuple[int, ...]] = {name: (k,) for k, name in enumerate(base)}
+    named |= {part: tuple(map(base.index, names)) for part, names in _PARTS.items()}
     touched = [disc for number, disc in enumerate(state.cell.discs) if objects is None or number in objects]
     shown_by = {'object': {disc.name for disc in touched}, 'plate': {disc.plate for disc in touched}}
     cell = _by_label(state.names, range(state.values, len(state.names)))
-    effects = _by_label(state.names, range(len(NAMES), state.values))
+    effects = _by_label(state.names, range(len(base), state.values))
     for label, places in cell.items():
         kind, _, target = label.rstrip(']').partition('[')
         if target in shown_by.get(kind.partition('_')[0], {target}):

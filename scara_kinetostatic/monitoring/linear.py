@@ -42,7 +42,7 @@ from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
@@ -113,7 +113,7 @@ class State(NamedTuple):
         of_cell = [unit for source in probe.sources for unit in [source.unit] * source.components]
         of_effects = [p.unit for effect in arm.model.effects for p in effect.parameters]
         scale = np.concatenate([scales_of(arm.model), [_SCALES[unit] for unit in of_cell]])
-        units = (*UNITS.values(), *of_effects, *of_cell)
+        units = (*(UNITS[name] for name in arm.model.parameters.names), *of_effects, *of_cell)
         errors, covariance = _prior(record, cell, names)
         values = len(arm.model.names)
         covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
@@ -135,7 +135,7 @@ class State(NamedTuple):
     def stated_place(self, name: str) -> int:
         """Position of what `stated_uncertainties` names."""
         if name.startswith('nominal['):
-            return NAMES.index(name.removeprefix('nominal[').rstrip(']'))
+            return self.place(name.removeprefix('nominal[').rstrip(']'))
         return self.error_place(name)
 
     def of_stored_forces(self) -> State:

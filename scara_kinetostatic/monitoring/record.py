@@ -179,7 +179,7 @@ class CalibrationRecord:
     def fixed(self) -> frozenset[str]:
         """Names of the base parameters that were held."""
         entries = self.document.get('parameters', {})
-        return frozenset(name for name in NAMES if entries.get(name, {}).get('status') == 'fixed')
+        return frozenset(name for name in UNITS if entries.get(name, {}).get('status') == 'fixed')
 
     @cached_property
     def touches(self) -> TouchSet:
@@ -296,7 +296,11 @@ def check_same_arm(a: Cell, b: Cell, first: str, second: str) -> None:
         InputError: they have not.
     """
     check_same_identification(a, b, first, second)
-    for name, one, other, scale in zip(NAMES, a.nominal.as_array(), b.nominal.as_array(), SCALES, strict=True):
+    if a.nominal.gravity != b.nominal.gravity:
+        values = f'gravity is {list(b.nominal.gravity)} and {list(a.nominal.gravity)} m/s²'
+        raise InputError(second, f'is of another cell than {first}: {values}', 'give the cell it was made in')
+    nominal = (cell.nominal.as_array()[: len(NAMES)] for cell in (a, b))
+    for name, one, other, scale in zip(NAMES, *nominal, SCALES, strict=True):
         if abs(one - other) > scale:
             values = f'nominal {name} is {other:g} and {one:g} {UNITS[name]}'
             raise InputError(second, f'is of another robot than {first}: {values}', _ONE_ROBOT)

@@ -19,7 +19,7 @@ from rclpy.parameter import Parameter
 from scara_kinetostatic.calibration.calibrate import parse_fixed
 from scara_kinetostatic.errors import ParameterError, RecordingError, ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, Job
 from scara_kinetostatic.results import parameter_file
@@ -66,8 +66,8 @@ _TYPES = {
     list: Parameter.Type.STRING_ARRAY,
 }
 _RESULT = {
-    **{f'calibrated.{name}': (float, f'{DESCRIPTIONS[name]}, {UNITS[name]}') for name in NAMES},
-    **{f'calibrated_std.{name}': (float, f'standard deviation of {name}, {UNITS[name]}') for name in NAMES},
+    **{f'calibrated.{name}': (float, f'{DESCRIPTIONS[name]}, {unit}') for name, unit in UNITS.items()},
+    **{f'calibrated_std.{name}': (float, f'standard deviation of {name}, {unit}') for name, unit in UNITS.items()},
     **{f'{GROUP}.{name}': (fact.kind, fact.meaning) for name, fact in FACTS.items()},
 }
 """Type and description of parameters of a result, but those of effects: values, their standard deviations, facts."""
@@ -278,7 +278,9 @@ class ResultParameters:
 
     def publish(self, result: StoredResult) -> None:
         """Sets all of them at once; those of effects that are no longer found are removed."""
-        named: dict[str, Value] = dict(zip(_RESULT, [*result.values, *result.deviations], strict=False))  # facts follow
+        named: dict[str, Value] = {}
+        for start, numbers in (('calibrated', result.values), ('calibrated_std', result.deviations)):
+            named |= {f'{start}.{name}': value for name, value in zip(UNITS, numbers, strict=False)}  # s1 and s2 or not
         named |= {f'{GROUP}.{name}': value for name, value in result.facts.items()}
         for item in result.effects:
             named |= {

@@ -33,7 +33,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.urdf import BASE_FRAME, TOOL_FRAME
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS, Parameters
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, UNITS
 from scara_kinetostatic.nodes import conversion, declare
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.declare import Range
@@ -106,12 +106,13 @@ def declare_truth(node: Node, cell: Cell) -> ExtendedModel:
         'l1': Range(1e-3, 100), 'l2': Range(1e-3, 100), 'g1': Range(0, 0.1), 'g2': Range(0, 0.1),
     }  # fmt: skip
     values = {}
+    ranges |= dict.fromkeys(MOMENTS, Range(-1e4, 1e4))
     for name, default in deviating_robot(cell.nominal).as_dict().items():
         meaning = f'true {DESCRIPTIONS[name]}, {UNITS[name]}'
         values[name] = declare.parameter(node, f'truth.{name}', default, meaning, ranges.get(name, Range(0, 1e-2)))
     how = "effects of the simulated robot, each as 'name[target]:parameter=value,parameter=value', SI units"
     effects = [parse_effect(text, cell) for text in declare.parameter(node, 'effects', list[str](), how)]
-    return with_effects(Parameters(**values), effects)
+    return with_effects(cell.nominal.with_array(list(values.values())), effects)
 
 
 def declare_sensors(node: Node, cell: Cell) -> SensorModel:

@@ -43,7 +43,7 @@ from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
 from scara_kinetostatic.calibration.tip_uncertainty import region_grid
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, Plate
@@ -69,6 +69,9 @@ class Robot:
         effects: effects that are estimated along with L̄.
         effect_values: their values, as in `ExtendedModel`.
         effect_sizes: plausible size of each of these values, (k,), in its unit: their prior.
+
+    Raises:
+        ParameterError: the arm stands upright.
     """
 
     cell: Cell
@@ -78,6 +81,13 @@ class Robot:
     effects: tuple[Effect, ...] = ()
     effect_values: tuple[tuple[float, ...], ...] = ()
     effect_sizes: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.cell.nominal.has_gravity:
+            problem = 'touches are not planned for an upright arm'
+            raise ParameterError(
+                'gravity', problem, 'touch in both postures at several forces, and all over the region'
+            )
 
     @classmethod
     def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> Robot:

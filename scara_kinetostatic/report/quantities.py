@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
 from scara_kinetostatic.report.table import NOT_DETERMINED
 
 
@@ -17,7 +17,14 @@ class Scale(NamedTuple):
     per_si: float
 
 
-SCALES = {name: Scale(f'm{unit}', 1e3) if name in NAMES[:6] else Scale(f'µ{unit}', 1e6) for name, unit in UNITS.items()}
+SCALES = {
+    name: Scale(f'm{unit}', 1e3)
+    if name in NAMES[:6]
+    else Scale(unit, 1.0)
+    if name in MOMENTS
+    else Scale(f'µ{unit}', 1e6)
+    for name, unit in UNITS.items()
+}
 """The unit in which each of the twelve parameters is shown."""
 FIT_UNITS = {'m': Scale('mm', 1e3), 'rad': Scale('°', 180 / math.pi)}
 """Of shapes fitted to a contour, by SI unit."""

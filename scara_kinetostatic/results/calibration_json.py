@@ -15,7 +15,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.files.calibration_file import SCHEMA, cell_entry, model_entry
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.report.json_file import Document, plain
 from scara_kinetostatic.results.tables import base_rank
 
@@ -68,7 +68,10 @@ def _budget(outcome: Outcome) -> list[Document]:
         {
             'source': item.label,
             **({} if item.declared is None else {'declared': item.declared, 'unit': item.unit}),
-            'contribution': {**dict(zip(NAMES, item.parameters, strict=True)), 'tip': item.tip},
+            'contribution': {
+                **dict(zip(outcome.final.parameters.names, item.parameters, strict=True)),
+                'tip': item.tip,
+            },
         }
         for item in outcome.budget
     ]
@@ -145,13 +148,13 @@ def _parameters(outcome: Outcome) -> Document:
 
 def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
     """Of the twelve parameters, and of the effects' if their standard deviations are given; estimated ones only."""
-    names = [name for name in NAMES if c.status[name] == 'estimated']
-    places = [NAMES.index(name) for name in names]
-    labels = c.model.names[len(NAMES) :]
+    names = [name for name in c.parameters.names if c.status[name] == 'estimated']
+    places = [c.parameters.names.index(name) for name in names]
+    labels = c.model.names[c.model.base_count :]
     for place, std in enumerate(() if extra_std is None else extra_std):
         if np.isfinite(std):
             names.append(labels[place])
-            places.append(len(NAMES) + place)
+            places.append(c.model.base_count + place)
     return {'names': names, 'matrix': c.covariance[np.ix_(places, places)]}
 
 
@@ -200,7 +203,7 @@ def _touches(outcome: Outcome) -> Document:
 def _identifiability(c: Calibration) -> Document:
     """That of the twelve parameters; groups of effects' parameters alone have a key of their own."""
     found = c.identifiability
-    own = [group for group in found.confounded if set(group) & set(NAMES)]
+    own = [group for group in found.confounded if set(group) & set(c.parameters.names)]
     return {
         'rank': base_rank(c),
         'condition': found.condition,

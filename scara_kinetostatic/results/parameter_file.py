@@ -22,7 +22,7 @@ from scara_kinetostatic.errors import ParameterError, one_line
 from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, NAMES, UNITS
 from scara_kinetostatic.report.json_file import utc
 from scara_kinetostatic.results.tables import base_rank
 
@@ -67,7 +67,7 @@ class StoredResult(NamedTuple):
     """What a parameter file of a result holds.
 
     Attributes:
-        values: the twelve parameters in the order of `NAMES`.
+        values: the parameters in the order of `Parameters.names`.
         deviations: their standard deviations; NaN where there is none.
         effects: the parameters of the effects; their units are not in the file.
         facts: what the result is made from and worth, by the names of `FACTS`; as far as the file says so.
@@ -88,9 +88,10 @@ def load_result(path: str | Path) -> StoredResult:
     tree = parse_yaml(read_text(path, ParameterError), path, ParameterError)
     try:
         given = tree['/**']['ros__parameters']
+        names = (*NAMES, *(name for name in MOMENTS if name in given['calibrated']))
         return StoredResult(
-            values=[_finite(given['calibrated'][name]) for name in NAMES],
-            deviations=[float(given['calibrated_std'][name]) for name in NAMES],
+            values=[_finite(given['calibrated'][name]) for name in names],
+            deviations=[float(given['calibrated_std'][name]) for name in names],
             effects=_stored_effects(given.get(EFFECTS, {}), given.get(EFFECTS_STD, {})),
             facts=_stored_facts(given.get(GROUP)),
         )
@@ -134,7 +135,7 @@ def parameter_text(outcome: Outcome) -> str:
     c, effects = outcome.final, effect_parameters(outcome.diagnosis.found)
     tree: dict[str, Any] = {
         'calibrated': c.parameters.as_dict(),
-        'calibrated_std': {name: c.std_of(name) for name in NAMES},
+        'calibrated_std': {name: c.std_of(name) for name in c.parameters.names},
         **_tree((f'{EFFECTS}.{".".join(item.path)}', item.value) for item in effects),
         **_tree((f'{EFFECTS_STD}.{".".join(item.path)}', item.std) for item in effects),
         **_tree((f'{GROUP}.{name}', value) for name, value in facts(outcome).items() if value != []),
@@ -144,7 +145,7 @@ def parameter_text(outcome: Outcome) -> str:
         'Result of a kinetostatic calibration, SI units. Load it into a node by',
         '  ros2 run PACKAGE NODE --ros-args --params-file calibration.yaml',
         *(f'from {source}' for source in outcome.sources),
-        *(f'{name}: {UNITS[name]}, {DESCRIPTIONS[name]}{status[c.status[name]]}' for name in NAMES),
+        *(f'{name}: {UNITS[name]}, {DESCRIPTIONS[name]}{status[c.status[name]]}' for name in c.parameters.names),
         *(
             f'{item.effect.label}.{v.name}: {v.unit}, {v.meaning}'
             for item in outcome.diagnosis.found

@@ -11,7 +11,7 @@ from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
+from scara_kinetostatic.model.parameters import DESCRIPTIONS
 from scara_kinetostatic.report import Table
 from scara_kinetostatic.report.quantities import SCALES, chance, decimals, micrometres, shown, unsigned_zero
 
@@ -29,7 +29,7 @@ def parameter_table(c: Calibration) -> Table:
     """
     nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
     rows = []
-    for name in NAMES:
+    for name in c.parameters.names:
         unit, per_si = SCALES[name]
         value, std, status = values[name] * per_si, c.std_of(name) * per_si, c.status[name]
         digits = decimals(std)
@@ -41,7 +41,7 @@ def parameter_table(c: Calibration) -> Table:
         rows.append((name, start, text, unit, _STATUS[status] or DESCRIPTIONS[name]))
     levels = {'estimated': '', 'fixed': 'faint', 'confounded': 'caution'}
     heading = ('', 'nominal', 'estimate ± 1 σ', '', '')
-    return Table(heading, ('',) * 5, tuple(rows), levels=tuple(levels[c.status[name]] for name in NAMES))
+    return Table(heading, ('',) * 5, tuple(rows), levels=tuple(levels[c.status[name]] for name in c.parameters.names))
 
 
 def base_rank(c: Calibration) -> int:
@@ -50,7 +50,7 @@ def base_rank(c: Calibration) -> int:
     Each confounded group is one unidentifiable direction; groups of effects' parameters alone do not count.
     """
     free = sum(status != 'fixed' for status in c.status.values())
-    return free - sum(bool(set(group) & set(NAMES)) for group in c.identifiability.confounded)
+    return free - sum(bool(set(group) & set(c.parameters.names)) for group in c.identifiability.confounded)
 
 
 def effect_tables(found: Sequence[Found]) -> list[Table]:

@@ -120,7 +120,9 @@ def deviating_robot(nominal: Parameters, robot: Parameters = PAPER_ACTUAL) -> Pa
     """A robot that deviates from its nominal parameters as a robot of the paper does from its own."""
     if nominal == PAPER_NOMINAL:
         return robot
-    return Parameters.from_array(nominal.as_array() + robot.as_array() - PAPER_NOMINAL.as_array())
+    values = nominal.as_array()
+    values[: len(NAMES)] += robot.as_array() - PAPER_NOMINAL.as_array()
+    return nominal.with_array(values)
 
 
 def load_truth(path: str | Path, cell: Cell) -> ExtendedModel:
@@ -137,7 +139,9 @@ def load_truth(path: str | Path, cell: Cell) -> ExtendedModel:
     if isinstance(data, dict) and 'parameters' not in data:
         data = {'parameters': data}
     top = Section(ParameterError, str(path), '', data, ('parameters',), ('schema', 'seed', 'effects'))
-    parameters = Parameters.from_mapping(top.section('parameters', NAMES).data, str(path))
+    gravity, given = cell.nominal.gravity, dict(top.section('parameters', cell.nominal.names).data)
+    moments = {name: given.pop(name) for name in cell.nominal.names[len(NAMES) :]}
+    parameters = Parameters.from_mapping(given, str(path)).replace(**moments, gravity=gravity)
     parameters.check_physical(str(path))
     listed = top.items('effects', 'effects', ('name',), ('target', 'parameters')) if data.get('effects') else []
     return with_effects(parameters, (_stored_effect(entry, cell) for entry in listed))

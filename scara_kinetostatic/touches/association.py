@@ -120,7 +120,7 @@ def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) ->
     prior = np.array([SETTINGS.length_prior, SETTINGS.angle_prior])[[0, 0, 1, 0, 1, 0]]  # x0, y0, θ1, l1, θ2, l2
     change = np.zeros(6)
     for _ in range(rounds):
-        parameters = Parameters.from_array(nominal + np.append(change, np.zeros(6)))
+        parameters = cell.nominal.with_array(nominal + np.append(change, np.zeros(len(nominal) - 6)))
         misses, unit = _misses(parameters, joints, force, cell)
         disc = np.argmin(np.linalg.norm(misses, axis=2), axis=1)
         miss = misses[np.arange(len(disc)), disc]
@@ -133,4 +133,4 @@ def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) ->
         right = (weight / SETTINGS.miss_sigma)[:, None] * (np.einsum('nij,j->ni', jacobian, change) - miss)
         system = np.vstack([rows.reshape(-1, 6), np.eye(6)])
         change = prior * np.linalg.lstsq(system, np.append(right.ravel(), np.zeros(6)), rcond=None)[0]
-    return Parameters.from_array(nominal + np.append(change, np.zeros(6)))
+    return cell.nominal.with_array(nominal + np.append(change, np.zeros(len(nominal) - 6)))

@@ -80,7 +80,7 @@ def test_what_is_absent_is_exactly_known() -> None:
         ('x: [-0.35, 0.35]', 'x: [0.35, -0.35]', 'region.x: expected the lower limit first, got [0.35, -0.35]'),
         (', y: [0.20, 0.55]', '', "region: the key 'y' is missing"),
         ('tip: 5.0e-5', 'tip: 0', 'tolerance.tip: expected above 0, at most'),
-        ('gravity: [0.0, 0.0]', 'gravity: [0.0, -9.81]', 'gravity: an upright arm is not supported'),
+        ('gravity: [0.0, 0.0]', 'gravity: [0.0, -98.1]', 'gravity: expected at most 25 m/s²'),
     ],
 )  # fmt: skip
 def test_refuses_by_key(old: str, new: str, message: str) -> None:

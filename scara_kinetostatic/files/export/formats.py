@@ -24,7 +24,7 @@ from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import UNITS
 
 RIGID = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2')
 """The parameters of the rigid arm."""
@@ -75,8 +75,9 @@ class ExportFacts(NamedTuple):
     def notes(self, *, is_rigid: bool) -> list[str]:
         """What a reader must know besides, one sentence each; `is_rigid`: whether the file has the geometry alone."""
         found = list(self.reservations)
-        named = RIGID if is_rigid else NAMES
-        free = [name for name, std in zip(NAMES, self.std, strict=True) if std == _FREE and name in named]
+        names = tuple(UNITS)[: len(self.std)]
+        named = RIGID if is_rigid else names
+        free = [name for name, std in zip(names, self.std, strict=True) if std == _FREE and name in named]
         if free:
             found.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
         if is_rigid and self.rigid_miss:
@@ -93,8 +94,8 @@ def _is_of_robot(effect: EffectLaw) -> bool:
 
 
 def _stds(arm: CalibratedArm) -> tuple[str, ...]:
-    stds = np.sqrt(np.diag(arm.covariance))[: len(NAMES)]
-    hidden = np.linalg.norm(arm.undetermined[: len(NAMES)], axis=1) > stds
+    stds = np.sqrt(np.diag(arm.covariance))[: arm.model.base_count]
+    hidden = np.linalg.norm(arm.undetermined[: arm.model.base_count], axis=1) > stds
     pairs = zip(hidden.tolist(), stds.tolist(), strict=True)
     return tuple(_FREE if free else f'u = {std:.2g}' if std else 'fixed' for free, std in pairs)
 
@@ -131,7 +132,7 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
 
 def _values(arm: CalibratedArm, facts: ExportFacts) -> list[tuple[str, float, str, str]]:
     """Name, value, uncertainty in words and unit of the twelve parameters."""
-    values = zip(UNITS, arm.model.parameters.as_array().tolist(), facts.std, strict=True)
+    values = zip(arm.model.parameters.names, arm.model.parameters.as_array().tolist(), facts.std, strict=True)
     return [(name, value, std, UNITS[name]) for name, value, std in values]
 
 
@@ -184,10 +185,13 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         facts: of it.
 
     Raises:
-        UnsupportedDataError: the arm has a general gripper or effects of its own, which the functions do not have.
+        UnsupportedDataError: an upright arm, a general gripper or effects of its own, which the functions do not have.
     """
     if facts.robot_effects:
         problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
+        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
+    if arm.cell.nominal.has_gravity:
+        problem = 'a C header has no torque of gravity, and the cell description states `gravity`'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'

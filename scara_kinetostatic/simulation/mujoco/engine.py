@@ -93,8 +93,13 @@ class Scene:
         return tuple(sorted({number % len(cell.discs) for number in self.padded}))
 
     def with_parameters(self, parameters: Parameters) -> Scene:
-        """The same scene with another arm."""
-        return replace(self, parameters=parameters)
+        """The same scene with another arm; where it stands upright, the static moments are those of its masses."""
+        p = parameters
+        if p.has_gravity:
+            (m1, m2), quill = self.masses, SETTINGS.small_mass
+            at_elbow = SETTINGS.elbow_mass + m2 + quill
+            p = p.replace(s1=p.l1 * (0.5 * m1 + at_elbow), s2=p.l2 * (0.5 * m2 + quill))
+        return replace(self, parameters=p)
 
 
 SCENES = {
@@ -167,6 +172,7 @@ class EngineSettings:
         motor_gain: stiffness of a motor's position servo, Nm/rad.
         lift_servo: stiffness of the third axis' servo, N/m, and the mass that its damping is laid out for, kg.
         small_mass: mass of the third axis, of the gripper, of the tip, and of the base's upper part by 100, kg.
+        elbow_mass: of joint 2 and the end of link 1, kg.
         tip_damping: of the ball on its pin, N s/m.
         light_backlash_damping: of the hinge with backlash in such a scene, Nm s/rad: its stops are reached without
             an impact.
@@ -187,6 +193,7 @@ class EngineSettings:
     motor_gain: float = 4e6
     lift_servo: tuple[float, float] = (1e5, 1.0)
     small_mass: float = 0.3
+    elbow_mass: float = 2.1
     tip_damping: float = 50.0
     light_backlash_damping: float = 20.0
     friction_hardness: float = 1e3
@@ -222,7 +229,9 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
         scene=scene,
         p=scene.parameters,
         # 9.81 m/s² downwards in the frame of a base turned by `tilt` about its x and then its y axis
-        gravity=(9.81 * np.cos(a) * np.sin(b), -9.81 * np.sin(a), -9.81 * np.cos(a) * np.cos(b)),
+        gravity=(*scene.parameters.gravity, 0.0)
+        if scene.parameters.has_gravity
+        else (9.81 * np.cos(a) * np.sin(b), -9.81 * np.sin(a), -9.81 * np.cos(a) * np.cos(b)),
         light=LIGHT_ARM if light else 1.0,
         light_tip=LIGHT_TIP if light else 1.0,
         backlash_inertia=BACKLASH_INERTIA,

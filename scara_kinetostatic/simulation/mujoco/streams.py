@@ -11,7 +11,7 @@ import yaml
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.parameters import UNITS, Parameters
+from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.mujoco.engine import Scene, load_engine
@@ -182,8 +182,7 @@ def truth_text(truth: dict[str, Any]) -> str:
 
 def _by_name(parameters: Parameters) -> dict[str, float]:
     """The parameters by name."""
-    values = parameters.as_dict()
-    return {name: values[name] for name in UNITS}
+    return parameters.as_dict()
 
 
 def expected_parameters(scene: Scene) -> Parameters:

@@ -274,7 +274,7 @@ def _table_2(r: Reproduction) -> tuple[Table | Note, ...]:
     rows = [
         (name, unit, *(f'{per_si * getattr(values, name):#.7g}' for values, _ in columns.values()),
          f'{per_si * noisy.weighted.std_of(name):.2g}')
-        for name, (unit, per_si) in SCALES.items()
+        for name, (unit, per_si) in list(SCALES.items())[: len(NAMES)]
     ]  # fmt: skip
     errors = ('' if error is None else f'{error:.3e}' for _, error in columns.values())
     note = (
@@ -309,7 +309,7 @@ def _monte_carlo_table(r: Reproduction) -> Table:
     values = np.stack([paper.predicted, paper.found, weighted.predicted, weighted.found], axis=1)
     rows = tuple(
         (name, unit, *(f'{per_si * value:#.4g}' for value in row), f'{row[3] / row[1]:.3f}')
-        for (name, (unit, per_si)), row in zip(SCALES.items(), values, strict=True)
+        for (name, (unit, per_si)), row in zip(list(SCALES.items())[: len(NAMES)], values, strict=True)
     )
     heading = ('parameter', 'unit', 'unweighted: predicted', 'found', 'weighted: predicted', 'found', 'ratio found')
     return Table(heading, ('',) * len(heading), rows)

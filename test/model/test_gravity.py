@@ -1,0 +1,209 @@
+"""Gravity in the plane of the arm: torques, dead bands, derivatives, recovery; without it nothing changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.assessment.criteria import upside_down
+from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor
+from scara_kinetostatic.model.cell import PAPER_DISCS, Uncertainty
+from scara_kinetostatic.model.contact import contact, contact_derivatives
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
+from scara_kinetostatic.model.parameters import MOMENTS, NAMES
+from scara_kinetostatic.model.touch_equations import free_state
+from scara_kinetostatic.planning.prediction import Robot
+
+GRAVITY = (1.2, -9.7)
+TRUTH = sk.PAPER_ACTUAL.replace(s1=1.6, s2=0.5, gravity=GRAVITY)
+CELL = sk.Cell(
+    sk.PAPER_NOMINAL.replace(s1=1.3, s2=0.4, gravity=GRAVITY), PAPER_DISCS, noise=sk.Noise(joint=1e-5, force=0.3)
+)
+RADIUS = 0.08
+
+
+def poses(n=300, seed=4):
+    random = np.random.default_rng(seed)
+    angle = random.uniform(-np.pi, np.pi, n)
+    unit = np.array([np.cos(angle), np.sin(angle)]).T
+    force = random.uniform(8.0, 60.0, n)[:, None] * unit
+    tip = np.array([random.uniform(-0.3, 0.3, n), random.uniform(0.2, 0.5, n)]).T
+    joints, torques = inverse_kinetostatics(TRUTH, tip, force, 1)
+    return tip, force, joints, torques, tip + RADIUS * unit
+
+
+def test_torques_are_those_of_masses_on_the_links():
+    joints, masses = np.array([[0.3, 0.9]]), ((3.0, 0.2), (2.0, 0.15))
+    p = sk.PAPER_NOMINAL.replace(p1=0.0, p2=0.0, p_ee=1e-5, gravity=GRAVITY)
+    p = p.replace(s1=3.0 * 0.2 + 2.0 * p.l1, s2=2.0 * 0.15)
+
+    def energy(q):
+        e1 = np.array([np.cos(q[0]), np.sin(q[0])])
+        e2 = np.array([np.cos(q[0] + q[1]), np.sin(q[0] + q[1])])
+        places = masses[0][1] * e1, p.l1 * e1 + masses[1][1] * e2
+        return -sum(m * np.dot(GRAVITY, place) for (m, _), place in zip(masses, places, strict=True))
+
+    step = 1e-6
+    held = [(energy(joints[0] + step * unit) - energy(joints[0] - step * unit)) / (2 * step) for unit in np.eye(2)]
+    _, torques = direct_kinetostatics(p, joints, np.zeros((1, 2)))
+    np.testing.assert_allclose(torques[0], held, rtol=1e-8)
+
+
+def test_an_unloaded_arm_hangs_in_its_gaps():
+    joints = np.array([[0.2, 0.3], [2.9, -0.3]])
+    state = free_state(TRUTH, joints, np.array([[0.3, 0.3]] * 2))
+    _, torques = direct_kinetostatics(TRUTH, joints, np.zeros((2, 2)))
+    sag = joints - np.array(state[:2]).T
+    expected = np.array([TRUTH.p1, TRUTH.p2]) * torques + np.array([TRUTH.g1, TRUTH.g2]) * np.sign(torques)
+    np.testing.assert_allclose(sag, expected, rtol=1e-9)
+    assert (torques[0] > 0).all() and torques[1, 0] < 0
+    free = contact(TRUTH, joints, np.array([[5.0, 5.0]] * 2), RADIUS)
+    assert not free.force.any()
+    np.testing.assert_allclose(joints - free.links, expected, rtol=1e-9)
+
+
+def test_direct_inverse_and_contact_agree():
+    tip, force, joints, torques, centers = poses()
+    back, same = direct_kinetostatics(TRUTH, joints, force)
+    np.testing.assert_allclose(back, tip, atol=1e-13)
+    np.testing.assert_allclose(same, torques, atol=1e-9)
+    found = contact(TRUTH, joints, centers, RADIUS, warm_start=force)
+    assert found.solved.all()
+    np.testing.assert_allclose(found.force, force, atol=1e-7)
+
+
+@pytest.mark.parametrize('name', TRUTH.names)
+def test_derivatives_of_the_force(name):
+    _, force, joints, _, centers = poses()
+    found = contact(TRUTH, joints, centers, RADIUS, warm_start=force)
+    analytic = contact_derivatives(TRUTH, joints, centers, RADIUS, found).parameters[:, :, TRUTH.names.index(name)]
+    step = 1e-4 if name in MOMENTS else 1e-8
+    up, down = (
+        contact(TRUTH.replace(**{name: getattr(TRUTH, name) + sign * step}), joints, centers, RADIUS, warm_start=force)
+        for sign in (1, -1)
+    )
+    numeric = (up.force - down.force) / (2 * step)
+    same = (up.state.mode1 == down.state.mode1) & (up.state.mode2 == down.state.mode2)
+    assert same.mean() > 0.95
+    np.testing.assert_allclose(analytic[same], numeric[same], atol=1e-5 * np.abs(analytic).max())
+
+
+def test_a_joint_floats_where_its_torque_vanishes():
+    """Near a sign change of C the joint rests in its gap: C = 0 there, and the place inside it is free."""
+    p = TRUTH.replace(g1=4e-3, g2=4e-3)
+    random = np.random.default_rng(8)
+    joints = np.array([random.uniform(0.2, 2.5, 4000), random.uniform(0.5, 2.2, 4000)]).T
+    rigid, _ = direct_kinetostatics(p, joints, np.zeros((4000, 2)))
+    angle = random.uniform(-np.pi, np.pi, 4000)
+    unit = np.array([np.cos(angle), np.sin(angle)]).T
+    found = contact(p, joints, rigid + (RADIUS - random.uniform(0, 1.5e-3, 4000))[:, None] * unit, RADIUS)
+    floats = found.solved & (found.magnitude > 1) & (found.state.mode1 == 0) & (found.state.mode2 != 0)
+    assert floats.sum() > 3
+    # with the backlash of joint 1 gone and its angle that of the link, the same force holds without any torque
+    held = p.replace(g1=0.0)
+    _, torques = direct_kinetostatics(held, np.array([found.links[:, 0], joints[:, 1]]).T, found.force)
+    assert np.abs(torques[floats, 0]).max() < 1e-9
+    assert (np.abs(joints[floats, 0] - found.links[floats, 0]) <= p.g1 + 1e-12).all()
+
+
+def test_exact_touches_give_the_moments_back():
+    quiet = replace(CELL, noise=sk.Noise(joint=1e-15, force=1e-12))
+    found = sk.calibrate(sk.simulate(quiet, TRUTH), quiet)
+    for name in TRUTH.names:
+        np.testing.assert_allclose(getattr(found.parameters, name), getattr(TRUTH, name), rtol=1e-7, atol=1e-11)
+
+
+def test_moments_within_their_uncertainty_and_no_touch_rejected():
+    for seed in (31, 32, 33):
+        found = sk.calibrate(sk.simulate(CELL, TRUTH, seed=seed), CELL)
+        assert found.used.all()
+        off = found.parameters.as_array() - TRUTH.as_array()
+        assert off @ np.linalg.solve(found.covariance, off) < 45.0  # chi-square of 14 degrees: 1 in 24 000
+
+
+def test_uncertainty_of_the_tip_is_that_of_its_derivatives():
+    arm = CalibratedArm.of(sk.calibrate(sk.simulate(CELL, TRUTH, seed=7), CELL))
+    joints, force = np.array([[0.3, 1.0]]), np.array([[-30.0, 25.0]])
+    found = Predictor(arm).locate(joints, force)
+    assert found.loaded.all()
+    columns = []
+    for k, std in enumerate(np.sqrt(np.diag(arm.covariance))):
+        step = 1e-3 * std * np.eye(len(arm.covariance))[k]
+        up, down = (
+            Predictor(replace(arm, model=arm.model.with_array(arm.model.as_array() + sign * step))) for sign in (1, -1)
+        )
+        columns.append((up.locate(joints, force).position - down.locate(joints, force).position)[0] / (2e-3 * std))
+    derivative = np.array(columns).T
+    np.testing.assert_allclose(found.covariance[0], derivative @ arm.covariance @ derivative.T, rtol=1e-4)
+
+
+def test_without_compliance_and_backlash_the_moments_are_named():
+    rigid = {'p1': 0.0, 'p2': 0.0, 'g1': 0.0, 'g2': 0.0}
+    cell = replace(CELL, nominal=CELL.nominal.replace(**rigid))
+    found = sk.calibrate(sk.simulate(cell, TRUTH.replace(**rigid)), cell, fixed=rigid)
+    assert found.status['s1'] == found.status['s2'] == 'confounded'
+    assert 'static moments act through' in found.identifiability.advice
+
+
+def test_held_and_trusted_moments():
+    touches = sk.simulate(CELL, TRUTH, seed=9)
+    held = sk.calibrate(touches, CELL, fixed={'s1': TRUTH.s1, 's2': TRUTH.s2})
+    assert held['s1'].status == 'fixed' and held['p1'].std < sk.calibrate(touches, CELL)['p1'].std
+    trusted = replace(CELL, uncertainty=Uncertainty(nominal={'s1': 0.01}))
+    assert sk.calibrate(touches, trusted)['s1'].std <= 0.0101
+
+
+def test_gravity_stated_upside_down_is_named():
+    turned = replace(CELL, nominal=CELL.nominal.replace(gravity=(-GRAVITY[0], -GRAVITY[1])))
+    outcome = sk.diagnose(sk.simulate(CELL, TRUTH, seed=3), turned)
+    assert any('upside down' in reason for reason in outcome.assessment.reasons), upside_down.__doc__
+
+
+def test_gravity_that_was_forgotten_is_named():
+    plain = replace(CELL, nominal=sk.PAPER_NOMINAL)
+    for seed in (3, 4, 5):
+        try:
+            outcome = sk.diagnose(sk.simulate(CELL, TRUTH, seed=seed), plain)
+            words = ' '.join((*outcome.assessment.reasons, *outcome.assessment.actions))
+            assert outcome.verdict != 'none'
+        except sk.UnsupportedDataError as error:
+            words = str(error)
+        assert 'upright' in words
+
+
+def test_cell_file_round_trip():
+    assert parse_cell(dump_cell(CELL)) == CELL
+    flat = parse_cell(dump_cell(replace(CELL, nominal=sk.PAPER_NOMINAL)) + 'gravity: [0.0, 0.0]\n')
+    assert flat.nominal.names == NAMES and flat.nominal == sk.PAPER_NOMINAL
+
+
+@pytest.mark.parametrize(
+    ('gravity', 'problem'),
+    [('[0.0, -9810.0]', 'at most 25 m/s²'), ('[.nan, 0.0]', 'finite'), ('[9.81]', 'expected'), ('9.81', 'expected')],
+)
+def test_refuses_gravity_that_no_arm_holds(gravity, problem):
+    text = dump_cell(replace(CELL, nominal=sk.PAPER_NOMINAL)) + f'gravity: {gravity}\n'
+    with pytest.raises(sk.ScaraKinetostaticError, match=problem) as caught:
+        parse_cell(text)
+    assert '\n' not in str(caught.value) and 'gravity' in str(caught.value)
+
+
+def test_moments_need_gravity():
+    text = dump_cell(CELL).replace(f'gravity: {list(GRAVITY)}', '')
+    with pytest.raises(sk.ScaraKinetostaticError, match='moments'):
+        parse_cell(text)
+
+
+def test_touches_are_not_planned_for_an_upright_arm():
+    with pytest.raises(sk.ScaraKinetostaticError, match='upright'):
+        Robot.of(CELL)
+
+
+@pytest.mark.parametrize('gravity', [(0.0, -98.1), (np.nan, 0.0), (9.81,), 9.81])
+def test_parameters_refuse_gravity_that_no_arm_holds(gravity):
+    with pytest.raises(sk.ScaraKinetostaticError, match='gravity'):
+        sk.Parameters(gravity=gravity)
