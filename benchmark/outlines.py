@@ -1,6 +1,6 @@
 """Outlines: statistics of the parameters, errors of objects named, time; all simulated.
 
-    python benchmark/outlines.py [--recordings N] [--first SEED] [--robots]
+    python -m benchmark.outlines [--recordings N] [--named N] [--first SEED]
 
 Cells of a square block, an L, an edge beside a disc, and a mixture; two robots. Of each: noise-free recovery, the root
 mean square of (estimate - truth) / std over recordings, and the time beside that of discs.

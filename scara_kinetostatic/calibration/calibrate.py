@@ -102,7 +102,7 @@ def calibrate(
     try:
         found = estimate(observations, cell, start, free, warm_start)
         if cell.has_outlines:
-            touches, observations, found, unsettled = _settle(touches, observations, cell, start, free, found)
+            touches, observations, found, unsettled = _reassociate(touches, observations, cell, start, free, found)
             left_out += unsettled
     except np.linalg.LinAlgError as error:
         problem = 'the fit diverged to where the model is not defined'
@@ -114,7 +114,7 @@ _MOST_SETTLING = 6
 """Fits after the first at most, until every touch is of the edge or corner on which the fit places it."""
 
 
-def _settle(
+def _reassociate(
     touches: TouchSet, observations: Observations, cell: Cell, start: ExtendedModel, free: Indices, found: Estimation
 ) -> tuple[TouchSet, Observations, Estimation, list[Rejection]]:
     """Fit again with every touch on the edge or corner where the fit before places it; those that alternate are left
