@@ -169,9 +169,11 @@ def default_plan(
         )
     )
     point = step * _stride(per_disc) % per_disc
+    # on an outline half a step on: a place where an edge begins is of no use
+    half = np.array([0.5 * isinstance(item, Outline) for item in cell.discs])
     plan = Plan(
         disc=disc,
-        angle=2.0 * np.pi * point / per_disc,
+        angle=2.0 * np.pi * (point + half[disc]) / per_disc,
         posture=np.array(postures)[side],
         force=np.array(levels, dtype=float)[(point + disc + side) % len(levels)],
         preload=np.where(_every_other(point, disc, side, len(levels)), preload, 0.0),
