@@ -153,15 +153,24 @@ class Surfaces(NamedTuple):
         miss = miss + 1j * out * per_angle * np.where(edge, away, away - within)
         return np.stack([miss.real, miss.imag], axis=-1), np.stack([normal.real, normal.imag], axis=-1)
 
+    def beside(self, inward: Floats) -> Floats:
+        """Angles by which forces in directions (n, 2) are beyond the normals of each surface, (n, E), rad."""
+        cosine = np.clip(-inward @ self.normals.T, -1.0, 1.0)
+        return np.maximum(np.arccos(cosine) - np.where(self.is_edge, 0.0, self.halves), 0.0)
+
     def distances(self, tips: Floats) -> Floats:
         """Distances of places from each surface as a curve of finite length, (n, E), m, for places (n, 2), m."""
         off = tips[:, :1] - self.centers[:, 0] + 1j * (tips[:, 1:] - self.centers[:, 1])
         middle = self.normals[:, 0] + 1j * self.normals[:, 1]
         tangent, edge = self.tangents[:, 0] + 1j * self.tangents[:, 1], self.is_edge
         along = np.clip((off * tangent.conj()).real, -self.halves, self.halves)
-        turned = np.clip(np.angle(off * middle.conj() * np.sign(self.radii)), -self.halves, self.halves)
-        normal = np.where(edge, middle, middle * np.exp(1j * turned))
-        return np.abs(off - self.radii * normal - np.where(edge, along, 0.0) * tangent)
+        reach, half = self.radii * middle, np.exp(1j * np.where(edge, 0.0, self.halves))
+        seen = off * middle.conj() * np.sign(self.radii)  # from the middle of the arc
+        over = np.abs(np.abs(off) - np.abs(self.radii))
+        ends = [np.abs(off - reach * end) for end in (half, half.conj())]
+        within = seen.real >= np.abs(seen) * half.real
+        of_arc = np.where(within, over, np.minimum(*ends))
+        return np.where(edge, np.abs(off - reach - along * tangent), of_arc)
 
     def places(self, object: Indices, angle: Floats) -> tuple[Indices, Floats]:
         """Surface and part of it, -1 to 1, of places along objects, (m,) each.

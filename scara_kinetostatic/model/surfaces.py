@@ -42,8 +42,7 @@ def touched_surfaces(cell: Cell, joints: Floats, force: Floats, disc: Indices, k
 
 def settled_surfaces(cell: Cell, tips: Floats, normals: Floats, disc: Indices) -> Indices:
     """Numbers of the touched surfaces, (n,), by tips and directions of the forces in a fit, (n, 2)."""
-    angles = cell.surfaces.misses(tips, normals, 1.0)[0] - cell.surfaces.misses(tips, normals, 0.0)[0]
-    size = cell.surfaces.distances(tips) + PER_ANGLE_FITTED * np.hypot(angles[..., 0], angles[..., 1])
+    size = cell.surfaces.distances(tips) + PER_ANGLE_FITTED * cell.surfaces.beside(normals)
     return nearest_surfaces(cell, size, disc)
 
 

@@ -367,9 +367,10 @@ def parameter_derivative(state: State, equations: Equations, gripper: Gripper) -
     columns = component_by_parameters(
         (seen, 1j * seen), tuple(arm.links), tuple(equations.by_rows), (gripper.factor * f, -1.0), joints
     )
+    if equations.tangent is not None:
+        columns = tuple(equations.across(np.array([np.broadcast_to(column, f.shape) for column in columns])))
     found = np.empty((len(columns), 2, len(f)))
     for out, column in zip(found, columns, strict=True):
-        column = equations.across(column)
         out[0], out[1] = column.real, column.imag
     return found.transpose(2, 1, 0)
 
