@@ -31,6 +31,7 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture, rotate
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.surfaces import nearest_surfaces
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
 from scara_kinetostatic.pipeline import (
     calibrate_recordings,
@@ -270,8 +271,16 @@ def predict_force(
             raise InputError('objects', 'is missing', 'name the touched objects')
         disc = _places(objects, 'objects', [one.name for one in c.cell.discs], len(joints))
         sides, later = posture(c.parameters, joints), np.full(len(joints), LATER)
-        o = observe(TouchSet(joints, np.zeros_like(joints), disc, sides, order=later), c.cell, c.errors)
-        force = contact(c.model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata).force
+        touched = TouchSet(joints, np.zeros_like(joints), disc, sides, order=later)
+        for _ in range(3 if c.cell.has_outlines else 1):  # the tip decides on edge or corner
+            o = observe(touched, c.cell, c.errors)
+            found = contact(
+                c.model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata, tangents=o.tangents
+            )
+            if c.cell.has_outlines:
+                nearest = nearest_surfaces(c.cell, c.cell.surfaces.distances(found.tip), disc)
+                touched = touched.replace(surface=nearest)
+        force = found.force
     if o.frame is SensorFrame.BASE:
         return np.asarray(force)
     return rotate(force, -(o.joints.sum(axis=1) + c.parameters.theta1 + c.parameters.theta2))

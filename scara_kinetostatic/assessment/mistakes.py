@@ -33,9 +33,10 @@ import numpy as np
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_problems
+from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame, SensorSign, layout_problems
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward, quarter_turn, rotate, tip_by_parameters, wrap
 from scara_kinetostatic.model.kinetostatics import joint_torques
+from scara_kinetostatic.model.outline import EDGE_RADIUS, Outline, Surfaces, surfaces_of
 from scara_kinetostatic.model.parameters import (
     G1,
     G2,
@@ -242,6 +243,7 @@ class _Reading(NamedTuple):
         radii: of the discs, (m,), m.
         nominal: the twelve parameters, (12,).
         free: which of them are fitted, (12,).
+        surfaces: of the objects; None of discs alone.
     """
 
     joints: Floats
@@ -251,6 +253,7 @@ class _Reading(NamedTuple):
     radii: Floats
     nominal: Floats
     free: Floats
+    surfaces: Surfaces | None = None
 
 
 class _Agreement(NamedTuple):
@@ -288,7 +291,8 @@ def _reading(touches: TouchSet, cell: Cell, fixed: Mapping[str, float]) -> _Read
     fixed = {name: value for name, value in fixed.items() if name in NAMES}
     free = np.array([float(name not in fixed) for name in NAMES])
     tool, nominal = cell.sensor.frame is SensorFrame.TOOL, cell.nominal.replace(**fixed).as_array()[: len(NAMES)]
-    return _Reading(touches.joints, touches.force, tool, cell.centers, cell.radii, nominal, free)
+    surfaces = cell.surfaces if cell.has_outlines else None
+    return _Reading(touches.joints, touches.force, tool, cell.centers, cell.radii, nominal, free, surfaces)
 
 
 @np.errstate(all='ignore')
@@ -323,22 +327,51 @@ def _misses(r: _Reading, values: Floats) -> _Misses:
     rigid = joint_torques(p, r.joints, force)
     links = r.joints - rigid * [p.p1, p.p2] - rigid / np.hypot(rigid, 1e-2) * [p.g1, p.g2]
     torque, tip = joint_torques(p, links, force), forward(p, links)
-    reach = r.radii - (p.p_ee * size + p.g_ee)[:, None]
-    to_disc = r.centers - tip[:, None]
-    miss = to_disc - reach[..., None] * (force / size[:, None])[:, None]
-    disc, every = np.argmin(np.linalg.norm(miss, axis=2), axis=1), np.arange(len(size))
-    to_disc, reach = to_disc[every, disc], reach[every, disc]
-    away = np.maximum(np.linalg.norm(to_disc, axis=1), 1e-9)
-    inward = to_disc / away[:, None]
+    press = p.p_ee * size + p.g_ee
+    if r.surfaces is not None:
+        disc, reach, away, to_disc, miss, by_turn = _nearest(r.surfaces, tip, force / size[:, None], press)
+        inward = to_disc
+    else:
+        reach = r.radii - press[:, None]
+        to_disc = r.centers - tip[:, None]
+        miss = to_disc - reach[..., None] * (force / size[:, None])[:, None]
+        disc, every = np.argmin(np.linalg.norm(miss, axis=2), axis=1), np.arange(len(size))
+        to_disc, reach, miss = to_disc[every, disc], reach[every, disc], miss[every, disc]
+        away = by_turn = np.maximum(np.linalg.norm(to_disc, axis=1), 1e-9)
+        inward = to_disc / away[:, None]
     angle = wrap(np.arctan2(force[:, 1], force[:, 0]) - np.arctan2(to_disc[:, 1], to_disc[:, 0]))
     at = LoadedJoints(torque=tuple(torque.T), sense=tuple((torque / np.hypot(torque, 1e-2)).T))
     moves = tip_by_parameters(p, links, force, 0.0, at)
     moves[..., G_EE] = 0.0
     by_distance = -np.einsum('nk,nkj->nj', inward, moves)
     by_distance[:, P_EE], by_distance[:, G_EE] = size, 1.0
-    by_angle = np.einsum('nk,nkj->nj', quarter_turn(inward), moves) / away[:, None]
+    by_angle = np.einsum('nk,nkj->nj', quarter_turn(inward), moves) / by_turn[:, None]
     by_angle[:, [THETA1, THETA2]] += float(r.tool)
-    return _Misses(disc, away - reach, angle, miss[every, disc], by_distance, by_angle)
+    return _Misses(disc, away - reach, angle, miss, by_distance, by_angle)
+
+
+def _nearest(
+    surfaces: Surfaces, tip: Floats, unit: Floats, press: Floats
+) -> tuple[Indices, Floats, Floats, Floats, Floats, Floats]:
+    """Of n touches the object, the distance of the tip's centre in contact from that of the surface's disc, what it is,
+    m, the inward normal, (n, 2), the miss, (n, 2), and the radius by which the normal turns, m, infinite at an edge.
+
+    Args:
+        surfaces: of the objects.
+        tip: of the rigid arm, (n, 2), m.
+        unit: directions of the forces, (n, 2).
+        press: by which the gripper gives way, (n,), m.
+    """
+    misses, _ = surfaces.misses(tip - press[:, None] * unit, unit, EDGE_RADIUS)
+    k = np.argmin(np.hypot(misses[..., 0], misses[..., 1]), axis=1)
+    here, miss = surfaces.select(k), -misses[np.arange(len(k)), k]
+    off, edge = tip - here.centers, here.is_edge
+    signed = np.sign(here.radii) * np.maximum(np.hypot(*off.T), 1e-9)
+    outward = np.where(edge[:, None], here.normals, off / signed[:, None])
+    along = np.abs((off * here.tangents).sum(axis=1))
+    past = np.maximum(along - here.halves, 0.0) * edge
+    away = np.where(edge, (off * here.normals).sum(axis=1), signed) + past
+    return here.object, here.radii - press, away, -outward, miss, np.where(edge, np.inf, signed)
 
 
 def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> Mistake | None:
@@ -346,7 +379,7 @@ def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> 
     found = [
         (candidate, _fit(candidate.mended))
         for candidate in candidates
-        if not layout_problems(cell, candidate.mended.centers, candidate.mended.radii)
+        if cell.has_outlines or not layout_problems(cell, candidate.mended.centers, candidate.mended.radii)
     ]
     found.sort(key=lambda item: item[1].misfit)
     best = found[0][1].misfit if found else np.inf
@@ -405,9 +438,12 @@ def _common_radius(check: Check, calibration: Calibration | None) -> Mistake | N
     least = max(least, _LIMITS.sigmas * float(np.hypot(std, max(declared))))
     if -least <= value < max(_LIMITS.largest_backlash, least):
         return None
-    statement = f'all radii are stated {1e3 * abs(value):.3g} mm too {"small" if value < 0 else "large"}'
-    action = 'measure the discs and the tip again'
-    if value < -_LIMITS.least_tip:
+    where, subject = ('tip.radius', 'the radius of the tip is') if cell.has_outlines else ('objects', 'all radii are')
+    statement = f'{subject} stated {1e3 * abs(value):.3g} mm too {"small" if value < 0 else "large"}'
+    action = 'measure the objects and the tip again' if cell.has_outlines else 'measure the discs and the tip again'
+    if cell.has_outlines:
+        pass
+    elif value < -_LIMITS.least_tip:
         statement += ', or the radius of the tip is missing'
         action = 'add the radius of the tip to every radius: it reaches to the centre of the tip'
     elif value > 0 and np.abs(value / cell.radii - 0.5).max() <= 0.5:
@@ -416,7 +452,7 @@ def _common_radius(check: Check, calibration: Calibration | None) -> Mistake | N
     given = f' ± {1e3 * std:.2g}' if std else ''
     why = 'a backlash is not negative' if value < 0 else 'a backlash is not so large'
     evidence = f'else the backlash of the gripper, g_ee, would be {1e3 * value:.3g}{given} mm; {why}'
-    return Mistake('objects', statement, action, evidence)
+    return Mistake(where, statement, action, evidence)
 
 
 class _Candidate(NamedTuple):
@@ -509,6 +545,9 @@ def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
 
 def _of_objects(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
     """Axes of the centres, diameters for radii, of all discs or of one; radii at the wrong discs."""
+    if r.surfaces is not None:
+        yield from _of_outlines(r, r.surfaces, cell)
+        return
     m, names = len(r.radii), [disc.name for disc in cell.discs]
     groups = [(f'objects: {name}', f'center of {name}', name, np.arange(m) == d) for d, name in enumerate(names)]
     if m > 1:
@@ -529,6 +568,35 @@ def _of_objects(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
             yield _Candidate('objects', statement, 'exchange them', r._replace(radii=radii))
 
 
+def _of_outlines(r: _Reading, surfaces: Surfaces, cell: Cell) -> Iterator[_Candidate]:
+    """Outlines turned, and diameters for radii of discs and tip."""
+    for number, disc in enumerate(cell.discs):
+        own, where = surfaces.object == number, f'objects: {disc.name}'
+        if isinstance(disc, Disc):
+            for factor, statement, action in _RADII:
+                mended = surfaces._replace(radii=np.where(own, factor * surfaces.radii, surfaces.radii))
+                yield _Candidate(where, statement.format(disc.name), action, r._replace(surfaces=mended))
+            continue
+        for degrees in (90, 180, -90):
+            turned = surfaces_of([disc.moved((0.0, 0.0), np.deg2rad(degrees))], cell.tip_radius)
+            parts = [part.copy() for part in surfaces]
+            for part, new in zip(parts[1:], turned[1:], strict=True):
+                part[own] = new
+            statement = f'the outline of {disc.name} is turned by {-degrees}°'
+            mended = Surfaces(surfaces.object, *parts[1:])
+            yield _Candidate(where, statement, f'turn it by {degrees}°', r._replace(surfaces=mended))
+    is_outline = np.array([isinstance(disc, Outline) for disc in cell.discs])[surfaces.object]
+    tip, edge = cell.tip_radius or 0.0, surfaces.is_edge[:, None] * surfaces.normals
+    changes = [('radius of the tip is its diameter', 'halve it', -0.5 * tip)]
+    if tip < _LIMITS.least_tip:  # what is left of it is a backlash
+        changes += [('the radius of the tip is missing', 'measure it, m', size) for size in (2e-3, 5e-3, 1e-2)]
+    for statement, action, more in changes:
+        mended = surfaces._replace(
+            radii=surfaces.radii + more * is_outline * ~surfaces.is_edge, centers=surfaces.centers + more * edge
+        )
+        yield _Candidate('tip.radius', statement, action, r._replace(surfaces=mended))
+
+
 def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[_Candidate]:
     """Each of three discs or more displaced by the median miss of its touches, again and again as the fit follows."""
     for number, disc in enumerate(cell.discs if len(cell.discs) > 2 else ()):
@@ -538,6 +606,10 @@ def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[_Candida
             off = -np.median(miss, axis=0) if len(miss) else np.zeros(2)
             this = (np.arange(len(r.centers)) == number)[:, None]
             mended = mended._replace(centers=mended.centers + this * off)
+            if mended.surfaces is not None:
+                own = (mended.surfaces.object == number)[:, None]
+                moved = mended.surfaces.centers + own * off
+                mended = mended._replace(surfaces=mended.surfaces._replace(centers=moved))
             found = _fit(mended)
         far = 1e3 * np.hypot(*(mended.centers - r.centers)[number])
         statement = f'{disc.name} stands about {far:.0f} mm from where it is stated'

@@ -7,14 +7,15 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import without_sources
-from scara_kinetostatic.calibration.estimate import WarmStart, estimate, fewest_touches
-from scara_kinetostatic.calibration.fit_point import base_force
+from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, estimate, fewest_touches
+from scara_kinetostatic.calibration.fit_point import base_force, fitted_surfaces
 from scara_kinetostatic.calibration.identifiability import SCALES
-from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
+from scara_kinetostatic.model.arrays import Indices
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -92,7 +93,7 @@ def calibrate(
             remedy = f'check the units and the order of joint angles and forces, or {remedy}'
         raise UnsupportedDataError(problem, remedy)
     observations = observe(touches, cell)
-    to_disc = observations.centers - forward(cell.nominal, observations.joints)
+    to_disc = observations.contact_problem(observations.joints).inward(forward(cell.nominal, observations.joints))
     force = base_force(observations, ExtendedModel(cell.nominal))
     cosine = (to_disc * force).sum(axis=1) / np.maximum(np.hypot(*to_disc.T) * np.hypot(*force.T), 1e-12)
     if np.median(cosine) < 0.5:  # the right frame and sign give more than 0.8, even 20 mm and 3° off
@@ -104,10 +105,50 @@ def calibrate(
             # the flanks at torques near zero are chosen anew, by the moments found
             again = WarmStart(found.fit.point.model, found.noise, np.ones_like(found.used), found.fit.point.errors)
             found = estimate(observations, cell, start, free, again)
+        if cell.has_outlines:
+            touches, observations, found, unsettled = _reassociate(touches, observations, cell, start, free, found)
+            left_out += unsettled
     except np.linalg.LinAlgError as error:
         problem = 'the fit diverged to where the model is not defined'
         raise UnsupportedDataError(problem, 'check the nominal values, the discs and the sensor in the cell') from error
     return build_result(touches, cell, start, fixed, observations, found, left_out)
+
+
+_MOST_SETTLING = 6
+"""Fits after the first at most, until every touch is of the edge or corner on which the fit places it."""
+
+
+def _reassociate(
+    touches: TouchSet, observations: Observations, cell: Cell, start: ExtendedModel, free: Indices, found: Estimation
+) -> tuple[TouchSet, Observations, Estimation, list[Rejection]]:
+    """Fit again with every touch on the edge or corner where the fit before places it; those that alternate are left
+    out.
+    """
+    seen, left_out = list[Indices](), list[Rejection]()
+    for _ in range(_MOST_SETTLING):
+        observations = found.observations
+        assert observations.surface is not None
+        seen.append(observations.surface)
+        surface = fitted_surfaces(observations, cell, found.fit.point)
+        touches = touches.replace(surface=surface)
+        if (surface == observations.surface).all():
+            break
+        if any((surface == before).all() for before in seen):
+            alternates = surface != observations.surface
+            names = [cell.discs[number].name for number in touches.disc]
+            left_out += [
+                Rejection(int(touches.index[k]), f'between two edges of {names[k]}: touch it farther from the corner')
+                for k in np.flatnonzero(alternates)
+            ]
+            touches, seen = touches.select(~alternates), []
+        fit = found.fit.point
+        used = found.used if len(found.used) == len(touches) else np.ones(len(touches), dtype=bool)
+        near = WarmStart(fit.model, found.noise, used, fit.errors)
+        found = estimate(observe(touches, cell), cell, start, free, near)
+    else:
+        problem = 'the touches do not settle on the edges and corners of the outlines'
+        raise UnsupportedDataError(problem, 'touch farther from the corners, or check the places of the objects')
+    return touches, observations, found, left_out
 
 
 def _start(

@@ -28,8 +28,9 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import UNITS
 
 
@@ -68,7 +69,8 @@ class DeclaredErrors:
         u = cell.uncertainty
         sources = [
             *(Source(f'object_position[{d.name}]', d.center_std, 'm', 2) for d in cell.discs),
-            *(Source(f'object_radius[{d.name}]', d.radius_std, 'm') for d in cell.discs),
+            *(Source(f'{_size(d)}[{d.name}]', d.radius_std, 'm') for d in cell.discs),
+            *(Source(f'object_rotation[{d.name}]', d.angle_std, 'rad') for d in cell.discs),
             *(Source(f'plate_position[{p.name}]', p.center_std, 'm', 2) for p in cell.plates),
             *(Source(f'plate_angle[{p.name}]', p.angle_std, 'rad') for p in cell.plates),
             Source('radius', u.radius, 'm'),
@@ -118,21 +120,42 @@ class DeclaredErrors:
             np.array([self._unit_changes(f'object_position[{d.name}]') for d in discs]),
             np.array([self._unit_changes(f'plate_position[{d.plate}]') for d in discs]),
             np.array([self._unit(f'plate_angle[{d.plate}]') for d in discs]),
-            np.array([self._unit(f'object_radius[{d.name}]') + self._unit('radius') for d in discs]),
-        )
+            np.array([self._unit(f'{_size(d)}[{d.name}]') + self._unit('radius') for d in discs]),
+            np.array([self._unit(f'object_rotation[{d.name}]') for d in discs]),
+        ).of_surfaces(self.cell.surfaces.object)
 
     def centers(self, errors: Floats) -> Floats:
-        """Centres of the discs, (D, 2), m."""
+        """Centres of the surfaces, those of discs in turn, (D, 2), m."""
         d = self._by_disc
         return d.origin + d.carried @ errors + rotate(self._from_origin(errors), d.angle @ errors)
 
     def radii(self, errors: Floats) -> Floats:
-        """Radii of the discs, (D,), m."""
-        return np.asarray(self.cell.radii + self._by_disc.radius @ errors)
+        """Their radii, (D,), m."""
+        return np.asarray(self.cell.surfaces.radii + self._by_disc.radius @ errors)
 
     def _from_origin(self, errors: Floats) -> Floats:
         """Centres relative to the origins of the plates before these are turned, (D, 2), m."""
-        return np.asarray(self.cell.centers - self._by_disc.origin + self._by_disc.own @ errors)
+        return np.asarray(self._turned(errors) - self._by_disc.origin + self._by_disc.own @ errors)
+
+    def _turned(self, errors: Floats) -> Floats:
+        """Centres after the rotations of outlines about their reference points, (D, 2), m."""
+        centers, reference = self.cell.surfaces.centers, self._reference
+        if not self.cell.has_outlines:
+            return centers
+        return reference + rotate(centers - reference, self._by_disc.turn @ errors)
+
+    @property
+    def _reference(self) -> Floats:
+        return self.cell.centers[self.cell.surfaces.object]
+
+    def tangents(self, errors: Floats) -> Floats:
+        """Unit vectors along the straight edges, (D, 2); zero of arcs."""
+        return rotate(self.cell.surfaces.tangents, self.rotation @ errors)
+
+    @cached_property
+    def rotation(self) -> Floats:
+        """Rotation of each surface by the errors, (D, m), rad."""
+        return self._by_disc.angle + self._by_disc.turn
 
     def sensor(self, errors: Floats) -> tuple[float, float]:
         """Errors of the force sensor's gain, relative, and rotation, rad."""
@@ -149,7 +172,11 @@ class DeclaredErrors:
         angle = d.angle @ errors
         own = rotate(d.own.swapaxes(1, 2), angle[:, None]).swapaxes(1, 2)
         arm = rotate(self._from_origin(errors), angle + np.pi / 2)
-        return own + d.carried + arm[:, :, None] * d.angle[:, None, :], d.radius
+        by_centers = own + d.carried + arm[:, :, None] * d.angle[:, None, :]
+        if self.cell.has_outlines:
+            arm = rotate(self._turned(errors) - self._reference, angle + np.pi / 2)
+            by_centers = by_centers + arm[:, :, None] * d.turn[:, None, :]
+        return by_centers, d.radius
 
     def by_force(self, errors: Floats) -> tuple[Floats, Floats]:
         """Relative change of a force along itself, and across, by the errors, (m,) each."""
@@ -186,7 +213,9 @@ def without_sources(cell: Cell, labels: Set[str]) -> Cell:
 
     discs, plates, u = list(cell.discs), list(cell.plates), cell.uncertainty
     for k, d in enumerate(discs):
-        stds = left(f'object_position[{d.name}]', d.center_std), left(f'object_radius[{d.name}]', d.radius_std)
+        stds = left(f'object_position[{d.name}]', d.center_std), left(f'{_size(d)}[{d.name}]', d.radius_std)
+        if isinstance(d, Outline):
+            d = d._replace(angle_std=left(f'object_rotation[{d.name}]', d.angle_std))
         discs[k] = d._replace(center_std=stds[0], radius_std=stds[1])
     for k, p in enumerate(plates):
         stds = left(f'plate_position[{p.name}]', p.center_std), left(f'plate_angle[{p.name}]', p.angle_std)
@@ -209,6 +238,7 @@ class _ByDisc(NamedTuple):
         carried: displacement of the plate, (D, 2, m), m.
         angle: rotation of the plate, (D, m), rad.
         radius: change of the radius, (D, m), m.
+        turn: rotation about the reference point, (D, m), rad.
     """
 
     origin: Floats
@@ -216,6 +246,16 @@ class _ByDisc(NamedTuple):
     carried: Floats
     angle: Floats
     radius: Floats
+    turn: Floats
+
+    def of_surfaces(self, owner: Indices) -> _ByDisc:
+        """The same of surfaces, for the number of each one's object."""
+        return _ByDisc(*(part[owner] for part in self))
+
+
+def _size(disc: Disc | Outline) -> str:
+    """The kind of error by which an object is larger than stated."""
+    return 'object_offset' if isinstance(disc, Outline) else 'object_radius'
 
 
 class Prior(NamedTuple):

@@ -17,7 +17,17 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration import least_squares
-from scara_kinetostatic.calibration.fit_point import COARSE, FINAL, ROBUST, Point, Stage, project, select, turn_radial
+from scara_kinetostatic.calibration.fit_point import (
+    COARSE,
+    FINAL,
+    ROBUST,
+    Point,
+    Stage,
+    fitted_surfaces,
+    project,
+    select,
+    turn_radial,
+)
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.least_squares import typical_scale
@@ -62,6 +72,7 @@ class Estimation(NamedTuple):
         unidentifiable: directions left out, (k, d), in units of the scales.
         distance: squared studentised distances of all touches, (n,).
         iterations: steps of all rounds.
+        observations: the touches, each of an outline on the edge or corner where the coarse fit has it.
     """
 
     fit: Fit
@@ -71,6 +82,7 @@ class Estimation(NamedTuple):
     unidentifiable: Floats
     distance: Floats
     iterations: int
+    observations: Observations
 
 
 class _Round(NamedTuple):
@@ -118,7 +130,7 @@ def estimate(
             that they determine less than half of them.
     """
     everything = Subspace.of_free(start, free, scales_of(start))
-    model, errors, adjusted, now, iterations = _begin(observations, cell, start, everything, warm_start)
+    observations, model, errors, adjusted, now, iterations = _begin(observations, cell, start, everything, warm_start)
     limits, most = 0, 60 if warm_start is None else 30  # one that converges takes ten or less, mostly
     observations = observations.with_errors(errors)
     for number in range(_ROUNDS + 1):
@@ -151,25 +163,28 @@ def estimate(
                 f'per joint and {now.noise.force_rms:.2g} N, too few for {parameters} parameters',
                 'check the noise in the cell description, the places of the discs, frame, sign and axes of the sensor',
             )
-    return Estimation(fit, now.used, now.noise, now.subspace, now.unidentifiable, distance, iterations)
+    return Estimation(fit, now.used, now.noise, now.subspace, now.unidentifiable, distance, iterations, observations)
 
 
 def _begin(
     observations: Observations, cell: Cell, start: ExtendedModel, everything: Subspace, warm_start: WarmStart | None
-) -> tuple[ExtendedModel, Floats, Adjusted, _Round, int]:
-    """Model, declared errors and adjusted observations to begin with, the first round, and the steps so far."""
+) -> tuple[Observations, ExtendedModel, Floats, Adjusted, _Round, int]:
+    """Touches, model, declared errors, adjusted observations to begin with, the first round, and the steps so far."""
     none = np.empty((everything.basis.shape[1], 0))
     if warm_start is not None:
         noise = as_stated(warm_start.noise, cell.noise)
         first = _Round(FINAL, warm_start.used, noise, everything, none)
         errors = observations.errors if warm_start.errors is None else warm_start.errors
         near = project(observations.with_errors(errors), warm_start.model, noise)
-        return warm_start.model, errors, near.adjusted, first, 0
+        return observations, warm_start.model, errors, near.adjusted, first, 0
     noise = cell.noise or USUAL_NOISE
     stated = observations.as_stated()
     fit = minimise(stated, start, first_guess(stated, start), everything, noise, COARSE)
     first = _Round(ROBUST, np.ones(len(observations.joints), dtype=bool), noise, everything, none)
-    return fit.point.model, observations.errors, turn_radial(observations, fit.point), first, fit.iterations
+    if cell.has_outlines:
+        observations = observations.on_surfaces(cell.surfaces, fitted_surfaces(stated, cell, fit.point))
+    adjusted = turn_radial(observations, fit.point)
+    return observations, fit.point.model, observations.errors, adjusted, first, fit.iterations
 
 
 def _next_round(

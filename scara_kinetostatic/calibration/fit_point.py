@@ -25,11 +25,12 @@ from scara_kinetostatic.calibration.gauss_helmert import (
 )
 from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observations, in_blocks, pick
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
+from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import forward, rotate
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.surfaces import settled_surfaces
 from scara_kinetostatic.model.touch_equations import Arm
 
 
@@ -238,6 +239,17 @@ def base_force(observations: Observations, model: ExtendedModel) -> Floats:
     return rotate(force, observations.joints.sum(axis=1) + model.parameters.theta1 + model.parameters.theta2)
 
 
+def fitted_surfaces(observations: Observations, cell: Cell, point: Point) -> Indices:
+    """Numbers of the surfaces on which a point of all touches has their tips, (n,)."""
+    o, state, p = observations, point.adjusted.state, point.parameters
+    assert o.metadata is not None
+    unit = np.array([np.cos(state.direction), np.sin(state.direction)]).T
+    tips = forward(p, np.array([state.link1, state.link2]).T)
+    force = base_force(o, point.model)
+    tips = tips + unit * o.gripper.stretch(p, state.magnitude)[:, None]
+    return settled_surfaces(cell, tips, force / np.hypot(*force.T)[:, None], o.metadata.disc)
+
+
 def force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
     return in_blocks(len(observations.joints), lambda part: _force_residual(observations.select(part), model))
@@ -248,7 +260,15 @@ def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     measured = base_force(o, model)
     off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
     found = contact(
-        model, o.joints, o.centers, o.radii, o.gripper, warm_start=measured, metadata=o.metadata, off_normal=off_normal
+        model,
+        o.joints,
+        o.centers,
+        o.radii,
+        o.gripper,
+        warm_start=measured,
+        metadata=o.metadata,
+        off_normal=off_normal,
+        tangents=o.tangents,
     )
     return measured - found.force
 
@@ -260,7 +280,7 @@ def _measured_off_normal(observations: Observations, model: ExtendedModel) -> Fl
     link2 = state.link1 + state.link2 + model.parameters.theta1 + model.parameters.theta2
     force = base_force(o, model)
     tip = forward(model.parameters, np.stack([state.link1, state.link2], axis=-1))
-    inward = o.contact_problem(o.joints).shifted(model, state).centers - tip
+    inward = o.contact_problem(o.joints).shifted(model, state).inward(tip)
     inward = inward - o.gripper.deflection(model.parameters, force, link2)
     across = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
     return np.asarray(np.arctan2(across, (inward * force).sum(axis=1)))

@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.model.arrays import Floats, Mask, pairs
+from scara_kinetostatic.model.arrays import Floats, Mask, as_complex, pairs
 from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import all_derivatives, extended_equations, off_normal_derivative, solve_links
 from scara_kinetostatic.model.extended_model import (
@@ -46,7 +46,7 @@ from scara_kinetostatic.model.extended_model import (
 )
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2
-from scara_kinetostatic.model.touch_equations import Arm, State, free_state, keep_flanks, next_modes
+from scara_kinetostatic.model.touch_equations import Arm, Edges, State, across, free_state, keep_flanks, next_modes
 
 
 class Adjusted(NamedTuple):
@@ -68,7 +68,8 @@ class Adjusted(NamedTuple):
 def first_guess(observations: Observations, model: ExtendedModel) -> Adjusted:
     """Start: the observations as measured."""
     o = observations
-    return as_measured(o, model, free_state(model.parameters, o.joints, o.centers))[0]
+    edges = Edges.of(o.tangents, o.radii)
+    return as_measured(o, model, free_state(model.parameters, o.joints, o.centers, edges))[0]
 
 
 def place_force(observations: Observations, model: ExtendedModel, joints: Floats, force: Floats, state: State) -> State:
@@ -120,7 +121,7 @@ def linearise(
     misclosure[:, 0], misclosure[:, 1] = e.h.real, e.h.imag
     for by, off in zip((*by_joints.T, *by_force.T), _off_measured(o, adjusted), strict=True):
         misclosure += (by * off).T
-    by_errors = None if o.declared is None else _by_errors(o, adjusted.force, state, by_force)
+    by_errors = None if o.declared is None else _by_errors(o, model, adjusted.force, state, by_force)
     if not model.off_normal_std:
         return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_errors=by_errors)
     by_off_normal = off_normal_derivative(model, e)
@@ -130,22 +131,47 @@ def linearise(
     return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_angle, by_errors)
 
 
-def _by_errors(observations: Observations, force: Floats, state: State, by_force: Floats) -> Floats:
+def _by_errors(
+    observations: Observations, model: ExtendedModel, force: Floats, state: State, by_force: Floats
+) -> Floats:
     """h_e: derivatives of the equations by the declared errors, (n, 2, m), m."""
     o = observations
     assert o.declared is not None
     assert o.metadata is not None
     centers, radii = o.declared.by_disc(o.errors)
-    by_x, by_y = centers.transpose(1, 2, 0).take(o.metadata.disc, axis=2)
+    surface = o.metadata.disc if o.surface is None else o.surface
+    by_x, by_y = centers.transpose(1, 2, 0).take(surface, axis=2)
     x, y = np.cos(state.direction), np.sin(state.direction)
     out = np.empty((o.declared.count, 2, len(o.joints)))  # the touches last
-    np.subtract(radii.T.take(o.metadata.disc, axis=1), by_x * x + by_y * y, out=out[:, 0])
+    np.subtract(radii.T.take(surface, axis=1), by_x * x + by_y * y, out=out[:, 0])
     np.subtract(by_x * y, by_y * x, out=out[:, 1])
+    if o.tangents is not None:
+        _on_edges(o, model, state, out, radii.T.take(surface, axis=1))
     along, across = o.declared.by_force(o.errors)
     for changes, by in ((along, by_force[:, :, 0]), (across, by_force[:, :, 1])):
         for k in np.flatnonzero(changes):
             out[k] += changes[k] * np.hypot(force[:, 0], force[:, 1]) * by.T
     return out.transpose()
+
+
+def _on_edges(observations: Observations, model: ExtendedModel, state: State, out: Floats, by_radius: Floats) -> None:
+    """Corrects h_e, (m, 2, n), in place at straight edges: what moves along them counts nothing, their rotation ω does.
+
+    With N the normal and X the tip, the edge's rotation about the centre S_c of its disc moves h by
+    ω (r T + N T·(X - S_c)).
+    """
+    o = observations
+    assert o.declared is not None
+    assert o.surface is not None
+    assert o.tangents is not None
+    tangent = as_complex(o.tangents)
+    seen = np.exp(-1j * state.direction)
+    along = tangent * seen
+    moved = across(along, out[:, 0] - by_radius + 1j * out[:, 1]) + by_radius
+    tip = as_complex(forward(model.parameters, np.array([state.link1, state.link2]).T) - o.centers)
+    by_turn = along * (o.radii - 1j * (tip * tangent.conj()).real)
+    moved += o.declared.rotation[o.surface].T * by_turn
+    out[:, 0], out[:, 1] = moved.real, moved.imag
 
 
 def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
@@ -227,7 +253,7 @@ def _turned_radial(observations: Observations, model: ExtendedModel, state: Stat
     """The measured forces turned so that they point from the tip to the disc's centre, as the sensor reports them."""
     o = observations
     tip = forward(model.parameters, np.array([state.link1, state.link2]).T)
-    to_disc = o.contact_problem(o.joints).shifted(model, state).centers - tip
+    to_disc = o.contact_problem(o.joints).shifted(model, state).inward(tip)
     direction = np.arctan2(to_disc[:, 1], to_disc[:, 0])
     magnitude = np.hypot(*true_force(model, o.force, o.metadata).T)
     turned = _in_sensor_frame(o, model, o.joints, state._replace(magnitude=magnitude, direction=direction))
@@ -242,9 +268,11 @@ def _nearest_flanks(observations: Observations, model: ExtendedModel, state: Sta
         trial = state._replace(mode1=one * state.mode1, mode2=two * state.mode2)
         for _ in range(3):
             trial, arm = solve_links(model, problem, trial, frozen=True)
-        flanks = keep_flanks(p, next_modes(p, problem.shifted(model, trial, arm).joints, trial, arm), trial, arm)
-        to_disc = problem.shifted(model, trial, arm).centers - forward(p, np.array(trial[:2]).T)
-        off = np.abs(np.hypot(*to_disc.T) - o.radii - o.gripper.stretch(p, trial.magnitude))
+        shifted, tip = problem.shifted(model, trial, arm), forward(p, np.array(trial[:2]).T)
+        flanks = keep_flanks(p, next_modes(p, shifted.joints, trial, arm), trial, arm)
+        inward = shifted.inward(tip)
+        along = ((shifted.centers - tip) * inward).sum(axis=1) / np.hypot(*inward.T)
+        off = np.abs(along - o.radii - o.gripper.stretch(p, trial.magnitude))
         off[(flanks.mode1 != trial.mode1) | (flanks.mode2 != trial.mode2)] = np.inf
         closer = off < best
         best, found = np.where(closer, off, best), found.replace_where(closer, trial)

@@ -13,12 +13,15 @@ import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import Gripper
+from scara_kinetostatic.model.outline import Surfaces
+from scara_kinetostatic.model.surfaces import touched_surfaces
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch_equations import Edges
 
 BLOCK = 4096
 """Touches per block: 32 KiB per array of numbers."""
@@ -81,6 +84,8 @@ class Observations(NamedTuple):
         declared: the errors of the cell description within their uncertainties; None where all is exactly known.
         errors: their values, (m,), for which force, centres and radii here are corrected.
         reported: force as the sensor reported it, (n, 2), N; None without declared errors.
+        surface: number of the touched surface in the cell, (n,); None for discs alone, whose numbers are their own.
+        tangents: unit vectors along straight edges, (n, 2), zero on arcs; None for discs alone.
     """
 
     joints: Floats
@@ -93,6 +98,8 @@ class Observations(NamedTuple):
     declared: DeclaredErrors | None = None
     errors: Floats = NO_ERRORS
     reported: Floats | None = None
+    surface: Indices | None = None
+    tangents: Floats | None = None
 
     def with_errors(self, errors: Floats) -> Observations:
         """The same touches in a cell with these declared errors, (m,)."""
@@ -100,12 +107,22 @@ class Observations(NamedTuple):
             return self
         assert self.metadata is not None
         assert self.reported is not None
-        disc = self.metadata.disc
+        surface = self.metadata.disc if self.surface is None else self.surface
         return self._replace(
             force=self.declared.true_force(self.reported, errors),
-            centers=self.declared.centers(errors)[disc],
-            radii=self.declared.radii(errors)[disc],
+            centers=self.declared.centers(errors)[surface],
+            radii=self.declared.radii(errors)[surface],
+            tangents=None if self.tangents is None else self.declared.tangents(errors)[surface],
             errors=errors,
+        )
+
+    def on_surfaces(self, surfaces: Surfaces, which: Indices) -> Observations:
+        """The same touches of other surfaces of a cell, as stated, by their numbers (n,)."""
+        return self._replace(
+            surface=which,
+            centers=surfaces.centers[which],
+            radii=surfaces.radii[which],
+            tangents=surfaces.tangents[which],
         )
 
     def as_stated(self) -> Observations:
@@ -124,11 +141,14 @@ class Observations(NamedTuple):
             radii=self.radii[which],
             metadata=metadata,
             reported=None if self.reported is None else self.reported[which],
+            surface=None if self.surface is None else self.surface[which],
+            tangents=None if self.tangents is None else self.tangents[which],
         )
 
     def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
         """The touches at joint angles (n, 2), rad, and off-normal angles (n,), rad, as the equations take them."""
-        return ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal)
+        edges = Edges.of(self.tangents, self.radii)
+        return ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal, edges)
 
 
 def observe(touches: TouchSet, cell: Cell, errors: Floats | None = None) -> Observations:
@@ -145,16 +165,21 @@ def observe(touches: TouchSet, cell: Cell, errors: Floats | None = None) -> Obse
     if len(touches) and not (touches.disc.min() >= 0 and touches.disc.max() < len(cell.discs)):
         raise ParameterError('touches: disc', f'expected 0 to {len(cell.discs) - 1}, the discs of the cell')
     declared = DeclaredErrors.of(cell)
+    surface = touches.disc
+    if cell.has_outlines:
+        surface = touched_surfaces(cell, touches.joints, touches.force, touches.disc, touches.surface)
     stated = Observations(
         touches.joints,
         touches.force,
-        cell.centers[touches.disc],
-        cell.radii[touches.disc],
+        cell.surfaces.centers[surface],
+        cell.surfaces.radii[surface],
         cell.sensor.frame,
         cell.gripper,
         TouchMetadata.of(touches, cell.sensor.frame),
         declared,
         NO_ERRORS if declared is None else np.zeros(declared.count),
         None if declared is None else touches.force,
+        surface if cell.has_outlines else None,
+        cell.surfaces.tangents[surface] if cell.has_outlines else None,
     )
     return stated if errors is None else stated.with_errors(errors)

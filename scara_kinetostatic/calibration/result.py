@@ -32,6 +32,7 @@ from scara_kinetostatic.calibration.identifiability import (
     determined_pairs,
     group_names,
     scales_of,
+    shape_notes,
 )
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
 from scara_kinetostatic.calibration.observations import Observations, observe
@@ -331,7 +332,7 @@ def build_result(
     contributions, chi_square, freedoms = contributions_of(found, observations, everything)
     covariance = np.sum([part.covariance for part in contributions], axis=0)
     std = np.sqrt(np.diag(covariance))
-    identifiability = _identifiability(found, observations, covariance, std, fixed)
+    identifiability = _identifiability(found, cell, observations, covariance, std, fixed)
     confounded = {name for group in identifiability.confounded for name in group}
     std[[name in confounded for name in model.names]] = np.nan
     return Calibration(
@@ -378,7 +379,12 @@ def _rejections(
 
 
 def _identifiability(
-    found: Estimation, observations: Observations, covariance: Floats, std: Floats, fixed: Mapping[str, float]
+    found: Estimation,
+    cell: Cell,
+    observations: Observations,
+    covariance: Floats,
+    std: Floats,
+    fixed: Mapping[str, float],
 ) -> Identifiability:
     model = found.fit.point.model
     held = model.held.union(fixed)
@@ -391,6 +397,7 @@ def _identifiability(
         confounded=groups,
         combinations=determined_pairs(found.unidentifiable, free, model.as_array(), covariance),
         advice=advise(groups, magnitude),
+        notes=() if observations.surface is None else shape_notes(cell, observations.surface[found.used]),
     )
 
 

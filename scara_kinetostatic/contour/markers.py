@@ -12,6 +12,7 @@ from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.report.markers import TEXT, Primitive, Shape, label, object_markers, places
 from scara_kinetostatic.touches.signals import runs
@@ -42,10 +43,14 @@ def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> li
     return made
 
 
-def known_markers(discs: Sequence[Disc], tip_radius: float) -> list[Primitive]:
+def known_markers(discs: Sequence[Disc | KnownOutline], tip_radius: float) -> list[Primitive]:
     """The objects of the cell, as large as their surfaces; a disc is described by the place of the tip's centre."""
     return object_markers(
-        [disc._replace(radius=disc.radius - tip_radius) for disc in discs if disc.radius > tip_radius]
+        [
+            disc._replace(radius=disc.radius - tip_radius) if isinstance(disc, Disc) else disc
+            for disc in discs
+            if disc.radius > tip_radius
+        ]
     )
 
 

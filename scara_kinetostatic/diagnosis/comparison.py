@@ -161,7 +161,11 @@ def _nominal_tip(c: Calibration) -> float:
     """Root mean square of the distance of H̄(L̄n, Q, F) from the circle of contact over the used touches, m."""
     o, nominal = observe(c.touches.select(c.used), c.cell), ExtendedModel(c.cell.nominal)
     tip, _ = direct_kinetostatics(nominal, o.joints, base_force(o, nominal), o.gripper)
-    return rms(np.linalg.norm(tip - o.centers, axis=1) - o.radii)
+    away = np.linalg.norm(tip - o.centers, axis=1)
+    if o.tangents is not None:
+        t, off = o.tangents, tip - o.centers
+        away = np.where(t.any(axis=1), off[:, 0] * t[:, 1] - off[:, 1] * t[:, 0], np.sign(o.radii) * away)
+    return rms(away - o.radii)
 
 
 def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
@@ -423,9 +427,10 @@ def discriminating_touches(
 def _predict(pool: TouchSet, fit: Calibration) -> tuple[Floats, Floats]:
     """The forces F that a fit predicts for touches, (n, 2), N, NaN where it reaches none; ∂F/∂Q, (n, 2, 2)."""
     o, model = observe(pool, replace(fit.cell, sensor=fit.cell.sensor._replace(frame=SensorFrame.BASE))), fit.model
-    found = contact(model, o.joints, o.centers, o.radii, o.gripper, warm_start=pool.force, metadata=o.metadata)
+    touched = o.joints, o.centers, o.radii
+    found = contact(model, *touched, o.gripper, warm_start=pool.force, metadata=o.metadata, tangents=o.tangents)
     reached = (found.solved & (found.magnitude > 0))[:, None]
-    by_joints = contact_derivatives(model, o.joints, o.centers, o.radii, found, o.gripper, o.metadata).joints
+    by_joints = contact_derivatives(model, *touched, found, o.gripper, o.metadata, o.tangents).joints
     return np.where(reached, found.force, np.nan), by_joints
 
 
@@ -445,12 +450,15 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
     )
     angle = 2 * np.pi * direction / 24
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    tip = cell.centers[disc] + cell.radii[disc, None] * outward
+    tip, surface = cell.centers[disc] + cell.radii[disc, None] * outward, np.full(len(disc), -1)
+    if cell.has_outlines:
+        surface, part = cell.surfaces.places(disc, angle)
+        tip, outward = cell.surfaces.select(surface).at(part)
     reach = np.hypot(tip[:, 0] - p.x0, tip[:, 1] - p.y0)
     length = p.l1 + p.l2
     reachable = (reach < 0.95 * length) & (reach > (1 - 0.95) * length + abs(p.l1 - p.l2))
-    parts = [array[reachable] for array in (disc, angle, posture, level, is_unloaded, tip, outward)]
-    disc, angle, posture, level, is_unloaded, tip, outward = parts
+    parts = [array[reachable] for array in (disc, angle, posture, level, is_unloaded, tip, outward, surface)]
+    disc, angle, posture, level, is_unloaded, tip, outward, surface = parts
 
     def pressed(force: Floats) -> Floats:
         return inverse_kinetostatics(p, tip, -force[:, None] * outward, posture, cell.gripper)[0]
@@ -471,5 +479,6 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
         press=motion,
         history=np.concatenate([joints - motion, peak], axis=1)[:, None],
         order=np.full(len(disc), LATER),
+        surface=surface,
     )
     return pool, angle, is_unloaded

@@ -12,6 +12,8 @@ from scara_kinetostatic.effects.base import DiscEffect, Effect, EffectOfDiscs, L
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
+from scara_kinetostatic.model.kinematics import quarter_turn
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import displacement, quantity
 
 
@@ -57,7 +59,50 @@ class ObjectPosition(DiscEffect):
         return f'measure {self.target} again: it stands {displacement(values["x"], values["y"])}'
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
-        return tuple(-unit for unit in unit_vectors(len(at.normal)))
+        return tuple(at.across_edges(-unit) for unit in unit_vectors(len(at.normal)))
+
+
+@dataclass(frozen=True)
+class ObjectRotation(DiscEffect):
+    """The outline is turned by `angle` about its reference point: its edges move, and their normals turn.
+
+    With N the normal, T the tangent and X the tip, an edge adds d = angle (r T + N T·(X - S_o)), a corner that of its
+    centre.
+
+    Attributes:
+        reference: S_o, base frame, m.
+    """
+
+    reference: tuple[float, float] = (0.0, 0.0)
+
+    name = 'object_rotation'
+    parameters = (Parameter('angle', 'rad', 2e-2, 'true rotation less the stated one', typical=1e-3),)
+    statement = '{target} is turned against what the cell description says'
+    confounded_with = 'theta1, if there is no other object; a place of the object, if one edge alone is touched'
+    identified_by = 'touches along two of its edges, and of another object'
+    plot_variable = 'disc'
+    force_dependence = ForceDependence.DIRECTION
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        return [
+            cls(disc.name, number, (disc.x, disc.y))
+            for number, disc in enumerate(cell.discs)
+            if isinstance(disc, Outline)
+        ]
+
+    def correction(self, values: Mapping[str, float]) -> str:
+        sense = 'counter-clockwise' if values['angle'] > 0 else 'clockwise'
+        return f'measure the rotation of {self.target} again: it is {quantity(abs(values["angle"]), "rad")} {sense}'
+
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
+        d = at.across_edges(-quarter_turn(at.centers - self.reference))
+        if at.tangents is not None:
+            p, t = at.parameters, at.tangents
+            off = p.l1 * at.link1 + p.l2 * at.link2 + (p.x0, p.y0) - at.centers
+            along = (off * t).sum(axis=1)[:, None]
+            d = d + at.radii[:, None] * t - along * quarter_turn(t)
+        return (d,)
 
 
 @dataclass(frozen=True)
@@ -72,10 +117,39 @@ class ObjectRadius(DiscEffect):
     plot_variable = 'disc'
     force_dependence = ForceDependence.DIRECTION
 
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        return [cls.of(number, disc.name) for number, disc in enumerate(cell.discs) if not isinstance(disc, Outline)]
+
     def correction(self, values: Mapping[str, float]) -> str:
         error = values['radius']
         size = f'{quantity(abs(error), "m")} {"larger" if error > 0 else "smaller"}'
         return f'measure the radius of {self.target} again: it is {size}'
+
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
+        return (at.normal,)
+
+
+@dataclass(frozen=True)
+class ObjectOffset(DiscEffect):
+    """All sides of the outline stand further out by `offset`: d = offset · n."""
+
+    name = 'object_offset'
+    parameters = (Parameter('offset', 'm', 1e-3, 'of all sides along their normals; worn: below 0', typical=1e-4),)
+    statement = 'the sides of {target} are not where the cell description says, all by the same'
+    confounded_with = 'g_ee, if there is no other object; the radius of the tip'
+    identified_by = 'touches of opposite sides, and of another object'
+    plot_variable = 'disc'
+    force_dependence = ForceDependence.DIRECTION
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        return [cls.of(number, disc.name) for number, disc in enumerate(cell.discs) if isinstance(disc, Outline)]
+
+    def correction(self, values: Mapping[str, float]) -> str:
+        error = values['offset']
+        where = f'{quantity(abs(error), "m")} further {"out" if error > 0 else "in"}'
+        return f'measure {self.target} again: its sides stand {where}'
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         return (at.normal,)
@@ -118,7 +192,7 @@ class PlatePosition(LinearEffect):
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         touched = self.acts_on(at)[:, None]
-        return tuple(Shift(place=touched * -unit) for unit in unit_vectors(len(touched)))
+        return tuple(Shift(place=touched * at.across_edges(-unit)) for unit in unit_vectors(len(touched)))
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         return np.asarray(np.isin(at.metadata.disc, self.discs))

@@ -73,6 +73,8 @@ BUILT_IN: tuple[type[Effect], ...] = (
     sensor.SensorCrossTalk,
     Stepped,
     objects.PlatePosition,
+    objects.ObjectRotation,
+    objects.ObjectOffset,
 )
 """The catalogue of this package."""
 _EXPECTED = 'expected a class derived from Effect or a function from a cell to effects'

@@ -37,7 +37,7 @@ class AnisotropicGripper(LinearEffect):
         along = at.link2
         across = quarter_turn(along)
         f_along, f_across = ((at.force * axis).sum(axis=1)[:, None] for axis in (along, across))
-        return (Shift(place=-(f_along * across + f_across * along)),)
+        return (Shift(place=at.across_edges(-(f_along * across + f_across * along))),)
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class BaseCompliance(LinearEffect):
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         x, y = at.force.T
-        return Shift(place=np.array([-x, y]).T), Shift(place=np.array([-y, -x]).T)
+        return tuple(Shift(place=at.across_edges(np.array(part).T)) for part in ((-x, y), (-y, -x)))
 
 
 LARGEST_SAG = 1e-4
@@ -239,4 +239,4 @@ class LinkGrowth(LinearEffect):
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
-        return (Shift(place=at.metadata.time[:, None] * reach),)
+        return (Shift(place=at.across_edges(at.metadata.time[:, None] * reach)),)

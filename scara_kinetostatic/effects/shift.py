@@ -47,7 +47,7 @@ class BaseMove(_Texts, LinearEffect):
     )
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        return tuple(Shift(place=unit) for unit in unit_vectors(len(at.normal)))
+        return tuple(Shift(place=at.across_edges(unit)) for unit in unit_vectors(len(at.normal)))
 
 
 class ToolMove(_Texts, LinearEffect):
@@ -60,7 +60,7 @@ class ToolMove(_Texts, LinearEffect):
     )
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        return Shift(place=at.link2), Shift(place=quarter_turn(at.link2))
+        return tuple(Shift(place=at.across_edges(unit)) for unit in (at.link2, quarter_turn(at.link2)))
 
 
 class ZeroMove(_Texts, JointEffect):

@@ -79,4 +79,4 @@ class TipShape(LinearEffect):
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         angle = self.lobes * VARIABLES['direction_from_link2'].axis(at).values[:, None]
         cosine, sine, n, t = np.cos(angle), np.sin(angle), at.normal, self.lobes * at.tangent
-        return Shift(place=cosine * n - sine * t), Shift(place=sine * n + cosine * t)
+        return tuple(Shift(place=at.across_edges(part)) for part in (cosine * n - sine * t, sine * n + cosine * t))

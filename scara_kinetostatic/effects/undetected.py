@@ -48,6 +48,8 @@ TYPICAL: Mapping[str, tuple[float | tuple[float, ...], str]] = MappingProxyType(
         'object_position': (1e-5, 'a coordinate measuring machine in the workshop'),
         'plate_position': (1e-5, 'the same'),
         'object_radius': (5e-6, 'a ground pin'),
+        'object_rotation': (1e-4, '10 µm over 0.1 m'),
+        'object_offset': (5e-6, 'as the radius'),
         'thermal_drift': (1e-8, '6 µrad, or 6 µm per metre, in ten minutes: 0.5 K of steel, 1.15e-5 per K'),
         'shift': (3e-6, 'fastened'),
         'shift[joint1]': (5e-6, 'an encoder that keeps its zero'),

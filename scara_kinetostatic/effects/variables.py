@@ -73,6 +73,10 @@ def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
     turn1, turn2 = at.metadata.press.T
     move_x, move_y = -y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2
     inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
+    if at.tangents is not None:
+        t, outer = at.tangents, np.sign(at.radii)
+        inward_x = np.where(t.any(axis=1), -t[:, 1], outer * inward_x)
+        inward_y = np.where(t.any(axis=1), t[:, 0], outer * inward_y)
     size = np.hypot(inward_x, inward_y) * np.hypot(move_x, move_y)
     aside = (inward_x * move_y - inward_y * move_x) / np.where(size > 0, size, 1.0)
     return np.asarray(np.clip(aside / STICKING, -1.0, 1.0))

@@ -46,6 +46,7 @@ from scara_kinetostatic.model.cell import (
     layout_problems,
 )
 from scara_kinetostatic.model.effect_law import Parameter
+from scara_kinetostatic.model.outline import Outline, outline_problem
 from scara_kinetostatic.model.parameters import MOMENTS, MOST_GRAVITY, NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
@@ -192,12 +193,7 @@ def cell_description(cell: Cell) -> dict[str, Any]:
             'nominal': {name: getattr(cell.nominal, name) for name in NAMES},
         }
         | {key: value for key, value in motion.items() if value},
-        'objects': [
-            {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius}
-            | _stated(center=disc.center_std, radius=disc.radius_std)
-            | ({'plate': disc.plate} if disc.plate else {})
-            for disc in cell.discs
-        ],
+        'objects': [_object_description(disc) | ({'plate': disc.plate} if disc.plate else {}) for disc in cell.discs],
         'sensor': {
             'joint_states': sensor.joint_states,
             'wrench': sensor.wrench,
@@ -207,6 +203,19 @@ def cell_description(cell: Cell) -> dict[str, Any]:
         },
         **{key: value for key, value in optional.items() if value},
     }
+
+
+def _object_description(disc: Disc | Outline) -> dict[str, Any]:
+    if isinstance(disc, Outline):
+        optional = {'corner_radius': disc.corner_radius, 'open': disc.is_open}
+        return {
+            'name': disc.name,
+            'outline': [list(corner) for corner in disc.corners],
+            **{key: value for key, value in optional.items() if value},
+            **_stated(center=disc.center_std, angle=disc.angle_std, offset=disc.radius_std),
+        }
+    stated = _stated(center=disc.center_std, radius=disc.radius_std)
+    return {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius} | stated
 
 
 def _sizes(effects: EffectSizes) -> str | dict[str, Any]:
@@ -314,13 +323,18 @@ def _obstacles(top: Section) -> tuple[tuple[tuple[float, float], ...], ...]:
         return ()
     found = []
     for section in top.items('obstacles', 'outlines', ('outline',), (), _MOST_OBSTACLES):
-        corners = section.data['outline']
-        if not isinstance(corners, list) or not 3 <= len(corners) <= _MOST_CORNERS:
-            raise section.error('outline', f'expected 3 to {_MOST_CORNERS} corners [x, y], got {shown(corners)}')
-        places = section.entries('outline', {f'corner {k}': corner for k, corner in enumerate(corners)})
-        pairs = (places.vector(label, ('x', 'y'), 'm') for label in places.data)
-        found.append(tuple((x, y) for x, y in pairs))
+        found.append(_corners(section, 3))
     return tuple(found)
+
+
+def _corners(section: Section, least: int) -> tuple[tuple[float, float], ...]:
+    """The corners under the key `outline`, m."""
+    corners = section.data['outline']
+    if not isinstance(corners, list) or not least <= len(corners) <= _MOST_CORNERS:
+        raise section.error('outline', f'expected {least} to {_MOST_CORNERS} corners [x, y], got {shown(corners)}')
+    places = section.entries('outline', {f'corner {k}': corner for k, corner in enumerate(corners)})
+    pairs = (places.vector(label, ('x', 'y'), 'm') for label in places.data)
+    return tuple((x, y) for x, y in pairs)
 
 
 _MOST_OBSTACLES, _MOST_CORNERS = 20, 50
@@ -357,24 +371,46 @@ def _region(top: Section) -> Region:
     return Region(*x, *y)
 
 
-def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc, ...]:
-    discs: list[Disc] = []
+def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc | Outline, ...]:
+    discs: list[Disc | Outline] = []
     known = [plate.name for plate in plates]
-    for section in top.items('objects', 'discs', ('name', 'center', 'radius'), ('uncertainty', 'plate')):
+    keys, optional = ('name', 'center', 'radius'), ('uncertainty', 'plate')
+    other = ('name', 'outline'), ('corner_radius', 'open', *optional)
+    for section in top.items('objects', 'discs', keys, optional, other=other):
         name = section.word('name')
         if name in (disc.name for disc in discs):
             raise section.error('name', f'another disc is named {name!r}, too', 'give every disc its own name')
-        x, y = section.vector('center', ('x', 'y'), 'm')
-        radius = section.number('radius', 'm', POSITIVE)
         plate = '' if section.data.get('plate') is None else section.word('plate')
         if plate and plate not in known:
             remedy = f'the plates are {", ".join(known)}' if known else 'describe it under plates'
             raise section.error('plate', f'no plate is named {plate!r}', remedy)
+        if 'outline' in section.data:
+            discs.append(_outline(section, top, name, plate))
+            continue
+        x, y = section.vector('center', ('x', 'y'), 'm')
+        radius = section.number('radius', 'm', POSITIVE)
         center_std, radius_std = _stds(section, center=_LENGTH, radius=_LENGTH)
         discs.append(Disc(name, x, y, radius, center_std, radius_std, plate))
     if empty := [plate.name for plate in plates if plate.name not in {disc.plate for disc in discs}]:
         raise top.error('plates', f'no disc is on plate {empty[0]!r}', 'leave it out, or name it at its discs')
     return tuple(discs)
+
+
+def _outline(section: Section, top: Section, name: str, plate: str) -> Outline:
+    is_open = section.data.get('open', False)
+    if not isinstance(is_open, bool):
+        raise section.error('open', f'expected true or false, got {shown(is_open)}')
+    corners = _corners(section, 2 if is_open else 3)
+    radius = section.optional('corner_radius', 'm', NOT_NEGATIVE) or 0.0
+    center, angle, offset = _stds(section, center=_LENGTH, angle=_ANGLE, offset=_LENGTH)
+    outline = Outline(name, corners, radius, is_open, center, offset, angle, plate)
+    tip = top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE)
+    if tip is None:
+        problem = f'{name} is an outline: the radius of the tip is missing'
+        raise top.error('tip', problem, 'add tip: {radius: 0.005}, m')
+    if (problem_of := outline_problem(outline, tip)) is not None:
+        raise section.error('outline', *problem_of)
+    return outline
 
 
 def _excess(model: Section) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -496,7 +532,7 @@ def _check_layout(cell: Cell, top: Section) -> None:
     if not problems:
         return
     remedy = 'check center and radius (in m, to the centre of the tip)'
-    if not layout_problems(cell, cell.centers, cell.radii / 2):
+    if not cell.has_outlines and not layout_problems(cell, cell.centers, cell.radii / 2):
         halve = 'halve it, and add the radius of the tip if it is not contained'
         if len(problems) > 1:
             raise top.error('objects', f'{problems[0]}: radius seems to be the diameter of every disc', halve)

@@ -272,16 +272,29 @@ class Section:
         return self._inside(self._path(name), self.data.get(name), required, optional)
 
     def items(
-        self, name: str, what: str, required: Iterable[str], optional: Iterable[str], most: int = _MOST_ITEMS
+        self,
+        name: str,
+        what: str,
+        required: Iterable[str],
+        optional: Iterable[str],
+        most: int = _MOST_ITEMS,
+        other: tuple[Iterable[str], Iterable[str]] | None = None,
     ) -> list[Section]:
-        """The mappings in the list under a key, from one to `most`; `what` names them in the message."""
+        """The mappings in the list under a key, from one to `most`; `what` names them in the message.
+
+        Those that have the last of the required keys of `other` have its required and optional keys.
+        """
         items = self.data[name]
         if not isinstance(items, list) or not items:
             raise self.error(name, f'expected a list of {what}, got {shown(items)}', 'give at least one')
         if len(items) > most:
             raise self.error(name, f'expected at most {most} {what}, got {len(items)}')
         path = self._path(name)
-        return [self._inside(f'{path}[{number}]', item, required, optional) for number, item in enumerate(items)]
+        keys = [(required, optional)] * len(items)
+        if other is not None:
+            last = [*other[0]][-1]
+            keys = [other if isinstance(item, Mapping) and last in item else (required, optional) for item in items]
+        return [self._inside(f'{path}[{k}]', item, *keys[k]) for k, item in enumerate(items)]
 
     def number(self, name: str, unit: str = '', within: Within = Within()) -> float:  # noqa: B008 - immutable
         """A finite number of a plausible size (`implausible_size`), and within its limits."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,6 +15,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.kinematics import Gripper
 from scara_kinetostatic.model.kinematics import GripperSign as GripperSign
+from scara_kinetostatic.model.outline import Outline, Surfaces, boundary, inside, outline_problem, surfaces_of
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL, UNITS, Parameters
 
 Level: TypeAlias = float | tuple[float, float]
@@ -220,6 +222,21 @@ class Disc(NamedTuple):
     center_std: float = 0.0
     radius_std: float = 0.0
     plate: str = ''
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it has an inside, as an `Outline` may not have."""
+        return True
+
+    @property
+    def angle_std(self) -> float:
+        """Standard uncertainty of its rotation, rad: none, unlike that of an `Outline`."""
+        return 0.0
+
+    def shape(self) -> Floats:
+        """Its circle as a closed line, (k, 2), m."""
+        angles = np.linspace(0, 2 * np.pi, 97)
+        return np.array([self.x, self.y]) + self.radius * np.array([np.cos(angles), np.sin(angles)]).T
 
 
 class Plate(NamedTuple):
@@ -445,7 +462,7 @@ class Cell:
 
     Attributes:
         nominal: L̄n, with gravity in the plane of the arm.
-        discs: the calibration objects, at least one.
+        discs: the calibration objects, at least one: discs and outlines.
         joint_names: names of q1 and q2 in `JointState`.
         sensor: topics, frame and sign of the sensor.
         noise: None where it is to be estimated from the residuals.
@@ -475,7 +492,7 @@ class Cell:
     """
 
     nominal: Parameters
-    discs: tuple[Disc, ...]
+    discs: tuple[Disc | Outline, ...]
     joint_names: tuple[str, str] = ('joint1', 'joint2')
     sensor: Sensor = field(default_factory=Sensor)
     noise: Noise | None = None
@@ -501,16 +518,22 @@ class Cell:
         for disc in self.discs:
             _check_uncertainty(f'{disc.name}: center_std', disc.center_std)
             _check_uncertainty(f'{disc.name}: radius_std', disc.radius_std)
+            _check_uncertainty(f'{disc.name}: angle_std', disc.angle_std)
             if disc.plate and disc.plate not in plates:
                 raise ParameterError(f'{disc.name}: plate', f'no plate {disc.plate!r} in the cell', 'add it to plates')
         held = [name for name in self.uncertainty.nominal if name not in self.nominal.names]
         if held:
-            problem, remedy = 'without gravity there is no such parameter', 'give `gravity` or leave it out'
-            raise ParameterError(f'uncertainty.nominal.{held[0]}', problem, remedy)
+            reason = 'without gravity there is no such parameter'
+            raise ParameterError(f'uncertainty.nominal.{held[0]}', reason, 'give `gravity` or leave it out')
         for name in ('tolerance', 'tip_radius'):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise ParameterError(name, f'expected a number above 0, got {value}', 'or leave it out')
+        for outline in (disc for disc in self.discs if isinstance(disc, Outline)):
+            if self.tip_radius is None:
+                raise ParameterError('tip_radius', f'is needed for the outline of {outline.name!r}', 'give it, m')
+            if (problem := outline_problem(outline, self.tip_radius)) is not None:
+                raise ParameterError(outline.name, *problem)
         if self.noise is not None:
             self.noise.check()
             object.__setattr__(self, 'noise', self.noise.in_pairs)
@@ -522,13 +545,24 @@ class Cell:
 
     @property
     def centers(self) -> NDArray[np.float64]:
-        """Centres of the discs, shape (m, 2), m."""
+        """Centres of the discs, and reference points of outlines, shape (m, 2), m."""
         return np.array([[disc.x, disc.y] for disc in self.discs])
 
     @property
     def radii(self) -> NDArray[np.float64]:
-        """Radii of the discs, shape (m,), m."""
-        return np.array([disc.radius for disc in self.discs])
+        """Radii of the discs, shape (m,), m; of an outline that of a circle around all places of the tip on it."""
+        tip = self.tip_radius or 0.0
+        return np.array([disc.radius + (tip if isinstance(disc, Outline) else 0.0) for disc in self.discs])
+
+    @cached_property
+    def has_outlines(self) -> bool:
+        """Whether any object is not a disc."""
+        return any(isinstance(disc, Outline) for disc in self.discs)
+
+    @cached_property
+    def surfaces(self) -> Surfaces:
+        """The edges and arcs on which the tip's centre is in contact: of each disc its circle."""
+        return surfaces_of(self.discs, self.tip_radius)
 
     @property
     def surface_std(self) -> float:
@@ -581,6 +615,24 @@ def _check_uncertainty(where: str, std: float) -> None:
         raise ParameterError(where, f'expected a standard uncertainty of 0 or more, got {std}')
 
 
+def _gap(cell: Cell, centers: Floats, radii: Floats, first: int, second: int) -> float:
+    """Distance of two objects between the places of the tip on them, m; below 0 where they overlap."""
+    outlines = [isinstance(cell.discs[k], Outline) for k in (first, second)]
+    if not any(outlines):
+        return float(np.linalg.norm(centers[first] - centers[second]) - radii[first] - radii[second])
+    if not outlines[0]:
+        first, second = second, first
+    places = boundary(surfaces_of([cell.discs[first]], cell.tip_radius))
+    if not isinstance(cell.discs[second], Outline):
+        within = cell.discs[first].is_closed and inside(places, centers[second : second + 1])[0]
+        apart = np.hypot(*(places - centers[second]).T).min()
+        return float(-apart if within else apart - radii[second])
+    others = boundary(surfaces_of([cell.discs[second]], cell.tip_radius))
+    apart = np.sqrt(((places[:, None] - others) ** 2).sum(axis=-1).min())
+    pairs = ((cell.discs[second], others, places), (cell.discs[first], places, others))
+    return float(-apart if any(disc.is_closed and inside(one, two).any() for disc, one, two in pairs) else apart)
+
+
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
 """The three discs of figure 3."""
 PAPER_CELL = Cell(
@@ -599,8 +651,16 @@ def layout_problems(cell: Cell, centers: Floats, radii: Floats) -> list[str]:
     """
     base = np.array([cell.nominal.x0, cell.nominal.y0])
     farthest, nearest = cell.nominal.l1 + cell.nominal.l2, abs(cell.nominal.l1 - cell.nominal.l2)
-    names, found, place = [disc.name for disc in cell.discs], [], f'({base[0]:.4g}, {base[1]:.4g})'
-    for name, radius, away in zip(names, radii, np.linalg.norm(centers - base, axis=1), strict=True):
+    names, found, place = [disc.name for disc in cell.discs], list[str](), f'({base[0]:.4g}, {base[1]:.4g})'
+    for disc, name, radius, away in zip(cell.discs, names, radii, np.linalg.norm(centers - base, axis=1), strict=True):
+        if isinstance(disc, Outline):
+            corners = boundary(surfaces_of([disc], cell.tip_radius))
+            reach = np.hypot(*(corners - base).T)
+            if not disc.is_open and inside(corners, base[None])[0]:
+                found.append(f'object {name!r} covers the base of the robot')
+            elif (reach > farthest).all() or (reach < nearest).all():
+                found.append(f'object {name!r} is out of reach of the tip, {nearest:.4g} to {farthest:.4g} m')
+            continue
         if away <= radius:
             found.append(f'disc {name!r} covers the base of the robot')
         elif away - radius > farthest or away + radius < nearest:
@@ -608,6 +668,8 @@ def layout_problems(cell: Cell, centers: Floats, radii: Floats) -> list[str]:
             found.append(f'disc {name!r} is out of reach, {away:.4g} m from the base at {place} m where {reach}')
     for i in range(1, len(radii)):
         gaps = np.linalg.norm(centers[:i] - centers[i], axis=1) - radii[:i] - radii[i]
+        if cell.has_outlines:
+            gaps = np.where(gaps < 0, [_gap(cell, centers, radii, j, i) for j in range(i)], gaps)
         found += [
             f'discs {names[j]!r} and {names[i]!r} overlap by {-gaps[j]:.4g} m' for j in np.argsort(gaps) if gaps[j] < 0
         ]

@@ -1,4 +1,4 @@
-"""The contact of the tip with discs: A(Q, L̄) (9) (11), unilateral, and its derivatives; with the effects of a model.
+"""The contact of the tip with objects: A(Q, L̄) (9) (11), unilateral, and its derivatives; with the effects of a model.
 
 The equations of a touch (`touch_equations`), with the shifts of the effects, are solved for the state by Newton's
 method, all touches at once; they are so nearly linear that four or five steps reach
@@ -31,6 +31,7 @@ from scara_kinetostatic.model.kinematics import Gripper, as_gripper, forward
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
 from scara_kinetostatic.model.touch_equations import (
     Arm,
+    Edges,
     Equations,
     State,
     free_state,
@@ -58,6 +59,7 @@ class ContactProblem(NamedTuple):
         gripper: the form of (7).
         metadata: of the touches; effects need it, the base model does not.
         off_normal: off-normal angle of the force in each touch, (n,), rad; None for zero.
+        edges: which touches are of a straight edge; None for arcs alone.
     """
 
     joints: Floats
@@ -66,14 +68,21 @@ class ContactProblem(NamedTuple):
     gripper: Gripper
     metadata: TouchMetadata | None = None
     off_normal: Floats | None = None
+    edges: Edges | None = None
 
     def select(self, which: Mask | Indices) -> ContactProblem:
         """The touches that a mask or an array of positions picks."""
         metadata = None if self.metadata is None else self.metadata.select(which)
         off_normal = None if self.off_normal is None else self.off_normal[which]
+        edges = None if self.edges is None else self.edges.select(which)
         return ContactProblem(
-            self.joints[which], self.centers[which], self.radii[which], self.gripper, metadata, off_normal
+            self.joints[which], self.centers[which], self.radii[which], self.gripper, metadata, off_normal, edges
         )
+
+    def inward(self, tips: Floats) -> Floats:
+        """Vectors along which forces without friction act on the object, (n, 2), for tips (n, 2), m."""
+        to_center = self.centers - tips
+        return to_center if self.edges is None else pairs(self.edges.inward(as_complex(to_center)))
 
     def touch_state(self, parameters: Parameters, state: State, arm: Arm | None = None) -> TouchState:
         """The touches at a state, as effects take them; `arm` saves work where that of the state is known."""
@@ -93,6 +102,7 @@ class ContactProblem(NamedTuple):
             radii=self.radii,
             metadata=self.metadata,
             off_normal=np.zeros(len(f)) if self.off_normal is None else self.off_normal,
+            tangents=None if self.edges is None else pairs(self.edges.tangent),
         )
 
     def shifted(self, model: ExtendedModel, state: State, arm: Arm | None = None) -> ContactProblem:
@@ -103,7 +113,8 @@ class ContactProblem(NamedTuple):
 
     def shifted_by(self, joints: Floats, place: Floats) -> ContactProblem:
         """Q - δ and S_c - d instead of Q and S_c."""
-        return self._replace(joints=self.joints - joints, centers=self.centers - place, off_normal=None)
+        edges = None if self.edges is None else self.edges.shifted(as_complex(place))
+        return self._replace(joints=self.joints - joints, centers=self.centers - place, off_normal=None, edges=edges)
 
 
 def _shifts_by_force(model: ExtendedModel, contact_problem: ContactProblem, state: State, arm: Arm) -> Iterator[Shift]:
@@ -141,10 +152,11 @@ def extended_equations(
     """
     p, gripper = model.parameters, contact_problem.gripper
     if not model.effects:
-        return touch_equations(p, *contact_problem[:3], state, gripper, arm)
+        return touch_equations(p, *contact_problem[:3], state, gripper, arm, contact_problem.edges)
     arm = view_arm(p, *state[:4], gripper) if arm is None else arm
     at = contact_problem.touch_state(p, state, arm)
-    e = touch_equations(p, *contact_problem.shifted_by(*model.shift(at))[:3], state, gripper, arm)
+    shifted = contact_problem.shifted_by(*model.shift(at))
+    e = touch_equations(p, *shifted[:3], state, gripper, arm, shifted.edges)
     shifts = tuple(_shifts_by_force(model, contact_problem, state, arm))
     turns = (0.0 if shift.joints is None else shift.joints.T * e.rows.on for shift in shifts)
     row_f, row_d = (row + turn for row, turn in zip(e.rows_by, turns, strict=True))
@@ -213,7 +225,8 @@ def solve_state(model: ExtendedModel, contact_problem: ContactProblem) -> tuple[
     Returns:
         The state and whether it is solved, (n,); what is not solved is left free, with f = 0.
     """
-    start = state = free_state(model.parameters, contact_problem.joints, contact_problem.centers)
+    c = contact_problem
+    start = state = free_state(model.parameters, c.joints, c.centers, c.edges)
     with np.errstate(all='ignore'):
         arm: Arm | None = None
         # with effects more steps: their derivatives over Q* are left out, so that the last digits come one by one
@@ -258,7 +271,8 @@ def _solve_by_modes(
     """Solve in each combination of modes, all at once; keep the first consistent one, or the one nearest to a force."""
     n, (mode1, mode2) = len(contact_problem.joints), np.array(list(product((-1.0, 1.0, 0.0), repeat=2))).T
     every = np.tile(np.arange(n), len(mode1))
-    start = free_state(model.parameters, contact_problem.joints, contact_problem.centers)
+    c = contact_problem
+    start = free_state(model.parameters, c.joints, c.centers, c.edges)
     state = start.select(every)._replace(mode1=np.repeat(mode1, n), mode2=np.repeat(mode2, n))
     contact_problem = contact_problem.select(every)
     for _ in range(9):
@@ -283,7 +297,7 @@ def nearest_equilibrium(
     lever = arm.lever
     if (pull := pull_of(p, arm.link1, arm.link2)) is not None:
         lever = lever + pull.torque / np.maximum(np.abs(state.magnitude), 1.0)
-    toggles = (np.abs(lever) < 2.5 * slide * (1 + b / radii)).any(axis=0)
+    toggles = (np.abs(lever) < 2.5 * slide * (1 + b / np.abs(radii))).any(axis=0)
     if not toggles.any():
         return state
     with np.errstate(all='ignore'):
@@ -339,6 +353,7 @@ def contact(
     warm_start: ArrayLike | None = None,
     metadata: TouchMetadata | None = None,
     off_normal: Floats | None = None,
+    tangents: Floats | None = None,
 ) -> Contact:
     """A(Q, L̄) for touches whose disc is known.
 
@@ -355,6 +370,7 @@ def contact(
         metadata: what effects need to know of each touch; by default `TouchMetadata.plain`.
         off_normal: off-normal angle of the force in each touch, (n,), rad, where an effect lets it differ from touch
             to touch.
+        tangents: unit vectors along the straight edges that are touched, (n, 2), zero on arcs; None for arcs alone.
 
     Returns:
         Force, tip and link angles. Without contact the force is zero, the joints
@@ -362,16 +378,18 @@ def contact(
     """
     model = as_model(model)
     parameters = model.parameters
-    contact_problem = _contact_problem(model, joints, centers, radii, gripper, metadata)._replace(off_normal=off_normal)
+    contact_problem = _contact_problem(model, joints, centers, radii, gripper, metadata)
+    contact_problem = contact_problem._replace(off_normal=off_normal)
+    contact_problem = contact_problem._replace(edges=Edges.of(tangents, contact_problem.radii))
     state, solved = solve_state(model, contact_problem)
     if warm_start is not None:
         state = nearest_equilibrium(model, contact_problem, state, np.asarray(warm_start))
     if not tension:
         shifted = contact_problem.shifted(model, state)
-        free = free_state(parameters, shifted.joints, shifted.centers)
+        free = free_state(parameters, shifted.joints, shifted.centers, shifted.edges)
         touching = solved & (state.magnitude > 0)
         if contact_problem.gripper.sign is GripperSign.PHYSICAL:
-            touching &= _reaches(parameters, free, shifted.centers, contact_problem.radii)
+            touching &= _reaches(parameters, free, shifted)
         zero = free
         if not parameters.has_gravity:
             zero = free._replace(mode1=np.zeros_like(free.mode1), mode2=np.zeros_like(free.mode2))
@@ -395,13 +413,18 @@ def _contact_problem(
     return ContactProblem(joints, centers, radii, as_gripper(gripper), metadata)
 
 
-def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats) -> Mask:
-    """Whether the rigid tip H(L, Q) is inside the disc, (n,): only then can there be a force (section 4.2).
+def _reaches(parameters: Parameters, free: State, contact_problem: ContactProblem) -> Mask:
+    """Whether the rigid tip H(L, Q) is inside the object, (n,): only then can there be a force (section 4.2).
 
     `_NEGATIVE_BACKLASH` allows for backlashes that noise has made negative.
     """
     tip = forward(parameters, np.stack([free.link1, free.link2], axis=-1))
-    return np.hypot(tip[:, 0] - centers[:, 0], tip[:, 1] - centers[:, 1]) < radii + _NEGATIVE_BACKLASH
+    c, radii = contact_problem, contact_problem.radii
+    if c.edges is None:
+        return np.hypot(tip[:, 0] - c.centers[:, 0], tip[:, 1] - c.centers[:, 1]) < radii + _NEGATIVE_BACKLASH
+    off, outward = as_complex(tip - c.centers), -1j * c.edges.tangent
+    away = np.where(c.edges.tangent == 0, np.abs(off) * c.edges.sense, (off * outward.conj()).real)
+    return np.asarray(away < radii + _NEGATIVE_BACKLASH)
 
 
 def _as_contact(model: ExtendedModel, contact_problem: ContactProblem, state: State, solved: Mask) -> Contact:
@@ -413,7 +436,11 @@ def _as_contact(model: ExtendedModel, contact_problem: ContactProblem, state: St
     links = np.stack([state.link1, state.link2], axis=-1)
     rigid = forward(model.parameters, links)
     loaded = (state.magnitude != 0)[:, None]
-    tip = np.where(loaded, discs - contact_problem.radii[:, None] * unit, rigid)
+    surface = discs - contact_problem.radii[:, None] * unit
+    if contact_problem.edges is not None:
+        tangent = pairs(contact_problem.edges.tangent)
+        surface = surface + ((rigid - surface) * tangent).sum(axis=1)[:, None] * tangent
+    tip = np.where(loaded, surface, rigid)
     return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
 
 
@@ -437,6 +464,7 @@ def contact_derivatives(
     found: Contact,
     gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     metadata: TouchMetadata | None = None,
+    tangents: Floats | None = None,
 ) -> ContactDerivatives:
     """∂A/∂Q and ∂A/∂L̄ by the implicit function theorem: h_F dF = -h_Q dQ - h_L̄ dL̄.
 
@@ -448,9 +476,11 @@ def contact_derivatives(
         found: what `contact` returned for the same arguments.
         gripper: the form of (7); a bare sign is the isotropic gripper.
         metadata: as in `contact`.
+        tangents: as in `contact`.
     """
-    model = as_model(model)
-    contact_problem, state = _contact_problem(model, joints, centers, radii, gripper, metadata), found.state
+    model, state = as_model(model), found.state
+    contact_problem = _contact_problem(model, joints, centers, radii, gripper, metadata)
+    contact_problem = contact_problem._replace(edges=Edges.of(tangents, contact_problem.radii))
     loaded = (state.magnitude != 0).astype(float)
     state = state._replace(
         mode1=np.where(loaded == 0, 1, state.mode1), mode2=np.where(loaded == 0, 1, state.mode2)

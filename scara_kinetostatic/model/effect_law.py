@@ -107,6 +107,7 @@ class TouchState(NamedTuple):
         radii: its radius, (n,), m.
         metadata: disc, time, approach, posture, press.
         off_normal: angle from the normal of the disc to the force where it differs from touch to touch, (n,), rad.
+        tangents: unit vector along the straight edge that is touched, (n, 2), zero on arcs; None for arcs alone.
     """
 
     parameters: Parameters
@@ -121,6 +122,7 @@ class TouchState(NamedTuple):
     radii: Floats
     metadata: TouchMetadata
     off_normal: Floats
+    tangents: Floats | None = None
 
     @classmethod
     def of_poses(
@@ -155,6 +157,12 @@ class TouchState(NamedTuple):
         """T = R90 n, (n, 2)."""
         return np.array([-self.normal[:, 1], self.normal[:, 0]]).T
 
+    def across_edges(self, vectors: Floats) -> Floats:
+        """Displacements (n, 2) as they count as `Shift.place`: along a straight edge the object has no place."""
+        if self.tangents is None:
+            return vectors
+        return np.asarray(vectors - (vectors * self.tangents).sum(axis=1)[:, None] * self.tangents)
+
     def history_torques(self, joint: int) -> Floats:
         """C of joint 0 or 1 at the turning points of the load before the hold, (n, K), Nm; K = 0 where none are known.
 
@@ -182,7 +190,8 @@ class Shift(NamedTuple):
 
     Attributes:
         joints: δ, (n, 2), rad.
-        place: d, base frame, (n, 2), m.
+        place: d, base frame, (n, 2), m; of a displacement the part `TouchState.across_edges`: what is along a straight
+            edge turns its normal, by d/r.
     """
 
     joints: Floats | None = None

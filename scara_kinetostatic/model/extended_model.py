@@ -189,7 +189,8 @@ class ExtendedModel:
         turning = [pair for pair in self.pairs if pair[0].on_object and pair[0].force_dependence > ForceDependence.NONE]
         place = _sum_of_shifts(at, turning).place
         inward = at.radii[:, None] * at.normal + (0.0 if place is None else place)
-        return np.asarray(inward / np.linalg.norm(inward, axis=1)[:, None])
+        size = np.linalg.norm(inward, axis=1)
+        return np.asarray(inward / (size if at.tangents is None else np.copysign(size, at.radii))[:, None])
 
     def shift_by_effects(self, at: TouchState) -> list[Shift]:
         """The derivatives of δ and d by each parameter of the effects, in the order of `names`."""

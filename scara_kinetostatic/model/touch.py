@@ -49,6 +49,8 @@ class TouchSet:
         recording: number of the recording or table, 0-based, (n,).
         order: place in the order of time, over all recordings, (n,); by default `index`, which differs from it only
             where the rows of a table, or the recordings, are not given in the order of time.
+        surface: number of the touched edge or corner among the surfaces of the cell, (n,); -1 where it is still to be
+            found. Discs have one each and need none.
 
     Raises:
         ValueError: shapes that do not fit, or values that are not finite.
@@ -74,6 +76,7 @@ class TouchSet:
     history: Floats = None  # type: ignore[assignment]
     recording: Indices = None  # type: ignore[assignment]
     order: Indices = None  # type: ignore[assignment]
+    surface: Indices = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         n = len(self.joints)
@@ -88,12 +91,13 @@ class TouchSet:
             'history': np.empty((n, 0, 4)),
             'recording': np.zeros(n, dtype=np.intp),
             'order': np.arange(n) if self.index is None else self.index,
+            'surface': np.full(n, -1),
         }
         for item in fields(self):
             value = getattr(self, item.name)
             value = defaults[item.name] if value is None else value
             pair = item.name in ('joints', 'force', 'approach', 'press', 'joint_scatter', 'force_scatter')
-            whole = item.name in ('disc', 'posture', 'index', 'samples', 'recording', 'order')
+            whole = item.name in ('disc', 'posture', 'index', 'samples', 'recording', 'order', 'surface')
             array = np.array(value, dtype=np.intp if whole else float)
             expected: tuple[int, ...] = (n, 2) if pair else (n,)
             if item.name == 'history':

@@ -53,9 +53,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, unit_vectors
+from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, pairs, unit_vectors
 from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, Skew, component_by_parameters, forward
+from scara_kinetostatic.model.outline import EDGE_RADIUS
 from scara_kinetostatic.model.parameters import Parameters
 
 
@@ -217,9 +218,46 @@ def keep_flanks(parameters: Parameters, state: State, before: State, arm: Arm) -
     return state._replace(mode1=mode1, mode2=mode2)
 
 
-def free_state(parameters: Parameters, joints: Floats, centers: Floats) -> State:
+class Edges(NamedTuple):
+    """The straight edges among n touches (`model.outline`).
+
+    Attributes:
+        tangent: unit vector along the edge, base frame, complex, (n,); 0 on an arc.
+        aside: what effects add along the tangent, (n,), complex, m: r times the angle by which they turn the normal.
+        sense: -1 on an arc of an inner corner, else 1, (n,).
+    """
+
+    tangent: Complexes
+    aside: Complexes
+    sense: Floats
+
+    @classmethod
+    def of(cls, tangents: Floats | None, radii: Floats) -> Edges | None:
+        """The edges of tangents (n, 2) and radii (n,), m; None for arcs alone."""
+        if tangents is None:
+            return None
+        return cls(as_complex(tangents), np.zeros(len(tangents), dtype=complex), np.sign(radii))
+
+    def select(self, which: Mask | Indices) -> Edges:
+        """Those of the touches that a mask or an array of positions picks."""
+        return Edges(self.tangent[which], self.aside[which], self.sense[which])
+
+    def shifted(self, place: Complexes) -> Edges:
+        """The same with a displacement d, (n,), m."""
+        return self._replace(aside=place - across(self.tangent, place))
+
+    def inward(self, to_center: Complexes) -> Complexes:
+        """Directions of forces along the normal, for vectors from tip to centre, (n,), m."""
+        normal = 1j * self.tangent * EDGE_RADIUS - self.aside
+        return np.where(self.tangent == 0, self.sense * to_center, normal)
+
+
+def free_state(parameters: Parameters, joints: Floats, centers: Floats, edges: Edges | None = None) -> State:
     """A start for n touches: links at the measured angles, no force, pointing from tip to disc."""
-    direction = np.arctan2(*(centers - forward(parameters, joints)).T[::-1])
+    to_disc = centers - forward(parameters, joints)
+    if edges is not None:
+        to_disc = pairs(edges.inward(as_complex(to_disc)))
+    direction = np.arctan2(*to_disc.T[::-1])
     still, (q1, q2) = np.zeros(len(direction)), joints.T
     arm = view_arm(parameters, q1, q2, still, direction, Gripper())
     state = State(q1, q2, still, direction, *np.where(arm.lever < 0, -1.0, 1.0))
@@ -317,6 +355,7 @@ class Equations(NamedTuple):
         rows_by: derivatives of the rows by f and by φ, (2, n) each.
         h_by: those of h, (n,) each, complex, m/N and m/rad.
         touch_state: the touches as effects take them; None for the base model.
+        tangent: unit vector along the edge seen along the force, (n,), 0 on an arc; None for arcs alone.
     """
 
     rows: Rows
@@ -325,10 +364,20 @@ class Equations(NamedTuple):
     rows_by: tuple[Floats, Floats]
     h_by: tuple[Complexes, Complexes]
     touch_state: TouchState | None = None
+    tangent: Complexes | None = None
 
     def moved(self, turned: Floats) -> Complexes:
         """What a change of the rows (2, n) takes from h, (n,)."""
         return self.by_rows[0] * turned[0] + self.by_rows[1] * turned[1]
+
+    def across(self, vectors: Complexes) -> Complexes:
+        """The part of displacements, seen along the force, that is not along the edge."""
+        return vectors if self.tangent is None else across(self.tangent, vectors)
+
+
+def across(tangent: Complexes, vectors: Complexes) -> Complexes:
+    """Vectors (..., n) without their part along unit vectors (n,), or zeros."""
+    return np.asarray(vectors - tangent * (vectors * tangent.conj()).real)
 
 
 def touch_equations(
@@ -339,6 +388,7 @@ def touch_equations(
     state: State,
     gripper: Gripper,
     arm: Arm | None = None,
+    edges: Edges | None = None,
 ) -> Equations:
     """The equations of n touches at a state.
 
@@ -350,6 +400,7 @@ def touch_equations(
         state: where to evaluate.
         gripper: the form of (7).
         arm: that of the state, where it is known.
+        edges: which touches are of a straight edge; None for arcs alone.
 
     Returns:
         Residuals and derivatives, to first order exact wherever the rows hold.
@@ -358,18 +409,25 @@ def touch_equations(
     arm, reach, seen = rows.arm, radii + gripper.stretch(p, state.magnitude), rows.arm.normal.conj()
     circle = arm.reach[0] + reach + (p.x0 + 1j * p.y0 - as_complex(centers)) * seen
     by_f, by_d = np.asarray(gripper.slope(p), dtype=complex), np.asarray(1j * reach)
-    across = 1j * arm.reach
+    by_link = 1j * arm.reach
     row_f, row_d = p.joint_compliances * rows.on * arm.lever, rows.weight * arm.turn
     if rows.pulled is not None:
         row_f = rows.pulled[0] * arm.lever
     if (skew := arm.skew) is not None:
         stretch = skew.normal + 1j * skew.tangent
-        across = -arm.reach.imag - f * skew.normal_turn + 1j * arm.turn
+        by_link = -arm.reach.imag - f * skew.normal_turn + 1j * arm.turn
         circle, by_f = circle + f * stretch, by_f + stretch
         by_d = by_d + f * (skew.normal_turn + 1j * skew.tangent_turn + 1j * stretch)
         row_f = row_f - rows.weight * skew.tangent
-    g = across[0] * rows.inverse[0] + across[1] * rows.inverse[1]
-    e = Equations(rows, circle, g, (row_f, row_d), (by_f, by_d))
+    tangent = None
+    if edges is not None:
+        # the radius turns with the force, all the rest counts across the edge
+        tangent = edges.tangent * seen
+        circle = across(tangent, circle - radii) + radii + edges.aside * seen
+        by_f, by_d = across(tangent, by_f + 0j * f), across(tangent, by_d - 1j * radii) + 1j * radii
+        by_link = across(tangent, by_link)
+    g = by_link[0] * rows.inverse[0] + by_link[1] * rows.inverse[1]
+    e = Equations(rows, circle, g, (row_f, row_d), (by_f, by_d), tangent=tangent)
     return e._replace(h=circle - e.moved(rows.row), h_by=(by_f - e.moved(row_f), by_d - e.moved(row_d)))
 
 
@@ -396,6 +454,8 @@ def parameter_derivative(parameters: Parameters, state: State, equations: Equati
     columns = component_by_parameters(
         (seen, 1j * seen), tuple(arm.links), tuple(equations.by_rows), (gripper.factor * f, -1.0), joints
     )
+    if equations.tangent is not None:
+        columns = tuple(equations.across(np.array([np.broadcast_to(column, f.shape) for column in columns])))
     found = np.empty((len(columns), 2, len(f)))
     for out, column in zip(found, columns, strict=True):
         out[0], out[1] = column.real, column.imag
@@ -408,7 +468,7 @@ def excess_derivative(state: State, equations: Equations, gripper: Gripper) -> F
     n = np.array([arm.links[1].real, -arm.links[1].imag])  # in the frame of link 2
     t = np.array([-n[1], n[0]])
     normal, tangent = ((push * side[:, None] * n).reshape(4, -1) for side in (n, t))
-    found = normal + (1j + equations.moved(equations.rows.weight)) * tangent
+    found = equations.across(normal + (1j + equations.moved(equations.rows.weight)) * tangent)
     return np.stack([found.real, found.imag]).transpose(2, 0, 1)
 
 

@@ -51,6 +51,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of
 from scara_kinetostatic.monitoring.linear import (
@@ -123,7 +124,7 @@ def is_comparable(effect: EffectLaw, one: Cell, other: Cell) -> bool:
     stated = []
     for cell in (one, other):
         objects = {plate.name: (plate.x, plate.y) for plate in cell.plates}
-        objects |= {disc.name: (disc.x, disc.y, disc.radius) for disc in cell.discs}  # type: ignore[misc]
+        objects |= {d.name: d.corners if isinstance(d, Outline) else (d.x, d.y, d.radius) for d in cell.discs}  # type: ignore[misc]
         stated.append(objects.get(getattr(effect, 'target', '')))
     return stated[0] == stated[1]
 

@@ -35,13 +35,14 @@ import numpy as np
 from scipy.special import chdtrc, chdtri, fdtrc, fdtri
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.fit_point import fitted_surfaces, project
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -104,7 +105,12 @@ class State(NamedTuple):
         """
         arm = record.arm
         cell = arm.cell if cell is None else cell
-        discs = tuple(disc._replace(center_std=1.0, radius_std=1.0) for disc in cell.discs)
+        discs = tuple(
+            disc._replace(center_std=1.0, radius_std=1.0, angle_std=1.0)
+            if isinstance(disc, Outline)
+            else disc._replace(center_std=1.0, radius_std=1.0)
+            for disc in cell.discs
+        )
         plates = tuple(plate._replace(center_std=1.0, angle_std=1.0) for plate in cell.plates)
         unit = Uncertainty(1.0, 1.0, 1.0)
         probe = DeclaredErrors.of(replace(cell, discs=discs, plates=plates, uncertainty=unit))
@@ -176,11 +182,14 @@ def source_of(name: str) -> str:
     return name.removesuffix('.x').removesuffix('.y')
 
 
+_OBJECT_ERRORS = ('position', 'radius', 'offset', 'rotation')
+
+
 def same_sources(known: Cell, cell: Cell) -> set[str]:
     """Labels of the sources of uncertainty that are the same thing in two cells."""
     one, other = (
         {
-            **{f'object_{what}[{disc.name}]': disc for disc in each.discs for what in ('position', 'radius')},
+            **{f'object_{what}[{disc.name}]': disc for disc in each.discs for what in _OBJECT_ERRORS},
             **{f'plate_{what}[{plate.name}]': plate for plate in each.plates for what in ('position', 'angle')},
             **{f'nominal[{name}]': value for name, value in each.nominal.as_dict().items()},
         }
@@ -229,7 +238,15 @@ def measure(touches: TouchSet, record: CalibrationRecord, state: State) -> Measu
     Raises:
         InputError: a touch is so far from the model that nothing can be said.
     """
-    observations = observe(touches, state.cell, state.errors)
+    cell = state.cell
+    if cell.has_outlines:  # the calibrated arm knows where the tip is, the nominal one about
+        known = replace(cell, nominal=record.arm.model.parameters)
+        given, touches = touches.surface, touches.replace(surface=observe(touches, known).surface)
+        observations = observe(touches, cell, state.errors)
+        point = project(observations, record.arm.model, record.arm.noise)
+        surface = np.where(given < 0, fitted_surfaces(observations, cell, point), given)
+        touches = touches.replace(surface=surface)
+    observations = observe(touches, cell, state.errors)
     point = project(observations, record.arm.model, record.arm.noise)
     spread = np.sqrt(record.enlargement)
     residual = -point.whitened.residual / spread

@@ -248,6 +248,7 @@ def stored_touches(rows: Sequence[Mapping[str, Any]], arm: CalibratedArm) -> Tou
         approach=column('approach', 2),
         press=column('press', 2),
         history=stacked_histories([row.get('history', ()) for row in rows], joints),
+        surface=np.array([row.get('surface', -1) for row in rows], dtype=np.intp),
     )
     return touches.replace(force=_as_reported(touches, arm))
 

@@ -103,7 +103,7 @@ class Guidance:
         planned = _nearest(planner)
         plan, place = planned.plan, planned.plan.contact(cell)[0].tolist()
         stamp = int(self._node.get_clock().now().nanoseconds)
-        self._next.publish(pose_stamped(stamp, BASE_FRAME, (place[0], place[1], float(plan.angle[0]))))
+        self._next.publish(pose_stamped(stamp, BASE_FRAME, (place[0], place[1], float(plan.direction(cell)[0]))))
         values |= {'object': cell.discs[int(plan.disc[0])].name, 'angle_deg': float(np.degrees(plan.angle[0]))}
         values |= {'force_N': float(plan.force[0]), 'reason': planned.reasons[0]}
         self._publish(OK, f'next: {planned.sentence(cell)}; {tip}', values)

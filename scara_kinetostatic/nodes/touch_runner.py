@@ -409,7 +409,7 @@ class TouchRunner(CellNode):
     def _publish_next(self) -> None:
         target = self._runner.target
         if target is not None and self._runner.status.phase == 'travel':
-            (x, y), angle = target.plan.contact(self._cell)[0].tolist(), float(target.plan.angle[0])
+            (x, y), angle = target.plan.contact(self._cell)[0].tolist(), float(target.plan.direction(self._cell)[0])
             self._next.publish(pose_stamped(self._now(), BASE_FRAME, (x, y, angle)))
 
     def _report(self) -> Condition:

@@ -12,9 +12,22 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.planning.optimal_design import Design
 from scara_kinetostatic.planning.prediction import free_tip, loaded_tip, make_workspace, tip_std
-from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, SERIES, WARN, as_svg, in_mm, mark, new_figure
+from scara_kinetostatic.report.figure import (
+    FAINT,
+    INK,
+    MICRO,
+    PAPER,
+    SERIES,
+    WARN,
+    as_svg,
+    draw_object,
+    in_mm,
+    mark,
+    new_figure,
+)
 
 WIDTH, HALF = 920.0, 450.0
 _TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
@@ -81,11 +94,10 @@ def plan_picture(design: Design) -> Markup:
     """The chosen touches from above: arrows as long as the forces, filled heads for the left posture."""
     figure, (axes,) = new_figure(HALF, 400)
     cell, plan = design.robot.cell, design.plan
-    contact, normal = plan.contact(cell), plan.normal()
+    contact, normal = plan.contact(cell), plan.normal(cell)
     for number, disc in enumerate(cell.discs):
         look = mark(number)
-        axes.add_patch(Circle((disc.x, disc.y), disc.radius, facecolor=look.colour, alpha=0.13, lw=0))
-        axes.add_patch(Circle((disc.x, disc.y), disc.radius, fill=False, edgecolor=look.colour, lw=1.2))
+        draw_object(axes, disc, look.colour, filled=True)
         axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK).set_parse_math(False)
         for k in np.flatnonzero(plan.disc == number):
             aside = 0.005 * plan.posture[k] * np.array([-normal[k, 1], normal[k, 0]])
@@ -123,6 +135,6 @@ def additional_disc_picture(design: Design) -> Markup:
     )
 
 
-def _discs(axes: Axes, discs: Iterable[Disc], colour: str) -> None:
+def _discs(axes: Axes, discs: Iterable[Disc | Outline], colour: str) -> None:
     for disc in discs:
-        axes.add_patch(Circle((disc.x, disc.y), disc.radius, fill=False, edgecolor=colour, lw=1.1))
+        draw_object(axes, disc, colour, width=1.1)

@@ -23,8 +23,9 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
+from scara_kinetostatic.model.outline import Outline, inside
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN
 
@@ -47,11 +48,13 @@ class Edges(NamedTuple):
         begin: (m, 2), m.
         end: (m, 2), m.
         radius: within which the tip touches, (m,), m.
+        owner: number of the object, (m,); -1 of an obstacle.
     """
 
     begin: Floats
     end: Floats
     radius: Floats
+    owner: Indices = np.zeros(0, dtype=np.intp)
 
     def distance(self, a: Floats, b: Floats) -> Floats:
         """Distance of the tip from each edge along straight moves from a to b, (n, 2), m: (n, m); negative inside."""
@@ -117,23 +120,36 @@ class Space:
         return np.array(self.cell.limits).T + np.array([[LIMIT_MARGIN], [-LIMIT_MARGIN]])
 
     @cached_property
-    def _outlines(self) -> list[Floats]:
-        return [np.array(outline) for outline in self.cell.obstacles]
+    def _outlines(self) -> list[tuple[int, Floats]]:
+        """Corners of what has an inside, with the number of the object, -1 of obstacles."""
+        objects = [(k, disc) for k, disc in enumerate(self.cell.discs) if isinstance(disc, Outline)]
+        known = [(k, np.array(disc.corners)) for k, disc in objects if disc.is_closed]
+        return [*known, *((-1, np.array(outline)) for outline in self.cell.obstacles)]
 
     @cached_property
     def edges(self) -> Edges:
-        """Discs, then the edges of the obstacles."""
-        begin = [self.cell.centers, *self._outlines]
-        end = [self.cell.centers, *(np.roll(outline, -1, axis=0) for outline in self._outlines)]
-        count = sum(map(len, self._outlines))
-        radius = np.concatenate([self.cell.radii, np.full(count, self.cell.tip_radius or 0.0)])
-        return Edges(np.concatenate(begin), np.concatenate(end), radius)
+        """Discs, then the edges of outlines and obstacles."""
+        discs = [(k, disc) for k, disc in enumerate(self.cell.discs) if isinstance(disc, Disc)]
+        centers = np.array([(disc.x, disc.y) for _, disc in discs]).reshape(-1, 2)
+        pairs = [(k, outline, np.roll(outline, -1, axis=0)) for k, outline in self._outlines]
+        for k, disc in enumerate(self.cell.discs):
+            if not disc.is_closed and isinstance(disc, Outline):
+                pairs.append((k, np.array(disc.corners[:-1]), np.array(disc.corners[1:])))
+        owner = np.repeat([k for k, _, _ in pairs], [len(begin) for _, begin, _ in pairs]).astype(np.intp)
+        tip = self.cell.tip_radius or 0.0
+        return Edges(
+            np.concatenate([centers, *(begin for _, begin, _ in pairs)]),
+            np.concatenate([centers, *(end for _, _, end in pairs)]),
+            np.concatenate([[disc.radius for _, disc in discs], np.full(len(owner), tip)]),
+            np.concatenate([np.array([k for k, _ in discs], dtype=np.intp), owner]),
+        )
 
     @cached_property
     def _base(self) -> Edges:
         p = self.parameters
         base = np.array([[p.x0, p.y0]])
-        return Edges(base, base, np.array([max(abs(p.l1 - p.l2) + REACH_MARGIN, BASE_MARGIN)]))
+        radius = np.array([max(abs(p.l1 - p.l2) + REACH_MARGIN, BASE_MARGIN)])
+        return Edges(base, base, radius, np.array([-1]))
 
     @property
     def reach(self) -> float:
@@ -150,24 +166,22 @@ class Space:
         joints = self.joints(poses)
         return ~((joints >= self.limits[0]) & (joints <= self.limits[1]))
 
-    def is_inside(self, tip: Floats) -> Mask:
-        """Whether places (n, 2) are within an obstacle's outline, (n,)."""
-        inside = np.zeros(len(tip), dtype=bool)
-        for outline in self._outlines:
-            (x, y), (u, v) = outline.T, np.roll(outline, -1, axis=0).T
-            above = tip[:, 1:] < y
-            crossed = above != (tip[:, 1:] < v)
-            with np.errstate(divide='ignore', invalid='ignore'):
-                at = x + (tip[:, 1:] - y) / (v - y) * (u - x)
-            inside |= np.sum(crossed & (tip[:, :1] < at), axis=1) % 2 == 1
-        return inside
+    def is_inside(self, tip: Floats, but: Indices | None = None) -> Mask:
+        """Whether places (n, 2) are within an outline, (n,), other than that of an object, (n,)."""
+        found = np.zeros(len(tip), dtype=bool)
+        for owner, outline in self._outlines:
+            within = inside(outline, tip)
+            found |= within if but is None or owner < 0 else within & (but != owner)
+        return found
 
     def object_at(self, tip: Floats) -> str:
         """What is nearer than the clearance to a place of the tip, (2,), or contains it; empty where nothing does."""
         at, discs = tip[None], self.cell.discs
         near = np.flatnonzero(self.edges.distance(at, at)[0] < self.clearance)
-        if len(near) and near[0] < len(discs):
-            return discs[near[0]].name
+        owners = [int(owner) for owner in self.edges.owner[near] if owner >= 0]
+        owners += [owner for owner, outline in self._outlines if owner >= 0 and inside(outline, at)[0]]
+        if owners:
+            return discs[owners[0]].name
         return 'an obstacle' if len(near) or self.is_inside(at)[0] else ''
 
     def is_clear(self, a: Floats, b: Floats, *, raised: bool = False, but: Indices | None = None) -> Mask:
@@ -186,8 +200,9 @@ class Space:
             return np.asarray(clear)
         distance = self.edges.distance(a, b)
         if but is not None:
-            distance[np.arange(len(a)), but] = np.inf
-        return np.asarray(clear & (distance >= self.clearance).all(axis=1) & ~self.is_inside(a) & ~self.is_inside(b))
+            distance[self.edges.owner == but[:, None]] = np.inf
+        inside_any = self.is_inside(a, but) | self.is_inside(b, but)
+        return np.asarray(clear & (distance >= self.clearance).all(axis=1) & ~inside_any)
 
     def keeps_limits(self, a: Poses, b: Floats) -> Mask:
         """Whether both joints keep their limits, in one turn, on straight moves to places b, (n,)."""

@@ -240,12 +240,12 @@ class Planner:
     def approach(self, plan: Plan) -> Poses:
         """Where the tip begins to approach each touch."""
         off = self.space.clearance + 1e-3
-        return Poses(plan.contact(self.arm.cell) + off * plan.normal(), plan.posture)
+        return Poses(plan.contact(self.arm.cell) + off * plan.normal(self.arm.cell), plan.posture)
 
     def problems(self, plan: Plan) -> list[str]:
         """Why each touch of a plan cannot be made; empty where it can."""
         cell, start = self.arm.cell, self.approach(plan)
-        deep = plan.contact(cell) - cell.touch.search * plan.normal()
+        deep = plan.contact(cell) - cell.touch.search * plan.normal(cell)
         stands = ~(self.space.beyond_limits(start) | self.space.beyond_limits(Poses(deep, plan.posture)))
         moves = np.zeros(len(plan), dtype=bool)
         both = np.flatnonzero(stands.all(axis=1))

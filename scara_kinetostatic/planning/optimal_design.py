@@ -26,6 +26,7 @@ from scara_kinetostatic.calibration.declared_errors import Source
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Disc, Plate
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.planning.candidates import (
     MOST_HELD_OUT,
@@ -420,7 +421,7 @@ def _tables(task: _Task) -> dict[str, list[Row]]:
     """Predictions for every subset of the force levels, each posture and both, all discs and all but one."""
     robot, q, discs = task.robot, task.requirements, task.robot.cell.discs
     subsets = [some for count in range(1, len(q.levels) + 1) for some in combinations(q.levels, count)]
-    varied: dict[str, list[tuple[str, tuple[Disc, ...], Sequence[float], Sequence[int]]]] = {
+    varied: dict[str, list[tuple[str, tuple[Disc | Outline, ...], Sequence[float], Sequence[int]]]] = {
         'levels': [(', '.join(f'{f:g}' for f in some) + ' N', discs, some, q.postures) for some in subsets],
         'postures': [(name, discs, q.levels, p) for name, p in (('left', (1,)), ('right', (-1,)), ('both', (1, -1)))],
         'discs': [
@@ -445,7 +446,7 @@ def _additional_disc(task: _Task, grid: int = 25, per_disc: int = 12) -> DiscMap
     robot, q, cell, tip = task.robot, task.requirements, task.robot.cell, _coarse_tip(task)
     number, radius = q.number + max(1, q.number // len(cell.discs)), float(np.median(cell.radii))
 
-    def largest(discs: tuple[Disc, ...]) -> float:
+    def largest(discs: tuple[Disc | Outline, ...]) -> float:
         other = replace(robot, cell=replace(cell, discs=discs))
         plan = candidate_plan(other, q.levels, q.postures, per_disc)
         return prepare_candidates(other, plan, tip).evenly_distributed(number)
@@ -459,7 +460,8 @@ def _additional_disc(task: _Task, grid: int = 25, per_disc: int = 12) -> DiscMap
         apart = np.hypot(*(cell.centers - center).T) - cell.radii - radius
         can_be = max(least, radius + BASE_MARGIN) <= from_base <= most and apart.min() >= 2 * CLEARANCE
         if can_be and robot.cell.region.holds(center):
-            disc = cell.discs[0]._replace(name='additional', x=center[0], y=center[1], radius=radius)
+            like = cell.discs[0]
+            disc = Disc('additional', center[0], center[1], radius, like.center_std, like.radius_std, like.plate)
             with suppress(CellError, UnsupportedDataError):
                 values[row, column] = largest((*cell.discs, disc))
     return DiscMap(x, y, values, largest(cell.discs), radius, number)

@@ -186,10 +186,10 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
         UnsupportedDataError: the robot cannot reach a touch.
     """
     p, cell, declared = robot.parameters, robot.cell, robot.declared
-    centers, radii = cell.centers[plan.disc], cell.radii[plan.disc]
+    surface, surfaces = plan.surface(cell), cell.surfaces
 
     def pressed_with(size: Floats) -> tuple[Floats, Floats, Floats]:
-        force = -size[:, None] * plan.normal()
+        force = -size[:, None] * plan.normal(cell)
         return force, *inverse_kinetostatics(p, plan.contact(cell), force, plan.posture, cell.gripper)
 
     pressed, joints, torques = pressed_with(plan.force)
@@ -200,7 +200,11 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
     measured = in_sensor_frame(cell, p, joints, pressed)
     direction = np.arctan2(pressed[:, 1], pressed[:, 0])
     state = State(links[:, 0], links[:, 1], plan.force, direction, modes[:, 0], modes[:, 1])
-    observations = Observations(joints, measured, centers, radii, cell.sensor.frame, cell.gripper)
+    observations = Observations(
+        joints, measured, surfaces.centers[surface], surfaces.radii[surface], cell.sensor.frame, cell.gripper
+    )
+    if cell.has_outlines:
+        observations = observations._replace(surface=surface, tangents=surfaces.tangents[surface])
     if robot.effects or declared is not None:
         before = np.where(plan.preload > 0, (1 + plan.preload) * plan.force, 1e-3)
         peak, there, _ = pressed_with(before)

@@ -77,8 +77,8 @@ def joint_angles(planner: Planner, poses: Poses, force: Floats | None = None) ->
 def poised(planner: Planner, planned: PlannedTouches) -> Poised:
     """The joint angles of planned touches."""
     plan, cell = planned.plan, planner.arm.cell
-    contact, press = Poses(plan.contact(cell), plan.posture), -plan.force[:, None] * plan.normal()
-    deep = Poses(contact.tip - cell.touch.search * plan.normal(), plan.posture)
+    contact, press = Poses(plan.contact(cell), plan.posture), -plan.force[:, None] * plan.normal(cell)
+    deep = Poses(contact.tip - cell.touch.search * plan.normal(cell), plan.posture)
     return Poised(
         joint_angles(planner, planned.approach),
         joint_angles(planner, deep),
@@ -93,7 +93,7 @@ def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
     motion, lift = cell.touch, cell.lift
     up, down = (None, None) if lift is None else (lift.up, lift.down)
     contact = plan.contact(cell)
-    deep = contact - motion.search * plan.normal()
+    deep = contact - motion.search * plan.normal(cell)
     depth = np.hypot(*(forward(planner.arm.model.parameters, at.hold) - contact).T)
     speed = np.clip(depth / _PRESS, motion.contact_speed / 20, motion.contact_speed)
 

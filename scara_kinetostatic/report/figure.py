@@ -19,6 +19,10 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Patch, Polygon
+
+from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.model.outline import Outline
 
 INK, FAINT, LINE, PAPER, WARN = '#010203', '#040506', '#070809', '#0a0b0c', '#0d0e0f'
 SERIES = ('#100001', '#100002', '#100003', '#100004', '#100005', '#100006')
@@ -160,3 +164,25 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
     for stand_in, variable in COLOURS.items():
         svg = svg.replace(stand_in, variable)
     return Markup(svg)
+
+
+def draw_object(
+    axes: Axes,
+    item: Disc | Outline,
+    colour: str,
+    *,
+    filled: bool = False,
+    scale: float = 1.0,
+    width: float = 1.2,
+    order: float = 1.0,
+) -> None:
+    """A disc, to the centre of the tip in contact, or an outline, its sides; `scale` is the unit of the axes per m."""
+
+    def patch(**look: Any) -> Patch:
+        if isinstance(item, Disc):
+            return Circle((scale * item.x, scale * item.y), scale * item.radius, **look)
+        return Polygon(scale * item.shape(), closed=item.is_closed, **look)
+
+    if filled and item.is_closed:
+        axes.add_patch(patch(facecolor=colour, alpha=0.13, lw=0))
+    axes.add_patch(patch(fill=False, edgecolor=colour, lw=width, zorder=order))

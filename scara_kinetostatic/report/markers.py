@@ -20,6 +20,7 @@ from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, link_vectors, rotate
+from scara_kinetostatic.model.outline import Outline, boundary, surfaces_of
 from scara_kinetostatic.model.parameters import NAMES, Parameters, quantity
 
 FOUND: Colour = (0.84, 0.37, 0.0, 1.0)
@@ -125,14 +126,16 @@ class SeenTouch(NamedTuple):
         return cls((first, second), (x, y), values.get('object', ''), values.get('accepted') == 'true')
 
 
-def object_markers(discs: Sequence[Disc]) -> list[Primitive]:
-    """The objects, with their radii from the centre to the tip's centre in contact, and their names."""
+def object_markers(discs: Sequence[Disc | Outline]) -> list[Primitive]:
+    """The objects, discs to the tip's centre in contact and outlines with their sides, and their names."""
     made = []
     for number, disc in enumerate(discs):
         colour = (*OBJECTS[number % len(OBJECTS)], 0.35)
         at = places([[disc.x, disc.y]], -_HEIGHT / 2)
         made += [
-            Primitive('objects', Shape.CYLINDER, at, colour, 2 * disc.radius, _HEIGHT),
+            Primitive('objects', Shape.CYLINDER, at, colour, 2 * disc.radius, _HEIGHT)
+            if isinstance(disc, Disc)
+            else Primitive('objects', Shape.STRIP, places(disc.shape()), (*colour[:3], 1.0), 2 * _THIN),
             label('objects', (disc.x, disc.y - disc.radius / 2), disc.name, TEXT),
         ]
     return made
@@ -148,7 +151,7 @@ def arm_markers(group: str, parameters: Parameters, joints: ArrayLike, colour: C
 
 
 def touch_markers(
-    touches: Iterable[SeenTouch], parameters: Parameters, discs: Sequence[Disc], scales: Scales
+    touches: Iterable[SeenTouch], parameters: Parameters, discs: Sequence[Disc | Outline], scales: Scales
 ) -> list[Primitive]:
     """A dot where the tip was, and the force as an arrow that ends there; touches that are not used are red dots."""
     numbers = {disc.name: number for number, disc in enumerate(discs)}
@@ -181,7 +184,7 @@ def next_markers(contact: tuple[float, float], normal: float, text: str) -> list
     ]
 
 
-def result_markers(document: Mapping[str, Any], discs: Sequence[Disc], scales: Scales) -> list[Primitive]:
+def result_markers(document: Mapping[str, Any], discs: Sequence[Disc | Outline], scales: Scales) -> list[Primitive]:
     """What a calibration found: residual forces, and what is not as the cell description says.
 
     Args:
@@ -232,8 +235,10 @@ def estimated(document: Mapping[str, Any]) -> Parameters:
     return Parameters(**{name: document['parameters'][name]['value'] for name in NAMES})
 
 
-def _displaced(disc: Disc, found: Mapping[str, Any], magnification: float) -> list[Primitive]:
+def _displaced(disc: Disc | Outline, found: Mapping[str, Any], magnification: float) -> list[Primitive]:
     """The object where it really is, and magnified its outline and an arrow from where it was said to be."""
+    if isinstance(disc, Outline):
+        return _displaced_outline(disc, found, magnification)
     x, y, more = (found.get(name, {'value': 0.0})['value'] for name in ('x', 'y', 'radius'))
     if None in (x, y, more) or not any((x, y, more)):
         return []
@@ -249,8 +254,21 @@ def _displaced(disc: Disc, found: Mapping[str, Any], magnification: float) -> li
     ]
 
 
+def _displaced_outline(outline: Outline, found: Mapping[str, Any], magnification: float) -> list[Primitive]:
+    """The outline where it really is, magnified."""
+    names = ('x', 'y', 'angle', 'offset')
+    values = np.array([found.get(name, {'value': 0.0})['value'] for name in names], dtype=float)
+    if not (np.isfinite(values).all() and values.any()):
+        return []
+    x, y, angle, offset = (magnification * values).tolist()
+    really = outline.moved((x, y), float(np.clip(angle, -1.0, 1.0)))
+    line = boundary(surfaces_of([really], float(np.clip(offset, -outline.radius / 4, outline.radius / 4))))
+    line = line if outline.is_open else np.concatenate([line, line[:1]])
+    return [Primitive('found', Shape.STRIP, places(line, _HEIGHT), FOUND, _THIN)]
+
+
 def _summary(
-    document: Mapping[str, Any], found: Sequence[Mapping[str, Any]], discs: Sequence[Disc], scales: Scales
+    document: Mapping[str, Any], found: Sequence[Mapping[str, Any]], discs: Sequence[Disc | Outline], scales: Scales
 ) -> list[Primitive]:
     """Grade, verdict and effects in words, below everything."""
     lines = [f'{document["assessment"]["grade"]}; model: {document["diagnosis"]["verdict"]}']

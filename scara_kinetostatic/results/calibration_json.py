@@ -183,6 +183,7 @@ def _touches(outcome: Outcome) -> Document:
                 'order': int(t.order[k]),
                 'time': float(t.time[k]),
                 'object': c.cell.discs[t.disc[k]].name,
+                **({'surface': int(t.surface[k])} if c.cell.has_outlines else {}),
                 'posture': int(t.posture[k]),
                 'joints': t.joints[k],
                 'approach': t.approach[k],
@@ -213,6 +214,7 @@ def _identifiability(c: Calibration) -> Document:
             {'text': item.text, 'value': item.value, 'std': item.std, 'unit': item.unit} for item in found.combinations
         ],
         'advice': found.advice,
+        **({'notes': list(found.notes)} if found.notes else {}),
     }
 
 

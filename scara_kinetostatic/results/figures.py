@@ -13,7 +13,19 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.comparison import EffectResidual
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, WARN, Margins, as_svg, in_mm, mark, new_figure
+from scara_kinetostatic.report.figure import (
+    FAINT,
+    INK,
+    LINE,
+    PAPER,
+    WARN,
+    Margins,
+    as_svg,
+    draw_object,
+    in_mm,
+    mark,
+    new_figure,
+)
 
 _WIDTH = 920.0
 _LONGEST_ARROW = 0.14
@@ -59,8 +71,7 @@ def _extent(c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float
 def _draw_discs(axes: Axes, c: Calibration) -> None:
     for number, disc in enumerate(c.cell.discs):
         colour = mark(number).colour
-        axes.add_patch(Circle((disc.x, disc.y), disc.radius, facecolor=colour, alpha=0.13, lw=0))
-        axes.add_patch(Circle((disc.x, disc.y), disc.radius, fill=False, edgecolor=colour, lw=1.2))
+        draw_object(axes, disc, colour, filled=True)
         text = axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK)
         text.set_parse_math(False)
 

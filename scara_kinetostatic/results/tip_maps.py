@@ -17,7 +17,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure as Canvas
-from matplotlib.patches import Circle, Wedge
+from matplotlib.patches import Wedge
 from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic.assessment.outcome import Outcome
@@ -34,7 +34,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.report import Figure, Figures
-from scara_kinetostatic.report.figure import INK, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
+from scara_kinetostatic.report.figure import INK, PAPER, SERIES, WARN, Margins, as_svg, draw_object, mark, new_figure
 from scara_kinetostatic.report.quantities import micrometres
 
 _MILLI = 1e3
@@ -182,7 +182,7 @@ def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats, unit: str)
     for number, disc in enumerate(c.cell.discs):
         look, chosen = mark(number), (touches.disc == number) & (touches.posture == places.posture)
         centre = (disc.x * _MILLI, disc.y * _MILLI)
-        axes.add_patch(Circle(centre, disc.radius * _MILLI, fill=False, edgecolor=look.colour, lw=1.3, zorder=3))
+        draw_object(axes, disc, look.colour, scale=_MILLI, width=1.3, order=3)
         name = axes.text(*centre, disc.name, ha='center', va='center', fontsize=9.5, color=INK, zorder=5, clip_on=True)
         name.set_parse_math(False)
         axes.plot(*tip[chosen].T, look.shape, ls='none', ms=3.2, color=look.colour, mew=0, zorder=3)

@@ -301,6 +301,16 @@ def clear_start(planner: Planner, here: Poses) -> tuple[Poses | None, str]:
     disc = int(np.argmin(apart))
     away = cell.radii[disc] + space.clearance + 1e-3
     out = Poses((cell.centers[disc] + away * off[disc] / np.hypot(*off[disc]))[None], here.posture)
+    if cell.has_outlines:
+        k = int(np.argmin(cell.surfaces.distances(here.tip)[0]))
+        disc, surface = int(cell.surfaces.object[k]), cell.surfaces.select(np.array([k]))
+        normal = surface.normals[0]
+        if not surface.is_edge[0]:
+            ray = np.sign(surface.radii[0]) * (here.tip[0] - surface.centers[0])
+            normal = ray / np.hypot(*ray)
+        beyond = (here.tip[0] - surface.centers[0]) @ normal - surface.radii[0]
+        apart[disc] = -1.0 if space.is_inside(here.tip)[0] else beyond
+        out = Poses(here.tip + (space.clearance + 1e-3 - beyond) * normal, here.posture)
     nearest = f'{1e3 * apart[disc]:.0f} mm from {cell.discs[disc].name}'
     moves = space.is_clear(here.tip, out.tip, but=np.array([disc]))[0] and space.keeps_limits(here, out.tip)[0]
     if apart[disc] < 0 or not moves or not space.is_clear(out.tip, out.tip)[0]:

@@ -441,7 +441,7 @@ class Runner:
 
     def _compliance(self, target: Target, joints: Floats) -> float:
         """Of arm and tip along the normal of a touch, m/N."""
-        p, n = self._parameters, target.plan.normal()[0]
+        p, n = self._parameters, target.plan.normal(self.cell)[0]
         torque = jacobian(p, joints[None])[0].T @ n
         return float(p.p_ee + p.p1 * torque[0] ** 2 + p.p2 * torque[1] ** 2)
 
@@ -449,7 +449,7 @@ class Runner:
         """Approach, press, hold, retract."""
         plan, touch, planner = target.plan, self.cell.touch, self._planner
         goal = float(plan.force[0])
-        start, normal = planner.approach(plan).tip[0], plan.normal()[0]
+        start, normal = planner.approach(plan).tip[0], plan.normal(self.cell)[0]
         begin = planner.space.clearance + 1e-3 + touch.search
         count = int((begin + 4e-3) / (0.1 * _STEP)) + 2
         tips = start - np.linspace(0.0, begin + 4e-3, count)[:, None] * normal

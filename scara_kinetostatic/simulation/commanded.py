@@ -26,11 +26,22 @@ import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, EffectSizes, Lift, Region, SensorSign, SizeMode, Uncertainty
+from scara_kinetostatic.model.cell import (
+    PAPER_CELL,
+    Cell,
+    Disc,
+    EffectSizes,
+    Lift,
+    Region,
+    SensorSign,
+    SizeMode,
+    Uncertainty,
+)
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import forward, posture
+from scara_kinetostatic.model.outline import Outline, Surfaces
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import remembered, torques_of
 from scara_kinetostatic.simulation.plan import check_numbers
@@ -95,6 +106,7 @@ class Circle(NamedTuple):
         x: of the arc's centre, m.
         y: likewise.
         radius: of the arc along which the tip's centre moves, m.
+        tangent: unit vector along a straight edge of an object; None of an arc.
     """
 
     name: str
@@ -103,6 +115,7 @@ class Circle(NamedTuple):
     x: float
     y: float
     radius: float
+    tangent: tuple[float, float] | None = None
 
 
 _FLAT = 10.0
@@ -134,6 +147,20 @@ def _circle_of_outline(name: str, number: int, outline: Floats, tip: Floats, tip
     center = foot - inner * outward
     radius = inner + (tip_radius if is_edge else max(tip_radius, _SHARP))
     return Circle(name, number, side * distance - tip_radius, float(center[0]), float(center[1]), radius)
+
+
+def _circle_of_object(number: int, name: str, is_closed: bool, surfaces: Surfaces, tip: Floats) -> Circle:
+    """The edge or corner of an object next to the tip, (2,), m."""
+    distances = surfaces.distances(tip[None])[0]
+    k = int(distances.argmin())
+    (x, y), radius, tangent, (u, v) = (part[k] for part in surfaces[1:5])
+    off = tip - (x, y)
+    along = float(off @ tangent)
+    gap = off @ (u, v) - radius if tangent.any() else np.sign(radius) * np.hypot(*off) - radius
+    if not is_closed and tangent.any() and abs(along) > surfaces.halves[k]:  # past the end of an open outline
+        gap = distances[k]
+    edge = (float(tangent[0]), float(tangent[1])) if tangent.any() else None
+    return Circle(name, number, float(gap), float(x), float(y), float(radius), edge)
 
 
 class _Movement:
@@ -178,7 +205,14 @@ class ModelBody:
 
     def __init__(self, cell: Cell, truth: ExtendedModel | Parameters) -> None:
         self.cell, self.model = cell, as_model(truth)
-        self._discs = [(k, disc.name, disc.x, disc.y, disc.radius) for k, disc in enumerate(cell.discs)]
+        self._discs = [
+            (k, disc.name, disc.x, disc.y, disc.radius) for k, disc in enumerate(cell.discs) if isinstance(disc, Disc)
+        ]
+        self._objects = [
+            (k, disc.name, disc.is_closed, cell.surfaces.select(cell.surfaces.object == k))
+            for k, disc in enumerate(cell.discs)
+            if isinstance(disc, Outline)
+        ]
         self._outlines = [np.array(outline, dtype=float) for outline in cell.obstacles]
         self.begin((0.0, 0.0), 0.0)
 
@@ -199,9 +233,10 @@ class ModelBody:
         found = [Circle(name, k, hypot(x - u, y - v) - r, u, v, r) for k, name, u, v, r in self._discs]
         tip, size = np.array([x, y]), self.cell.tip_radius or 0.0
         found += [
-            _circle_of_outline(f'obstacle {k + 1}', len(self._discs), outline, tip, size)
+            _circle_of_outline(f'obstacle {k + 1}', len(self.cell.discs), outline, tip, size)
             for k, outline in enumerate(self._outlines)
         ]
+        found += [_circle_of_object(*item, tip) for item in self._objects]
         return min(found, key=lambda circle: circle.gap, default=None)
 
     def advance(self, time: float, joints: tuple[float, float], lift: float) -> None:
@@ -237,16 +272,23 @@ class ModelBody:
         warm_start = np.array([self.force]) if self.touched else None
         center = np.array([[circle.x, circle.y]])
         found = contact(
-            self.model, q, center, np.array([circle.radius]), self.cell.gripper,
-            warm_start=warm_start, metadata=self._metadata,
+            self.model, q, center, np.array([circle.radius]), self.cell.gripper, warm_start=warm_start,
+            metadata=self._metadata, tangents=self._tangents(circle),
         )  # fmt: skip
         if found.solved[0]:
             self.force = float(found.force[0, 0]), float(found.force[0, 1])
         elif circle.gap < -_DEEP:
             out = center[0] - forward(self.model.parameters, q)[0]
+            if circle.tangent is not None:  # into the object, at right angles to the edge
+                out = np.array([-circle.tangent[1], circle.tangent[0]])
             x, y = -_CRASH * circle.gap * out / np.hypot(*out)
             self.force = float(x), float(y)
         self.touched = circle.name if any(self.force) else ''
+
+    def _tangents(self, circle: Circle) -> Floats | None:
+        if not self._objects:
+            return None
+        return np.array([circle.tangent or (0.0, 0.0)])
 
     def _remember(self) -> None:
         """The turning points of the load, which joints with memory keep."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.outline import Outline, boundary, inside
 
 Index = NDArray[np.intp]
 
@@ -61,7 +62,8 @@ class Plan:
 
     Attributes:
         disc: index of the disc in the cell, (m,).
-        angle: place on the disc: direction from its centre to the contact, (m,), rad.
+        angle: place on the disc: direction from its centre to the contact, (m,), rad; on an outline the place along
+            it, of which a whole turn is once round (`Surfaces.places`).
         posture: elbow posture, +1 or -1, (m,).
         force: force of the hold, (m,), N.
         preload: part of that force by which the press goes beyond it before it eases down to
@@ -99,13 +101,28 @@ class Plan:
     def __len__(self) -> int:
         return len(self.disc)
 
-    def normal(self) -> Floats:
-        """Outward normal of the disc at each contact, (m, 2)."""
-        return np.column_stack([np.cos(self.angle), np.sin(self.angle)])
+    def surface(self, cell: Cell) -> Index:
+        """Number of the touched edge or arc among `Cell.surfaces`, (m,)."""
+        return cell.surfaces.places(self.disc, self.angle)[0] if cell.has_outlines else self.disc
+
+    def normal(self, cell: Cell | None = None) -> Floats:
+        """Outward normal of the object at each contact, (m, 2); without a cell that of discs."""
+        round_disc = np.column_stack([np.cos(self.angle), np.sin(self.angle)])
+        if cell is None or not cell.has_outlines:
+            return round_disc
+        surface, part = cell.surfaces.places(self.disc, self.angle)
+        return cell.surfaces.select(surface).at(part)[1]
+
+    def direction(self, cell: Cell) -> Floats:
+        """Angle of the outward normal, (m,), rad."""
+        return np.arctan2(*self.normal(cell).T[::-1]) if cell.has_outlines else self.angle
 
     def contact(self, cell: Cell) -> Floats:
         """Where the tip touches, (m, 2), m, base frame."""
-        return cell.centers[self.disc] + cell.radii[self.disc, None] * self.normal()
+        if not cell.has_outlines:
+            return cell.centers[self.disc] + cell.radii[self.disc, None] * self.normal()
+        surface, part = cell.surfaces.places(self.disc, self.angle)
+        return cell.surfaces.select(surface).at(part)[0]
 
     def select(self, which: Mask | Index) -> Plan:
         """The touches that a mask or an array of positions picks."""
@@ -152,9 +169,11 @@ def default_plan(
         )
     )
     point = step * _stride(per_disc) % per_disc
+    # on an outline half a step on: a place where an edge begins is of no use
+    half = np.array([0.5 * isinstance(item, Outline) for item in cell.discs])
     plan = Plan(
         disc=disc,
-        angle=2.0 * np.pi * point / per_disc,
+        angle=2.0 * np.pi * (point + half[disc]) / per_disc,
         posture=np.array(postures)[side],
         force=np.array(levels, dtype=float)[(point + disc + side) % len(levels)],
         preload=np.where(_every_other(point, disc, side, len(levels)), preload, 0.0),
@@ -175,12 +194,19 @@ def within_reach(cell: Cell, plan: Plan) -> Mask:
     nominal = cell.nominal
     reachable = np.ones(len(plan), dtype=bool)
     for distance in (0.0, CLEARANCE):
-        tip = plan.contact(cell) + distance * plan.normal()
+        tip = plan.contact(cell) + distance * plan.normal(cell)
         radius = np.hypot(tip[:, 0] - nominal.x0, tip[:, 1] - nominal.y0)
         folded = max(abs(nominal.l1 - nominal.l2) + REACH_MARGIN, BASE_MARGIN)
         reachable &= (radius >= folded) & (radius <= nominal.l1 + nominal.l2 - REACH_MARGIN)
         apart = np.linalg.norm(tip[:, None] - cell.centers[None], axis=2) - cell.radii
         apart[np.arange(len(plan)), plan.disc] = np.inf
+        for number in (k for k, disc in enumerate(cell.discs) if isinstance(disc, Outline)):
+            surfaces = cell.surfaces.select(cell.surfaces.object == number)
+            apart[:, number] = surfaces.distances(tip).min(axis=1)
+            own = (plan.disc == number) & (apart[:, number] >= distance - 1e-9)
+            apart[own, number] = np.inf
+            if cell.discs[number].is_closed:
+                apart[inside(boundary(surfaces), tip) & ~own, number] = -np.inf
         reachable &= apart.min(axis=1) > CLEARANCE / 2
     return reachable
 

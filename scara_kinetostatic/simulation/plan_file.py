@@ -33,6 +33,7 @@ import numpy as np
 from scara_kinetostatic.errors import InputError, ParameterError, did_you_mean
 from scara_kinetostatic.files.yaml_file import Section, Within, parse_yaml, read_text, shown
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, REACH_MARGIN, Plan, within_reach
 from scara_kinetostatic.simulation.slides import Slide
@@ -175,6 +176,8 @@ def _outline(entry: Section, cell: Cell) -> Outline:
         if given not in discs:
             raise entry.error('slide', f'the cell has no disc {given!r}', did_you_mean(given, discs, 'its discs are'))
         disc = discs[given]
+        if isinstance(disc, KnownOutline):
+            return polygon(disc.corners, disc.corner_radius, disc.is_closed)
         return circle((disc.x, disc.y), disc.radius - (cell.tip_radius or 0.0))
     form = next((key for key in _FORMS if isinstance(given, dict) and key in given), 'radius')
     shape = entry.section('slide', *_FORMS[form])

@@ -194,13 +194,14 @@ class ContactForces:
             tension: as in `model.contact.contact`.
             metadata: of the moments; None: those of the holds.
         """
-        disc = self.plan.disc[touch]
+        surface, surfaces = self.plan.surface(self.cell)[touch], self.cell.surfaces
         return contact(
             self.truth,
             joints,
-            self.cell.centers[disc],
-            self.cell.radii[disc],
+            surfaces.centers[surface],
+            surfaces.radii[surface],
             self.cell.gripper,
+            tangents=surfaces.tangents[surface] if self.cell.has_outlines else None,
             tension=tension,
             warm_start=warm_start,
             metadata=self.metadata.select(touch) if metadata is None else metadata,
@@ -241,7 +242,7 @@ class ContactForces:
             start: first depths, (m,), m.
         """
         wanted = relative_force * self.plan.force
-        warm_start = -wanted[:, None] * self.plan.normal()
+        warm_start = -wanted[:, None] * self.plan.normal(self.cell)
         depth = np.zeros(len(self.plan)) if start is None else start.copy()
         slope, todo = compliance.copy(), np.arange(len(self.plan))
         before = np.full((2, len(self.plan)), np.nan)
@@ -265,7 +266,7 @@ class ContactForces:
         The planned one where no equilibrium is found.
         """
         beyond = (1.0 + self.plan.preload) * self.plan.force
-        every, planned = np.arange(len(self.plan)), -beyond[:, None] * self.plan.normal()
+        every, planned = np.arange(len(self.plan)), -beyond[:, None] * self.plan.normal(self.cell)
         found = self.contact(every, joints, planned, metadata=self.metadata._replace(history=histories.press))
         return np.where(found.solved[:, None], found.force, planned)
 
@@ -275,7 +276,7 @@ class ContactForces:
 
     def in_hold(self, joints: Floats) -> Contact:
         """A(Q, L̄) in each hold, for its joints (m, 2), rad."""
-        return self.contact(np.arange(len(self.plan)), joints, -self.plan.force[:, None] * self.plan.normal())
+        return self.contact(np.arange(len(self.plan)), joints, -self.plan.force[:, None] * self.plan.normal(self.cell))
 
     def off_plan(self, found: Contact, tolerance: float = 0.02) -> Mask:
         """Which touches have no equilibrium, or not the force that is planned but for a relative error, (m,)."""
@@ -371,7 +372,7 @@ class Trajectory:
         if not len(plan):
             raise UnsupportedDataError('the plan holds no touch', 'plan at least one')
         self._contact = plan.contact(cell)
-        self._inward = -plan.normal()
+        self._inward = -plan.normal(cell)
         self.hold_force = plan.force[:, None] * self._inward
         self.peak_force = (1.0 + plan.preload)[:, None] * self.hold_force
         self._depth = np.zeros((2, len(plan)))

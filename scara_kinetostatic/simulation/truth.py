@@ -27,8 +27,10 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.yaml_file import Section, parse_yaml, read_text
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -186,9 +188,21 @@ class World(NamedTuple):
         declared = DeclaredErrors.of(described)
         if declared is None or errors is None:
             return cls(described, described, np.zeros(0), {})
-        places = zip(described.discs, declared.centers(errors), declared.radii(errors), strict=True)
-        discs = tuple(disc._replace(x=float(x), y=float(y), radius=float(radius)) for disc, (x, y), radius in places)
-        return cls(described, replace(described, discs=discs), errors, nominal_errors or {})
+        _, first = np.unique(described.surfaces.object, return_index=True)
+        places = zip(
+            described.discs, first, declared.centers(errors)[first], declared.radii(errors)[first], strict=True
+        )
+        discs: list[Disc | Outline] = []
+        for disc, k, (x, y), radius in places:
+            if isinstance(disc, Outline):
+                angle = float(declared.rotation[k] @ errors)
+                reference = np.array([disc.x, disc.y])
+                shift = (x, y) - rotate(described.surfaces.centers[k] - reference, angle) - reference
+                offset = float(radius - described.surfaces.radii[k])
+                discs.append(disc.moved(shift, angle)._replace(offset=offset))
+            else:
+                discs.append(disc._replace(x=float(x), y=float(y), radius=float(radius)))
+        return cls(described, replace(described, discs=tuple(discs)), errors, nominal_errors or {})
 
     @classmethod
     def draw(cls, described: Cell, random: np.random.Generator) -> World:

@@ -23,6 +23,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn, rotate
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.surfaces import PER_ANGLE
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,8 @@ def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -
     if cell.sensor.frame is SensorFrame.TOOL:
         force = rotate(force, joints.sum(axis=1) + parameters.theta1 + parameters.theta2)
     unit = force / np.maximum(np.linalg.norm(force, axis=1), 1e-300)[:, None]
+    if cell.has_outlines:
+        return cell.surfaces.misses(forward(parameters, joints), unit, PER_ANGLE)[0], unit
     place = cell.centers[None] - cell.radii[None, :, None] * unit[:, None]
     return forward(parameters, joints)[:, None] - place, unit
 
@@ -107,11 +110,13 @@ def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -
 def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[NDArray[np.intp], Floats]:
     """The disc with the smallest miss, (n,), and that miss less what an oblique force explains, (n,), m."""
     misses, unit = _misses(parameters, joints, force, cell)
-    disc = np.argmin(np.linalg.norm(misses, axis=2), axis=1)
-    miss = misses[np.arange(len(disc)), disc]
+    surface = np.argmin(np.linalg.norm(misses, axis=2), axis=1)
+    miss = misses[np.arange(len(surface)), surface]
     radial = np.sum(miss * unit, axis=1)
     tangential = np.abs(np.sum(miss * quarter_turn(unit), axis=1))
-    return disc, np.hypot(radial, np.maximum(tangential - SETTINGS.largest_friction_angle * cell.radii[disc], 0.0))
+    lever = np.where(cell.surfaces.halves < np.pi, PER_ANGLE, cell.surfaces.radii)[surface]
+    miss = np.hypot(radial, np.maximum(tangential - SETTINGS.largest_friction_angle * lever, 0.0))
+    return cell.surfaces.object[surface], miss
 
 
 def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) -> Parameters:
@@ -126,7 +131,11 @@ def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) ->
         miss = misses[np.arange(len(disc)), disc]
         jacobian = forward_by_parameters(parameters, joints)[..., :6]
         if cell.sensor.frame is SensorFrame.TOOL:  # the force turns with theta1 and theta2
-            jacobian[..., [2, 4]] += quarter_turn(cell.radii[disc, None] * unit)[..., None]
+            round_disc = np.where(cell.surfaces.halves < np.pi, 0.0, cell.surfaces.radii)[disc, None]
+            jacobian[..., [2, 4]] += quarter_turn(round_disc * unit)[..., None]
+        if cell.has_outlines:  # along an edge the place is free
+            along = cell.surfaces.tangents[disc]
+            jacobian -= along[:, :, None] * np.einsum('ni,nij->nj', along, jacobian)[:, None]
         size = np.linalg.norm(miss, axis=1)
         weight = 1.0 / np.sqrt(1.0 + (size / max(4 * SETTINGS.miss_sigma, float(np.median(size)))) ** 2)
         rows = (weight / SETTINGS.miss_sigma)[:, None, None] * jacobian * prior

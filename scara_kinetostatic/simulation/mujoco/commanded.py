@@ -50,8 +50,8 @@ class EngineBody:
         (q1, q2), (x, y) = engine.joints.tolist(), engine.force().tolist()
         self.joints, self.force, self.touched = (q1, q2), (x, y), ''
         if x or y:
-            away = np.hypot(*(self._cell.centers - engine.tip).T) - self._cell.radii
-            self.touched = self._cell.discs[int(away.argmin())].name
+            near = int(self._cell.surfaces.distances(engine.tip[None])[0].argmin())
+            self.touched = self._cell.discs[int(self._cell.surfaces.object[near])].name
 
     def sensed(self, share: float) -> Floats:
         """The force in the frame of the sensor; a tool frame is that of the engine's own link 2."""

@@ -185,7 +185,7 @@ class TouchController:
 
     def _motor_paths(self, cell: Cell) -> Floats:
         """Motor angles for the depths of each touch by the nominal arm, (m, SETTINGS.depths, 2), rad."""
-        aims = self.plan.contact(cell)[:, None] - self._depths[:, None] * self.plan.normal()[:, None]
+        aims = self.plan.contact(cell)[:, None] - self._depths[:, None] * self.plan.normal(cell)[:, None]
         poses = inverse(cell.nominal, aims, self.plan.posture[:, None])
         lost = np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2)))
         if len(lost):

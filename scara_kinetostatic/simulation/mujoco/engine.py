@@ -14,9 +14,10 @@ from markupsafe import Markup
 from scara_kinetostatic.errors import InputError, ParameterError
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Disc
+from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
-from scara_kinetostatic.simulation.outline import Arc, Edge, Outline
+from scara_kinetostatic.simulation.outline import Arc, Edge, Outline, polygon
 from scara_kinetostatic.simulation.plan import check_numbers
 
 if TYPE_CHECKING:
@@ -204,6 +205,8 @@ SETTINGS = EngineSettings()
 
 def _tip_radius(cell: Cell) -> float:
     """Radius of the ball at the tip, m: the discs are smaller by it than the radii in the cell."""
+    if cell.has_outlines:
+        return float(cell.tip_radius or 0.0)
     return min(LARGEST_TIP, 0.5 * float(cell.radii.min()))
 
 
@@ -239,9 +242,10 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
         tip_radius=tip,
         discs=[
             {
-                'x': disc.x + moved[1] * (k == moved[0]),
-                'y': disc.y + moved[2] * (k == moved[0]),
+                'x': disc.x * isinstance(disc, Disc) + moved[1] * (k == moved[0]),
+                'y': disc.y * isinstance(disc, Disc) + moved[2] * (k == moved[0]),
                 'radius': disc.radius - tip,
+                'pieces': {} if isinstance(disc, Disc) else _pieces(disc, k in scene.padded_discs(cell)),
             }
             for k, disc in enumerate(cell.discs)
         ],
@@ -257,6 +261,19 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
 
 def _row(values: Iterable[float]) -> str:
     return ' '.join(str(float(value)) for value in values)
+
+
+def _pieces(outline: KnownOutline, padded: bool) -> dict[int, Markup]:
+    """The geoms of an object of the cell, in the base frame.
+
+    Raises:
+        ParameterError: it has an inner corner, or is to have a coat: the engine has no such body.
+    """
+    pieces = polygon(outline.corners, outline.corner_radius, outline.is_closed)
+    if padded or any(isinstance(piece, Arc) and piece.semi_axes[0] < 0 for piece in pieces.pieces):
+        problem = f'{outline.name} has a coat or an inner corner'
+        raise ParameterError('mujoco', problem, 'give convex outlines without one')
+    return _geoms(pieces)
 
 
 def _geoms(outline: Outline) -> dict[int, Markup]:

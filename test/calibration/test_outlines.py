@@ -1,0 +1,198 @@
+"""Calibration by touches of outlines: recovery, statistics, declared errors, effects, what is not determined."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.assessment.mistakes import check_touches
+from scara_kinetostatic.calibration.gauss_helmert import linearise
+from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.files.cell_file import parse_cell
+from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.truth import parse_effect, with_effects
+
+HEAD = """
+robot:
+  nominal: {x0: 0.0, y0: 0.0, theta1: 0.0, l1: 0.33, theta2: 0.0, l2: 0.33,
+            p_ee: 1.0e-5, p1: 1.0e-5, p2: 1.0e-5, g_ee: 0.0, g1: 0.0, g2: 0.0}
+tip: {radius: 0.005}
+noise: {joint: 1.0e-5, force: 0.3}
+"""
+BLOCK = 'outline: [[-0.06, 0.30], [0.06, 0.30], [0.06, 0.42], [-0.06, 0.42]], corner_radius: 0.002'
+ELL = (
+    'outline: [[-0.30, 0.22], [-0.12, 0.22], [-0.12, 0.29], [-0.21, 0.29], [-0.21, 0.40], [-0.30, 0.40]], '
+    'corner_radius: 0.008'
+)
+EDGE = 'outline: [[-0.40, 0.15], [-0.15, 0.45]], open: true'
+DISC = 'center: [0.20, 0.30], radius: 0.06'
+TRUTH = Parameters(0.0025, -0.002, 0.004, 0.3312, -0.003, 0.3285, 1.3e-5, 2e-5, 3e-5, 5e-5, 1e-4, 1.5e-4)
+
+
+def _cell(more='', **objects):
+    entries = ''.join(f'  - {{name: {name}, {text}}}\n' for name, text in objects.items())
+    return parse_cell(f'{HEAD}{more}objects:\n{entries}')
+
+
+CELLS = {
+    'block': _cell(block=BLOCK),
+    'ell': _cell(ell=ELL),
+    'edge and disc': _cell(edge=EDGE, disc=DISC),
+    'mixture': _cell(ell=ELL, block=BLOCK, disc=DISC),
+}
+
+
+@pytest.mark.parametrize('name', CELLS)
+def test_exact_touches_give_back_the_robot(name):
+    cell = CELLS[name]
+    plan = default_plan(cell, 24, preload=0.3)
+    corners = ~cell.surfaces.is_edge[plan.surface(cell)]
+    assert corners.sum() >= 8
+    c = sk.calibrate(simulate_touches(cell, TRUTH, plan, Noise(0, 0)), cell)
+    assert c.touches.surface.tolist() == plan.surface(cell).tolist()
+    np.testing.assert_allclose(c.parameters.as_array(), TRUTH.as_array(), atol=1e-12)
+
+
+def test_a_touch_starts_on_a_wrong_edge_and_is_put_right():
+    cell = CELLS['mixture']
+    plan = default_plan(cell, 24)
+    touches = simulate_touches(cell, TRUTH, plan, None, 3)
+    assert (observe(touches, cell).surface != plan.surface(cell)).any()
+    c = sk.calibrate(touches, cell)
+    assert (c.touches.surface == plan.surface(cell)).all()
+    assert not c.rejected
+
+
+@pytest.mark.parametrize('name', ['mixture', 'edge and disc'])
+def test_estimates_scatter_as_their_standard_deviations_say(name):
+    cell, z = CELLS[name], []
+    plan = default_plan(cell, 12, preload=0.3)
+    for seed in range(40):
+        c = sk.calibrate(simulate_touches(cell, TRUTH, plan, None, seed), cell)
+        z.append([(c[n].value - getattr(TRUTH, n)) / c[n].std for n in NAMES])
+    assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.15
+
+
+def test_declared_errors_of_outlines_are_in_the_uncertainty():
+    stated = ', uncertainty: {center: 3.0e-5, angle: 3.0e-4, offset: 2.0e-5}'
+    more = 'plates: [{name: a, origin: [0.0, 0.3], uncertainty: {center: 1.0e-4, angle: 1.0e-3}}]\n'
+    more += 'uncertainty: {radius: 5.0e-6, effects: none}\n'
+    cell = _cell(more, ell=f'{ELL}{stated}, plate: a', block=BLOCK + stated, disc=DISC)
+    z = []
+    for seed in range(40):
+        touches = sk.simulate(cell, TRUTH, seed=seed, drawn=seed)
+        c = sk.calibrate(touches, cell)
+        z.append([(c[n].value - getattr(TRUTH, n)) / c[n].std for n in NAMES])
+    assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.15
+    plain = sk.calibrate(touches, replace(cell, discs=CELLS['mixture'].discs, plates=()))
+    assert c['x0'].std > 2 * plain['x0'].std
+
+
+def test_errors_by_cell_description_are_those_of_differences():
+    stated = ', uncertainty: {center: 3.0e-5, angle: 3.0e-4, offset: 2.0e-5}'
+    cell = _cell(
+        'plates: [{name: a, origin: [0.0, 0.3], uncertainty: {angle: 1.0e-3}}]\n', ell=f'{ELL}{stated}, plate: a'
+    )
+    touches = simulate_touches(cell, TRUTH, default_plan(cell, 24), Noise(0, 0))
+    c = sk.calibrate(touches, cell)
+    o, adjusted = observe(c.touches, cell, c.errors), c.projection.adjusted
+    by_errors = linearise(o, c.model, adjusted).by_errors
+    for k in range(len(c.errors)):
+        step = 1e-2 * np.eye(len(c.errors))[k]
+        up, down = (linearise(o.with_errors(c.errors + s), c.model, adjusted).misclosure for s in (step, -step))
+        np.testing.assert_allclose((up - down) / 2e-2, by_errors[:, :, k], atol=1e-3 * np.abs(by_errors[:, :, k]).max())
+
+
+@pytest.mark.parametrize(
+    'text',
+    ['object_rotation[block]:angle=1e-3', 'object_position[block]:x=1e-4,y=-5e-5', 'object_offset[block]:offset=-3e-5'],
+)
+def test_errors_of_a_block_are_named(text):
+    cell = CELLS['mixture']
+    truth = with_effects(TRUTH, [parse_effect(text, cell)])
+    touches = simulate_touches(cell, truth, default_plan(cell, 24, preload=0.3), None, 4)
+    outcome = sk.diagnose(touches, cell)
+    label, _, listed = text.partition(':')
+    assert set(outcome.effects) == {label}
+    for item in listed.split(','):
+        name, _, value = item.partition('=')
+        found = outcome.effects[label][name]
+        assert abs(found.value - float(value)) < 4 * found.std
+
+
+def test_a_rotated_block_is_one_whose_corners_are_rotated():
+    cell = CELLS['mixture']
+    turned = replace(cell, discs=(cell.discs[0], cell.discs[1].moved((0.0, 0.0), 1e-3), cell.discs[2]))
+    plan = default_plan(cell, 24)
+    touches = simulate_touches(turned, TRUTH, plan, Noise(0, 0))
+    effect = parse_effect('object_rotation[block]:angle=1e-3', cell).effect
+    c = sk.calibrate(touches, cell, [effect])
+    assert c.model.values['object_rotation[block]']['angle'] == pytest.approx(1e-3, abs=1e-6)
+    assert c.force_error < 1e-2
+
+
+def test_friction_on_edges_and_corners_is_estimated():
+    cell = CELLS['mixture']
+    effect = parse_effect('contact_friction:coefficient=0.1', cell)
+    plan = default_plan(cell, 24, preload=0.3)
+    touches = simulate_touches(cell, with_effects(TRUTH, [effect]), plan, Noise(0, 0))
+    c = sk.calibrate(touches, cell, start=ExtendedModel(cell.nominal, (effect.effect,), ((0.0,),)))
+    assert c.model.values['contact_friction']['coefficient'] == pytest.approx(0.1, abs=1e-6)
+    np.testing.assert_allclose(c.parameters.as_array(), TRUTH.as_array(), atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ('objects', 'words'),
+    [
+        ({'edge': EDGE}, 'one straight edge is touched: the place of the base along it'),
+        (
+            {
+                'a': 'outline: [[0.3, 0.3], [-0.3, 0.3]], open: true',
+                'b': 'outline: [[-0.3, 0.45], [0.3, 0.45]], open: true',
+            },
+            'all touched edges are parallel',
+        ),
+        ({'block': BLOCK}, 'looks the same in 4 positions'),
+    ],
+)
+def test_what_a_shape_leaves_free_is_said(objects, words):
+    cell = _cell(**objects)
+    c = sk.calibrate(sk.simulate(cell, TRUTH, per_disc=36, seed=1), cell)
+    assert words in c.identifiability.notes[0]
+    assert (c.identifiability.rank < 12) == ('block' not in objects)
+    assert sk.calibrate(sk.simulate(CELLS['mixture'], TRUTH, seed=1), CELLS['mixture']).identifiability.notes == ()
+
+
+@pytest.mark.parametrize('degrees', [90, -90])
+def test_a_block_turned_by_90_degrees_is_named(degrees):
+    cell, touches = CELLS['mixture'], sk.simulate(CELLS['mixture'], TRUTH, seed=2)
+    assert check_touches(touches, cell).found is None
+    turned = cell.discs[0].moved((0.0, 0.0), np.deg2rad(degrees))
+    found = check_touches(touches, replace(cell, discs=(turned, *cell.discs[1:]))).found
+    assert found is not None
+    assert f'ell is turned by {degrees}°' in found.statement
+
+
+@pytest.mark.parametrize(('radius', 'words'), [(1e-4, 'the radius of the tip is missing'), (0.01, 'is its diameter')])
+def test_a_wrong_tip_is_named(radius, words):
+    second = 'outline: [[0.22, 0.20], [0.30, 0.16], [0.34, 0.24], [0.26, 0.28]], corner_radius: 0.003'
+    cell = _cell(block=BLOCK, second=second, disc='center: [0.25, 0.36], radius: 0.06')
+    touches = sk.simulate(cell, TRUTH, seed=2)
+    assert check_touches(touches, cell).found is None
+    found = check_touches(touches, replace(cell, tip_radius=radius)).found
+    assert found is not None
+    assert words in found.statement
+
+
+def test_forces_of_a_fit_are_predicted_from_joints_alone():
+    cell = CELLS['mixture']
+    plan = default_plan(cell, 24)
+    touches = simulate_touches(cell, TRUTH, plan, Noise(0, 0))
+    c = sk.calibrate(touches, cell)
+    names = [cell.discs[number].name for number in touches.disc]
+    np.testing.assert_allclose(sk.predict_force(c, touches.joints, names), touches.force, atol=1e-4)
