@@ -42,6 +42,8 @@ _TITLES = {
     UNDETECTED: 'undetected {}',
     'object_position': 'place of {}',
     'object_radius': 'radius of {}',
+    'object_rotation': 'rotation of {}',
+    'object_offset': 'offset of the sides of {}',
     'plate_position': 'place of plate {}',
     'plate_angle': 'rotation of plate {}',
     'radius': 'error common to all radii',

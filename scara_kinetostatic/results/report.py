@@ -142,7 +142,7 @@ def numbers(outcome: Outcome) -> tuple[Fact, Fact, Fact]:
         'Tip error, before → after',
         f'{micrometres(compared.nominal_tip)} → {micrometres(final.tip.held_out)}',
         'µm',
-        'rms distance from the touched circles: nominal → calibrated, each touch by a fit without it; '
+        'rms distance from the touched surfaces: nominal → calibrated, each touch by a fit without it; '
         f'{micrometres(final.tip.fitted)} µm in the fit, {micrometres(final.tip.noise)} µm is expected from noise',
     )
     held_out = Fact(
