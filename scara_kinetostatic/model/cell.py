@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -15,7 +14,15 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.kinematics import Gripper
 from scara_kinetostatic.model.kinematics import GripperSign as GripperSign
-from scara_kinetostatic.model.outline import Outline, Surfaces, boundary, inside, outline_problem, surfaces_of
+from scara_kinetostatic.model.outline import (
+    Outline,
+    Surfaces,
+    boundary,
+    inside,
+    known_surfaces,
+    outline_problem,
+    surfaces_of,
+)
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL, UNITS, Parameters
 
 Level: TypeAlias = float | tuple[float, float]
@@ -554,15 +561,15 @@ class Cell:
         tip = self.tip_radius or 0.0
         return np.array([disc.radius + (tip if isinstance(disc, Outline) else 0.0) for disc in self.discs])
 
-    @cached_property
+    @property
     def has_outlines(self) -> bool:
         """Whether any object is not a disc."""
         return any(isinstance(disc, Outline) for disc in self.discs)
 
-    @cached_property
+    @property
     def surfaces(self) -> Surfaces:
         """The edges and arcs on which the tip's centre is in contact: of each disc its circle."""
-        return surfaces_of(self.discs, self.tip_radius)
+        return known_surfaces(self.discs, self.tip_radius)
 
     @property
     def surface_std(self) -> float:

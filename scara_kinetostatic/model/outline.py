@@ -16,6 +16,7 @@ radius and a tangent, which is zero on an arc. An inner corner is an arc of nega
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -215,6 +216,15 @@ def surfaces_of(objects: Iterable[object], tip_radius: float | None) -> Surfaces
     owner, center, radius, tangent, normal, half = (np.array(part) for part in zip(*rows, strict=True))
     pair = [np.array([part.real, part.imag]).T for part in (center, tangent, normal)]
     return Surfaces(owner.astype(np.intp), pair[0], radius, pair[1], pair[2], half)
+
+
+@lru_cache(maxsize=64)
+def known_surfaces(objects: tuple[object, ...], tip_radius: float | None) -> Surfaces:
+    """`surfaces_of` of the objects of a cell, as read-only arrays."""
+    found = surfaces_of(objects, tip_radius)
+    for part in found:
+        part.setflags(write=False)
+    return found
 
 
 def _elements(outline: Outline, tip_radius: float) -> list[tuple[complex, float, complex, complex, float]]:
