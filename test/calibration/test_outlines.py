@@ -60,7 +60,7 @@ def test_exact_touches_give_back_the_robot(name):
 
 def test_a_touch_starts_on_a_wrong_edge_and_is_put_right():
     cell = CELLS['mixture']
-    plan = default_plan(cell, 24)
+    plan = default_plan(cell, 36)
     touches = simulate_touches(cell, TRUTH, plan, None, 3)
     assert (observe(touches, cell).surface != plan.surface(cell)).any()
     c = sk.calibrate(touches, cell)
@@ -162,7 +162,7 @@ def test_friction_on_edges_and_corners_is_estimated():
 )
 def test_what_a_shape_leaves_free_is_said(objects, words):
     cell = _cell(**objects)
-    c = sk.calibrate(sk.simulate(cell, TRUTH, per_disc=36, seed=1), cell)
+    c = sk.calibrate(sk.simulate(cell, TRUTH, per_disc=24, seed=1), cell)
     assert words in c.identifiability.notes[0]
     assert (c.identifiability.rank < 12) == ('block' not in objects)
     assert sk.calibrate(sk.simulate(CELLS['mixture'], TRUTH, seed=1), CELLS['mixture']).identifiability.notes == ()
