@@ -41,7 +41,7 @@ _TO_DECIDE = 12
 """Touches that are made at most to decide between effects, when the tolerance is reached or others help no more."""
 _WELL_KNOWN = 2e-3
 """Expanded uncertainty of the tip above which the nominal arm is taken for the motions, m."""
-_STALLED, _PROGRESS = 12, 0.9
+_STALLED, _PROGRESS = 12, 0.95
 """Touches are not the limit where so many of them left more than this part of the uncertainty of the tip."""
 
 Worker = Callable[..., 'Future[Any]']
@@ -224,8 +224,9 @@ class Campaign:
         if found.now <= tolerance and found.grade != 'unfit':
             reached = f'the expanded uncertainty of the tip is {_length(found.now)}, the tolerance {_length(tolerance)}'
             return End(0, f'enough: {reached}; {found.verdict}')
-        before = [now for accepted, now in self._past if accepted <= self.accepted - _STALLED]
         self._past.append((self.accepted, found.now))
+        before = [now for accepted, now in self._past if accepted <= self.accepted - _STALLED]
+        stalled = bool(before) and np.inf > min(now for _, now in self._past) > _PROGRESS * min(before)
         uncertainty = found.planned.uncertainty
         limit, share = uncertainty.beyond(tolerance), (uncertainty.undetected / found.now) ** 2
         if not limit and share > 0.5:
@@ -233,7 +234,7 @@ class Campaign:
                 f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(found.now)}, the tolerance '
                 f'is {_length(tolerance)}: {100 * share:.0f} % of its variance is from effects not detected or decided'
             )
-        if limit and before and np.inf > found.now > _PROGRESS * min(before):
+        if limit and stalled:
             if found.undecided and not self._decides:
                 self._decides = True
                 return None

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from running.test_runner import CELL, TRUTH, rehearsal
 
-from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.model.cell import Disc, EffectSizes, SizeMode, Uncertainty
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import TouchSet
@@ -15,7 +15,8 @@ from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Space
 
 BLOCK = Outline('block', ((-0.02, 0.30), (0.08, 0.30), (0.08, 0.40), (-0.02, 0.40)), 0.002)
-WITH_BLOCK = replace(CELL, discs=(Disc('disc_1', -0.25, 0.30, 0.12), BLOCK), tip_radius=0.005)
+NONE_ELSE = Uncertainty(effects=EffectSizes(SizeMode.NONE))
+WITH_BLOCK = replace(CELL, discs=(Disc('disc_1', -0.25, 0.30, 0.12), BLOCK), tip_radius=0.005, uncertainty=NONE_ELSE)
 
 
 def test_the_tip_keeps_clear_of_a_block() -> None:
