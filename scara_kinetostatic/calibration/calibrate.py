@@ -20,7 +20,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters, implausible_size
+from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, Parameters, implausible_size
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 
 
@@ -92,6 +92,10 @@ def calibrate(
             problem += f'; {len(left_out)} were left out, the first: {left_out[0].reason}'
             remedy = f'check the units and the order of joint angles and forces, or {remedy}'
         raise UnsupportedDataError(problem, remedy)
+    alone = cell.has_outlines and len(np.unique(touches.disc)) < 2
+    if alone and start.parameters.has_gravity and not held.issuperset(MOMENTS):
+        problem = 'under gravity touches of one outline alone may give wrong moments and backlashes'
+        raise UnsupportedDataError(problem, 'touch a disc as well, or hold the moments: --fix s1=… --fix s2=…')
     observations = observe(touches, cell)
     to_disc = observations.contact_problem(observations.joints).inward(forward(cell.nominal, observations.joints))
     force = base_force(observations, ExtendedModel(cell.nominal))

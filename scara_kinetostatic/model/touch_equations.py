@@ -254,18 +254,20 @@ class Edges(NamedTuple):
 
 def free_state(parameters: Parameters, joints: Floats, centers: Floats, edges: Edges | None = None) -> State:
     """A start for n touches: links at the measured angles, no force, pointing from tip to disc."""
-    to_disc = centers - forward(parameters, joints)
-    if edges is not None:
-        to_disc = pairs(edges.inward(as_complex(to_disc)))
-    direction = np.arctan2(*to_disc.T[::-1])
+
+    def inward(links: Floats) -> Floats:
+        to_disc = centers - forward(parameters, links)
+        to_disc = to_disc if edges is None else pairs(edges.inward(as_complex(to_disc)))
+        return np.asarray(np.arctan2(*to_disc.T[::-1]))
+
+    direction = inward(joints)
     still, (q1, q2) = np.zeros(len(direction)), joints.T
     arm = view_arm(parameters, q1, q2, still, direction, Gripper())
     state = State(q1, q2, still, direction, *np.where(arm.lever < 0, -1.0, 1.0))
     if parameters.has_gravity:  # the arm hangs in its joints
         for _ in range(4):
             state, _ = step_links(parameters, joints, state, Gripper())
-        links = np.array(state[:2]).T
-        state = state._replace(direction=np.arctan2(*(centers - forward(parameters, links)).T[::-1]))
+        state = state._replace(direction=inward(np.array(state[:2]).T))
     return state
 
 

@@ -229,7 +229,7 @@ class Campaign:
         stalled = bool(before) and np.inf > min(now for _, now in self._past) > _PROGRESS * min(before)
         uncertainty = found.planned.uncertainty
         limit, share = uncertainty.beyond(tolerance), (uncertainty.undetected / found.now) ** 2
-        if not limit and share > 0.5:
+        if not limit and share > 0.5 and found.now > tolerance:
             limit = (
                 f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(found.now)}, the tolerance '
                 f'is {_length(tolerance)}: {100 * share:.0f} % of its variance is from effects not detected or decided'

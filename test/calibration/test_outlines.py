@@ -9,8 +9,10 @@ import scara_kinetostatic as sk
 from scara_kinetostatic.assessment.mistakes import check_touches
 from scara_kinetostatic.calibration.gauss_helmert import linearise
 from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.cell_file import parse_cell
 from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.simulation.plan import default_plan
@@ -196,3 +198,30 @@ def test_forces_of_a_fit_are_predicted_from_joints_alone():
     c = sk.calibrate(touches, cell)
     names = [cell.discs[number].name for number in touches.disc]
     np.testing.assert_allclose(sk.predict_force(c, touches.joints, names), touches.force, atol=1e-4)
+
+
+def _upright(cell, **moments):
+    """The cell with gravity, its nominal moments 20 % low, and the robot in it."""
+    gravity = {'gravity': (0.0, -9.81)}
+    low = {name: 0.8 * value for name, value in moments.items()}
+    return replace(cell, nominal=cell.nominal.replace(**gravity, **low)), TRUTH.replace(**gravity, **moments)
+
+
+def test_under_gravity_one_block_alone_is_refused_unless_the_moments_are_held():
+    cell, truth = _upright(CELLS['block'], s1=2.0, s2=0.6)
+    touches = sk.simulate(cell, truth, seed=1, per_disc=36)
+    with pytest.raises(UnsupportedDataError, match='under gravity touches of one outline alone'):
+        sk.calibrate(touches, cell)
+    held = sk.calibrate(touches, cell, fixed={'s1': 2.0, 's2': 0.6})
+    assert max(abs(held[n].value - getattr(truth, n)) / held[n].std for n in NAMES) < 4.5
+
+
+def test_inner_corners_are_touched_under_gravity():
+    cell, truth = _upright(CELLS['ell'], s1=2.0, s2=0.6)
+    plan, surfaces = default_plan(cell, 100), cell.surfaces
+    touches, at = simulate_touches(cell, truth, plan, Noise(0, 0)), plan.surface(cell)
+    assert (surfaces.radii[at] < 0).any()
+    places = surfaces.centers[at], surfaces.radii[at]
+    found = contact(truth, touches.joints, *places, cell.gripper, tangents=surfaces.tangents[at])
+    inner = surfaces.radii[at] < 0
+    np.testing.assert_allclose(found.force[inner], touches.force[inner], atol=1e-6)
