@@ -113,8 +113,11 @@ class Space:
         """Lower and upper limits that are kept, (2, 2), rad.
 
         Raises:
-            CellError: the cell states none.
+            CellError: the cell states none; or it has an open outline, whose other side is not known, and no lift.
         """
+        if self.cell.lift is None and not all(disc.is_closed for disc in self.cell.discs):
+            remedy = 'give robot.lift, or close the outline round the body'
+            raise CellError('objects', 'what is behind an open outline is not known, and travel may lead there', remedy)
         if self.cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them: nothing is planned else')
         return np.array(self.cell.limits).T + np.array([[LIMIT_MARGIN], [-LIMIT_MARGIN]])

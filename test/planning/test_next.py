@@ -18,6 +18,7 @@ from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Region, Uncertainty
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import LIMIT_MARGIN, Edges, Poses, Space, shortest_order
@@ -296,6 +297,14 @@ def test_the_shortest_order_is_that_of_a_line():
     order = shortest_order(np.abs(places[:, None] - places))
     assert list(places[order]) in ([*range(9)], [*range(8, -1, -1)])
     assert shortest_order(np.abs(places[:, None] - places), first=4)[0] == 4
+
+
+def test_without_a_lift_an_open_outline_is_refused():
+    edge = Outline('edge', ((-0.05, 0.35), (0.10, 0.35)), is_open=True)
+    cell = replace(CELL, discs=(*CELL.discs[:1], edge), tip_radius=0.005)
+    with pytest.raises(CellError, match='behind an open outline'):
+        planner_of(cell).accurate(9)
+    assert len(planner_of(replace(cell, lift=LIFT)).accurate(9).plan) == 9
 
 
 def test_limits_are_needed_and_kept_with_a_margin():
