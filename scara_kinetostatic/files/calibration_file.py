@@ -24,7 +24,7 @@ from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import Undetected
 from scara_kinetostatic.effects.unnamed import Unnamed
-from scara_kinetostatic.errors import CalibrationFileError, CellError, ParameterError
+from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError, ParameterError
 from scara_kinetostatic.files.cell_file import cell_description, read_cell
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, UsedRange
@@ -138,7 +138,10 @@ def load_predictor(path: str | Path, *, nominal: bool = False, rigid: bool = Fal
     if path.suffix.lower() in ('.yaml', '.yml'):
         tree = parse_yaml(read_text(path, CalibrationFileError), path, CalibrationFileError)
         if isinstance(tree, dict) and 'robot' in tree:
-            return Predictor(nominal_arm(read_cell(tree, path)), nominal=True, rigid=rigid)
+            cell = read_cell(tree, path)
+            if cell.nominal.has_gravity and not (cell.nominal.s1 or cell.nominal.s2):
+                raise InputError(f'{path}', 'under gravity the nominal arm has no weight', 'give robot.moments')
+            return Predictor(nominal_arm(cell), nominal=True, rigid=rigid)
     return Predictor(load_calibration(path), nominal, rigid)
 
 

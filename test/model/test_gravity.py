@@ -9,6 +9,8 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.assessment.criteria import upside_down
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.calibration_file import load_predictor
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS, Uncertainty
@@ -207,3 +209,10 @@ def test_touches_are_not_planned_for_an_upright_arm():
 def test_parameters_refuse_gravity_that_no_arm_holds(gravity):
     with pytest.raises(sk.ScaraKinetostaticError, match='gravity'):
         sk.Parameters(gravity=gravity)
+
+
+def test_a_weightless_nominal_arm_is_refused_under_gravity(tmp_path):
+    path = tmp_path / 'cell.yaml'
+    path.write_text(dump_cell(replace(CELL, nominal=CELL.nominal.replace(s1=0.0, s2=0.0))))
+    with pytest.raises(InputError, match=r'no weight; give robot\.moments'):
+        load_predictor(path)
