@@ -96,10 +96,12 @@ def test_a_kill_leaves_the_robot_standing_and_all_that_was_counted(
     os.kill(watch.pid, signal.SIGKILL)
     killed = monotonic()
     processes._running.pop('touch_runner').wait()
-    watch.for_a_while(1.5)
-    later = [position for time, position in watch.joints if time > killed + 0.4]
-    assert len(later) > 50
-    assert np.ptp(later, axis=0).max() < 1e-4
+
+    def later() -> list[list[float]]:
+        return [position for time, position in watch.joints if time > killed + 0.4]
+
+    watch.client.wait('joint states', lambda: len(later()) > 50, WAIT)
+    assert np.ptp(later(), axis=0).max() < 1e-4
     (bag,) = (tmp_path / 'out').iterdir()
     assert len(gather_touches([bag], CELL).touches) >= accepted
 
