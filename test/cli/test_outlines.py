@@ -12,6 +12,7 @@ robot:
   nominal: {x0: 0.0, y0: 0.0, theta1: 0.0, l1: 0.33, theta2: 0.0, l2: 0.33,
             p_ee: 1.0e-5, p1: 1.0e-5, p2: 1.0e-5, g_ee: 0.0, g1: 0.0, g2: 0.0}
   limits: {joint1: [-2.6, 2.6], joint2: [-2.6, 2.6]}
+  lift: {joint: joint3, up: 0.02, down: 0.0}
 tip: {radius: 0.005}
 noise: {joint: 1.0e-5, force: 0.3}
 objects:
