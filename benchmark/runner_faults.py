@@ -94,7 +94,9 @@ class Cell:
             self.client._node.create_publisher(JointTrajectory, '/joint_trajectory', 10)
         else:
             request = SetParameters.Request(parameters=[Parameter('fault', value=fault).to_parameter_msg()])
-            self.client.call('/contact_simulator/set_parameters', SetParameters, request, 60.0)
+            (result,) = self.client.call('/contact_simulator/set_parameters', SetParameters, request, 60.0).results
+            if not result.successful:
+                raise ScaraKinetostaticError(result.reason)
 
 
 def run(fault: str, phase: str) -> dict[str, object]:

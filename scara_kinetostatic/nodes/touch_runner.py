@@ -37,7 +37,7 @@ from scara_kinetostatic.errors import CellError, InputError, ScaraKinetostaticEr
 from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.calibration_job import CalibrationProcess, Job
+from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.conversion import (
     Sample,
@@ -52,6 +52,7 @@ from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import Session
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
+from scara_kinetostatic.results.parameter_file import NAME, load_result
 from scara_kinetostatic.running.campaign import FIRST
 from scara_kinetostatic.running.runner import Runner, Status
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
@@ -149,24 +150,25 @@ class TouchRunner(CellNode):
         stated = record.document['tip_uncertainty']
         return Planner(replace(record.arm, cell=self._cell), known_or_infinite(stated['worst'], stated['undetermined']))
 
-    def _action_client(self, name: str) -> ActionClient:
+    def _action_client(self, name: str) -> tuple[ActionClient, Any]:
+        """A client, and the type of its action."""
         try:
             kind = import_module('control_msgs.action').FollowJointTrajectory
         except ImportError as error:
             remedy = 'install control_msgs, or leave action empty and command by joint_trajectory'
             raise InputError('action', 'control_msgs cannot be imported', remedy) from error
-        return ActionClient(self, kind, name)
+        return ActionClient(self, kind, name), kind
 
     def _command(self, trajectory: JointTrajectory) -> None:
         """Sends a trajectory, which replaces the former, to the action server or as a message."""
         if self._action is None:
             self._commands.publish(trajectory)
             return
-        goal = self._action._action_type.Goal(trajectory=trajectory)
-        self._action.send_goal_async(goal).add_done_callback(self._take_answer)
+        client, kind = self._action
+        client.send_goal_async(kind.Goal(trajectory=trajectory)).add_done_callback(self._take_answer)
 
     def _take_answer(self, future: RclpyFuture) -> None:
-        if not future.result().accepted and self._is_running:
+        if self._is_running and (future.exception() is not None or not future.result().accepted):
             self._runner.fail('the controller refuses a trajectory')
 
     def _new_runner(self) -> Runner:
@@ -219,7 +221,7 @@ class TouchRunner(CellNode):
         """Why nobody, or somebody else as well, moves the robot; empty where all is well."""
         topic = self._commands.topic_name
         if self._action is not None:
-            ready = self._action.server_is_ready()
+            ready = self._action[0].server_is_ready()
             return '' if ready else f'nobody serves the action {self.get_parameter("action").value}'
         if not self._commands.get_subscription_count():
             return f'nobody hears {topic}: start the controller, or remap the topic'
@@ -328,7 +330,10 @@ class TouchRunner(CellNode):
             self._process = None
             reply = news.get('reply')
             if reply is not None:
-                self._result = f'result in {reply["folder"]}'
+                facts = load_result(Path(reply['folder']) / NAME).facts
+                self._result = f'result in {reply["folder"]}: verdict {facts["verdict"]}, {facts["assessment"]}'
+                if facts['assessment'] == UNFIT:
+                    self._runner.revoke('the calibration of the whole recording is unfit for use; see its report')
             else:
                 self._result = f'no result: {news.get("error") or news.get("cancelled")}'
             self.get_logger().info(self._result)

@@ -40,7 +40,7 @@ _ASIDE = np.deg2rad(8)
 _TO_DECIDE = 12
 """Touches that are made at most to decide between effects, when the tolerance is reached or others help no more."""
 _WELL_KNOWN = 2e-3
-"""Expanded uncertainty of the tip above which the nominal arm is taken for the motions, m."""
+"""Expanded uncertainty of the tip above which the motions stay those of the former arm, at first the nominal one, m."""
 _STALLED, _PROGRESS = 12, 0.95
 """Touches are not the limit where so many of them left more than this part of the uncertainty of the tip."""
 
@@ -96,10 +96,12 @@ class End(NamedTuple):
     Attributes:
         status: 0 tolerance reached or nothing more to gain, 1 given up.
         reason: one sentence.
+        is_reached: whether it is the tolerance.
     """
 
     status: int
     reason: str
+    is_reached: bool = False
 
 
 class Campaign:
@@ -186,7 +188,9 @@ class Campaign:
         decided_below = np.inf if self._decides else self.cell.tolerance or 0.0
         if self._made_to_decide >= _TO_DECIDE:
             decided_below = 0.0
-        self._job = self._work(calibrated, self.cell, TouchSet.concatenate(self.touches), self._given_up, decided_below)
+        touches = TouchSet.concatenate(self.touches)
+        former = self.knowledge.planner
+        self._job = self._work(calibrated, self.cell, touches, former, self._given_up, decided_below)
 
     def poll(self) -> End | None:
         """Takes what has been found out; returns why the run ends, where it does."""
@@ -223,7 +227,7 @@ class Campaign:
             return None
         if found.now <= tolerance and found.grade != 'unfit':
             reached = f'the expanded uncertainty of the tip is {_length(found.now)}, the tolerance {_length(tolerance)}'
-            return End(0, f'enough: {reached}; {found.verdict}')
+            return End(0, f'enough: {reached}; {found.verdict}', is_reached=True)
         self._past.append((self.accepted, found.now))
         before = [now for accepted, now in self._past if accepted <= self.accepted - _STALLED]
         stalled = bool(before) and np.inf > min(now for _, now in self._past) > _PROGRESS * min(before)
@@ -320,24 +324,24 @@ def clear_start(planner: Planner, here: Poses) -> tuple[Poses | None, str]:
 
 
 def calibrated(
-    cell: Cell, touches: TouchSet, given_up: tuple[tuple[int, float, int], ...], decided_below: float
+    cell: Cell, touches: TouchSet, former: Planner, given_up: tuple[tuple[int, float, int], ...], decided_below: float
 ) -> Knowledge:
     """Calibrates touches, and plans the next ones.
 
     Args:
         cell: the cell.
         touches: all that were accepted.
+        former: whose arm stays that of the motions where the calibration does not tell where the tip is.
         given_up: places not to be touched.
         decided_below: expanded uncertainty of the tip from which on effects that are not distinguished are decided, m.
 
     Raises:
         UnsupportedDataError: no touch can be reached.
     """
-    nominal = nominal_arm(cell)
     try:
         outcome = calibrate_touches(touches, cell)
     except ScaraKinetostaticError as error:
-        planner = Planner(nominal, None, touches, given_up=given_up)
+        planner = replace(former, touches=touches, given_up=given_up)
         return Knowledge(planner, planner.accurate(_FEW), text=str(error))
     planner = Planner.of_outcome(outcome, given_up)
     now, grade, found = planner.now, outcome.assessment.grade.value, outcome.diagnosis
@@ -345,7 +349,7 @@ def calibrated(
     verdict = f'verdict {outcome.verdict}' + (f': {effects}' if effects else '')
     text = outcome.assessment.reasons[0] if grade == 'unfit' and outcome.assessment.reasons else ''
     if now is None or now > _WELL_KNOWN:
-        planner = Planner(nominal, None, planner.touches, planner.suspected, given_up)
+        planner = replace(former, touches=planner.touches, suspected=planner.suspected, given_up=given_up)
     those = found.discriminating if outcome.verdict == 'ambiguous' else ()
     undecided = bool(those)
     if those and now is not None and now <= decided_below:

@@ -165,7 +165,6 @@ def test_an_action_server_is_commanded_and_may_refuse(
     goals, answers = [], list[Future]()
 
     class Client:
-        _action_type = SimpleNamespace(Goal=lambda trajectory: trajectory)
         server_is_ready = staticmethod(lambda: True)
 
         def send_goal_async(self, goal: JointTrajectory) -> Future:
@@ -174,7 +173,11 @@ def test_an_action_server_is_commanded_and_may_refuse(
             answers[-1].set_result(SimpleNamespace(accepted=len(goals) < 20))
             return answers[-1]
 
-    monkeypatch.setattr(TouchRunner, '_action_client', lambda self, name: Client())
+    monkeypatch.setattr(
+        TouchRunner,
+        '_action_client',
+        lambda self, name: (Client(), SimpleNamespace(Goal=lambda trajectory: trajectory)),
+    )
     given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'action': 'arm/follow', 'use_sim_time': 'true'}
     node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
     states = client._node.create_publisher(JointState, '/joint_states', 10)
