@@ -7,31 +7,37 @@ discs 3 µm (declared), friction of the contact 0 to 0.1, the sensor's bias 2 N,
 20 ms. The run is that of the node `touch_runner`; a calibration takes 4 s of simulated time. Reported: why it ended, z
 of all parameters, the largest force, contacts that were not planned, joint limits, touches and time.
 
-With `--even` an even plan is made until the same tolerance. With `--effect` the robot has these effects instead of the
-friction, and it is noted after how many touches the diagnosis names each.
+With `--mujoco` the physics engine is the robot; that the tip stays out of the obstacles is then judged by its place.
+With `--undetected none` effects that are not detected count for nothing. With `--even` an even plan is made until the
+same tolerance. With `--effect` the robot has these effects instead of the friction, and it is noted after how many
+touches the diagnosis names each.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from benchmark.common import parser, print_and_save
 from benchmark.next import case, even
 from scara_kinetostatic.errors import ScaraKinetostaticError
-from scara_kinetostatic.model.cell import Cell, Lift
+from scara_kinetostatic.model.cell import Cell, EffectSizes, Lift, SizeMode, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.planning.motion import inside
 from scara_kinetostatic.planning.next_touches import known_or_infinite
 from scara_kinetostatic.running.rehearsal import Rehearsal
-from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, ModelBody, Plant
+from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Body, ModelBody, Plant
+from scara_kinetostatic.simulation.mujoco.commanded import EngineBody
+from scara_kinetostatic.simulation.mujoco.engine import Scene
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 
@@ -39,49 +45,81 @@ DISC = 3e-6
 """Standard uncertainty of the places and radii of the discs, m."""
 
 
-def cell_of(seed: int, tolerance: float, effects: Sequence[str] = ()) -> tuple[Cell, Cell, ExtendedModel]:
+class Options(NamedTuple):
+    """What the cells have in common.
+
+    Attributes:
+        tolerance: of the tip, m.
+        even: whether an even plan is made as well.
+        effects: of the robot in place of the friction.
+        undetected: size of the effects that are not detected.
+        mujoco: whether the physics engine is the robot.
+    """
+
+    tolerance: float = 3e-5
+    even: bool = False
+    effects: tuple[str, ...] = ()
+    undetected: SizeMode = SizeMode.ESTIMATED
+    mujoco: bool = False
+
+
+def cell_of(seed: int, options: Options) -> tuple[Cell, Cell, ExtendedModel]:
     """The cell as described, as it is, and the robot in it."""
     random = np.random.default_rng([31, seed])
     one = case(seed)
     cell = one.planner.arm.cell
     lift = Lift('joint3', 0.02, 0.0) if seed % 2 else None
     discs = tuple(disc._replace(center_std=DISC, radius_std=DISC) for disc in cell.discs)
-    cell = replace(cell, discs=discs, tolerance=tolerance, lift=lift)
+    sizes = Uncertainty(effects=EffectSizes(options.undetected))
+    cell = replace(cell, discs=discs, tolerance=options.tolerance, lift=lift, uncertainty=sizes)
     true = []
     for disc in discs:
         dx, dy, dr = (DISC * random.standard_normal(3)).tolist()
         true.append(disc._replace(x=disc.x + dx, y=disc.y + dy, radius=disc.radius + dr))
-    texts = effects or [f'contact_friction:coefficient={random.uniform(0.0, 0.1)}']
+    texts = options.effects or [f'contact_friction[yielding]:coefficient={random.uniform(0.0, 0.1)}']
     truth = with_effects(one.truth.parameters, [parse_effect(text, cell) for text in texts])
     return cell, replace(cell, discs=tuple(true)), truth
 
 
-def run(seed: int, tolerance: float, with_even: bool, effects: Sequence[str]) -> dict[str, object]:
+def body_of(true: Cell, truth: ExtendedModel, with_mujoco: bool) -> Body:
+    """The robot; that of the engine has the contact friction of a model, and no obstacles."""
+    if not with_mujoco:
+        return ModelBody(true, truth)
+    (friction,) = truth.effect_values[0]
+    scene = Scene('friction', truth.parameters, contact_friction=friction)
+    return EngineBody(scene, replace(true, obstacles=()))
+
+
+def run(seed: int, options: Options) -> dict[str, object]:
     """One cell."""
-    cell, true, truth = cell_of(seed, tolerance, effects)
+    cell, true, truth = cell_of(seed, options)
     random = np.random.default_rng([32, seed])
     turn = random.uniform(0, 2 * np.pi)
     sensors = replace(COMMANDED_SENSORS, bias=(2 * np.cos(turn), 2 * np.sin(turn)))
     began = time.monotonic()
     row: dict[str, object] = {'cell': seed, 'lift': cell.lift is not None}
     try:
-        plant = Plant(cell, ModelBody(true, truth), sensors=sensors, seed=seed)
+        plant = Plant(cell, body_of(true, truth, options.mujoco), sensors=sensors, seed=seed)
         rehearsal = Rehearsal(cell, plant)
     except Exception as error:  # said before anything moves
         return row | {'refused': f'{type(error).__name__}: {error}'}
     runner = rehearsal.runner
     runner.start()
     low, high = np.array(cell.limits).T
-    beyond, named = 0, dict[str, int]()
+    beyond, hit, named = 0, 0, dict[str, int]()
 
     def watch(one: Rehearsal) -> bool:
-        nonlocal beyond
-        for effect in effects:
+        nonlocal beyond, hit
+        for effect in options.effects:
             label = effect.partition(':')[0]
             if label in one.runner.campaign.knowledge.verdict:
                 named.setdefault(label, one.runner.campaign.accepted)
         joints = one.runner.senses.joints
-        beyond += bool(np.isfinite(joints).all() and ((joints < low) | (joints > high)).any())
+        if np.isfinite(joints).all():
+            beyond += bool(((joints < low) | (joints > high)).any())
+            if options.mujoco and cell.lift is None:
+                tip = forward(truth.parameters, joints)[None]
+                hit += any(inside(np.array(outline), tip)[0] for outline in cell.obstacles)
         return False
 
     rehearsal.run(watch)
@@ -94,14 +132,15 @@ def run(seed: int, tolerance: float, with_even: bool, effects: Sequence[str]) ->
         'peak_N': plant.peak_force,
         'unplanned': [pair for pair in rehearsal.contacts if pair[0] != pair[1]],
         'beyond_limits': beyond,
+        'in_obstacles': hit,
         'fastest_rad_s': rehearsal.fastest,
         'simulated_s': rehearsal.time,
         'took_s': time.monotonic() - began,
         'verdict': campaign.knowledge.verdict,
         'named': named,
     }
-    if with_even and end is not None and end.reason.startswith('enough'):
-        row['even'] = even_touches(seed, tolerance, cell, truth)
+    if options.even and end is not None and end.reason.startswith('enough'):
+        row['even'] = even_touches(seed, options.tolerance, cell, truth)
     if campaign.touches:
         outcome = calibrate_touches(TouchSet.concatenate(campaign.touches), cell)
         final = outcome.final
@@ -138,13 +177,18 @@ def main() -> int:
     options_of.add_argument('--tolerance', type=float, default=3e-5, help='m')
     options_of.add_argument('--even', action='store_true', help='also the touches of an even plan')
     options_of.add_argument('--effect', action='append', default=[], help='of the robot, as for `simulate`')
+    modes = [mode.value for mode in (SizeMode.ESTIMATED, SizeMode.TYPICAL, SizeMode.NONE)]
+    options_of.add_argument('--undetected', choices=modes, default='estimated', help='effects that are not detected')
+    options_of.add_argument('--mujoco', action='store_true', help='the physics engine is the robot')
     options_of.add_argument('--jobs', type=int, default=1)
     options = options_of.parse_args()
     seeds = range(options.first, options.first + options.cells)
     rows = []
     with ProcessPoolExecutor(options.jobs) as pool:
-        given = ([each] * len(seeds) for each in (options.tolerance, options.even, options.effect))
-        for row in pool.map(run, seeds, *given):
+        given = Options(
+            options.tolerance, options.even, tuple(options.effect), SizeMode(options.undetected), options.mujoco
+        )
+        for row in pool.map(run, seeds, [given] * len(seeds)):
             print({key: value for key, value in row.items() if key != 'z'}, flush=True)
             rows.append(row)
     ran = [row for row in rows if 'refused' not in row]
@@ -155,6 +199,7 @@ def main() -> int:
         'cells with z above 4.5': sum(row.get('largest_z', 0.0) > 4.5 for row in ran),
         'peak force, N': max((row['peak_N'] for row in ran), default=None),
         'contacts not planned': sum(len(row['unplanned']) for row in ran),
+        'samples in obstacles': sum(row['in_obstacles'] for row in ran),
         'samples beyond limits': sum(row['beyond_limits'] for row in ran),
         'touches, median': float(np.median([row['touches'] for row in ran])) if ran else None,
         'simulated s, median': float(np.median([row['simulated_s'] for row in ran])) if ran else None,
@@ -163,8 +208,10 @@ def main() -> int:
     compared = [row['touches'] / (row['even'] or 200) for row in ran if 'even' in row]
     result['touches in those of an even plan, median'] = float(np.median(compared)) if compared else None
     print_and_save(options.json, result | {'rows': rows})
-    good = ran and all(row['status'] == 0 and not row['unplanned'] and not row['beyond_limits'] for row in ran)
-    return 0 if good else 1
+    well = [
+        row['status'] == 0 and not row['unplanned'] and not row['beyond_limits'] + row['in_obstacles'] for row in ran
+    ]
+    return 0 if ran and all(well) else 1
 
 
 if __name__ == '__main__':

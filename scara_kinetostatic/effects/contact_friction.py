@@ -1,15 +1,15 @@
-"""Friction at the contact, with all discs or with one: in the direction of the slide, or of either sense."""
+"""Friction at the contact: in the direction of the slide, as the arm yields, or of any sense."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, EffectOfDiscs
-from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, slide
+from scara_kinetostatic.effects.base import Effect, EffectOfDiscs, Trial
+from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, pulled_aside, slide
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
@@ -65,6 +65,52 @@ class ContactFriction(EffectOfDiscs):
     def _direction(self, at: TouchState) -> Floats:
         """The slide, (n,); 0 on discs without friction."""
         return np.asarray(slide(at, self.reference) * self.acts_on(at))
+
+
+@dataclass(frozen=True)
+class YieldingFriction(Effect):
+    """Coulomb friction of a tip that the joints press along a line, and that goes aside as the arm yields.
+
+    Joints and gripper yield in another direction than that of the force. Where the joints do not make up for it, the
+    tip slides, or friction holds it: the force is turned by α = min(|a|, coefficient) sign a, a that of `pulled_aside`,
+    and d is that of `ContactFriction`. A controller that moves the joints so that the tip stays has a = 0.
+    """
+
+    target: str | None = 'yielding'
+
+    name = 'contact_friction'
+    parameters = (Parameter('coefficient', '1', 0.1, 'of friction: largest angle of the force', typical=0.1, sign=1),)
+    statement = 'friction between tip and discs turns the contact force, against the slide of the {target} arm'
+    confounded_with = 'a turned force sensor, if the arm yields the same way in all touches'
+    identified_by = 'touches along the normal from all sides, in both elbow postures'
+    plot_variable = 'pulled_aside'
+    on_object = True
+    is_smooth = False
+    scaled_by = ('p_ee', 'p1', 'p2', 'g_ee')
+
+    def shift(self, at: TouchState, values: Floats) -> Shift:
+        return _off_normal(at, pulled_aside(at, values[0]))
+
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
+        return (_rate(at, values[0] - _STEP, values[0] + _STEP),)
+
+    def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
+        """Up to a small coefficient: a pull that noise can turn counts in proportion."""
+        return (Trial((_rate(at, 0.0, _SMALL),)),)
+
+
+def _rate(at: TouchState, low: float, high: float) -> Shift:
+    """The shift per unit of the coefficient from one to another."""
+    down, up = (_off_normal(at, pulled_aside(at, coefficient)).place for coefficient in (low, high))
+    assert up is not None
+    assert down is not None
+    return Shift(place=(up - down) / (high - low))
+
+
+_STEP = 1e-7
+"""Of a coefficient, for its derivative."""
+_SMALL = 0.02
+"""A small coefficient of friction."""
 
 
 @dataclass(frozen=True)

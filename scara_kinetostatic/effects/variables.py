@@ -55,6 +55,39 @@ class Variable(NamedTuple):
         return PlotAxis(self.title(joint), self.unit, np.asarray(self.values(at, joint), dtype=float))
 
 
+class Contact(NamedTuple):
+    """Rigid tips at n contacts, and their last movement in contact; pairs are x and y of all touches, (n,) each.
+
+    Attributes:
+        turn1: derivative of the tip by joint 1, m/rad.
+        turn2: the same by joint 2.
+        inward: direction into the object, not a unit vector.
+        move: J ΔQ, m.
+    """
+
+    turn1: tuple[Floats, Floats]
+    turn2: tuple[Floats, Floats]
+    inward: tuple[Floats, Floats]
+    move: tuple[Floats, Floats]
+
+
+def contact_of(at: TouchState, p: Parameters) -> Contact:
+    """The contacts of touches by L̄, at the measured angles."""
+    links = at.joints + np.array([p.theta1, p.theta2])
+    first, second = links[:, 0], links.sum(axis=1)
+    x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
+    x1, y1 = p.l1 * np.cos(first) + x2, p.l1 * np.sin(first) + y2
+    turn1, turn2 = at.metadata.press.T
+    inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
+    if at.tangents is not None:
+        t, outer = at.tangents, np.sign(at.radii)
+        inward_x = np.where(t.any(axis=1), -t[:, 1], outer * inward_x)
+        inward_y = np.where(t.any(axis=1), t[:, 0], outer * inward_y)
+    return Contact(
+        (-y1, x1), (-y2, x2), (inward_x, inward_y), (-y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2)
+    )  # fmt: skip
+
+
 def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
     """How far the last movement in contact drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
 
@@ -65,21 +98,40 @@ def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
         at: the touches.
         reference: L̄ by which the tip is placed; None for that of the touches.
     """
-    p = reference or at.parameters
-    links = at.joints + np.array([p.theta1, p.theta2])
-    first, second = links[:, 0], links.sum(axis=1)
-    x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
-    x1, y1 = p.l1 * np.cos(first) + x2, p.l1 * np.sin(first) + y2
-    turn1, turn2 = at.metadata.press.T
-    move_x, move_y = -y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2
-    inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
-    if at.tangents is not None:
-        t, outer = at.tangents, np.sign(at.radii)
-        inward_x = np.where(t.any(axis=1), -t[:, 1], outer * inward_x)
-        inward_y = np.where(t.any(axis=1), t[:, 0], outer * inward_y)
+    _, _, (inward_x, inward_y), (move_x, move_y) = contact_of(at, reference or at.parameters)
     size = np.hypot(inward_x, inward_y) * np.hypot(move_x, move_y)
     aside = (inward_x * move_y - inward_y * move_x) / np.where(size > 0, size, 1.0)
     return np.asarray(np.clip(aside / STICKING, -1.0, 1.0))
+
+
+def pulled_aside(at: TouchState, coefficient: float = np.inf) -> Floats:
+    """Tangent of the angle from the normal n to the force while the tip does not slide, (n,); 0 without a movement.
+
+    The joints move along a line, the arm yields by C f n, C = p_ee I + g_ee/f t tᵀ + Σ pᵢ jᵢ jᵢᵀ with the columns jᵢ
+    of J: on a surface without friction the tip would go along t by (m_t/m_n c_nn - c_tn) f, m = J ΔQ; friction holds
+    it by that over c_tt, up to `coefficient` f. Where the last movement is back from a preload f + m_n/c_nn, the same
+    holds from there on.
+
+    Args:
+        at: the touches.
+        coefficient: of friction; of a negative one the angle is reversed.
+    """
+    p, f = at.parameters, np.maximum(np.abs(at.magnitude), 1e-9)
+    turn1, turn2, (inward_x, inward_y), (move_x, move_y) = contact_of(at, p)
+    size = np.hypot(inward_x, inward_y)
+    x, y = inward_x / size, inward_y / size
+    (n1, t1), (n2, t2), (m_n, m_t) = (
+        (x * u + y * v, x * v - y * u) for u, v in (turn1, turn2, (move_x, move_y))
+    )  # fmt: skip
+    nn = p.p_ee + p.p1 * n1**2 + p.p2 * n2**2
+    tn = p.p1 * n1 * t1 + p.p2 * n2 * t2
+    tt = p.p_ee + p.g_ee / f + p.p1 * t1**2 + p.p2 * t2**2
+    moves, safe = np.hypot(m_n, m_t) > 0, np.where(np.abs(m_n) > 0, m_n, np.inf)
+    pulled = np.where(moves, m_t / safe * nn - tn, 0.0) / np.maximum(tt, 1e-12)
+    peak = 1.0 + np.maximum(-m_n, 0.0) / (np.maximum(nn, 1e-12) * f)
+    most = abs(coefficient)
+    held = np.clip(pulled, -most, most) * peak
+    return np.asarray(np.copysign(1.0, coefficient) * np.clip(held + pulled * (1.0 - peak), -most, most))
 
 
 def _of_joint(pairs: Callable[[TouchState], Floats]) -> Callable[[TouchState, int | None], Floats]:
@@ -126,6 +178,7 @@ VARIABLES = MappingProxyType(
             'direction of approach of joint {joint}', '', _of_joint(lambda at: np.sign(at.metadata.approach))
         ),
         'slide': Variable('direction of the slide along the disc', '', lambda at, _: slide(at)),
+        'pulled_aside': Variable('force across the normal without a slide', '', lambda at, _: pulled_aside(at, 0.2)),
     }
 )
 """By name; the keys are what `Effect.plot_variable` may be."""

@@ -10,7 +10,7 @@ from model.helpers import ROBOTS, STEPS
 from scara_kinetostatic.model.contact import Contact, contact, contact_derivatives, extended_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
-NEGLECTED = 2e-3
+NEGLECTED = 3e-3
 """What A_L̄ and A_Q leave out, as a part of them: that a shift depends on the link angles and on Q."""
 BY_COMPLIANCE = {'base_tilt': 0.3}
 """The same for a shift that is in proportion to p1 and p2."""
