@@ -3,8 +3,9 @@
     python -m benchmark.runner_faults [--only FAULT:PHASE ...] [--json FILE]
 
 Each fault of the simulator, a second publisher of `joint_trajectory` and `kill -9` of the runner, while it travels,
-approaches and presses. Reported, by simulated time: until the robot stands or has turned back, until `~/state` says
-why, the largest force on it afterwards, and whether the recording has all touches that were counted.
+approaches and presses. Reported, by simulated time: until the robot stands or has turned back (where its joints are
+silent or do not obey: until it is told to stop), until `~/state` says why, the largest force on it afterwards, and
+whether the recording has all touches that were counted.
 """
 
 from __future__ import annotations
@@ -37,12 +38,15 @@ CELL = replace(DEMO_CELL, lift=None, tolerance=None, hold={'joint4': 0.0})
 PHASES = ('travel', 'approach', 'press')
 KILL, SECOND = 'kill', 'second_publisher'
 FAULTS = (*(fault.value for fault in Fault if fault not in (Fault.NONE, Fault.LIFT_STUCK)), SECOND, KILL)
+BY_COMMAND = (Fault.SILENT_JOINTS.value, Fault.MOVED.value)
 STANDS = 2e-3
 """A joint that turns more slowly stands, rad/s."""
 
 
 class Cell:
-    """The nodes, and what they say: joint states (s, rad), forces (s, N) and states (s, phase, sentence, accepted)."""
+    """The nodes, and what they say: joint states (s, rad), forces (s, N), states (s, phase, sentence, accepted) and
+    commands to stop (s).
+    """
 
     def __init__(self, folder: Path, nodes: NodeProcesses, client: DemoClient) -> None:
         self.client, self._nodes = client, nodes
@@ -55,7 +59,9 @@ class Cell:
         self.joints: list[tuple[float, list[float]]] = []
         self.forces: list[tuple[float, float]] = []
         self.states: list[tuple[float, str, str, int]] = []
+        self.stops: list[float] = []
         node = client._node
+        node.create_subscription(JointTrajectory, '/joint_trajectory', self._commanded, 1000)
         node.create_subscription(JointState, '/joint_states', self._joints, 1000)
         node.create_subscription(WrenchStamped, '/wrench', self._force, 1000)
         node.create_subscription(DiagnosticArray, '/touch_runner/state', self._state, LATCHED)
@@ -63,6 +69,10 @@ class Cell:
     @staticmethod
     def _time(message: Any) -> float:
         return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
+
+    def _commanded(self, message: JointTrajectory) -> None:
+        if len(message.points) == 1:
+            self.stops.append(self.now)
 
     def _joints(self, message: JointState) -> None:
         self.joints.append((self._time(message), list(message.position)[:2]))
@@ -122,6 +132,8 @@ def run(fault: str, phase: str) -> dict[str, object]:
             halted = (np.abs(speed).max(axis=1) < STANDS) | (speed @ heading < 0)
             later = times[1:] >= began
             stands = times[1:][later & halted]
+            if fault in BY_COMMAND:
+                stands = [time for time in cell.stops if time >= began]
             (bag,) = (folder / 'out').iterdir()
             zero = np.median([force for _, force in cell.forces])
             peak = max((force for time, force in cell.forces if time >= began), default=0.0)

@@ -78,6 +78,7 @@ class Knowledge(NamedTuple):
         verdict: of the diagnosis, with the effects found.
         undecided: whether there are touches that would decide between effects.
         discriminating: whether the next touches do.
+        is_unexplained: whether a model error is left.
     """
 
     planner: Planner
@@ -88,6 +89,7 @@ class Knowledge(NamedTuple):
     verdict: str = ''
     undecided: bool = False
     discriminating: bool = False
+    is_unexplained: bool = False
 
 
 class End(NamedTuple):
@@ -233,10 +235,13 @@ class Campaign:
         stalled = bool(before) and np.inf > min(now for _, now in self._past) > _PROGRESS * min(before)
         uncertainty = found.planned.uncertainty
         limit, share = uncertainty.beyond(tolerance), (uncertainty.undetected / found.now) ** 2
-        if not limit and share > 0.5 and found.now > tolerance:
+        cause = f'{100 * share:.0f} % of its variance is from effects not detected or decided' if share > 0.5 else ''
+        if found.is_unexplained:
+            cause = f'a model error has no known cause; {found.verdict}'
+        if found.now > tolerance and cause and (found.is_unexplained or not limit):
             limit = (
                 f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(found.now)}, the tolerance '
-                f'is {_length(tolerance)}: {100 * share:.0f} % of its variance is from effects not detected or decided'
+                f'is {_length(tolerance)}: {cause}'
             )
         if limit and stalled:
             if found.undecided and not self._decides:
@@ -359,7 +364,8 @@ def calibrated(
             pass
         else:
             return Knowledge(planner, planned, now, grade, text, verdict, undecided, True)
-    return Knowledge(planner, planner.accurate(_FEW), now, grade, text, verdict, undecided)
+    unexplained = outcome.verdict == 'unexplained'
+    return Knowledge(planner, planner.accurate(_FEW), now, grade, text, verdict, undecided, False, unexplained)
 
 
 def _targets(planned: PlannedTouches) -> list[Target]:

@@ -4,10 +4,11 @@
 the effects of the robot, or the physics engine (`simulation.mujoco.commanded`). All is quasi-static: at every moment
 the motors stand at Q, and arm and force are in the equilibrium that follows from the one before.
 
-**Drives.** A motion is taken as `joint_trajectory_controller` of ros2_control takes it: it replaces the former one,
-begins at once and where the joints are, and is linear between its points. The setpoint moves at most at the speed
-limit, the joint follows it with a lag of the first order. A motion that names other joints, is not of finite numbers,
-runs backwards in time or leaves the limits is refused. A force above `overload` stops the drives until `reset`.
+**Drives.** A motion is taken as `joint_trajectory_controller` of ros2_control with `open_loop_control` takes it: it
+replaces the former one, begins at once and where the setpoint is, and is linear between its points. The setpoint moves
+at most at the speed limit, the joint follows it with a lag of the first order. A motion that names other joints, is not
+of finite numbers, runs backwards in time or leaves the limits is refused. A force above `overload` stops the drives
+until `reset`.
 
 **Sensors.** Joint angles and force have the noise of a touch and that of a sample, as in `simulation.streams`: the
 error of a touch is drawn anew when the tip has left the object, that of the force grows with it up to `FULL`.
@@ -462,10 +463,10 @@ class Plant:
             ParameterError: it is refused; the former one goes on.
         """
         points = self._checked(names, times, positions)
-        self._motion = None
-        self._setpoint = list(self._position)
         if points:
-            self._motion = [self.time, *(self.time + each for each in times)], [list(self._position), *points]
+            self._motion = [self.time, *(self.time + each for each in times)], [list(self._setpoint), *points]
+        else:
+            self._motion, self._setpoint = None, list(self._position)
 
     def _checked(
         self, names: Sequence[str], times: Sequence[float], positions: Sequence[Sequence[float]]
