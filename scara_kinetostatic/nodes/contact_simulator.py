@@ -332,18 +332,24 @@ class ContactSimulator(CellNode):
         passed = min(now - self._last_tick, 0.05) * factor  # a slow machine slows it down: no bursts
         self._elapsed += passed if self._plan is not None else min(passed, _AT_ONCE)
         self._last_tick = now
-        if self._time_of_cell is not None:
-            stamp = conversion.stamp_of(self._playback.start + round(1e9 * self._elapsed))
-            self._time_of_cell.publish(Clock(clock=stamp))
         if isinstance(self._playback, Commanded):
             self._set_fault(self._playback.plant)
+        else:
+            self._publish_clock()
         for is_wrench, sample in self._playback.advance(self._elapsed):
             if is_wrench:
                 self._wrench.publish(conversion.wrench(sample, self._frame_id))
             else:
                 self._joints.publish(conversion.joint_state(sample, self._names))
+        if isinstance(self._playback, Commanded):  # no sample comes late that this machine was slow to work out
+            self._publish_clock()
         if self._playback.finished:
             self._end_pass()
+
+    def _publish_clock(self) -> None:
+        if self._time_of_cell is not None:
+            stamp = conversion.stamp_of(self._playback.start + round(1e9 * self._elapsed))
+            self._time_of_cell.publish(Clock(clock=stamp))
 
     def _set_fault(self, plant: Plant) -> None:
         """The fault as the parameter has it now; says an overload once."""

@@ -124,7 +124,7 @@ class Runner:
         self._command: Command | None = None
         self._motion: Motion | None = None
         self._contact = False
-        self._softness, self._last_force = _STIFFEST, 0.0
+        self._steepest = self._last_force = 0.0
         self._is_behind, self._behind_since = False, np.inf
         self._script: Iterator[None] | None = None
         self._paused = False
@@ -237,10 +237,9 @@ class Runner:
         if force > most:
             raise Fault(f'a force of {force:.0f} N, more than touch.max_force, {most:g} N')
         jump, self._last_force = force - self._last_force, force
-        if self._contact and self._motion is not None and not self.senses.is_excused(self._now):
-            explained = _STIFFER * self._motion.speed / self._softness * max(self._elapsed, 0.01)
-            if jump > explained + 10 * self.senses.noise + 0.1 * most:
-                raise Fault(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
+        judged = self._contact and not self.senses.is_excused(self._now)
+        if judged and jump > self._steepest * max(self._elapsed, 0.01) + 10 * self.senses.noise + 0.1 * most:
+            raise Fault(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
         self._check_place(off_track)
 
     def _check_place(self, off_track: float) -> None:
@@ -473,7 +472,7 @@ class Runner:
         self._say('approach', f'approaching {self.campaign.name(target)}')
         threshold = max(CONTACT * goal, 6 * self.senses.noise, 1.0)
         speed = np.clip((0.8 * goal - threshold) * compliance / DELAY, _LEAST_SPEED, touch.contact_speed)
-        self._contact, self._softness = True, compliance
+        self._contact, self._steepest = True, _STIFFER * touch.contact_speed / compliance
         self._last_force = self.senses.force
         motion = self._motion = Motion(track, float(speed), ramps=False)
         deepest = float(np.interp(begin, np.linspace(0.0, begin + 4e-3, count), track.at))
@@ -521,6 +520,7 @@ class Runner:
         track, speed = motion.track, float(np.clip(0.2 * goal * compliance / DELAY, _LEAST_SPEED / 2, 2e-3))
         motion = self._motion = Motion(track, speed, motion.at, ramps=False)
         yield from self._pushed(motion, 0.0, 0.0)
+        self._steepest = _STIFFER * speed / compliance  # of the approach nothing is left
         softer = 1.0
         for _ in range(40):
             force = self.senses.mean_force(self._now, 0.05)
