@@ -286,7 +286,8 @@ def main() -> int:
             sets = {'first': planned.plan, 'even 12': before, 'further': further, 'even 24': evens[24][2]}
             row['simulated'] = {name: rms_error(one, plan, options.runs) for name, plan in sets.items()}
         print(
-            {key: np.round(value, 6) if isinstance(value, float) else value for key, value in row.items()}, flush=True
+            {key: round(float(value), 6) if isinstance(value, float) else value for key, value in row.items()},
+            flush=True,
         )
         rows.append(row)
     ratios = {name: sorted(row[name] for row in rows) for name in ('first', 'further')}

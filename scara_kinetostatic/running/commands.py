@@ -28,6 +28,8 @@ _CORNER = 0.02
 """Speed at a corner, m/s: with a lag of 50 ms the tip cuts it by less than 1 mm."""
 _POINTS = 4
 """Points of a command."""
+_TWICE = 0.05
+"""Angle that counts as much as a metre of the way, rad/m: far less than the joints turn on it."""
 _FASTER = 1.25
 """What a commanded speed may exceed the wanted one by: the model of the arm is not exact."""
 
@@ -106,16 +108,20 @@ class Track(NamedTuple):
         q1, q2 = (np.interp(at, self.at, column) for column in self.joints.T)
         return np.stack([q1, q2], axis=-1), np.interp(at, self.at, self.lift)
 
-    def nearest(self, joints: Floats, lift: float | None) -> tuple[float, float]:
-        """Length of the way to where it comes nearest to Q, (2,), rad, and lift, m, and how far the joints are off."""
+    def nearest(self, joints: Floats, lift: float | None, at: float) -> tuple[float, float]:
+        """Length of the way to where it comes nearest to Q, (2,), rad, and lift, m, and how far the joints are off.
+
+        Where it comes there twice, as it turns back, the place next to `at`, m, counts.
+        """
         every = np.column_stack([self.joints, self.lift])
         here = np.append(joints, self.lift[0] if lift is None else lift)
         along = np.diff(every, axis=0)
         part = ((here - every[:-1]) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-18)
         part = np.minimum(np.maximum(part, 0.0), 1.0)
         off = every[:-1] + part[:, None] * along - here
-        k = int(np.argmin((off**2).sum(axis=1)))
-        return float(self.at[k] + part[k] * (self.at[k + 1] - self.at[k])), float(np.abs(off[k]).max())
+        lengths = self.at[:-1] + part * np.diff(self.at)
+        k = int(np.argmin((off**2).sum(axis=1) + (_TWICE * (lengths - at)) ** 2))
+        return float(lengths[k]), float(np.abs(off[k]).max())
 
 
 class Motion:

@@ -251,7 +251,7 @@ class Runner:
             if at is not None and lift is not None:
                 away = max(away, abs(lift - self._commander.lift))
         else:
-            near, away = motion.track.nearest(joints, lift)
+            near, away = motion.track.nearest(joints, lift, motion.at)
             behind = abs(motion.at - near)
         self._is_behind = motion is not None and behind > _LATE * motion.speed + _BEHIND
         self._behind_since = self._behind_since if self._is_behind else self._now
@@ -614,7 +614,7 @@ class Runner:
         """Back along the way it came: to the beginning of an approach, else a little."""
         self._command, self._sent = self._stand(), self._now
         yield
-        at = min(motion.at, motion.track.nearest(self.senses.joints, self.senses.lift)[0])
+        at = min(motion.at, motion.track.nearest(self.senses.joints, self.senses.lift, motion.at)[0])
         self._is_behind = False
         motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
         goal = 0.0 if self._contact else max(0.0, motion.at - _BACK)

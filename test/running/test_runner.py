@@ -8,12 +8,19 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.cell import Cell, Disc, Lift, Noise, Region
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.planning.next_touches import Planner
+from scara_kinetostatic.running.campaign import calibrated
+from scara_kinetostatic.running.commands import Track
 from scara_kinetostatic.running.rehearsal import Rehearsal
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
 
 CELL = Cell(
     Parameters(l1=0.33, l2=0.33, p_ee=1e-5, p1=1e-5, p2=1e-5),
@@ -219,3 +226,29 @@ def test_a_robot_that_stands_at_an_object_is_refused() -> None:
     one.run(longest=3.0)
     assert 'where nothing must be touched' in one.runner.status.text
     assert one.fastest < 0.02
+
+
+def test_a_way_that_turns_back_is_followed_where_it_is_meant() -> None:
+    """Out and back along the same joints: the robot on its way back is not behind by the whole loop."""
+    out = np.linspace(0.0, 0.1, 21)[:, None] * [1.0, -1.0] + [1.3, -1.2]
+    track = Track.of(np.concatenate([out, out[-2::-1]]), np.zeros(41), TRUTH)
+    for at in (0.3, 0.7):
+        joints = track.place(np.array([at * track.length]))[0][0]
+        near, off = track.nearest(joints + 1e-5, None, at * track.length)
+        assert near == pytest.approx(at * track.length, abs=1e-4)
+        assert off < 1e-4
+    far, _ = track.nearest(out[2], None, 0.4 * track.length)
+    assert far == pytest.approx(track.at[2], abs=1e-4), 'a robot that stands behind is found there'
+
+
+def test_an_arm_that_is_known_stays_known() -> None:
+    """A fit of touches that do not tell where the tip is plans on with the arm known before, not with the nominal."""
+    planner = Planner(replace(nominal_arm(CELL), model=ExtendedModel(TRUTH)), now=1e-4)
+    alike = default_plan(CELL, per_disc=18).select(np.arange(12))
+    touches = simulate_touches(
+        CELL, TRUTH, replace(alike, disc=np.zeros(12, dtype=int), posture=np.ones(12, dtype=int))
+    )
+    found = calibrated(CELL, touches, planner, (), 0.0)
+    assert found.now is None or found.now > 2e-3
+    assert found.planner.arm is planner.arm
+    assert len(found.planned.plan)
