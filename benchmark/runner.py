@@ -106,15 +106,15 @@ def run(seed: int, options: Options) -> dict[str, object]:
     runner = rehearsal.runner
     runner.start()
     low, high = np.array(cell.limits).T
-    beyond, hit, named = 0, 0, dict[str, int]()
+    beyond, hit, read, named = 0, 0, 0.0, dict[str, int]()
 
     def watch(one: Rehearsal) -> bool:
-        nonlocal beyond, hit
+        nonlocal beyond, hit, read
         for effect in options.effects:
             label = effect.partition(':')[0]
             if label in one.runner.campaign.knowledge.verdict:
                 named.setdefault(label, one.runner.campaign.accepted)
-        joints = one.runner.senses.joints
+        joints, read = one.runner.senses.joints, max(read, one.runner.senses.force)
         if np.isfinite(joints).all():
             beyond += bool(((joints < low) | (joints > high)).any())
             if options.mujoco and cell.lift is None:
@@ -130,6 +130,7 @@ def run(seed: int, options: Options) -> dict[str, object]:
         'touches': campaign.accepted,
         'failed': campaign.failed,
         'peak_N': plant.peak_force,
+        'peak_read_N': read,
         'unplanned': [pair for pair in rehearsal.contacts if pair[0] != pair[1]],
         'beyond_limits': beyond,
         'in_obstacles': hit,
@@ -198,6 +199,7 @@ def main() -> int:
         'largest z': max((row.get('largest_z', 0.0) for row in ran), default=None),
         'cells with z above 4.5': sum(row.get('largest_z', 0.0) > 4.5 for row in ran),
         'peak force, N': max((row['peak_N'] for row in ran), default=None),
+        'peak force as read, N': max((row['peak_read_N'] for row in ran), default=None),
         'contacts not planned': sum(len(row['unplanned']) for row in ran),
         'samples in obstacles': sum(row['in_obstacles'] for row in ran),
         'samples beyond limits': sum(row['beyond_limits'] for row in ran),
