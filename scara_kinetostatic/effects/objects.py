@@ -159,7 +159,8 @@ class EdgeBow(DiscEffect):
 
     N is its normal, s the place along it from its middle, h half its length between the corners. The slope turns the
     normal as a rotation does: with T the tangent and r the radius, d has 2 bow r s/h² T as well. The square of the
-    slope is neglected: 12 nm at the ends of 0.12 m for 20 µm.
+    slope is neglected: 12 nm at the ends of 0.12 m for 20 µm. The target ``block.2`` is the edge from the second to the
+    third corner of block.
 
     Attributes:
         surface: number of the edge among the surfaces of the cell.
@@ -171,7 +172,7 @@ class EdgeBow(DiscEffect):
 
     name = 'edge_bow'
     parameters = (Parameter('bow', 'm', 1e-3, 'of the middle, outwards, against the ends', typical=5e-5),)
-    statement = 'edge {target} is not straight'
+    statement = '{target} is not straight'
     confounded_with = 'a place or an offset of the object, if the edge is touched at one distance from its middle'
     identified_by = 'touches in the middle and near both ends of the edge, and of other edges or objects'
     plot_variable = 'along_edge'
@@ -185,10 +186,20 @@ class EdgeBow(DiscEffect):
                 for count, edge in enumerate(edges, 1):
                     yield cls(f'{disc.name}.{count}', number, edge, float(cell.surfaces.halves[edge]))
 
+    @property
+    def edge(self) -> str:
+        """Which edge, in words."""
+        name, _, count = (self.target or '').rpartition('.')
+        return f'edge {count} of {name}'
+
+    @property
+    def title(self) -> str:
+        return self.statement.format(target=self.edge)
+
     def correction(self, values: Mapping[str, float]) -> str:
         error = values['bow']
         where = f'{quantity(abs(error), "m")} further {"out" if error > 0 else "in"}'
-        return f'grind or straighten edge {self.target}: its middle stands {where} than its ends'
+        return f'grind {self.edge}: its middle stands {where} than its ends'
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         if at.tangents is None:

@@ -126,6 +126,7 @@ def test_a_bowed_edge_is_an_arc_of_a_large_circle():
     bowed = parse_effect(f'edge_bow[ell.4]:bow={bow}', cell)
     edge, model = bowed.effect.surface, with_effects(TRUTH, [bowed])
     assert s.tangents[edge].tolist() == [0.0, 1.0]
+    assert bowed.effect.title == 'edge 4 of ell is not straight'
     plan = default_plan(cell, 100)
     touches, on_edge = simulate_touches(cell, model, plan, Noise(0, 0)), plan.surface(cell) == edge
     assert on_edge.sum() >= 10
