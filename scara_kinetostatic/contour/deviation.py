@@ -28,6 +28,7 @@ class Deviation(NamedTuple):
         points: numbers of those points of the contour that are next to the object, (n,).
         distance: from the object, outside positive, (n,), m.
         std: standard uncertainty of each by the measurement, (n,), m; NaN where the calibration does not determine it.
+        misfit: root mean square of the distances in standard uncertainties; about 1 where the object is as stated.
     """
 
     outline: int
@@ -35,6 +36,7 @@ class Deviation(NamedTuple):
     points: Indices
     distance: Floats
     std: Floats
+    misfit: float
 
     @property
     def rms(self) -> float:
@@ -74,8 +76,9 @@ def deviations(contour: Contour, cell: Cell) -> tuple[Deviation, ...]:
         distance, gap = distance[rows], gap[rows]
         beside = (distance < NEAR) & (distance < np.abs(gap) + 1e-9)  # not past an open end
         if beside.any():
-            name, points = objects[nearest].name, points[beside]
-            found.append(Deviation(number, name, points, gap[beside], contour.std_normal[points]))
+            points, off = points[beside], gap[beside]
+            misfit = rms(off / np.maximum(contour.stretch(points).weighing, 1e-12))
+            found.append(Deviation(number, objects[nearest].name, points, off, contour.std_normal[points], misfit))
     return tuple(found)
 
 

@@ -69,11 +69,12 @@ def _sentences(contour: Contour) -> tuple[str, ...]:
 def _deviation_sentence(contour: Contour, deviation: Deviation) -> str:
     k = deviation.largest
     x, y = _MILLI * contour.surface[deviation.points[k]]
-    off, expanded = deviation.distance[k], micrometres(2 * deviation.std[k])
+    off, std = deviation.distance[k], deviation.std[k]
     return (
         f'Outline {deviation.outline + 1} lies along {deviation.object} of the cell description: at most '
-        f'{_MICRO * abs(off):.0f} µm (± {expanded} µm) {"outside" if off > 0 else "inside"} of it, at x = {x:.1f} mm, '
-        f'y = {y:.1f} mm; rms {_MICRO * deviation.rms:.0f} µm.'
+        f'{micrometres(abs(off))} µm (± {micrometres(2 * std)} µm) {"outside" if off > 0 else "inside"} of it, at '
+        f'x = {x:.1f} mm, y = {y:.1f} mm; rms {micrometres(deviation.rms)} µm, {deviation.misfit:.1f} times the '
+        'uncertainty of the points.'
     )
 
 
@@ -175,6 +176,7 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Seq
                 'object': d.object,
                 'points': len(d.points),
                 'rms': d.rms,
+                'misfit': d.misfit,
                 'largest': {
                     'value': d.distance[d.largest],
                     'std': d.std[d.largest],

@@ -41,6 +41,7 @@ def test_a_side_that_stands_50_um_elsewhere():
     assert contour.surface[found.points[k], 0] > 0.19
     assert 5e-5 - 2 * found.std[k] < found.distance[k] < 5e-5 + 4 * found.std[k]
     assert found.rms == pytest.approx(2.6e-5, abs=5e-6)
+    assert found.misfit > 3
     text = as_text(contour_report(contour, [], [found], ''))
     assert 'Outline 1 lies along block of the cell description: at most' in text and 'outside of it' in text
     (stored,) = contour_document(contour, [], [found])['deviations']
@@ -54,6 +55,7 @@ def test_a_disc_and_another_tip():
         (found,) = deviations(contour, cell)
         assert found.object == 'disc'
         assert np.mean(np.abs(found.distance) < 1.96 * found.std) > 0.9
+        assert 0.5 < found.misfit < 1.3
     smaller = replace(CELL, discs=(Disc('disc', 0.2, 0.3, 0.0649),))
     assert np.median(deviations(contour, smaller)[0].distance) == pytest.approx(1e-4, abs=1e-5)
 
