@@ -60,7 +60,7 @@ class TouchMetadata(NamedTuple):
         frame: that of the forces of `history` and `force`.
         force: F of the hold as measured with the history, (n, 2), N; None where that is not known.
         order: place in the order of time, over all recordings, (n,); None for touches after all others.
-        surface: number of the touched edge or corner in the cell, (n,); None where it is not known, or for discs alone.
+        surface: number of the touched edge or corner among the surfaces of the cell, (n,); None or -1: not known.
     """
 
     disc: Indices
