@@ -120,6 +120,7 @@ class Observations(NamedTuple):
         """The same touches of other surfaces of a cell, as stated, by their numbers (n,)."""
         return self._replace(
             surface=which,
+            metadata=None if self.metadata is None else self.metadata._replace(surface=which),
             centers=surfaces.centers[which],
             radii=surfaces.radii[which],
             tangents=surfaces.tangents[which],
@@ -175,7 +176,7 @@ def observe(touches: TouchSet, cell: Cell, errors: Floats | None = None) -> Obse
         cell.surfaces.radii[surface],
         cell.sensor.frame,
         cell.gripper,
-        TouchMetadata.of(touches, cell.sensor.frame),
+        TouchMetadata.of(touches, cell.sensor.frame)._replace(surface=surface),
         declared,
         NO_ERRORS if declared is None else np.zeros(declared.count),
         None if declared is None else touches.force,

@@ -6,8 +6,9 @@ are taken out by the calibrated model, the radius of the tip along the measured
 normal; friction, lost contact and stick are considered; several passes are
 joined and closed outlines closed. Writes into DIR
 
-  contour.csv    time_s,x_m,y_m,nx,ny,std_normal_m,force_N: every point of the
-                 surface, its outward normal, standard uncertainty along it
+  contour.csv    time_s,x_m,y_m,nx,ny,std_normal_m,force_N,deviation_m: every
+                 point of the surface, its outward normal, standard uncertainty
+                 along it, distance from the object of the cell that it is on
   contour.svg    the outlines in mm
   contour.dxf    the same as polylines (release 12, mm)
   contour.html   a page with figures
@@ -61,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the tip touches nothing, does not slide, or jumps.
     """
     from scara_kinetostatic.bags.reader import read_streams
+    from scara_kinetostatic.contour.deviation import deviations, of_all_points
     from scara_kinetostatic.contour.report import contour_document, contour_report
     from scara_kinetostatic.contour.result import CSV, DXF, SVG, csv_text, dxf_text, svg_text
     from scara_kinetostatic.contour.trace import trace_contour
@@ -80,14 +82,15 @@ def run(args: argparse.Namespace) -> int:
     contour = trace_contour(read_streams(args.bag, cell), arm, cell.sensor, radius)
     fits, failed = _fits(contour, arm, tuple(dict.fromkeys(args.fit)))
     contour = replace(contour, warnings=(*contour.warnings, *failed))
-    report = contour_report(contour, fits, str(args.calibration))
+    compared = deviations(contour, cell)
+    report = contour_report(contour, fits, compared, str(args.calibration))
     files = {
-        CSV: csv_text(contour),
+        CSV: csv_text(contour, of_all_points(contour, compared)),
         SVG: svg_text(contour.outlines),
         DXF: dxf_text(contour.outlines),
         'contour.html': as_page(report),
     }
-    print_result(as_text(report), contour_document(contour, fits), args.json, args.out, files)
+    print_result(as_text(report), contour_document(contour, fits, compared), args.json, args.out, files)
     return 0
 
 

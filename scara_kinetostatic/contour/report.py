@@ -8,28 +8,34 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup
 
+from scara_kinetostatic.contour.deviation import Deviation
 from scara_kinetostatic.contour.fits import ShapeFit
 from scara_kinetostatic.contour.result import Contour, Friction
 from scara_kinetostatic.report.content import Figure, Report, Section, Verdict
 from scara_kinetostatic.report.figure import FAINT, SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.report.quantities import FIT_UNITS, count, shown
+from scara_kinetostatic.report.quantities import FIT_UNITS, count, micrometres, shown
 from scara_kinetostatic.report.table import Table
 
 _MILLI, _MICRO, _WIDTH = 1e3, 1e6, 920.0
 
 
-def contour_report(contour: Contour, fits: Sequence[ShapeFit], calibration: str) -> Report:
+def contour_report(
+    contour: Contour, fits: Sequence[ShapeFit], deviations: Sequence[Deviation], calibration: str
+) -> Report:
     """What was measured, for the terminal and for `contour.html`.
 
     Args:
         contour: what was measured.
         fits: shapes through its outlines.
+        deviations: of its outlines from objects of the cell.
         calibration: name of the file of the calibration.
     """
+    compared = (_deviation_sentence(contour, deviation) for deviation in deviations)
+    sentences = (*_sentences(contour), *compared)
     return Report(
         title='Contour of an object by touch',
-        answer=Verdict(_headline(contour), 'caution' if contour.warnings else 'good', _sentences(contour)),
+        answer=Verdict(_headline(contour), 'caution' if contour.warnings else 'good', sentences),
         source=f'{contour.source}, with the calibration {calibration}',
         blocks=(_page_section(contour), *fit_sections(fits)),
         remarks=tuple(contour.warnings),
@@ -58,6 +64,18 @@ def _sentences(contour: Contour) -> tuple[str, ...]:
     if parts:
         lines.append(f'Left out: {" and ".join(parts)}.')
     return (*lines, _friction_sentence(contour.friction))
+
+
+def _deviation_sentence(contour: Contour, deviation: Deviation) -> str:
+    k = deviation.largest
+    x, y = _MILLI * contour.surface[deviation.points[k]]
+    off, std = deviation.distance[k], deviation.std[k]
+    return (
+        f'Outline {deviation.outline + 1} lies along {deviation.object} of the cell description: at most '
+        f'{micrometres(abs(off))} µm (± {micrometres(2 * std)} µm) {"outside" if off > 0 else "inside"} of it, at '
+        f'x = {x:.1f} mm, y = {y:.1f} mm; rms {micrometres(deviation.rms)} µm, {deviation.misfit:.1f} times the '
+        'uncertainty of the points.'
+    )
 
 
 def _friction_sentence(friction: Friction) -> str:
@@ -119,7 +137,7 @@ def fit_table(fits: Sequence[ShapeFit]) -> Table:
     return Table(heading, units, tuple(rows))
 
 
-def contour_document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
+def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Sequence[Deviation]) -> Document:
     """The contour as data, without its points."""
     f = contour.friction
     return {
@@ -151,6 +169,21 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
                 'fits': fit.fits,
             }
             for fit in fits
+        ],
+        'deviations': [
+            {
+                'outline': d.outline,
+                'object': d.object,
+                'points': len(d.points),
+                'rms': d.rms,
+                'misfit': d.misfit,
+                'largest': {
+                    'value': d.distance[d.largest],
+                    'std': d.std[d.largest],
+                    'at': contour.surface[d.points[d.largest]],
+                },
+            }
+            for d in deviations
         ],
         'warnings': contour.warnings,
     }

@@ -185,17 +185,20 @@ def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
 
 
 CSV, SVG, DXF = 'contour.csv', 'contour.svg', 'contour.dxf'
-COLUMNS = ('time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N')
+COLUMNS = ('time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N', 'deviation_m')
 LAYER = 'CONTOUR'
 _MILLI = 1e3
 
 
-def csv_text(contour: Contour) -> str:
-    """The points of the surface in the order of time."""
+def csv_text(contour: Contour, deviation: Floats) -> str:
+    """The points of the surface in the order of time; their deviation from an object of the cell, (n,), m, or NaN."""
     size = np.hypot(*contour.force.T)
-    columns = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size)
+    columns = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size, deviation)
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    lines = (f'{t:.6f},{x:.9f},{y:.9f},{nx:.6f},{ny:.6f},{std:.3e},{force:.4f}' for t, x, y, nx, ny, std, force in rows)
+    lines = (
+        f'{t:.6f},{x:.9f},{y:.9f},{nx:.6f},{ny:.6f},{std:.3e},{force:.4f},{off:.3e}'
+        for t, x, y, nx, ny, std, force, off in rows
+    )
     return '\n'.join((','.join(COLUMNS), *lines)) + '\n'
 
 

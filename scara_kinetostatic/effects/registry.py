@@ -76,6 +76,7 @@ BUILT_IN: tuple[type[Effect], ...] = (
     objects.PlatePosition,
     objects.ObjectRotation,
     objects.ObjectOffset,
+    objects.EdgeBow,
 )
 """The catalogue of this package."""
 _EXPECTED = 'expected a class derived from Effect or a function from a cell to effects'

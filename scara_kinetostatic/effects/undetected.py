@@ -50,6 +50,7 @@ TYPICAL: Mapping[str, tuple[float | tuple[float, ...], str]] = MappingProxyType(
         'object_radius': (5e-6, 'a ground pin'),
         'object_rotation': (1e-4, '10 µm over 0.1 m'),
         'object_offset': (5e-6, 'as the radius'),
+        'edge_bow': (3e-6, 'a ground edge'),
         'thermal_drift': (1e-8, '6 µrad, or 6 µm per metre, in ten minutes: 0.5 K of steel, 1.15e-5 per K'),
         'shift': (3e-6, 'fastened'),
         'shift[joint1]': (5e-6, 'an encoder that keeps its zero'),

@@ -172,6 +172,7 @@ VARIABLES = MappingProxyType(
         ),
         'place': Variable('place on the disc', 'rad', lambda at, _: _angle(-at.normal)),
         'disc': Variable('number of the disc', '', lambda at, _: at.metadata.disc.astype(float) + 1),
+        'along_edge': Variable('place along the edge', 'm', lambda at, _: at.along_edge, _NONE),
         'time': Variable('time', 's', lambda at, _: at.metadata.time, _NONE),
         'touch': Variable('number of the touch', '', lambda at, _: _numbers(at)),
         'approach': Variable(

@@ -60,6 +60,7 @@ class TouchMetadata(NamedTuple):
         frame: that of the forces of `history` and `force`.
         force: F of the hold as measured with the history, (n, 2), N; None where that is not known.
         order: place in the order of time, over all recordings, (n,); None for touches after all others.
+        surface: number of the touched edge or corner among the surfaces of the cell, (n,); None or -1: not known.
     """
 
     disc: Indices
@@ -71,6 +72,7 @@ class TouchMetadata(NamedTuple):
     frame: SensorFrame = SensorFrame.BASE
     force: Floats | None = None
     order: Indices | None = None
+    surface: Indices | None = None
 
     @classmethod
     def plain(cls, n: int) -> TouchMetadata:
@@ -83,7 +85,7 @@ class TouchMetadata(NamedTuple):
         """The metadata of touches, whose forces are in a frame."""
         history = touches.history if touches.history.shape[1] else None
         t = touches
-        return cls(t.disc, t.time, t.approach, t.posture, t.press, history, frame, t.force, t.order)
+        return cls(t.disc, t.time, t.approach, t.posture, t.press, history, frame, t.force, t.order, t.surface)
 
     def select(self, which: Mask | Indices | slice) -> TouchMetadata:
         """The touches that a mask, a slice or an array of positions picks."""
@@ -156,6 +158,15 @@ class TouchState(NamedTuple):
     def tangent(self) -> Floats:
         """T = R90 n, (n, 2)."""
         return np.array([-self.normal[:, 1], self.normal[:, 0]]).T
+
+    @property
+    def along_edge(self) -> Floats:
+        """Place of the rigid tip along the straight edge from its middle, (n,), m; 0 on an arc."""
+        if self.tangents is None:
+            return np.zeros(len(self.radii))
+        p = self.parameters
+        off = p.l1 * self.link1 + p.l2 * self.link2 + (p.x0, p.y0) - self.centers
+        return np.asarray((off * self.tangents).sum(axis=1))
 
     def across_edges(self, vectors: Floats) -> Floats:
         """Displacements (n, 2) as they count as `Shift.place`: along a straight edge the object has no place."""

@@ -173,6 +173,12 @@ class Surfaces(NamedTuple):
         of_arc = np.where(within, over, np.minimum(*ends))
         return np.where(edge, np.abs(off - reach - along * tangent), of_arc)
 
+    def gaps(self, tips: Floats) -> Floats:
+        """Distances of places (n, 2), m, from the whole line or circle of each surface, outside positive, (n, E), m."""
+        off = tips[:, None] - self.centers
+        away = np.where(self.radii < 0, -1.0, 1.0) * np.hypot(*off.transpose(2, 0, 1))
+        return np.where(self.is_edge, (off * self.normals).sum(axis=-1), away) - self.radii
+
     def places(self, object: Indices, angle: Floats) -> tuple[Indices, Floats]:
         """Surface and part of it, -1 to 1, of places along objects, (m,) each.
 

@@ -211,7 +211,7 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
         motion, plain = kinematics.wrap(joints - there), TouchMetadata.plain(len(joints))
         loaded = np.concatenate([joints - motion, (plan.preload > 0)[:, None] * peak], axis=1)[:, None]
         plain = plain._replace(disc=plan.disc, posture=plan.posture, approach=motion, press=motion, history=loaded)
-        observations = observations._replace(metadata=metadata or plain)
+        observations = observations._replace(metadata=(metadata or plain)._replace(surface=surface))
     if declared is not None:
         observations = observations._replace(declared=declared, errors=np.zeros(declared.count), reported=measured)
     point = evaluate(observations, robot.model, Adjusted(joints, measured, state), robot.noise)

@@ -108,6 +108,7 @@ class Circle(NamedTuple):
         y: likewise.
         radius: of the arc along which the tip's centre moves, m.
         tangent: unit vector along a straight edge of an object; None of an arc.
+        surface: number among the surfaces of the cell; -1 of a disc or an obstacle.
     """
 
     name: str
@@ -117,6 +118,7 @@ class Circle(NamedTuple):
     y: float
     radius: float
     tangent: tuple[float, float] | None = None
+    surface: int = -1
 
 
 _FLAT = 10.0
@@ -150,18 +152,16 @@ def _circle_of_outline(name: str, number: int, outline: Floats, tip: Floats, tip
     return Circle(name, number, side * distance - tip_radius, float(center[0]), float(center[1]), radius)
 
 
-def _circle_of_object(number: int, name: str, is_closed: bool, surfaces: Surfaces, tip: Floats) -> Circle:
-    """The edge or corner of an object next to the tip, (2,), m."""
+def _circle_of_object(number: int, name: str, is_closed: bool, first: int, surfaces: Surfaces, tip: Floats) -> Circle:
+    """The edge or corner of an object next to the tip, (2,), m; `first` is the number of its first surface."""
     distances = surfaces.distances(tip[None])[0]
     k = int(distances.argmin())
-    (x, y), radius, tangent, (u, v) = (part[k] for part in surfaces[1:5])
-    off = tip - (x, y)
-    along = float(off @ tangent)
-    gap = off @ (u, v) - radius if tangent.any() else np.sign(radius) * np.hypot(*off) - radius
+    (x, y), radius, tangent = (part[k] for part in surfaces[1:4])
+    along, gap = float((tip - (x, y)) @ tangent), surfaces.gaps(tip[None])[0, k]
     if not is_closed and tangent.any() and abs(along) > surfaces.halves[k]:  # past the end of an open outline
         gap = distances[k]
     edge = (float(tangent[0]), float(tangent[1])) if tangent.any() else None
-    return Circle(name, number, float(gap), float(x), float(y), float(radius), edge)
+    return Circle(name, number, float(gap), float(x), float(y), float(radius), edge, first + k)
 
 
 class _Movement:
@@ -210,8 +210,8 @@ class ModelBody:
             (k, disc.name, disc.x, disc.y, disc.radius) for k, disc in enumerate(cell.discs) if isinstance(disc, Disc)
         ]
         self._objects = [
-            (k, disc.name, disc.is_closed, cell.surfaces.select(cell.surfaces.object == k))
-            for k, disc in enumerate(cell.discs)
+            (k, disc.name, disc.is_closed, int(np.argmax(own)), cell.surfaces.select(own))
+            for k, disc, own in ((k, disc, cell.surfaces.object == k) for k, disc in enumerate(cell.discs))
             if isinstance(disc, Outline)
         ]
         self._outlines = [np.array(outline, dtype=float) for outline in cell.obstacles]
@@ -268,7 +268,7 @@ class ModelBody:
             )
             self._metadata = TouchMetadata(
                 np.array([circle.number]), np.array([self._time]), approach, posture(self.model.parameters, q), press,
-                history, order=np.array([self.contacts]),
+                history, order=np.array([self.contacts]), surface=np.array([circle.surface]),
             )  # fmt: skip
         warm_start = np.array([self.force]) if self.touched else None
         center = np.array([[circle.x, circle.y]])

@@ -437,8 +437,8 @@ class Trajectory:
 
     def _metadata(self) -> TouchMetadata:
         approach, press = (last_movement(path, self.hold_joints) for path in (self.path, self.path[1:]))
-        order = np.arange(len(self.plan))
-        return TouchMetadata(self.plan.disc, self.hold_time, approach, self.plan.posture, press, order=order)
+        order, surface, plan = np.arange(len(self.plan)), self.plan.surface(self.cell), self.plan
+        return TouchMetadata(plan.disc, self.hold_time, approach, plan.posture, press, order=order, surface=surface)
 
     def _normal_compliance(self, force: Floats) -> Floats:
         """Displacement of the tip along the normal per force by the base model, (m,), m/N."""

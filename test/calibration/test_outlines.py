@@ -6,47 +6,25 @@ import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
+from benchmark.outlines import OBJECTS, cell_of, cell_with
 from scara_kinetostatic.assessment.mistakes import check_touches
 from scara_kinetostatic.calibration.gauss_helmert import linearise
 from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.files.cell_file import parse_cell
-from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.simulation.commanded import ModelBody
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 
-HEAD = """
-robot:
-  nominal: {x0: 0.0, y0: 0.0, theta1: 0.0, l1: 0.33, theta2: 0.0, l2: 0.33,
-            p_ee: 1.0e-5, p1: 1.0e-5, p2: 1.0e-5, g_ee: 0.0, g1: 0.0, g2: 0.0}
-tip: {radius: 0.005}
-noise: {joint: 1.0e-5, force: 0.3}
-"""
-BLOCK = 'outline: [[-0.06, 0.30], [0.06, 0.30], [0.06, 0.42], [-0.06, 0.42]], corner_radius: 0.002'
-ELL = (
-    'outline: [[-0.30, 0.22], [-0.12, 0.22], [-0.12, 0.29], [-0.21, 0.29], [-0.21, 0.40], [-0.30, 0.40]], '
-    'corner_radius: 0.008'
-)
-EDGE = 'outline: [[-0.40, 0.15], [-0.15, 0.45]], open: true'
-DISC = 'center: [0.20, 0.30], radius: 0.06'
+ELL, BLOCK, EDGE, DISC = (OBJECTS[name] for name in ('ell', 'block', 'edge', 'disc'))
 TRUTH = Parameters(0.0025, -0.002, 0.004, 0.3312, -0.003, 0.3285, 1.3e-5, 2e-5, 3e-5, 5e-5, 1e-4, 1.5e-4)
 
 
-def _cell(more='', **objects):
-    entries = ''.join(f'  - {{name: {name}, {text}}}\n' for name, text in objects.items())
-    return parse_cell(f'{HEAD}{more}objects:\n{entries}')
-
-
-CELLS = {
-    'block': _cell(block=BLOCK),
-    'ell': _cell(ell=ELL),
-    'edge and disc': _cell(edge=EDGE, disc=DISC),
-    'mixture': _cell(ell=ELL, block=BLOCK, disc=DISC),
-}
+CELLS = {name: cell_of(name) for name in ('block', 'L', 'edge and disc', 'mixture')}
 
 
 @pytest.mark.parametrize('name', CELLS)
@@ -84,7 +62,7 @@ def test_declared_errors_of_outlines_are_in_the_uncertainty():
     stated = ', uncertainty: {center: 3.0e-5, angle: 3.0e-4, offset: 2.0e-5}'
     more = 'plates: [{name: a, origin: [0.0, 0.3], uncertainty: {center: 1.0e-4, angle: 1.0e-3}}]\n'
     more += 'uncertainty: {radius: 5.0e-6, effects: none}\n'
-    cell = _cell(more, ell=f'{ELL}{stated}, plate: a', block=BLOCK + stated, disc=DISC)
+    cell = cell_with(more, ell=f'{ELL}{stated}, plate: a', block=BLOCK + stated, disc=DISC)
     z = []
     for seed in range(40):
         touches = sk.simulate(cell, TRUTH, seed=seed, drawn=seed)
@@ -97,7 +75,7 @@ def test_declared_errors_of_outlines_are_in_the_uncertainty():
 
 def test_errors_by_cell_description_are_those_of_differences():
     stated = ', uncertainty: {center: 3.0e-5, angle: 3.0e-4, offset: 2.0e-5}'
-    cell = _cell(
+    cell = cell_with(
         'plates: [{name: a, origin: [0.0, 0.3], uncertainty: {angle: 1.0e-3}}]\n', ell=f'{ELL}{stated}, plate: a'
     )
     touches = simulate_touches(cell, TRUTH, default_plan(cell, 24), Noise(0, 0))
@@ -112,7 +90,12 @@ def test_errors_by_cell_description_are_those_of_differences():
 
 @pytest.mark.parametrize(
     'text',
-    ['object_rotation[block]:angle=1e-3', 'object_position[block]:x=1e-4,y=-5e-5', 'object_offset[block]:offset=-3e-5'],
+    [
+        'object_rotation[block]:angle=1e-3',
+        'object_position[block]:x=1e-4,y=-5e-5',
+        'object_offset[block]:offset=-3e-5',
+        'edge_bow[block.2]:bow=4e-5',
+    ],
 )
 def test_errors_of_a_block_are_named(text):
     cell = CELLS['mixture']
@@ -136,6 +119,37 @@ def test_a_rotated_block_is_one_whose_corners_are_rotated():
     c = sk.calibrate(touches, cell, [effect])
     assert c.model.values['object_rotation[block]']['angle'] == pytest.approx(1e-3, abs=1e-6)
     assert c.force_error < 1e-2
+
+
+def test_a_bowed_edge_is_an_arc_of_a_large_circle():
+    cell, s, bow = CELLS['L'], CELLS['L'].surfaces, 4e-5
+    bowed = parse_effect(f'edge_bow[ell.4]:bow={bow}', cell)
+    edge, model = bowed.effect.surface, with_effects(TRUTH, [bowed])
+    assert s.tangents[edge].tolist() == [0.0, 1.0]
+    assert bowed.effect.title == 'edge 4 of ell is not straight'
+    plan = default_plan(cell, 100)
+    touches, on_edge = simulate_touches(cell, model, plan, Noise(0, 0)), plan.surface(cell) == edge
+    assert on_edge.sum() >= 10
+    large = (s.halves[edge] ** 2 + bow**2) / (2 * bow)
+    center = s.centers[edge] + (s.radii[edge] + bow - cell.tip_radius - large) * s.normals[edge]
+    count = int(on_edge.sum())
+    found = contact(
+        TRUTH, touches.joints[on_edge], np.tile(center, (count, 1)), np.full(count, large + cell.tip_radius)
+    )
+    np.testing.assert_allclose(found.force, touches.force[on_edge], atol=1e-2)  # N; without the slope 0.06 N off
+    c = sk.calibrate(touches, cell, [bowed.effect])
+    assert c.model.values[bowed.effect.label]['bow'] == pytest.approx(bow, abs=1e-9)
+    body = ModelBody(cell, model)
+    body.begin(tuple(touches.joints[on_edge][0] + (0.0, 0.1)), 0.0)
+    body.advance(1.0, tuple(touches.joints[on_edge][0]), 0.0)
+    np.testing.assert_allclose(body.force, touches.force[on_edge][0], atol=1e-6)
+
+
+def test_discs_have_no_edges_to_bow():
+    assert [effect.label for effect in sk.catalogue(CELLS['edge and disc']) if effect.name == 'edge_bow'] == [
+        'edge_bow[edge.1]'
+    ]
+    assert not any(effect.name == 'edge_bow' for effect in sk.catalogue(PAPER_CELL))
 
 
 def test_friction_on_edges_and_corners_is_estimated():
@@ -163,7 +177,7 @@ def test_friction_on_edges_and_corners_is_estimated():
     ],
 )
 def test_what_a_shape_leaves_free_is_said(objects, words):
-    cell = _cell(**objects)
+    cell = cell_with(**objects)
     c = sk.calibrate(sk.simulate(cell, TRUTH, per_disc=24, seed=1), cell)
     assert words in c.identifiability.notes[0]
     assert (c.identifiability.rank < 12) == ('block' not in objects)
@@ -183,7 +197,7 @@ def test_a_block_turned_by_90_degrees_is_named(degrees):
 @pytest.mark.parametrize(('radius', 'words'), [(1e-4, 'the radius of the tip is missing'), (0.01, 'is its diameter')])
 def test_a_wrong_tip_is_named(radius, words):
     second = 'outline: [[0.22, 0.20], [0.30, 0.16], [0.34, 0.24], [0.26, 0.28]], corner_radius: 0.003'
-    cell = _cell(block=BLOCK, second=second, disc='center: [0.25, 0.36], radius: 0.06')
+    cell = cell_with(block=BLOCK, second=second, disc='center: [0.25, 0.36], radius: 0.06')
     touches = sk.simulate(cell, TRUTH, seed=2)
     assert check_touches(touches, cell).found is None
     found = check_touches(touches, replace(cell, tip_radius=radius)).found
@@ -217,7 +231,7 @@ def test_under_gravity_one_block_alone_is_refused_unless_the_moments_are_held():
 
 
 def test_inner_corners_are_touched_under_gravity():
-    cell, truth = _upright(CELLS['ell'], s1=2.0, s2=0.6)
+    cell, truth = _upright(CELLS['L'], s1=2.0, s2=0.6)
     plan, surfaces = default_plan(cell, 100), cell.surfaces
     touches, at = simulate_touches(cell, truth, plan, Noise(0, 0)), plan.surface(cell)
     assert (surfaces.radii[at] < 0).any()

@@ -42,7 +42,7 @@ def test_files_and_text(folder: Path, run: Run) -> None:
     }
     with Path('made/contour.csv').open() as stream:
         rows = list(csv.DictReader(stream))
-    assert list(rows[0]) == ['time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N']
+    assert list(rows[0]) == ['time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N', 'deviation_m']
     x, y, std = (np.array([float(row[name]) for row in rows]) for name in ('x_m', 'y_m', 'std_normal_m'))
     error = np.hypot(x - 0.2, y - 0.3) - 0.06
     assert np.sqrt(np.mean(error**2)) < 2 * np.sqrt(np.mean(std**2)) < 2e-5
@@ -58,6 +58,19 @@ def test_json(folder: Path, run: Run) -> None:
     document = json.loads(result.out)
     assert document['outlines'][0]['closed'] is True
     assert document['fits'][0]['values']['radius']['value'] == pytest.approx(0.061, abs=2e-5)
+
+
+def test_the_deviation_from_an_object_of_the_cell(folder: Path, run: Run) -> None:
+    objects = 'objects:\n  - {name: known, center: [0.2, 0.3], radius: 0.0649}\nsensor:'
+    text = (folder / 'cell.yaml').read_text()
+    Path('known.yaml').write_text(text[: text.index('objects:')] + objects + text.partition('sensor:')[2])
+    more = ['--calibration', folder / 'result' / 'calibration.json', '--cell', 'known.yaml', '--out', 'made']
+    (found,) = json.loads(run('contour', folder / 'slide', *more, '--json').out)['deviations']
+    assert found['object'] == 'known' and found['rms'] == pytest.approx(1e-4, abs=1e-5)
+    with Path('made/contour.csv').open() as stream:
+        deviation = np.array([float(row['deviation_m']) for row in csv.DictReader(stream)])
+    assert np.sqrt(np.mean(deviation**2)) == pytest.approx(found['rms'], rel=1e-3)
+    assert 'lies along known of the cell description' in Path('made/contour.html').read_text()
 
 
 @pytest.mark.parametrize(

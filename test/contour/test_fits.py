@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from contour.slides import CELL, DISC, arm
 
+from scara_kinetostatic.contour.deviation import of_all_points
 from scara_kinetostatic.contour.fits import fit_shape
 from scara_kinetostatic.contour.report import contour_report
 from scara_kinetostatic.contour.result import COLUMNS, csv_text, dxf_text, svg_text
@@ -42,8 +43,8 @@ def test_a_shape_that_does_not_fit_is_said(contour):
     line = fit_shape(contour, arm(), 'line')
     assert not line.fits
     assert line.misfit > 1000
-    assert 'Remark: the outline is no line' in as_text(contour_report(contour, [line], ''))
-    assert 'Remark' not in as_text(contour_report(contour, [fit_shape(contour, arm(), 'circle')], ''))
+    assert 'Remark: the outline is no line' in as_text(contour_report(contour, [line], [], ''))
+    assert 'Remark' not in as_text(contour_report(contour, [fit_shape(contour, arm(), 'circle')], [], ''))
 
 
 def test_arc_and_line():
@@ -99,7 +100,7 @@ def _exact_line(contour):
 
 
 def test_csv(contour):
-    rows = list(csv.DictReader(io.StringIO(csv_text(contour))))
+    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ())))))
     assert tuple(rows[0]) == COLUMNS
     assert len(rows) == len(contour)
     values = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
