@@ -183,6 +183,8 @@ def main() -> int:
     options_of.add_argument('--mujoco', action='store_true', help='the physics engine is the robot')
     options_of.add_argument('--jobs', type=int, default=1)
     options = options_of.parse_args()
+    if options.mujoco and options.effect:
+        options_of.error('the robot of --mujoco has contact friction alone')
     seeds = range(options.first, options.first + options.cells)
     rows = []
     with ProcessPoolExecutor(options.jobs) as pool:

@@ -57,10 +57,7 @@ class ContactFriction(EffectOfDiscs):
         return _off_normal(at, values[0] * self._direction(at))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
-        direction = self._direction(at)
-        angle = values[0] * direction
-        along, across = -at.radii * np.sin(angle) * direction, -at.radii * np.cos(angle) * direction
-        return (Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent),)
+        return (_rate_off_normal(at, values[0], self._direction(at)),)
 
     def _direction(self, at: TouchState) -> Floats:
         """The slide, (n,); 0 on discs without friction."""
@@ -69,24 +66,26 @@ class ContactFriction(EffectOfDiscs):
 
 @dataclass(frozen=True)
 class YieldingFriction(Effect):
-    """Coulomb friction of a tip that the joints press along a line, and that goes aside as the arm yields.
+    """Coulomb friction of a tip that the joints press along a line, and that the yielding arm drags aside.
 
-    Joints and gripper yield in another direction than that of the force. Where the joints do not make up for it, the
-    tip slides, or friction holds it: the force is turned by α = min(|a|, coefficient) sign a, a that of `pulled_aside`,
-    and d is that of `ContactFriction`. A controller that moves the joints so that the tip stays has a = 0.
+    Joints and gripper yield in another direction than that of the force. Where the joints do not make up for it,
+    friction holds the tip or lets it slide: the force is turned by the angle α of `pulled_aside`, at most the
+    coefficient, and d is that of `ContactFriction`. Where the joints move so that the tip stays, as in `simulate`, α
+    is 0.
     """
 
     target: str | None = 'yielding'
 
     name = 'contact_friction'
-    parameters = (Parameter('coefficient', '1', 0.1, 'of friction: largest angle of the force', typical=0.1, sign=1),)
-    statement = 'friction between tip and discs turns the contact force, against the slide of the {target} arm'
+    parameters = (
+        Parameter('coefficient', '1', 0.1, 'largest angle of the force from the normal', 0.05, typical=0.1, sign=1),
+    )
+    statement = 'friction holds the tip while the {target} arm drags it aside, which turns the contact force'
     confounded_with = 'a turned force sensor, if the arm yields the same way in all touches'
     identified_by = 'touches along the normal from all sides, in both elbow postures'
     plot_variable = 'pulled_aside'
     on_object = True
-    is_smooth = False
-    scaled_by = ('p_ee', 'p1', 'p2', 'g_ee')
+    scaled_by = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2', 'p_ee', 'p1', 'p2')
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         return _off_normal(at, pulled_aside(at, values[0]))
@@ -94,9 +93,13 @@ class YieldingFriction(Effect):
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return (_rate(at, values[0] - _STEP, values[0] + _STEP),)
 
+    def forms(self, at: TouchState) -> Sequence[Floats]:
+        """What is not detected is small."""
+        return (np.zeros(1),)
+
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
-        """Up to a small coefficient: a pull that noise can turn counts in proportion."""
-        return (Trial((_rate(at, 0.0, _SMALL),)),)
+        """Up to some coefficients: with a large one friction holds the tip where it slides with a small one."""
+        return [Trial((_rate(at, 0.0, c),), place=c) for c in _TRIED]
 
 
 def _rate(at: TouchState, low: float, high: float) -> Shift:
@@ -109,8 +112,8 @@ def _rate(at: TouchState, low: float, high: float) -> Shift:
 
 _STEP = 1e-7
 """Of a coefficient, for its derivative."""
-_SMALL = 0.02
-"""A small coefficient of friction."""
+_TRIED = (0.02, 0.05, 0.1)
+"""Coefficients of friction from which one is looked for."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +160,13 @@ class OffNormalForce(Effect):
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return ()
+
+
+def _rate_off_normal(at: TouchState, coefficient: float, direction: Floats) -> Shift:
+    """The derivative of d by the coefficient, for angles coefficient · direction."""
+    angle = coefficient * direction
+    along, across = -at.radii * np.sin(angle) * direction, -at.radii * np.cos(angle) * direction
+    return Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent)
 
 
 def _off_normal(at: TouchState, angle: Floats) -> Shift:

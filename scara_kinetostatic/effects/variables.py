@@ -104,34 +104,31 @@ def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
     return np.asarray(np.clip(aside / STICKING, -1.0, 1.0))
 
 
-def pulled_aside(at: TouchState, coefficient: float = np.inf) -> Floats:
-    """Tangent of the angle from the normal n to the force while the tip does not slide, (n,); 0 without a movement.
+def pulled_aside(at: TouchState, angle_of_friction: float) -> Floats:
+    """Angle from the normal n to the force of a tip that friction holds where it touched, (n,), rad; 0 unmoved.
 
-    The joints move along a line, the arm yields by C f n, C = p_ee I + g_ee/f t tᵀ + Σ pᵢ jᵢ jᵢᵀ with the columns jᵢ
-    of J: on a surface without friction the tip would go along t by (m_t/m_n c_nn - c_tn) f, m = J ΔQ; friction holds
-    it by that over c_tt, up to `coefficient` f. Where the last movement is back from a preload f + m_n/c_nn, the same
-    holds from there on.
+    The joints move along a line by m = J ΔQ, the arm yields by C F, C = p_ee I + Σ pᵢ jᵢ jᵢᵀ with the columns jᵢ of
+    J: a tip that is held has F ∥ C⁻¹ m. Beyond the angle of friction it slides, and the force stays there. A touch
+    that comes back from a preload begins with the angle under that, the force being f + m_n/c_nn.
 
     Args:
         at: the touches.
-        coefficient: of friction; of a negative one the angle is reversed.
+        angle_of_friction: largest angle, rad; of a negative one all angles are reversed.
     """
     p, f = at.parameters, np.maximum(np.abs(at.magnitude), 1e-9)
     turn1, turn2, (inward_x, inward_y), (move_x, move_y) = contact_of(at, p)
     size = np.hypot(inward_x, inward_y)
     x, y = inward_x / size, inward_y / size
-    (n1, t1), (n2, t2), (m_n, m_t) = (
-        (x * u + y * v, x * v - y * u) for u, v in (turn1, turn2, (move_x, move_y))
-    )  # fmt: skip
+    (n1, t1), (n2, t2), (m_n, m_t) = ((x * u + y * v, x * v - y * u) for u, v in (turn1, turn2, (move_x, move_y)))
     nn = p.p_ee + p.p1 * n1**2 + p.p2 * n2**2
     tn = p.p1 * n1 * t1 + p.p2 * n2 * t2
-    tt = p.p_ee + p.g_ee / f + p.p1 * t1**2 + p.p2 * t2**2
-    moves, safe = np.hypot(m_n, m_t) > 0, np.where(np.abs(m_n) > 0, m_n, np.inf)
-    pulled = np.where(moves, m_t / safe * nn - tn, 0.0) / np.maximum(tt, 1e-12)
-    peak = 1.0 + np.maximum(-m_n, 0.0) / (np.maximum(nn, 1e-12) * f)
-    most = abs(coefficient)
-    held = np.clip(pulled, -most, most) * peak
-    return np.asarray(np.copysign(1.0, coefficient) * np.clip(held + pulled * (1.0 - peak), -most, most))
+    tt = p.p_ee + p.p1 * t1**2 + p.p2 * t2**2
+    along, aside = tt * m_n - tn * m_t, nn * m_t - tn * m_n
+    held = np.arctan2(np.copysign(1.0, along) * aside, np.abs(along))
+    peak, c = 1.0 + np.maximum(-m_n, 0.0) / (np.maximum(nn, 1e-12) * f), angle_of_friction
+
+    at_peak = np.clip(held, -abs(c), abs(c)) * peak
+    return np.asarray(np.copysign(1.0, c) * np.clip(at_peak + held * (1.0 - peak), -abs(c), abs(c)))
 
 
 def _of_joint(pairs: Callable[[TouchState], Floats]) -> Callable[[TouchState, int | None], Floats]:
@@ -179,7 +176,7 @@ VARIABLES = MappingProxyType(
             'direction of approach of joint {joint}', '', _of_joint(lambda at: np.sign(at.metadata.approach))
         ),
         'slide': Variable('direction of the slide along the disc', '', lambda at, _: slide(at)),
-        'pulled_aside': Variable('force across the normal without a slide', '', lambda at, _: pulled_aside(at, 0.2)),
+        'pulled_aside': Variable('slide as the arm yields', '', lambda at, _: pulled_aside(at, 0.2)),
     }
 )
 """By name; the keys are what `Effect.plot_variable` may be."""

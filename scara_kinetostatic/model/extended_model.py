@@ -21,7 +21,7 @@ from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shif
 from scara_kinetostatic.model.parameters import Parameters
 
 _ROBOT_STEP = 1e-8
-"""Step of the central difference over a parameter of L̄, in its unit; the shift is linear in it."""
+"""Step of the central difference over a parameter of L̄, in its unit."""
 
 
 @dataclass(frozen=True)

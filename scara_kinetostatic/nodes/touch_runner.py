@@ -336,6 +336,7 @@ class TouchRunner(CellNode):
                     self._runner.revoke('the calibration of the whole recording is unfit for use; see its report')
             else:
                 self._result = f'no result: {news.get("error") or news.get("cancelled")}'
+                self._runner.revoke(self._result)
             self.get_logger().info(self._result)
             self._end()
 

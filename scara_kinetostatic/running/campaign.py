@@ -191,7 +191,7 @@ class Campaign:
         if self._made_to_decide >= _TO_DECIDE:
             decided_below = 0.0
         touches = TouchSet.concatenate(self.touches)
-        former = self.knowledge.planner
+        former = replace(self.knowledge.planner)  # without what it has worked out: that is large
         self._job = self._work(calibrated, self.cell, touches, former, self._given_up, decided_below)
 
     def poll(self) -> End | None:
@@ -232,15 +232,15 @@ class Campaign:
             return End(0, f'enough: {reached}; {found.verdict}', is_reached=True)
         self._past.append((self.accepted, found.now))
         before = [now for accepted, now in self._past if accepted <= self.accepted - _STALLED]
-        stalled = bool(before) and np.inf > min(now for _, now in self._past) > _PROGRESS * min(before)
-        uncertainty = found.planned.uncertainty
+        best, uncertainty = min(now for _, now in self._past), found.planned.uncertainty
+        stalled = bool(before) and np.inf > best > _PROGRESS * min(before)
         limit, share = uncertainty.beyond(tolerance), (uncertainty.undetected / found.now) ** 2
         cause = f'{100 * share:.0f} % of its variance is from effects not detected or decided' if share > 0.5 else ''
         if found.is_unexplained:
             cause = f'a model error has no known cause; {found.verdict}'
         if found.now > tolerance and cause and (found.is_unexplained or not limit):
             limit = (
-                f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(found.now)}, the tolerance '
+                f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(best)}, the tolerance '
                 f'is {_length(tolerance)}: {cause}'
             )
         if limit and stalled:
@@ -262,7 +262,7 @@ class Campaign:
             if self._job is None and self.accepted >= FIRST:
                 self._order()
             elif self._job is None:
-                planner = Planner(nominal_arm(self.cell), given_up=self._given_up)
+                planner = replace(self.knowledge.planner, given_up=self._given_up)
                 planned = planner.accurate(FIRST - self.accepted)
                 self.knowledge = self.knowledge._replace(planner=planner, planned=planned)
                 self._targets = _targets(planned)
