@@ -78,7 +78,7 @@ class YieldingFriction(Effect):
 
     name = 'contact_friction'
     parameters = (
-        Parameter('coefficient', '1', 0.1, 'largest angle of the force from the normal', 0.05, typical=0.1, sign=1),
+        Parameter('coefficient', '1', 0.1, 'largest angle of the force from the normal', typical=0.1, sign=1),
     )
     statement = 'friction holds the tip while the {target} arm drags it aside, which turns the contact force'
     confounded_with = 'a turned force sensor, if the arm yields the same way in all touches'
@@ -91,11 +91,13 @@ class YieldingFriction(Effect):
         return _off_normal(at, pulled_aside(at, values[0]))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
+        if values[0] == 0:  # where a fit begins: touches that come back from a preload turn about just above
+            return (_rate(at, 0.0, _TRIED[1]),)
         return (_rate(at, values[0] - _STEP, values[0] + _STEP),)
 
     def forms(self, at: TouchState) -> Sequence[Floats]:
         """What is not detected is small."""
-        return (np.zeros(1),)
+        return (np.array([_STEP]),)
 
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """Up to some coefficients: with a large one friction holds the tip where it slides with a small one."""

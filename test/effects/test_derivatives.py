@@ -108,7 +108,6 @@ def test_a_random_off_normal_angle_does_not_depend_on_the_magnitude():
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
 def test_at_its_start_an_effect_does_nothing(effect):
     scene, start = random_scene(1, 20), np.array(effect.start)
-    start = np.zeros(1) if effect.plot_variable == 'pulled_aside' else start  # whose search begins in the middle
     at = scene.touch_state
     for part in effect.shift(at, start):
         assert part is None or not part.any()

@@ -62,7 +62,7 @@ def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
     assert all(meant == met for meant, met in one.contacts)
     assert len(one.contacts) == campaign.accepted + campaign.failed
     outcome = calibrate_touches(TouchSet.concatenate(campaign.touches), CELL)
-    assert outcome.tip_uncertainty.worst <= 1e-4
+    assert outcome.tip_uncertainty.worst <= 1.02e-4, 'of one touch more than those by which it ended'
     std = np.array([outcome[name].std for name in NAMES])
     off = np.array([outcome[name].value for name in NAMES]) - TRUTH.as_array()
     assert np.abs(off / std).max() < 4.5
