@@ -57,7 +57,10 @@ class ContactFriction(EffectOfDiscs):
         return _off_normal(at, values[0] * self._direction(at))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
-        return (_rate_off_normal(at, values[0], self._direction(at)),)
+        direction = self._direction(at)
+        angle = values[0] * direction
+        along, across = -at.radii * np.sin(angle) * direction, -at.radii * np.cos(angle) * direction
+        return (Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent),)
 
     def _direction(self, at: TouchState) -> Floats:
         """The slide, (n,); 0 on discs without friction."""
@@ -162,13 +165,6 @@ class OffNormalForce(Effect):
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return ()
-
-
-def _rate_off_normal(at: TouchState, coefficient: float, direction: Floats) -> Shift:
-    """The derivative of d by the coefficient, for angles coefficient · direction."""
-    angle = coefficient * direction
-    along, across = -at.radii * np.sin(angle) * direction, -at.radii * np.cos(angle) * direction
-    return Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent)
 
 
 def _off_normal(at: TouchState, angle: Floats) -> Shift:
