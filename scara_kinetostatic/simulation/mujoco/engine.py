@@ -355,8 +355,9 @@ class Engine:
         self._mujoco = load_engine()
         self.model: mujoco.MjModel = self._mujoco.MjModel.from_xml_string(build(scene, cell, outline))
         self.data: mujoco.MjData = self._mujoco.MjData(self.model)
-        self._soften_contacts(scene, cell, outline)
         self._smooth = smooth or scene.quasi_static or outline is not None
+        self._ball = self.model.geom('ball').id
+        self._soften_contacts(scene, cell, outline)
         self._motors = np.array([self.model.joint(name).qposadr[0] for name in ('motor1', 'motor2')])
         names = [self.model.joint(number).name for number in range(self.model.njnt)]
         parts = ('motor', 'slip', 'spring', 'backlash')
@@ -366,7 +367,6 @@ class Engine:
         ]
         self.model.dof_invweight0[self.model.dof_frictionloss > 0] /= SETTINGS.friction_hardness
         self._frame = self.model.body('quill').id
-        self._ball = self.model.geom('ball').id
         self.data.qpos[self._motors] = joints
         self.data.qpos[self.model.joint('lift').qposadr[0]] = lift
         self.command(joints, lift)
@@ -382,6 +382,8 @@ class Engine:
         convex problem. Where f R is less than that, r is negative and there is no contact: the tip falls back and is
         thrown off again, some hundred times per second. So an object is as hard as steel, not as hard as the engine
         makes it, and the damping is small; with the impedance stated, the integrator's own damping is enough.
+        The discs of a commanded robot are as hard, with the engine's own damping: with less of it a tip that friction
+        holds creeps.
         """
         inverse_mass = self.model.body_invweight0[self.model.geom('ball').bodyid[0], 0]
         if outline is not None:
@@ -389,6 +391,9 @@ class Engine:
             object_geoms = self.model.geom_bodyid == self.model.body('object').id
             self.model.geom_solref[object_geoms] = (-stiffness, -SETTINGS.sliding_time * stiffness)
             return
+        if self._smooth and scene.contact_friction and not scene.padded:  # R / A = (1 - d)/d, k = 1/(2 timesteps)²
+            softness = 1.0 / ((2.0 * TIMESTEP) ** 2 * SETTINGS.sliding_stiffness * inverse_mass)
+            self.model.geom_solimp[self.model.geom_contype > 0, :2] = 1.0 / (1.0 + softness)
         for number in scene.padded_discs(cell):
             damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * PAD_FULL
             stiffness = scene.pad[0] * inverse_mass * (1.0 - PAD_FULL)
