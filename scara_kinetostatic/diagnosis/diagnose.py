@@ -238,7 +238,8 @@ def _with_extended_model(
     rivals_at_moments = [widened_by_moments(rival, find_moments(rival, refit=False)[1]) for rival in rivals]
     effects = _describe(extended, together, found.in_every_model, rivals_at_moments)
     verdict = _verdict(found, effects, after)
-    effects = tuple(_as_suspicion(item) for item in effects) if verdict == 'unexplained' else effects
+    if verdict == 'unexplained':
+        effects, extended = tuple(_as_suspicion(item) for item in effects), _covering_no_curve(extended, effort)
     touches = discriminating_touches(c, rivals) if len(rivals) > 1 else None
     return Diagnosis(
         verdict=verdict,
@@ -259,6 +260,15 @@ def _with_extended_model(
         ),
         discriminating=touches,
     )
+
+
+def _covering_no_curve(extended: Calibration, effort: Effort) -> Calibration:
+    """An extended model whose standard deviations cover the fit without its curves, which may take up parameters."""
+    physical = tuple(effect for effect, _, _ in fitted_effects(extended) if effect.is_physical)
+    if len(physical) == len(extended.model.effects):
+        return extended
+    without = fit_again(extended, effort.fit, model=extended.model.with_effects(physical))
+    return extended if without is None else widened_by(extended, [without])
 
 
 def _better_known(together: Calibration, rivals: Sequence[Rival]) -> Calibration:

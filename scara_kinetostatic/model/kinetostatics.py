@@ -61,6 +61,31 @@ def joint_torques(parameters: Parameters, links: ArrayLike, force: ArrayLike) ->
     return torques if pull is None else torques + pull.torque.T
 
 
+def compliance_along(parameters: Parameters, joints: Floats, direction: Floats) -> Floats:
+    """How far the tip yields along a direction n per force along it, (n,), m/N: n·C·n, C that of (4) with (7).
+
+    Args:
+        parameters: L̄.
+        joints: Q, (n, 2), rad.
+        direction: unit vectors, (n, 2).
+    """
+    torques = np.einsum('nij,ni->nj', kinematics.jacobian(parameters, joints), direction)
+    return np.asarray(parameters.p_ee + torques**2 @ np.array([parameters.p1, parameters.p2]))
+
+
+def press_along(parameters: Parameters, joints: Floats, force: Floats) -> Floats:
+    """ΔQ of a press along a line that adds a force along that line, (n, 2), rad: J ΔQ = (n·C·n) F.
+
+    Args:
+        parameters: L̄.
+        joints: Q, (n, 2), rad.
+        force: F on the object, (n, 2), N, not 0.
+    """
+    compliance = compliance_along(parameters, joints, force / np.hypot(*force.T)[:, None])
+    moved = (compliance[:, None] * force)[..., None]
+    return np.asarray(np.linalg.solve(kinematics.jacobian(parameters, joints), moved)[..., 0])
+
+
 def pull_of_links(parameters: Parameters, links: ArrayLike) -> Pull | None:
     """Gravity on links at Q*, (n, 2), rad; None where there is none."""
     first, second = kinematics.link_vectors(parameters, links)

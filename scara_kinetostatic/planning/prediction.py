@@ -49,7 +49,12 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, Plate
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, loaded_tip_by_parameters
+from scara_kinetostatic.model.kinetostatics import (
+    inverse_kinetostatics,
+    joint_deflection,
+    loaded_tip_by_parameters,
+    press_along,
+)
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
 from scara_kinetostatic.model.touch_equations import State
@@ -179,20 +184,16 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
     Args:
         robot: the robot.
         plan: the touches.
-        metadata: what effects need to know of them; None for touches that begin without a force, or at the force of
-            the preload, each of relaxed joints.
+        metadata: what effects need to know of them; None for touches pressed along the normal, from no force or back
+            from the preload, each of relaxed joints.
 
     Raises:
         UnsupportedDataError: the robot cannot reach a touch.
     """
     p, cell, declared = robot.parameters, robot.cell, robot.declared
     surface, surfaces = plan.surface(cell), cell.surfaces
-
-    def pressed_with(size: Floats) -> tuple[Floats, Floats, Floats]:
-        force = -size[:, None] * plan.normal(cell)
-        return force, *inverse_kinetostatics(p, plan.contact(cell), force, plan.posture, cell.gripper)
-
-    pressed, joints, torques = pressed_with(plan.force)
+    pressed = -plan.force[:, None] * plan.normal(cell)
+    joints, torques = inverse_kinetostatics(p, plan.contact(cell), pressed, plan.posture, cell.gripper)
     if not np.isfinite(joints).all():
         lost = int(np.flatnonzero(~np.isfinite(joints).all(axis=1))[0])
         raise UnsupportedDataError(f'the robot cannot reach touch {lost} of the plan', 'leave it out, or move its disc')
@@ -206,9 +207,8 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
     if cell.has_outlines:
         observations = observations._replace(surface=surface, tangents=surfaces.tangents[surface])
     if robot.effects or declared is not None:
-        before = np.where(plan.preload > 0, (1 + plan.preload) * plan.force, 1e-3)
-        peak, there, _ = pressed_with(before)
-        motion, plain = kinematics.wrap(joints - there), TouchMetadata.plain(len(joints))
+        peak, plain = (1 + plan.preload[:, None]) * pressed, TouchMetadata.plain(len(joints))
+        motion = press_along(p, joints, pressed - np.where(plan.preload[:, None] > 0, peak, 0.0))
         loaded = np.concatenate([joints - motion, (plan.preload > 0)[:, None] * peak], axis=1)[:, None]
         plain = plain._replace(disc=plan.disc, posture=plan.posture, approach=motion, press=motion, history=loaded)
         observations = observations._replace(metadata=(metadata or plain)._replace(surface=surface))

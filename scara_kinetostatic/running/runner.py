@@ -23,7 +23,7 @@ import numpy as np
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import HELD_WITHIN, Cell
-from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.model.kinetostatics import compliance_along
 from scara_kinetostatic.model.parameters import Parameters, quantity
 from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.next_touches import Planner
@@ -447,9 +447,7 @@ class Runner:
 
     def _compliance(self, target: Target, joints: Floats) -> float:
         """Of arm and tip along the normal of a touch, m/N."""
-        p, n = self._parameters, target.plan.normal(self.cell)[0]
-        torque = jacobian(p, joints[None])[0].T @ n
-        return float(p.p_ee + p.p1 * torque[0] ** 2 + p.p2 * torque[1] ** 2)
+        return float(compliance_along(self._parameters, joints[None], target.plan.normal(self.cell))[0])
 
     def _touch(self, target: Target) -> Iterator[None]:
         """Approach, press, hold, retract."""

@@ -6,16 +6,19 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from diagnosis.simulated import CELL, effect, examined, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis import search
 from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
-from scara_kinetostatic.diagnosis.comparison import discriminating_touches
+from scara_kinetostatic.diagnosis.comparison import _pool, discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.diagnosis.model_selection import score_subsets, significance
 from scara_kinetostatic.diagnosis.refit import Effort, fit_with
 from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.model.kinetostatics import press_along
 
 SEVERAL = ('encoder_gain[joint1]', 'base_compliance', 'transmission_error[joint2]', 'object_radius[disc_3]')
 
@@ -69,6 +72,24 @@ def test_discriminating_touches_are_those_where_rivals_differ():
     assert all(touch.in_std > 2 and touch.difference > 0 for touch in touches)
     assert all(a.in_std >= b.in_std for a, b in pairwise(touches))
     assert not discriminating_touches(fit, [rivals[0], rivals[0]])
+
+
+@pytest.mark.parametrize('is_along', [False, True])
+def test_touches_to_discriminate_by_are_pressed_as_those_made(is_along):
+    fit = calibrate(simulate(), CELL)
+    if is_along:
+        on_object = fit.force / np.hypot(*fit.force.T)[:, None]
+        fit = calibrate(fit.touches.replace(press=press_along(fit.parameters, fit.touches.joints, on_object)), CELL)
+    pool, *_ = _pool(fit)
+    moved = (jacobian(fit.parameters, pool.joints) @ pool.press[..., None])[..., 0]
+    aside = np.abs(moved[:, 0] * pool.force[:, 1] - moved[:, 1] * pool.force[:, 0]) / (
+        np.hypot(*moved.T) * np.hypot(*pool.force.T)
+    )
+    assert (aside.max() < 1e-9) == is_along
+    towards = (moved * pool.force).sum(axis=1)
+    unloaded = pool.history[:, 0, 2:].any(axis=1)
+    assert (towards[unloaded] < 0).all()
+    assert (towards[~unloaded] > 0).all()
 
 
 def test_everything_in_the_catalogue_is_ranked_once():

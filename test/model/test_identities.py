@@ -9,7 +9,7 @@ from model.helpers import ROBOTS, random_poses
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, GripperSign
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics, press_along
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 
 SIGNS = tuple(GripperSign)
@@ -30,6 +30,19 @@ def test_inverse_undoes_forward(robot=PAPER_ACTUAL):
     posture = kinematics.posture(robot, joints)
     back = kinematics.inverse(robot, kinematics.forward(robot, joints), posture)
     np.testing.assert_allclose(back, joints, atol=1e-12)
+
+
+def test_a_press_along_the_normal_adds_its_force_where_the_tip_may_slide(robot=PAPER_ACTUAL):
+    disc = PAPER_DISCS[1]
+    angle = np.linspace(0.0, 6.0, 13)
+    out, centers = np.stack([np.cos(angle), np.sin(angle)], axis=-1), np.tile([disc.x, disc.y], (13, 1))
+    tip, radii, posture = centers + disc.radius * out, np.full(13, disc.radius), np.ones(13, dtype=int)
+    joints = inverse_kinetostatics(robot, tip, -20 * out, posture)[0]
+    more = press_along(robot, joints, -5 * out)
+    moved = kinematics.jacobian(robot, joints) @ more[..., None]
+    assert np.abs(moved[:, 0, 0] * out[:, 1] - moved[:, 1, 0] * out[:, 0]).max() < 1e-12
+    found = contact(robot, joints + more, centers, radii)
+    np.testing.assert_allclose(found.magnitude, 25.0, rtol=2e-3)
 
 
 def test_inverse_is_nan_out_of_reach():

@@ -9,6 +9,7 @@ import pytest
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
+from scara_kinetostatic.effects.contact_friction import YieldingFriction
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Region, Sensor, SensorFrame, Uncertainty
@@ -54,6 +55,18 @@ def test_exact_touches_satisfy_the_conditions(truth, frame):
     simulated = simulate_touches(cell, truth, PLAN, Noise(0.0, 0.0))
     np.testing.assert_allclose(exact.observations.joints, simulated.joints, atol=1e-12)
     np.testing.assert_allclose(exact.observations.force, simulated.force, atol=1e-12)
+
+
+def test_planned_touches_are_pressed_along_the_normal_and_back_from_a_preload():
+    robot = replace(ROBOT, effects=(YieldingFriction(),), effect_values=((0.0,),), effect_sizes=(0.1,))
+    plan = default_plan(CELL, preload=0.3)
+    press = exact_plan(robot, plan).observations.metadata.press
+    moved = (kinematics.jacobian(PAPER_ACTUAL, exact_plan(robot, plan).observations.joints) @ press[..., None])[..., 0]
+    inward = -(moved * plan.normal()).sum(axis=1)
+    np.testing.assert_allclose(np.hypot(*moved.T), np.abs(inward), rtol=1e-9)
+    assert ((inward < 0) == (plan.preload > 0)).all()
+    by_force = np.abs(inward) / plan.force / np.where(plan.preload > 0, plan.preload, 1.0)
+    assert (by_force > PAPER_ACTUAL.p_ee).all(), 'arm and gripper yield'
 
 
 @pytest.mark.parametrize('name', CELLS)
