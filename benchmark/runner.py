@@ -76,8 +76,8 @@ def cell_of(seed: int, options: Options) -> tuple[Cell, Cell, ExtendedModel]:
     for disc in discs:
         dx, dy, dr = (DISC * random.standard_normal(3)).tolist()
         true.append(disc._replace(x=disc.x + dx, y=disc.y + dy, radius=disc.radius + dr))
-    texts = options.effects or [f'contact_friction[yielding]:coefficient={random.uniform(0.0, 0.1)}']
-    truth = with_effects(one.truth.parameters, [parse_effect(text, cell, is_pressed=True) for text in texts])
+    texts = options.effects or [f'contact_friction:coefficient={random.uniform(0.0, 0.1)}']
+    truth = with_effects(one.truth.parameters, [parse_effect(text, cell) for text in texts])
     return cell, replace(cell, discs=tuple(true)), truth
 
 

@@ -41,15 +41,15 @@ from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch, Found
 from scara_kinetostatic.effects.base import at_joint
-from scara_kinetostatic.effects.variables import STICKING, pulled_aside, slide
+from scara_kinetostatic.effects.variables import slide
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.effect_law import Shift, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import forward, wrap
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics, press_along
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, drag, inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.touch import LATER, TouchSet
 
 
@@ -461,17 +461,12 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
     parts = [array[reachable] for array in (disc, angle, posture, level, is_unloaded, tip, outward, surface)]
     disc, angle, posture, level, is_unloaded, tip, outward, surface = parts
 
-    def pressed(force: Floats) -> Floats:
-        return inverse_kinetostatics(p, tip, -force[:, None] * outward, posture, cell.gripper)[0]
-
-    joints = pressed(level)
-    # unloaded touches are preloaded by 30 % beyond the force, others begin with 1 mN
-    before = np.where(is_unloaded, (1 + 0.3) * level, 1e-3)
-    motion = wrap(joints - pressed(before))
-    at = pose_problem(calibration).touch_state
-    # nearer to a line along the normal than to one by which the tip stays
-    if np.median(np.abs(pulled_aside(at, np.inf))) > STICKING * np.median(np.abs(slide(at))):
-        motion = press_along(p, joints, (before - level)[:, None] * outward)
+    joints = inverse_kinetostatics(p, tip, -level[:, None] * outward, posture, cell.gripper)[0]
+    # unloaded touches are preloaded by 30 % beyond the force
+    before = np.where(is_unloaded, (1 + 0.3) * level, 0.0)
+    is_dragged = np.median(np.abs(slide(pose_problem(calibration).touch_state))) > 0.9
+    aside = is_dragged * drag(angle, posture) * np.where(is_unloaded, -1, 1)
+    motion = press_aside(p, joints, (before - level)[:, None] * outward, aside)
     peak = np.where(is_unloaded, before, 0.0)[:, None] * -outward
     pool = TouchSet(
         joints=joints,

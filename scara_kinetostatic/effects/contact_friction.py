@@ -1,15 +1,15 @@
-"""Friction at the contact: in the direction of the slide, as the arm yields, or of any sense."""
+"""Friction at the contact, with all discs or with one: in the direction of the slide, or of either sense."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, EffectOfDiscs, Trial
-from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, pulled_aside, slide
+from scara_kinetostatic.effects.base import Effect, EffectOfDiscs
+from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, slide
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
@@ -65,60 +65,6 @@ class ContactFriction(EffectOfDiscs):
     def _direction(self, at: TouchState) -> Floats:
         """The slide, (n,); 0 on discs without friction."""
         return np.asarray(slide(at, self.reference) * self.acts_on(at))
-
-
-@dataclass(frozen=True)
-class YieldingFriction(Effect):
-    """Coulomb friction of a tip that the joints press along a line, and that the yielding arm drags aside.
-
-    Joints and gripper yield in another direction than that of the force. Where the joints do not make up for it,
-    friction holds the tip or lets it slide: the force is turned by the angle α of `pulled_aside`, at most the
-    coefficient, and d is that of `ContactFriction`. Where the joints move so that the tip stays, as in `simulate`, α
-    is 0.
-    """
-
-    target: str | None = 'yielding'
-
-    name = 'contact_friction'
-    parameters = (
-        Parameter('coefficient', '1', 0.1, 'largest angle of the force from the normal', typical=0.1, sign=1),
-    )
-    statement = 'friction holds the tip while the {target} arm drags it aside, which turns the contact force'
-    confounded_with = 'a turned force sensor, if the arm yields the same way in all touches'
-    identified_by = 'touches along the normal from all sides, in both elbow postures'
-    plot_variable = 'pulled_aside'
-    on_object = True
-    scaled_by = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2', 'p_ee', 'p1', 'p2')
-
-    def shift(self, at: TouchState, values: Floats) -> Shift:
-        return _off_normal(at, pulled_aside(at, values[0]))
-
-    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
-        if values[0] == 0:  # where a fit begins: touches that come back from a preload turn about just above
-            return (_rate(at, 0.0, _TRIED[1]),)
-        return (_rate(at, values[0] - _STEP, values[0] + _STEP),)
-
-    def forms(self, at: TouchState) -> Sequence[Floats]:
-        """What is not detected is small."""
-        return (np.array([_STEP]),)
-
-    def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
-        """Up to some coefficients: with a large one friction holds the tip where it slides with a small one."""
-        return [Trial((_rate(at, 0.0, c),), place=c) for c in _TRIED]
-
-
-def _rate(at: TouchState, low: float, high: float) -> Shift:
-    """The shift per unit of the coefficient from one to another."""
-    down, up = (_off_normal(at, pulled_aside(at, coefficient)).place for coefficient in (low, high))
-    assert up is not None
-    assert down is not None
-    return Shift(place=(up - down) / (high - low))
-
-
-_STEP = 1e-7
-"""Of a coefficient, for its derivative."""
-_TRIED = (0.02, 0.05, 0.1)
-"""Coefficients of friction from which one is looked for."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,6 @@ GROUP = 'scara_kinetostatic.effects'
 """Entry points of this group offer effects."""
 BUILT_IN: tuple[type[Effect], ...] = (
     contact_friction.ContactFriction,
-    contact_friction.YieldingFriction,
     sensor.SensorRotation,
     sensor.SensorBias,
     sensor.SensorNonlinearity,
@@ -127,7 +126,7 @@ def catalogue(cell: Cell) -> tuple[Effect, ...]:
     Example:
         >>> import scara_kinetostatic as sk
         >>> cell = sk.load_cell('cell.yaml')
-        >>> [effect.label for effect in sk.catalogue(cell)][5:8]
+        >>> [effect.label for effect in sk.catalogue(cell)][4:7]
         ['sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
     """
     expect(cell, Cell, 'cell', "read it by load_cell('cell.yaml')")

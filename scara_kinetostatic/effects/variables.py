@@ -55,39 +55,6 @@ class Variable(NamedTuple):
         return PlotAxis(self.title(joint), self.unit, np.asarray(self.values(at, joint), dtype=float))
 
 
-class Contact(NamedTuple):
-    """Rigid tips at n contacts, and their last movement in contact; pairs are x and y of all touches, (n,) each.
-
-    Attributes:
-        turn1: derivative of the tip by joint 1, m/rad.
-        turn2: the same by joint 2.
-        inward: direction into the object, not a unit vector.
-        move: J ΔQ, m.
-    """
-
-    turn1: tuple[Floats, Floats]
-    turn2: tuple[Floats, Floats]
-    inward: tuple[Floats, Floats]
-    move: tuple[Floats, Floats]
-
-
-def contact_of(at: TouchState, p: Parameters) -> Contact:
-    """The contacts of touches by L̄, at the measured angles."""
-    links = at.joints + np.array([p.theta1, p.theta2])
-    first, second = links[:, 0], links.sum(axis=1)
-    x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
-    x1, y1 = p.l1 * np.cos(first) + x2, p.l1 * np.sin(first) + y2
-    turn1, turn2 = at.metadata.press.T
-    inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
-    if at.tangents is not None:
-        t, outer = at.tangents, np.sign(at.radii)
-        inward_x = np.where(t.any(axis=1), -t[:, 1], outer * inward_x)
-        inward_y = np.where(t.any(axis=1), t[:, 0], outer * inward_y)
-    return Contact(
-        (-y1, x1), (-y2, x2), (inward_x, inward_y), (-y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2)
-    )  # fmt: skip
-
-
 def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
     """How far the last movement in contact drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
 
@@ -98,37 +65,21 @@ def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
         at: the touches.
         reference: L̄ by which the tip is placed; None for that of the touches.
     """
-    _, _, (inward_x, inward_y), (move_x, move_y) = contact_of(at, reference or at.parameters)
+    p = reference or at.parameters
+    links = at.joints + np.array([p.theta1, p.theta2])
+    first, second = links[:, 0], links.sum(axis=1)
+    x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
+    x1, y1 = p.l1 * np.cos(first) + x2, p.l1 * np.sin(first) + y2
+    turn1, turn2 = at.metadata.press.T
+    inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
+    if at.tangents is not None:
+        t, outer = at.tangents, np.sign(at.radii)
+        inward_x = np.where(t.any(axis=1), -t[:, 1], outer * inward_x)
+        inward_y = np.where(t.any(axis=1), t[:, 0], outer * inward_y)
+    move_x, move_y = -y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2
     size = np.hypot(inward_x, inward_y) * np.hypot(move_x, move_y)
     aside = (inward_x * move_y - inward_y * move_x) / np.where(size > 0, size, 1.0)
     return np.asarray(np.clip(aside / STICKING, -1.0, 1.0))
-
-
-def pulled_aside(at: TouchState, angle_of_friction: float) -> Floats:
-    """Angle from the normal n to the force of a tip that friction holds where it touched, (n,), rad; 0 unmoved.
-
-    The joints move along a line by m = J ΔQ, the arm yields by C F, C = p_ee I + Σ pᵢ jᵢ jᵢᵀ with the columns jᵢ of
-    J: a tip that is held has F ∥ C⁻¹ m. Beyond the angle of friction it slides, and the force stays there. A touch
-    that comes back from a preload begins with the angle under that, the force being f + m_n/c_nn.
-
-    Args:
-        at: the touches.
-        angle_of_friction: largest angle, rad; of a negative one all angles are reversed.
-    """
-    p, f = at.parameters, np.maximum(np.abs(at.magnitude), 1e-9)
-    turn1, turn2, (inward_x, inward_y), (move_x, move_y) = contact_of(at, p)
-    size = np.hypot(inward_x, inward_y)
-    x, y = inward_x / size, inward_y / size
-    (n1, t1), (n2, t2), (m_n, m_t) = ((x * u + y * v, x * v - y * u) for u, v in (turn1, turn2, (move_x, move_y)))
-    nn = p.p_ee + p.p1 * n1**2 + p.p2 * n2**2
-    tn = p.p1 * n1 * t1 + p.p2 * n2 * t2
-    tt = p.p_ee + p.p1 * t1**2 + p.p2 * t2**2
-    along, aside = tt * m_n - tn * m_t, nn * m_t - tn * m_n
-    held = np.arctan2(np.copysign(1.0, along) * aside, np.abs(along))
-    peak, c = 1.0 + np.maximum(-m_n, 0.0) / (np.maximum(nn, 1e-12) * f), angle_of_friction
-
-    at_peak = np.clip(held, -abs(c), abs(c)) * peak
-    return np.asarray(np.copysign(1.0, c) * np.clip(at_peak + held * (1.0 - peak), -abs(c), abs(c)))
 
 
 def _of_joint(pairs: Callable[[TouchState], Floats]) -> Callable[[TouchState, int | None], Floats]:
@@ -176,7 +127,6 @@ VARIABLES = MappingProxyType(
             'direction of approach of joint {joint}', '', _of_joint(lambda at: np.sign(at.metadata.approach))
         ),
         'slide': Variable('direction of the slide along the disc', '', lambda at, _: slide(at)),
-        'pulled_aside': Variable('slide as the arm yields', '', lambda at, _: pulled_aside(at, 0.2)),
     }
 )
 """By name; the keys are what `Effect.plot_variable` may be."""

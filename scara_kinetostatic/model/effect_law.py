@@ -236,7 +236,7 @@ class EffectLaw(ABC):
         is_stepwise: whether it changes in steps along `grid_parameter`: a fit holds it at the best trial, and its
             uncertainty is that of the choice among the trials.
         is_undetected: whether it stands for errors too small to be detected: its values are zero, and uncertain.
-        scaled_by: names of those parameters of L̄, such as ``p1``, that the shift depends on.
+        scaled_by: names of those parameters of L̄, such as ``p1``, that the shift is proportional to.
     """
 
     parameters: ClassVar[tuple[Parameter, ...]]

@@ -20,8 +20,8 @@ from scara_kinetostatic.model.arrays import Floats, as_complex, pairs
 from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.parameters import Parameters
 
-_ROBOT_STEP = 1e-8
-"""Step of the central difference over a parameter of L̄, in its unit."""
+_ROBOT_STEP = 1e-6
+"""Step of the central difference over a parameter of L̄, in its unit; the shift is linear in it."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ class ExtendedModel:
         return [part for effect, values in self.pairs for part in effect.derivative(at, values)]
 
     def shift_by_robot(self, at: TouchState) -> dict[str, Shift]:
-        """The derivatives of δ and d by the parameters of L̄ on which they depend, by name; central differences."""
+        """The derivatives of δ and d by the parameters of L̄ that scale them, by name; central differences."""
         found = {}
         for name in dict.fromkeys(name for effect in self.effects for name in effect.scaled_by):
             value = getattr(at.parameters, name)

@@ -95,7 +95,7 @@ def declare_plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...] | None:
     return load_plan(file, cell) if file else default_plan(cell, preload=preload)
 
 
-def declare_truth(node: Node, cell: Cell, *, is_commanded: bool) -> ExtendedModel:
+def declare_truth(node: Node, cell: Cell) -> ExtendedModel:
     """Declares the simulated robot with its effects; by default it deviates from the nominal one as in table 2.
 
     Raises:
@@ -111,8 +111,7 @@ def declare_truth(node: Node, cell: Cell, *, is_commanded: bool) -> ExtendedMode
         meaning = f'true {DESCRIPTIONS[name]}, {UNITS[name]}'
         values[name] = declare.parameter(node, f'truth.{name}', default, meaning, ranges.get(name, Range(0, 1e-2)))
     how = "effects of the simulated robot, each as 'name[target]:parameter=value,parameter=value', SI units"
-    texts = declare.parameter(node, 'effects', list[str](), how)
-    effects = [parse_effect(text, cell, is_pressed=is_commanded) for text in texts]
+    effects = [parse_effect(text, cell) for text in declare.parameter(node, 'effects', list[str](), how)]
     return with_effects(cell.nominal.with_array(list(values.values())), effects)
 
 
@@ -259,7 +258,7 @@ class ContactSimulator(CellNode):
         super().__init__('contact_simulator')
         self._cell = declare_cell(self)
         self._plan = declare_plan(self, self._cell)
-        self._truth = declare_truth(self, self._cell, is_commanded=self._plan is None)
+        self._truth = declare_truth(self, self._cell)
         self._sensors, drives = declare_sensors(self, self._cell), declare_drives(self)
         self._seed = declare.parameter(self, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1))
         waiting = 'subscribers that both topics need before the simulation starts'

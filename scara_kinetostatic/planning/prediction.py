@@ -53,7 +53,7 @@ from scara_kinetostatic.model.kinetostatics import (
     inverse_kinetostatics,
     joint_deflection,
     loaded_tip_by_parameters,
-    press_along,
+    press_aside,
 )
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
@@ -184,7 +184,7 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
     Args:
         robot: the robot.
         plan: the touches.
-        metadata: what effects need to know of them; None for touches pressed along the normal, from no force or back
+        metadata: what effects need to know of them; None for touches that drag the tip aside, from no force or back
             from the preload, each of relaxed joints.
 
     Raises:
@@ -208,8 +208,10 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
         observations = observations._replace(surface=surface, tangents=surfaces.tangents[surface])
     if robot.effects or declared is not None:
         peak, plain = (1 + plan.preload[:, None]) * pressed, TouchMetadata.plain(len(joints))
-        motion = press_along(p, joints, pressed - np.where(plan.preload[:, None] > 0, peak, 0.0))
-        loaded = np.concatenate([joints - motion, (plan.preload > 0)[:, None] * peak], axis=1)[:, None]
+        eased = plan.preload > 0
+        added = pressed - np.where(eased[:, None], peak, 0.0)
+        motion = press_aside(p, joints, added, np.where(eased, -plan.aside, plan.aside))
+        loaded = np.concatenate([joints - motion, eased[:, None] * peak], axis=1)[:, None]
         plain = plain._replace(disc=plan.disc, posture=plan.posture, approach=motion, press=motion, history=loaded)
         observations = observations._replace(metadata=(metadata or plain)._replace(surface=surface))
     if declared is not None:

@@ -23,7 +23,8 @@ import numpy as np
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import HELD_WITHIN, Cell
-from scara_kinetostatic.model.kinetostatics import compliance_along
+from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.model.kinetostatics import press_aside, tip_yield
 from scara_kinetostatic.model.parameters import Parameters, quantity
 from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.next_touches import Planner
@@ -447,7 +448,8 @@ class Runner:
 
     def _compliance(self, target: Target, joints: Floats) -> float:
         """Of arm and tip along the normal of a touch, m/N."""
-        return float(compliance_along(self._parameters, joints[None], target.plan.normal(self.cell))[0])
+        n = target.plan.normal(self.cell)
+        return float((tip_yield(self._parameters, joints[None], n) * n).sum())
 
     def _touch(self, target: Target) -> Iterator[None]:
         """Approach, press, hold, retract."""
@@ -474,18 +476,24 @@ class Runner:
         self._last_force = self.senses.force
         motion = self._motion = Motion(track, float(speed), ramps=False)
         deepest = float(np.interp(begin, np.linspace(0.0, begin + 4e-3, count), track.at))
-        while self.senses.force < threshold:
-            self._check(_OFF_APPROACH)
-            if motion.at >= deepest:
-                name = self.campaign.name(target)
-                raise Fault(f'no contact with {name} within touch.search, {1e3 * touch.search:g} mm, of its place')
-            self._move(motion, deepest, AHEAD_OF_CONTACT)
-            yield
+        while True:
+            while self.senses.force < threshold:
+                self._check(_OFF_APPROACH)
+                if motion.at >= deepest:
+                    name = self.campaign.name(target)
+                    raise Fault(f'no contact with {name} within touch.search, {1e3 * touch.search:g} mm, of its place')
+                self._move(motion, deepest, AHEAD_OF_CONTACT)
+                yield
+            yield from self._pushed(motion, 0.0, 0.0)
+            if self.senses.force > 0.5 * threshold:
+                break
+            yield from self._pushed(motion, 0.0, 0.0)  # an arm with play swings back from the surface: from free again
         surface = motion.at
         self._say('press', f'pressing to {goal:g} N')
+        motion.track = self._into(track, surface, target)
         yield from self._press(motion, goal * (1 + float(plan.preload[0])), compliance)
         if plan.preload[0] > 0:
-            yield from self._release(motion, goal, compliance)
+            yield from self._release(self._out_of(motion.track, self._at(), target), goal, compliance)
         self._say('hold', f'holding {self.senses.force:.1f} N')
         began = self._now
         while self._now - began < touch.hold + 0.1:
@@ -493,6 +501,23 @@ class Runner:
             yield
         self._say('retract', 'retracting')
         yield from self._back(surface, threshold)
+
+    def _into(self, track: Track, surface: float, target: Target) -> Track:
+        """The way of an approach, and from the surface on that of a press that drags the tip aside."""
+        here, lift = track.place(np.array([surface]))
+        per_newton = press_aside(self._parameters, here, -target.plan.normal(self.cell), target.plan.aside)
+        moved = np.hypot(*(jacobian(self._parameters, here) @ per_newton[..., None])[0, :, 0])
+        joints = here + np.linspace(0.0, (track.length - surface) / moved, 60)[:, None] * per_newton
+        joints = np.concatenate([track.joints[track.at < surface], joints])
+        return Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
+
+    def _out_of(self, track: Track, at: float, target: Target) -> Track:
+        """Backwards the way out of a press, on which the tip is dragged to the same side until it is free."""
+        here, lift = track.place(np.array([at]))
+        per_newton = press_aside(self._parameters, here, target.plan.normal(self.cell), -target.plan.aside)
+        joints = here + np.linspace(1.5 * self.senses.force, 0.0, 60)[:, None] * per_newton
+        joints = np.concatenate([track.joints[:1], joints])
+        return Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
 
     def _pushed(self, motion: Motion, step: float, until: float) -> Iterator[None]:
         """Moves by a step towards the contact, or back, and waits; ends early where the force comes to a value."""
@@ -517,7 +542,6 @@ class Runner:
         """
         track, speed = motion.track, float(np.clip(0.2 * goal * compliance / DELAY, _LEAST_SPEED / 2, 2e-3))
         motion = self._motion = Motion(track, speed, motion.at, ramps=False)
-        yield from self._pushed(motion, 0.0, 0.0)
         self._steepest = _STIFFER * speed / compliance  # of the approach nothing is left
         softer = 1.0
         for _ in range(40):
@@ -533,10 +557,10 @@ class Runner:
                 raise Fault(f'the force stays at {force:.1f} N, wanted {goal:.0f} N: the object gives way, or slides')
         raise Fault(f'the force does not come to {goal:.0f} N')
 
-    def _release(self, motion: Motion, goal: float, compliance: float) -> Iterator[None]:
-        """Down to a force, from above."""
+    def _release(self, track: Track, goal: float, compliance: float) -> Iterator[None]:
+        """Down to a force, from above, backwards on a track."""
         speed = float(np.clip(0.2 * goal * compliance / DELAY, _LEAST_SPEED / 2, 2e-3))
-        motion = self._motion = Motion(motion.track, speed, self._at(), ramps=False)
+        motion = self._motion = Motion(track, speed, track.length, ramps=False)
         for _ in range(20):
             force = self.senses.mean_force(self._now, 0.05)
             if force < 1.07 * goal:

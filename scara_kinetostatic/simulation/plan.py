@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.kinetostatics import drag
 from scara_kinetostatic.model.outline import Outline, boundary, inside
 
 Index = NDArray[np.intp]
@@ -123,6 +124,14 @@ class Plan:
             return cell.centers[self.disc] + cell.radii[self.disc, None] * self.normal()
         surface, part = cell.surfaces.places(self.disc, self.angle)
         return cell.surfaces.select(surface).at(part)[0]
+
+    @property
+    def aside(self) -> Floats:
+        """Angle at which each press drags the tip aside, (m,), rad: see `kinetostatics.drag`.
+
+        In `simulate` the tip stays where it is.
+        """
+        return drag(self.angle, self.posture)
 
     def select(self, which: Mask | Index) -> Plan:
         """The touches that a mask or an array of positions picks."""

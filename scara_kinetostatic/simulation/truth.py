@@ -23,7 +23,6 @@ import yaml
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.contact_friction import YieldingFriction
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.yaml_file import Section, parse_yaml, read_text
@@ -52,13 +51,12 @@ class TrueEffect(NamedTuple):
     values: tuple[float, ...]
 
 
-def parse_effect(text: str, cell: Cell, *, is_pressed: bool = False) -> TrueEffect:
+def parse_effect(text: str, cell: Cell) -> TrueEffect:
     """The effect that a text describes, such as ``object_radius[disc_2]:radius=6e-5``.
 
     Args:
         text: label of the effect, then each of its parameters once, SI units.
         cell: that has the joints and discs.
-        is_pressed: whether the joints press the tip along a line, as in a commanded cell, or move so that it stays.
 
     Raises:
         ParameterError: no such effect, or not exactly its parameters; the message lists the possible ones.
@@ -66,8 +64,6 @@ def parse_effect(text: str, cell: Cell, *, is_pressed: bool = False) -> TrueEffe
     where = f'effect {text!r}'
     label, _, listed = text.rpartition(':') if ':' in text else (text, '', '')
     effect = find(cell, label.strip())
-    if isinstance(effect, YieldingFriction) and not is_pressed:
-        raise ParameterError(where, 'does nothing where the tip stays in place', 'simulate it with commanded: true')
     names = [parameter.name for parameter in effect.parameters]
     items = [item.partition('=') for item in listed.split(',') if item.strip()]
     given = [name.strip() for name, _, _ in items]

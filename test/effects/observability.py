@@ -57,8 +57,6 @@ def visibility(
     base = np.linalg.qr(point.whitened.derivative.reshape(2 * len(touches), -1))[0]
     found = []
     for effect in catalogue(CELL):
-        if effect.plot_variable == 'pulled_aside':  # here the joints move so that the tip stays
-            continue
         for name, values, k in _cases(effect):
             linear = linearise(observations, ExtendedModel(robot, (effect,), (values,)), point.adjusted)
             column = whiten_by(linear.derivative[:, :, 12 + k : 13 + k], point.whitened.root).ravel()

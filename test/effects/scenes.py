@@ -15,7 +15,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force
-from scara_kinetostatic.model.kinematics import Gripper, inverse, jacobian
+from scara_kinetostatic.model.kinematics import Gripper, inverse
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, joint_torques
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
@@ -96,9 +96,6 @@ def press(effect: Effect, values: np.ndarray, parameters: Parameters = PAPER_ACT
     preload[preload > 0] = np.resize((0.3, 1.0), np.count_nonzero(preload))
     plan = replace(plan, preload=preload)
     rigid = exact_touches(parameters, plan, cell)
-    if effect.plot_variable == 'pulled_aside':  # the joints move along the normal, back from a preload
-        way = np.where(plan.preload > 0, 3e-4, -3e-4)[:, None] * plan.normal()
-        rigid = rigid.replace(press=np.linalg.solve(jacobian(parameters, rigid.joints), way[..., None])[..., 0])
     metadata = TouchMetadata.of(rigid)
     centers, radii = cell.centers[plan.disc], cell.radii[plan.disc]
     outward, joints, shift = plan.normal(), rigid.joints, Shift()

@@ -63,7 +63,7 @@ def test_an_unknown_plot_variable_is_named_with_the_class():
 def test_all_built_in_ones_are_listed_in_their_order():
     labels = [effect.label for effect in catalogue(CELL)]
     friction = ['contact_friction', *(f'contact_friction[{disc.name}]' for disc in CELL.discs)]
-    assert labels[:7] == [*friction, 'contact_friction[yielding]', 'sensor_rotation', 'sensor_bias']
+    assert labels[:6] == [*friction, 'sensor_rotation', 'sensor_bias']
     shifts = [label for label in labels if label.startswith('shift')]
     targets = ['base', 'tool', *(disc.name for disc in CELL.discs), 'joint1', 'joint2', 'sensor']
     assert shifts == [f'shift[{target}]' for target in targets]

@@ -10,7 +10,7 @@ from model.helpers import ROBOTS, STEPS
 from scara_kinetostatic.model.contact import Contact, contact, contact_derivatives, extended_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
-NEGLECTED = 3e-3
+NEGLECTED = 2e-3
 """What A_L̄ and A_Q leave out, as a part of them: that a shift depends on the link angles and on Q."""
 BY_COMPLIANCE = {'base_tilt': 0.3}
 """The same for a shift that is in proportion to p1 and p2."""
@@ -33,9 +33,8 @@ def test_every_touch_is_solved(effect):
     for robot in ROBOTS:
         scene, model = random_scene(3, 200, robot), with_effect(effect, robot)
         found = solve(scene, model, scene.joints)
-        # a touch that comes back from a preload any way may have two states, or none, with friction that remembers
-        assert found.solved.mean() > (0.98 if effect.plot_variable == 'pulled_aside' else 1.0 - 1e-9)
-        pressed = (found.magnitude > 0) & found.solved
+        assert found.solved.all()
+        pressed = found.magnitude > 0
         assert pressed.mean() > 0.7
         e = extended_equations(model, scene.contact_problem, found.state)
         residual = np.array([e.h.real, e.h.imag, *e.rows.row])[:, pressed]

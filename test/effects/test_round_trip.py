@@ -20,7 +20,6 @@ SEEN = [effect for effect in EFFECTS if effect.label != 'link_bending[link2]']
 def known_start(effect):
     """Nominal values; of a wave or a slip those that a search over its grid leads to, of a shift its moment."""
     found = {'transmission_error': (8e-5, 0.4, 7.2), 'joint_slip': (8e-6, 2.2), 'load_friction': (8e-6, 0.22)}
-    found |= {'contact_friction': (0.05,)} if effect.target == 'yielding' else {}
     values = found.get(effect.name, effect.start)
     if effect.is_stepwise:
         values = (*values[:-1], effect.typical[-1])

@@ -9,7 +9,7 @@ from model.helpers import ROBOTS, random_poses
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, GripperSign
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics, press_along
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics, press_aside, tip_yield
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 
 SIGNS = tuple(GripperSign)
@@ -32,17 +32,33 @@ def test_inverse_undoes_forward(robot=PAPER_ACTUAL):
     np.testing.assert_allclose(back, joints, atol=1e-12)
 
 
-def test_a_press_along_the_normal_adds_its_force_where_the_tip_may_slide(robot=PAPER_ACTUAL):
+@pytest.mark.parametrize('aside', [0.0, 0.5, -0.5])
+def test_a_press_aside_adds_its_force_where_the_tip_may_slide_and_drags_it(aside, robot=PAPER_ACTUAL):
     disc = PAPER_DISCS[1]
     angle = np.linspace(0.0, 6.0, 13)
     out, centers = np.stack([np.cos(angle), np.sin(angle)], axis=-1), np.tile([disc.x, disc.y], (13, 1))
     tip, radii, posture = centers + disc.radius * out, np.full(13, disc.radius), np.ones(13, dtype=int)
     joints = inverse_kinetostatics(robot, tip, -20 * out, posture)[0]
-    more = press_along(robot, joints, -5 * out)
-    moved = kinematics.jacobian(robot, joints) @ more[..., None]
-    assert np.abs(moved[:, 0, 0] * out[:, 1] - moved[:, 1, 0] * out[:, 0]).max() < 1e-12
+    more = press_aside(robot, joints, -5 * out, np.full(13, aside))
     found = contact(robot, joints + more, centers, radii)
-    np.testing.assert_allclose(found.magnitude, 25.0, rtol=2e-3)
+    np.testing.assert_allclose(found.magnitude, 25.0, rtol=5e-3)
+    inward = -out
+    across = (found.force * kinematics.quarter_turn(inward)).sum(axis=1)  # the normal turns as the tip slides
+    if aside:
+        assert (np.sign(across) == -np.sign(aside)).all()
+    moved = (kinematics.jacobian(robot, joints) @ more[..., None])[..., 0]
+    slope = (moved * kinematics.quarter_turn(inward)).sum(axis=1) / (moved * inward).sum(axis=1)
+    assert (np.sign(aside) * slope >= np.tan(np.abs(aside)) - 1e-12).all()
+    held = np.linalg.solve(_compliance(robot, joints), moved[..., None])[..., 0]
+    turned = np.arctan2((held * kinematics.quarter_turn(inward)).sum(axis=1), (held * inward).sum(axis=1))
+    assert (np.sign(aside) * turned >= np.abs(aside) - 1e-12).all()
+    assert aside or np.abs(turned).max() < 1e-12
+
+
+def _compliance(robot, joints):
+    """C, column by column."""
+    units = (np.tile(unit, (len(joints), 1)) for unit in np.eye(2))
+    return np.stack([tip_yield(robot, joints, unit) for unit in units], axis=-1)
 
 
 def test_inverse_is_nan_out_of_reach():

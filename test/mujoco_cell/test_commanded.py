@@ -8,14 +8,10 @@ from math import hypot
 import numpy as np
 import pytest
 
-from scara_kinetostatic.effects.contact_friction import YieldingFriction
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.model.cell import PAPER_CELL, Lift, SensorFrame
-from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import inverse, rotate
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.kinetostatics import drag, inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.commanded import Plant, PlantSettings, Reading
 from scara_kinetostatic.simulation.mujoco import scene_named
@@ -53,45 +49,29 @@ def test_a_pressed_tip_has_the_force_of_the_model(frame: SensorFrame) -> None:
         assert go(at, free, 0.02, 0.3).true_force == (0.0, 0.0)
 
 
-def test_friction_along_the_normal_is_that_of_an_arm_that_yields_aside() -> None:
-    """Pressed along the normal the force is off it by up to 40 mrad; the law leaves a third of that.
-
-    Where the tip hangs in the gap of the gripper at first, which nobody measures, is the rest.
-    """
-    scene = replace(scene_named('contact_friction'), contact_friction=0.04)
-    at = Plant(CELL, EngineBody(scene, CELL), sensors=SensorModel.ideal(250.0))
-    base, law = ExtendedModel(PAPER_ACTUAL), ExtendedModel(PAPER_ACTUAL, (YieldingFriction(),), ((0.04,),))
-    off = []
-
-    def follow(tips: np.ndarray, side: int, lift: float, duration: float) -> np.ndarray:
-        joints = inverse(PAPER_ACTUAL, tips, np.full(len(tips), side))
-        times = duration * np.arange(1, len(tips) + 1) / len(tips)
-        at.command(at.names, times.tolist(), [[*q, lift] for q in joints])
-        last = at.step(at.time + duration + 0.3)
-        return np.array([*last.joints[:2], *last.true_force])
-
-    for number in (0, 1):
-        disc = CELL.discs[number]
-        for angle in 0.3 + np.pi / 3 * np.arange(6):
-            out = np.array([np.cos(angle), np.sin(angle)])
-            line = [np.array([disc.x, disc.y]) + (disc.radius + np.linspace(*ends, 20)[:, None]) * out
-                    for ends in ((0.01, 0.01), (0.01, 1e-4), (1e-4, -7e-4), (-7e-4, 0.01))]  # fmt: skip
-            for side in (1, -1):
-                follow(line[0], side, 0.02, 1.5)
-                begin = follow(line[1], side, 0.0, 1.0)[:2]
-                pressed = follow(line[2], side, 0.0, 1.0)
-                follow(line[3], side, 0.0, 0.5)
-                follow(line[0], side, 0.02, 0.3)
-                metadata = TouchMetadata.plain(1)._replace(
-                    disc=np.array([number]), press=(pressed[:2] - begin)[None], posture=np.array([side])
-                )
-                touch = pressed[None, :2], np.array([[disc.x, disc.y]]), np.array([disc.radius])
-                for model in (base, law):
-                    force = contact(model, *touch, CELL.gripper, metadata=metadata).force[0]
-                    off.append(pressed[2:] - force)
-    sizes = np.sqrt((np.array(off).reshape(-1, 2, 2) ** 2).sum(axis=-1).mean(axis=0))
-    assert sizes[0] > 1.0
-    assert sizes[1] < 0.4 * sizes[0]
+def test_a_tip_that_is_dragged_aside_has_the_whole_friction() -> None:
+    """Under the force, and as it eases, whatever the tip did before: the force is off the normal by the coefficient."""
+    at = Plant(CELL, EngineBody(replace(scene_named('plain'), contact_friction=0.15), CELL))
+    for angle in 0.3 + np.pi / 3 * np.arange(6):
+        out = np.array([[np.cos(angle), np.sin(angle)]])
+        place, other = np.array([[DISC.x, DISC.y]]) + DISC.radius * out, np.array([-out[0, 1], out[0, 0]])
+        for side in (1, -1):
+            free, begin = (inverse(PAPER_ACTUAL, place + off * out, side)[0] for off in (0.01, 0.0))
+            aside = drag(np.array([angle]), side)
+            pressed = begin + press_aside(PAPER_ACTUAL, begin[None], -60 * out, aside)[0]
+            eased = pressed + press_aside(PAPER_ACTUAL, pressed[None], 15 * out, -aside)[0]
+            go(at, free, 0.02, 1.5)
+            go(at, free, 0.0, 0.3)
+            go(at, begin, 0.0, 0.5)
+            for joints, least in ((pressed, 30.0), (eased, 20.0)):
+                force = np.array(go(at, joints, 0.0, 1.0).true_force)
+                assert np.hypot(*force) > least
+                center = np.array([DISC.x, DISC.y]) - at.body._engine.tip
+                turned = center[0] * force[1] - center[1] * force[0]
+                assert turned / (center @ force) == pytest.approx(0.15 * np.sign(aside[0]), rel=0.02)
+            assert np.sign((at.body._engine.tip - place[0]) @ other) == -np.sign(aside[0])
+            go(at, free, 0.0, 0.5)
+            go(at, free, 0.02, 0.3)
 
 
 def test_a_tip_that_slides_as_it_retracts_stays_in_contact_until_the_force_is_gone() -> None:

@@ -9,11 +9,11 @@ import pytest
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
-from scara_kinetostatic.effects.contact_friction import YieldingFriction
+from scara_kinetostatic.effects.contact_friction import ContactFriction
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Region, Sensor, SensorFrame, Uncertainty
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.kinetostatics import DRAG, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.planning.candidates import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
@@ -57,14 +57,16 @@ def test_exact_touches_satisfy_the_conditions(truth, frame):
     np.testing.assert_allclose(exact.observations.force, simulated.force, atol=1e-12)
 
 
-def test_planned_touches_are_pressed_along_the_normal_and_back_from_a_preload():
-    robot = replace(ROBOT, effects=(YieldingFriction(),), effect_values=((0.0,),), effect_sizes=(0.1,))
+def test_planned_touches_drag_the_tip_aside_also_back_from_a_preload():
+    robot = replace(ROBOT, effects=(ContactFriction(),), effect_values=((0.0,),), effect_sizes=(0.1,))
     plan = default_plan(CELL, preload=0.3)
-    press = exact_plan(robot, plan).observations.metadata.press
-    moved = (kinematics.jacobian(PAPER_ACTUAL, exact_plan(robot, plan).observations.joints) @ press[..., None])[..., 0]
+    planned = exact_plan(robot, plan).observations
+    moved = (kinematics.jacobian(PAPER_ACTUAL, planned.joints) @ planned.metadata.press[..., None])[..., 0]
     inward = -(moved * plan.normal()).sum(axis=1)
-    np.testing.assert_allclose(np.hypot(*moved.T), np.abs(inward), rtol=1e-9)
+    aside = (moved * kinematics.quarter_turn(-plan.normal())).sum(axis=1)
     assert ((inward < 0) == (plan.preload > 0)).all()
+    assert (np.sign(aside) == np.sign(plan.aside)).all()
+    assert (np.abs(aside / inward) >= np.tan(DRAG) - 1e-9).all()
     by_force = np.abs(inward) / plan.force / np.where(plan.preload > 0, plan.preload, 1.0)
     assert (by_force > PAPER_ACTUAL.p_ee).all(), 'arm and gripper yield'
 
