@@ -178,7 +178,8 @@ def test_friction_on_edges_and_corners_is_estimated():
 )
 def test_what_a_shape_leaves_free_is_said(objects, words):
     cell = cell_with(**objects)
-    c = sk.calibrate(sk.simulate(cell, TRUTH, per_disc=24, seed=1), cell)
+    plan = default_plan(cell, 48, preload=0.3)
+    c = sk.calibrate(simulate_touches(cell, TRUTH, plan, None, 1), cell)
     assert words in c.identifiability.notes[0]
     assert (c.identifiability.rank < 12) == ('block' not in objects)
     assert sk.calibrate(sk.simulate(CELLS['mixture'], TRUTH, seed=1), CELLS['mixture']).identifiability.notes == ()
