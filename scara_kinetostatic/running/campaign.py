@@ -169,7 +169,8 @@ class Campaign:
         if attempts == _TRIES - 1:
             for side in (_ASIDE, -_ASIDE):
                 aside = replace(moved, angle=moved.angle + side)
-                if not any(self.knowledge.planner.problems(aside)):
+                is_on = self.cell.discs[target.place()[0]].is_closed or 0 <= aside.angle[0] < 2 * np.pi
+                if is_on and not any(self.knowledge.planner.problems(aside)):
                     moved = aside
                     break
         self._targets.insert(0, Target(moved, target.reason, attempts))
