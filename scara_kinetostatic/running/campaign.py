@@ -203,8 +203,10 @@ class Campaign:
                 self.knowledge = job.result()
             except ScaraKinetostaticError as error:
                 return End(1, str(error))
-            again = [target for target in self._targets if target.attempts]
-            self._targets = again + _targets(self.knowledge.planned)
+            # the nearest touch comes first: with a new plan after each touch, the farther ones would never be made
+            if self.knowledge.discriminating or not self._targets:
+                again = [target for target in self._targets if target.attempts]
+                self._targets = again + _targets(self.knowledge.planned)
             if (end := self._enough()) is not None:
                 return end
             if self._is_due:
