@@ -139,6 +139,8 @@ def _reassociate(
             break
         if any((surface == before).all() for before in seen):
             alternates = surface != observations.surface
+            if (~alternates).sum() < fewest_touches(len(free)):
+                continue  # until it is said
             names = [cell.discs[number].name for number in touches.disc]
             left_out += [
                 Rejection(int(touches.index[k]), f'between two edges of {names[k]}: touch it farther from the corner')

@@ -155,7 +155,7 @@ def estimate(
                     f'the touches are too much alike: they determine {parameters - lost} of {parameters} parameters',
                     'touch several discs, from all sides, in both postures and at two or more force levels',
                 )
-            model = following.subspace.project(model)
+            model = following.subspace.project(model, scales_of(start))
         now = following
         if now.used.sum() < fewest_touches(parameters := now.subspace.basis.shape[1]):
             raise UnsupportedDataError(

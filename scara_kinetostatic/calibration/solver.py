@@ -51,9 +51,10 @@ class Subspace(NamedTuple):
         complement = np.linalg.qr(np.concatenate([directions, np.eye(m)], axis=1))[0][:, d:m]
         return self._replace(basis=self.basis @ complement)
 
-    def project(self, model: ExtendedModel) -> ExtendedModel:
-        """The nearest model that the subspace holds, in scaled terms."""
-        y = np.linalg.lstsq(self.basis, model.as_array() - self.origin, rcond=None)[0]
+    def project(self, model: ExtendedModel, scales: Floats) -> ExtendedModel:
+        """The nearest model that the subspace holds, the values in units of scales, (12 + k,)."""
+        off = (model.as_array() - self.origin) / scales
+        y = np.linalg.lstsq(self.basis / scales[:, None], off, rcond=None)[0]
         return model.with_array(self.origin + self.basis @ y)
 
     def with_errors(self, count: int) -> Floats:

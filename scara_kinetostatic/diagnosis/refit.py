@@ -58,12 +58,14 @@ class Effort:
         """`calibrate` with its steps counted; one that raises counts as 20.
 
         Raises:
-            UnsupportedDataError: as `calibrate`.
+            UnsupportedDataError: as `calibrate`, or the fit leaves touches out that do not settle on an edge.
         """
         steps = 20.0
         try:
             found = calibrate(touches, cell, effects, **options)
             steps = found.iterations * (0.5 + 0.25 * len(effects))  # in proportion to the time that they take
+            if len(found.touches) < len(touches):
+                raise UnsupportedDataError('touches do not settle on an edge', 'touch farther from the corners')
         finally:
             self.steps += steps
         return found

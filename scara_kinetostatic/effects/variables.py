@@ -119,7 +119,7 @@ VARIABLES = MappingProxyType(
             'direction of the force from link 2', 'rad', lambda at, _: _from_link2(at), _DIRECTION
         ),
         'place': Variable('place on the disc', 'rad', lambda at, _: _angle(-at.normal)),
-        'disc': Variable('number of the disc', '', lambda at, _: at.metadata.disc.astype(float) + 1),
+        'disc': Variable('number of the object', '', lambda at, _: at.metadata.disc.astype(float) + 1),
         'along_edge': Variable('place along the edge', 'm', lambda at, _: at.along_edge, _NONE),
         'time': Variable('time', 's', lambda at, _: at.metadata.time, _NONE),
         'touch': Variable('number of the touch', '', lambda at, _: _numbers(at)),

@@ -18,6 +18,7 @@ from scara_kinetostatic.model.outline import (
     Outline,
     Surfaces,
     boundary,
+    crosses,
     inside,
     known_surfaces,
     outline_problem,
@@ -623,7 +624,9 @@ def _check_uncertainty(where: str, std: float) -> None:
 
 
 def _gap(cell: Cell, centers: Floats, radii: Floats, first: int, second: int) -> float:
-    """Distance of two objects between the places of the tip on them, m; below 0 where they overlap."""
+    """Distance of two objects between the places of the tip on them, m; below 0 where they overlap, -inf if open ones
+    cross.
+    """
     outlines = [isinstance(cell.discs[k], Outline) for k in (first, second)]
     if not any(outlines):
         return float(np.linalg.norm(centers[first] - centers[second]) - radii[first] - radii[second])
@@ -635,9 +638,13 @@ def _gap(cell: Cell, centers: Floats, radii: Floats, first: int, second: int) ->
         apart = np.hypot(*(places - centers[second]).T).min()
         return float(-apart if within else apart - radii[second])
     others = boundary(surfaces_of([cell.discs[second]], cell.tip_radius))
-    apart = np.sqrt(((places[:, None] - others) ** 2).sum(axis=-1).min())
+    away = np.sqrt(((places[:, None] - others) ** 2).sum(axis=-1))
     pairs = ((cell.discs[second], others, places), (cell.discs[first], places, others))
-    return float(-apart if any(disc.is_closed and inside(one, two).any() for disc, one, two in pairs) else apart)
+    depths = [away.min(axis=1 - k)[inside(line, of)] for k, (disc, line, of) in enumerate(pairs) if disc.is_closed]
+    if any(depth.size for depth in depths):
+        return -float(np.concatenate(depths).max())
+    lines = [np.array(disc.corners) for disc, *_ in pairs if isinstance(disc, Outline)]
+    return -np.inf if crosses(*lines) else float(away.min())
 
 
 PAPER_DISCS = (Disc('disc_1', -0.25, 0.30, 0.15), Disc('disc_2', 0.20, 0.40, 0.05), Disc('disc_3', 0.05, 0.25, 0.08))
@@ -677,7 +684,7 @@ def layout_problems(cell: Cell, centers: Floats, radii: Floats) -> list[str]:
         gaps = np.linalg.norm(centers[:i] - centers[i], axis=1) - radii[:i] - radii[i]
         if cell.has_outlines:
             gaps = np.where(gaps < 0, [_gap(cell, centers, radii, j, i) for j in range(i)], gaps)
-        found += [
-            f'discs {names[j]!r} and {names[i]!r} overlap by {-gaps[j]:.4g} m' for j in np.argsort(gaps) if gaps[j] < 0
-        ]
+        for j in (j for j in np.argsort(gaps) if gaps[j] < 0):
+            how = f'overlap by {-gaps[j]:.4g} m' if np.isfinite(gaps[j]) else 'cross'
+            found.append(f'discs {names[j]!r} and {names[i]!r} {how}')
     return found

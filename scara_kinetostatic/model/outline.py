@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
 
 EDGE_RADIUS = 0.05
 """Radius of the disc that slides along a straight edge, m: weighs the direction of the force in the equations as the
@@ -319,6 +319,13 @@ def _crosses(point: Floats, closed: bool) -> bool:
             elif sides[0] * sides[1] <= 0 and sides[2] * sides[3] <= 0:
                 return True
     return False
+
+
+def crosses(one: Floats, other: Floats) -> bool:
+    """Whether two lines through places (k, 2), m, cross each other; where they merely meet, they do not."""
+    (a, b), (c, d) = ((line[:-1], line[1:]) for line in (as_complex(one)[:, None], as_complex(other)))
+    sides = [((q - p).conj() * (r - p)).imag for p, q, r in ((a, b, c), (a, b, d), (c, d, a), (c, d, b))]
+    return bool(((sides[0] * sides[1] < 0) & (sides[2] * sides[3] < 0)).any())
 
 
 def boundary(item: Surfaces, step: float = 1e-3) -> Floats:

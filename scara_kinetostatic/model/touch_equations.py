@@ -176,7 +176,8 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     The law of the backlash is β ∈ g Sign(a) with β = q - q* - p f a, that is: on a
     flank β = ±g and a has its sign; floating, a = 0 and |β| ≤ g. Which of the
     two holds follows from β + κ a for any κ > 0: outside [-g, g] it is on that flank. With κ = 1 rad/m a lever arm of
-    a millimetre already outweighs a usual backlash, so that a flank gives way to the other one at once.
+    a millimetre already outweighs a usual backlash, so that a flank gives way to the other one at once. Where the
+    force points away from the joint's axis, a floating joint is unstable, and the sign of a decides.
 
     Args:
         parameters: L̄.
@@ -188,7 +189,8 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
         The state with its modes renewed.
     """
     compliance, backlash = parameters.joint_compliances, parameters.joint_backlashes
-    pointer = joints.T - np.array(state[:2]) + (1.0 - compliance * state.magnitude) * arm.lever
+    per_arm = np.where(arm.reach.real > 0, 1e6, 1.0)  # κ
+    pointer = joints.T - np.array(state[:2]) + (per_arm - compliance * state.magnitude) * arm.lever
     pointer = np.where(backlash <= 0, arm.lever, pointer)
     if (pull := pull_of(parameters, arm.link1, arm.link2)) is not None:
         torque = np.abs(state.magnitude) * arm.lever + pull.torque  # C, which f < 0 continues
@@ -456,11 +458,11 @@ def parameter_derivative(parameters: Parameters, state: State, equations: Equati
     columns = component_by_parameters(
         (seen, 1j * seen), tuple(arm.links), tuple(equations.by_rows), (gripper.factor * f, -1.0), joints
     )
-    if equations.tangent is not None:
-        columns = tuple(equations.across(np.array([np.broadcast_to(column, f.shape) for column in columns])))
-    found = np.empty((len(columns), 2, len(f)))
-    for out, column in zip(found, columns, strict=True):
-        out[0], out[1] = column.real, column.imag
+    along, found = np.empty((len(columns), len(f)), dtype=complex), np.empty((len(columns), 2, len(f)))
+    for out, column in zip(along, columns, strict=True):
+        out[:] = column
+    along = equations.across(along)
+    found[:, 0], found[:, 1] = along.real, along.imag
     return found.transpose(2, 1, 0)
 
 

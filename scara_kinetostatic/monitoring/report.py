@@ -208,7 +208,7 @@ def verification_report(v: Verification) -> Report:
         ('p-value', chance(v.p_value)),
         *([('p-value without the outliers', chance(v.others.p_value))] if v.few_outlie else []),
     )
-    summary = Table(('error of the tip: distance of the predicted tip from the circle', ''), ('', ''), rows)
+    summary = Table(('error of the tip: distance of the predicted tip from the surface', ''), ('', ''), rows)
     caption = (
         'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
         'Red: outliers; a touch can be one by the direction of its force alone.'

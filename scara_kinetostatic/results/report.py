@@ -278,7 +278,7 @@ def _budget(outcome: Outcome) -> Section | None:
 def _errors(outcome: Outcome, extended: bool) -> Section:
     note = Note(
         'Force error: mean distance of measured and predicted force, e_f. Tip error: rms distance of the predicted tip '
-        f'from the circle of contact. Held out: touches not used in the fit, {outcome.extended_held_out.folds} folds '
+        f'from the surface. Held out: touches not used in the fit, {outcome.extended_held_out.folds} folds '
         'for the force, one by one and to first order for the tip. All on the same touches and with the noise of the '
         'final model.'
     )

@@ -169,7 +169,8 @@ class Campaign:
         if attempts == _TRIES - 1:
             for side in (_ASIDE, -_ASIDE):
                 aside = replace(moved, angle=moved.angle + side)
-                if not any(self.knowledge.planner.problems(aside)):
+                is_on = self.cell.discs[target.place()[0]].is_closed or 0 <= aside.angle[0] < 2 * np.pi
+                if is_on and not any(self.knowledge.planner.problems(aside)):
                     moved = aside
                     break
         self._targets.insert(0, Target(moved, target.reason, attempts))
@@ -202,8 +203,10 @@ class Campaign:
                 self.knowledge = job.result()
             except ScaraKinetostaticError as error:
                 return End(1, str(error))
-            again = [target for target in self._targets if target.attempts]
-            self._targets = again + _targets(self.knowledge.planned)
+            # the nearest touch comes first: with a new plan after each touch, the farther ones would never be made
+            if self.knowledge.discriminating or not self._targets:
+                again = [target for target in self._targets if target.attempts]
+                self._targets = again + _targets(self.knowledge.planned)
             if (end := self._enough()) is not None:
                 return end
             if self._is_due:

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
-from benchmark.outlines import OBJECTS, cell_of, cell_with
+from benchmark.outlines import OBJECTS, cell_of, cell_with, plan_of
 from scara_kinetostatic.assessment.mistakes import check_touches
 from scara_kinetostatic.calibration.gauss_helmert import linearise
 from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.diagnosis.refit import Effort
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.simulation.commanded import ModelBody
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -38,6 +39,12 @@ def test_exact_touches_give_back_the_robot(name):
     np.testing.assert_allclose(c.parameters.as_array(), TRUTH.as_array(), atol=1e-12)
 
 
+def test_a_force_that_passes_an_axis_by_less_than_a_millimetre_has_its_flank():
+    cell = CELLS['edge and disc']
+    c = sk.calibrate(simulate_touches(cell, PAPER_ACTUAL, plan_of(cell), Noise(0, 0)), cell)
+    np.testing.assert_allclose(c.parameters.as_array(), PAPER_ACTUAL.as_array(), atol=1e-12)
+
+
 def test_a_touch_starts_on_a_wrong_edge_and_is_put_right():
     cell = CELLS['mixture']
     plan = default_plan(cell, 36)
@@ -46,6 +53,22 @@ def test_a_touch_starts_on_a_wrong_edge_and_is_put_right():
     c = sk.calibrate(touches, cell)
     assert (c.touches.surface == plan.surface(cell)).all()
     assert not c.rejected
+
+
+def test_touches_that_alternate_between_surfaces_are_refused(monkeypatch):
+    cell = CELLS['block']
+    touches = simulate_touches(cell, TRUTH, default_plan(cell, 12), None, 1)
+    monkeypatch.setattr(f'{sk.calibrate.__module__}.fitted_surfaces', lambda o, *_: o.surface ^ 1)
+    with pytest.raises(UnsupportedDataError, match='do not settle on the edges'):
+        sk.calibrate(touches, cell)
+
+
+def test_a_fit_of_fewer_touches_is_no_rival():
+    cell = CELLS['block']
+    touches = simulate_touches(cell, TRUTH, default_plan(cell, 12), None, 1)
+    assert len(Effort().fit(touches, cell).touches) == len(touches)
+    with pytest.raises(UnsupportedDataError, match='do not settle'):
+        Effort().fit(touches.select(np.arange(len(touches) + 1) % len(touches)), cell)
 
 
 @pytest.mark.parametrize('name', ['mixture', 'edge and disc'])
@@ -178,7 +201,8 @@ def test_friction_on_edges_and_corners_is_estimated():
 )
 def test_what_a_shape_leaves_free_is_said(objects, words):
     cell = cell_with(**objects)
-    c = sk.calibrate(sk.simulate(cell, TRUTH, per_disc=24, seed=1), cell)
+    plan = default_plan(cell, 48, preload=0.3)
+    c = sk.calibrate(simulate_touches(cell, TRUTH, plan, None, 1), cell)
     assert words in c.identifiability.notes[0]
     assert (c.identifiability.rank < 12) == ('block' not in objects)
     assert sk.calibrate(sk.simulate(CELLS['mixture'], TRUTH, seed=1), CELLS['mixture']).identifiability.notes == ()

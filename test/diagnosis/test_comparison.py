@@ -79,7 +79,7 @@ def test_the_tip_error_beside_a_displaced_disc_is_that_of_its_place() -> None:
 
 def test_an_effect_residual_shows_the_effect_before_and_noise_after(grown: Outcome) -> None:
     (found,) = grown.effect_residuals
-    assert found.x_label == 'number of the disc'
+    assert found.x_label == 'number of the object'
     assert found.y_label == 'displacement along the contact normal  [µm]'
     assert set(found.x) == {1, 2, 3}
     assert 1e6 * GROWN / 4 < found.before[found.x == 2].mean() < 1e6 * GROWN

@@ -169,6 +169,13 @@ def test_objects_beside_each_other_are_accepted():
     assert len(parse_cell(CELL.format(f'{BLOCK}\n{other}')).discs) == 2
 
 
+def test_open_edges_that_cross_are_refused_and_those_that_meet_are_not():
+    edge = '  - {{name: {}, outline: [[{}, 0.3], [{}, {}]], open: true}}'.format
+    with pytest.raises(CellError, match="'a' and 'b' cross"):
+        parse_cell(CELL.format(edge('a', -0.3, 0.3, 0.3) + '\n' + edge('b', 0.0, 0.02, 0.5).replace('0.3]', '0.1]')))
+    assert len(parse_cell(CELL.format(edge('a', -0.3, 0.0, 0.3) + '\n' + edge('b', 0.0, 0.0, 0.1))).discs) == 2
+
+
 def test_without_a_tip_an_outline_is_refused():
     with pytest.raises(CellError, match='radius of the tip'):
         parse_cell(CELL.format(BLOCK).replace('tip: {radius: 0.005}\n', ''))
