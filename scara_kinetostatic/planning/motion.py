@@ -279,7 +279,8 @@ class Roadmap:
         """Enters the length of the moves between poses i and j that may be made."""
         may = self.space.may_move(every.select(i), every.tip[j])
         i, j = i[may], j[may]
-        costs[i, j] = costs[j, i] = np.hypot(*(every.tip[i] - every.tip[j]).T)
+        length = np.hypot(*(every.tip[i] - every.tip[j]).T)
+        costs[i, j] = costs[j, i] = np.maximum(length, 1e-9)  # of a length of 0 the graph makes no edge
 
     def _with(self, stops: Poses, most: int = 16) -> tuple[Poses, Floats]:
         """The points of the map and stops, and the costs between them: each stop is connected to the nearest points."""
