@@ -279,8 +279,7 @@ class Roadmap:
         """Enters the length of the moves between poses i and j that may be made."""
         may = self.space.may_move(every.select(i), every.tip[j])
         i, j = i[may], j[may]
-        length = np.hypot(*(every.tip[i] - every.tip[j]).T)
-        costs[i, j] = costs[j, i] = np.maximum(length, 1e-9)  # of a length of 0 the graph makes no edge
+        costs[i, j] = costs[j, i] = np.hypot(*(every.tip[i] - every.tip[j]).T)
 
     def _with(self, stops: Poses, most: int = 16) -> tuple[Poses, Floats]:
         """The points of the map and stops, and the costs between them: each stop is connected to the nearest points."""
@@ -308,7 +307,7 @@ class Roadmap:
         v, (i, j) = len(self.via.tip), np.triu_indices(len(stops.tip), 1)
         same = stops.posture[i] == stops.posture[j]
         self._connect(costs, v + i[same], v + j[same], every)
-        graph = np.where(np.isfinite(costs), np.maximum(costs, 1e-9), 0.0)
+        graph = np.where(np.isfinite(costs), np.maximum(costs, 1e-6), 0.0)  # what is nearer to 0 makes no edge
         lengths, before = dijkstra(graph, indices=np.arange(v, len(costs)), return_predecessors=True)
         return Ways(every, v, lengths[:, v:], before)
 
