@@ -1,8 +1,9 @@
 """The run: a robot that touches, judges and goes on by itself. Samples come in, commands go out; no ROS.
 
 Every touch: travel to where the approach begins; take the zero of the force; approach slowly until the force says
-contact; press in steps to the force that is wanted; hold; retract along the line of the approach; wait for the
-judgement of the collector's own detection. The script of it is a generator that is resumed with every `tick`.
+contact; press in steps to the force that is wanted, dragging the tip aside (`kinetostatics.press_aside`); hold; retract
+to where the approach began; wait for the judgement of the collector's own detection. The script of it is a generator
+that is resumed with every `tick`.
 
 **Speeds in contact.** From a force to its effect on the robot `DELAY` goes by. With the compliance c of arm and tip
 along the normal, the force grows by speed · `DELAY` / c meanwhile: the approach is so slow that this stays below what
