@@ -58,7 +58,7 @@ def quantity(value: float, unit: str) -> str:
     prefixes = (('', 1.0), ('m', 1e3), ('µ', 1e6))
     prefix, factor = next(((p, f) for p, f in prefixes if abs(value) * f >= 1.0), prefixes[-1])
     size = value * factor
-    return f'{size:.2g} {prefix}{unit}' if abs(size) < 100 else f'{size:.0f} {prefix}{unit}'
+    return f'{size:.2g} {prefix}{unit}' if abs(size) < 99.5 else f'{size:.0f} {prefix}{unit}'
 
 
 def displacement(x: float, y: float) -> str:

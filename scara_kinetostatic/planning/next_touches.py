@@ -42,8 +42,8 @@ from scara_kinetostatic.model.arm import CalibratedArm, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import wrap
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.kinematics import jacobian, quarter_turn, wrap
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.parameters import NAMES, quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidates import CandidateTouches, candidate_plan, declared_rows, prepare_candidates
@@ -70,6 +70,8 @@ _LEAST_GAIN = 0.01
 """Smallest decrease of the variance for which a touch is exchanged."""
 _CALIBRATED = 3e-3
 """Clearance beside three standard deviations of tip and discs where the arm is calibrated, m."""
+_SLIPS = 0.2
+"""Part of a radius by which a press may drag the tip aside, beyond the end of an edge."""
 _SAME_PLACE = np.deg2rad(10)
 """Nearer to a place that was given up nothing is touched, rad."""
 
@@ -251,6 +253,9 @@ class Planner:
         both = np.flatnonzero(stands.all(axis=1))
         moves[both] = self.space.keeps_limits(start.select(both), deep[both])
         clear = self.space.is_clear(start.tip, deep, but=plan.disc)
+        end, slid = self._dragged(plan.select(both))
+        moves[both] &= ~self.space.beyond_limits(Poses(end, plan.posture[both])).any(axis=1)
+        clear[both] &= self.space.is_clear(plan.contact(cell)[both], end, but=plan.disc[both])
         good = np.flatnonzero(moves & clear)
         joined = np.zeros(len(plan), dtype=bool)
         joined[good] = self.roadmap.largest_part(start.select(good))
@@ -261,16 +266,30 @@ class Planner:
         for disc, angle, posture in self.given_up:
             near_by = np.abs(wrap(plan.angle - angle)) < _SAME_PLACE
             left |= (plan.disc == disc) & (plan.posture == posture) & near_by
-        cases = [strong, left, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, ~joined]
+        slipped = np.zeros(len(plan), dtype=bool)
+        surface, part = cell.surfaces.places(plan.disc[both], plan.angle[both])
+        touched = cell.surfaces.select(surface)
+        to_end = np.where(touched.is_edge, (1 - np.abs(part)) * touched.halves, _SLIPS * np.abs(touched.radii))
+        slipped[both] = slid > np.maximum(to_end, _SLIPS * (cell.tip_radius or 0.0))
+        cases = [strong, left, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, slipped, ~joined]
         texts = [
             'beyond touch.max_force',
             'given up',
             f'beyond the limits of {two}',
             f'beyond the limits of {one}',
             near,
+            'the press would drag the tip off it',
             'no way leads there',
         ]
         return [str(text) for text in np.select(cases, texts, '')]
+
+    def _dragged(self, plan: Plan) -> tuple[Floats, Floats]:
+        """Where the rigid tip is under the largest force, (n, 2), m, and how far aside, (n,), m."""
+        p, contact, normal = self.arm.model.parameters, plan.contact(self.arm.cell), plan.normal(self.arm.cell)
+        joints = self.space.joints(Poses(contact, plan.posture))
+        force = -((1 + plan.preload) * plan.force)[:, None] * normal
+        moved = (jacobian(p, joints) @ press_aside(p, joints, force, plan.aside)[..., None])[..., 0]
+        return contact + moved, np.abs((moved * quarter_turn(normal)).sum(axis=1))
 
     @cached_property
     def _candidates(self) -> tuple[Plan, list[str]]:

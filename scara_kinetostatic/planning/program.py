@@ -2,9 +2,8 @@
 
 The steps of a touch: travel by way of some places to where the approach begins; approach slowly, until the force says
 contact, at most as far beyond the expected surface as the cell allows; press to the force, with a preload beyond it and
-back, dragging the tip aside to where it is to hold; hold; retract. All moves of the tip are straight, but where the
-elbow changes its posture: there both joints move in proportion. With a lift it is raised before the tip travels, and
-lowered after.
+back; hold; retract along the line of the approach. All moves of the tip are straight, but where the elbow changes its
+posture: there both joints move in proportion. With a lift it is raised before the tip travels, and lowered after.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from scara_kinetostatic.files.escaping import csv_cell
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward, wrap
-from scara_kinetostatic.model.kinetostatics import press_aside
 from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
@@ -57,13 +55,13 @@ class Poised(NamedTuple):
 
     Attributes:
         approach: where the approach begins.
-        begin: where the surface is met.
+        deep: as far as a contact is sought.
         hold: under the force.
         peak: under that of the preload.
     """
 
     approach: Floats
-    begin: Floats
+    deep: Floats
     hold: Floats
     peak: Floats
 
@@ -80,10 +78,13 @@ def poised(planner: Planner, planned: PlannedTouches) -> Poised:
     """The joint angles of planned touches."""
     plan, cell = planned.plan, planner.arm.cell
     contact, press = Poses(plan.contact(cell), plan.posture), -plan.force[:, None] * plan.normal(cell)
-    hold, p, eased = joint_angles(planner, contact, press), planner.arm.model.parameters, plan.preload[:, None]
-    peak = hold + eased * press_aside(p, hold, press, -plan.aside)
-    begin = peak - (1 + eased) * press_aside(p, peak, press, plan.aside)
-    return Poised(joint_angles(planner, planned.approach), begin, hold, peak)
+    deep = Poses(contact.tip - cell.touch.search * plan.normal(cell), plan.posture)
+    return Poised(
+        joint_angles(planner, planned.approach),
+        joint_angles(planner, deep),
+        joint_angles(planner, contact, press),
+        joint_angles(planner, contact, (1 + plan.preload[:, None]) * press),
+    )
 
 
 def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
@@ -92,11 +93,8 @@ def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
     motion, lift = cell.touch, cell.lift
     up, down = (None, None) if lift is None else (lift.up, lift.down)
     contact = plan.contact(cell)
-    p, start = planner.arm.model.parameters, planned.approach.tip
-    deep = forward(p, at.begin) - start
-    deep = start + deep * (1 + motion.search / np.hypot(*deep.T)[:, None])
-    sought = joint_angles(planner, Poses(deep, plan.posture))
-    depth = np.hypot(*(forward(p, at.hold) - forward(p, at.begin)).T)
+    deep = contact - motion.search * plan.normal(cell)
+    depth = np.hypot(*(forward(planner.arm.model.parameters, at.hold) - contact).T)
     speed = np.clip(depth / _PRESS, motion.contact_speed / 20, motion.contact_speed)
 
     origins = [0 if min(planned.order) else None, *planned.order]
@@ -114,7 +112,7 @@ def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
                 yield Step(number, 'travel', tip, joints, up, motion.speed)
             if lift is not None:
                 yield Step(number, 'travel', here, at.approach[k], down, motion.speed)
-            yield Step(number, 'approach', deep[k], sought[k], down, motion.contact_speed, CONTACT * force)
+            yield Step(number, 'approach', deep[k], at.deep[k], down, motion.contact_speed, CONTACT * force)
             if plan.preload[k] > 0:
                 peak = (1 + float(plan.preload[k])) * force
                 yield Step(number, 'press', contact[k], at.peak[k], down, float(speed[k]), peak)

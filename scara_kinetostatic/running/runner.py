@@ -24,7 +24,6 @@ import numpy as np
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import HELD_WITHIN, Cell
-from scara_kinetostatic.model.kinematics import jacobian
 from scara_kinetostatic.model.kinetostatics import press_aside, tip_yield
 from scara_kinetostatic.model.parameters import Parameters, quantity
 from scara_kinetostatic.planning.motion import Poses
@@ -450,7 +449,7 @@ class Runner:
     def _compliance(self, target: Target, joints: Floats) -> float:
         """Of arm and tip along the normal of a touch, m/N."""
         n = target.plan.normal(self.cell)
-        return float((tip_yield(self._parameters, joints[None], n) * n).sum())
+        return max(float((tip_yield(self._parameters, joints[None], n) * n).sum()), _STIFFEST)
 
     def _touch(self, target: Target) -> Iterator[None]:
         """Approach, press, hold, retract."""
@@ -463,7 +462,7 @@ class Runner:
         joints = joint_angles(planner, Poses(tips, np.full(count, plan.posture[0])))
         joints[0] = self._here()
         track = Track.of(joints, np.full(count, self._commander.lift), self._parameters)
-        compliance = max(self._compliance(target, joints[0]), _STIFFEST)
+        compliance = self._compliance(target, joints[0])
         wait = self._now
         while self._now - wait < 0.25:
             self._check(_OFF_APPROACH)
@@ -477,7 +476,7 @@ class Runner:
         self._last_force = self.senses.force
         motion = self._motion = Motion(track, float(speed), ramps=False)
         deepest = float(np.interp(begin, np.linspace(0.0, begin + 4e-3, count), track.at))
-        while True:
+        for _ in range(4):
             while self.senses.force < threshold:
                 self._check(_OFF_APPROACH)
                 if motion.at >= deepest:
@@ -489,12 +488,15 @@ class Runner:
             if self.senses.force > 0.5 * threshold:
                 break
             yield from self._pushed(motion, 0.0, 0.0)  # an arm with play swings back from the surface: from free again
+        else:
+            raise Fault(f'the contact with {self.campaign.name(target)} is lost again and again')
         surface = motion.at
         self._say('press', f'pressing to {goal:g} N')
-        motion.track = self._into(track, surface, target)
-        yield from self._press(motion, goal * (1 + float(plan.preload[0])), compliance)
+        motion.track, way = self._into(track, surface, target)
+        yield from self._press(motion, goal * (1 + float(plan.preload[0])), way)
         if plan.preload[0] > 0:
-            yield from self._release(self._out_of(motion.track, self._at(), target), goal, compliance)
+            track, way = self._out_of(motion.track, self._at(), target)
+            yield from self._release(track, goal, way)
         self._say('hold', f'holding {self.senses.force:.1f} N')
         began = self._now
         while self._now - began < touch.hold + 0.1:
@@ -503,22 +505,25 @@ class Runner:
         self._say('retract', 'retracting')
         yield from self._back(surface, threshold)
 
-    def _into(self, track: Track, surface: float, target: Target) -> Track:
-        """The way of an approach, and from the surface on that of a press that drags the tip aside."""
+    def _into(self, track: Track, surface: float, target: Target) -> tuple[Track, float]:
+        """The way of an approach, from the surface on of a press that drags the tip aside; length per force, m/N."""
         here, lift = track.place(np.array([surface]))
+        newtons = (track.length - surface) / self._compliance(target, here[0])
         per_newton = press_aside(self._parameters, here, -target.plan.normal(self.cell), target.plan.aside)
-        moved = np.hypot(*(jacobian(self._parameters, here) @ per_newton[..., None])[0, :, 0])
-        joints = here + np.linspace(0.0, (track.length - surface) / moved, 60)[:, None] * per_newton
+        joints = here + np.linspace(0.0, newtons, 60)[:, None] * per_newton
         joints = np.concatenate([track.joints[track.at < surface], joints])
-        return Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
+        bent = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
+        return bent, (bent.length - surface) / newtons
 
-    def _out_of(self, track: Track, at: float, target: Target) -> Track:
-        """Backwards the way out of a press, on which the tip is dragged to the same side until it is free."""
+    def _out_of(self, track: Track, at: float, target: Target) -> tuple[Track, float]:
+        """Backwards a way out of a press: some of it drags the tip to the same side; length per force, m/N."""
         here, lift = track.place(np.array([at]))
+        newtons = 1.5 * float((target.plan.preload * target.plan.force)[0])
         per_newton = press_aside(self._parameters, here, target.plan.normal(self.cell), -target.plan.aside)
-        joints = here + np.linspace(1.5 * self.senses.force, 0.0, 60)[:, None] * per_newton
+        joints = here + np.linspace(newtons, 0.0, 60)[:, None] * per_newton
         joints = np.concatenate([track.joints[:1], joints])
-        return Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
+        bent = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
+        return bent, (bent.length - float(bent.at[1])) / newtons
 
     def _pushed(self, motion: Motion, step: float, until: float) -> Iterator[None]:
         """Moves by a step towards the contact, or back, and waits; ends early where the force comes to a value."""

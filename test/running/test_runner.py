@@ -11,6 +11,8 @@ from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.cell import Cell, Disc, Lift, Noise, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import jacobian, quarter_turn
+from scara_kinetostatic.model.kinetostatics import drag
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
@@ -61,8 +63,14 @@ def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
     assert one.plant.peak_force < touch.max_force
     assert all(meant == met for meant, met in one.contacts)
     assert len(one.contacts) == campaign.accepted + campaign.failed
-    outcome = calibrate_touches(TouchSet.concatenate(campaign.touches), CELL)
+    touches = TouchSet.concatenate(campaign.touches)
+    outcome = calibrate_touches(touches, CELL)
     assert outcome.tip_uncertainty.worst <= 1.02e-4, 'of one touch more than those by which it ended'
+    moved = (jacobian(TRUTH, touches.joints) @ touches.press[..., None])[..., 0]
+    sides = np.sign((moved * quarter_turn(touches.force)).sum(axis=1))
+    planned = drag(np.arctan2(-touches.force[:, 1], -touches.force[:, 0]), touches.posture)
+    assert (sides == np.sign(planned)).all(), 'the tip is dragged to the side that was planned'
+    assert set(np.sign((moved * touches.force).sum(axis=1))) == {1.0, -1.0}, 'pressed, and eased from a preload'
     std = np.array([outcome[name].std for name in NAMES])
     off = np.array([outcome[name].value for name in NAMES]) - TRUTH.as_array()
     assert np.abs(off / std).max() < 4.5

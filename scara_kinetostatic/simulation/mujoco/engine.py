@@ -382,8 +382,8 @@ class Engine:
         convex problem. Where f R is less than that, r is negative and there is no contact: the tip falls back and is
         thrown off again, some hundred times per second. So an object is as hard as steel, not as hard as the engine
         makes it, and the damping is small; with the impedance stated, the integrator's own damping is enough.
-        The discs of a commanded robot are as hard, with the engine's own damping: with less of it a tip that friction
-        holds creeps.
+        The discs of a commanded robot with friction, unless one has a coat, are as hard, with the engine's own damping:
+        with less of it a tip that friction holds creeps.
         """
         inverse_mass = self.model.body_invweight0[self.model.geom('ball').bodyid[0], 0]
         if outline is not None:
