@@ -512,8 +512,8 @@ class Runner:
         per_newton = press_aside(self._parameters, here, -target.plan.normal(self.cell), target.plan.aside)
         joints = here + np.linspace(0.0, newtons, 60)[:, None] * per_newton
         joints = np.concatenate([track.joints[track.at < surface], joints])
-        bent = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
-        return bent, (bent.length - surface) / newtons
+        whole = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
+        return whole, (whole.length - surface) / newtons
 
     def _out_of(self, track: Track, at: float, target: Target) -> tuple[Track, float]:
         """Backwards a way out of a press: some of it drags the tip to the same side; length per force, m/N."""
@@ -522,8 +522,8 @@ class Runner:
         per_newton = press_aside(self._parameters, here, target.plan.normal(self.cell), -target.plan.aside)
         joints = here + np.linspace(newtons, 0.0, 60)[:, None] * per_newton
         joints = np.concatenate([track.joints[:1], joints])
-        bent = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
-        return bent, (bent.length - float(bent.at[1])) / newtons
+        whole = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
+        return whole, (whole.length - float(whole.at[1])) / newtons
 
     def _pushed(self, motion: Motion, step: float, until: float) -> Iterator[None]:
         """Moves by a step towards the contact, or back, and waits; ends early where the force comes to a value."""

@@ -79,7 +79,13 @@ def cell_in(folder: Path) -> Path:
 def watch(processes: NodeProcesses, client: DemoClient, tmp_path: Path) -> Watch:
     """The simulator and the runner, which begins at once."""
     cell = cell_in(tmp_path)
-    simulated = {'commanded': True, 'joint_rate': 125.0, 'wrench_rate': 125.0, 'publish_clock': True}
+    simulated = {
+        'commanded': True,
+        'joint_rate': 125.0,
+        'wrench_rate': 125.0,
+        'publish_clock': True,
+        'time_factor': 0.5,
+    }
     processes.start('contact_simulator', {'cell': cell, **simulated})
     own = {'output': tmp_path / 'out', 'autostart': True, 'use_sim_time': True}
     pid = processes.start('touch_runner', {'cell': cell, **own})
