@@ -137,7 +137,7 @@ class Campaign:
         self.touches: list[TouchSet] = []
         self._given_up: tuple[tuple[int, float, int], ...] = ()
         self._job: Future[Any] | None = None
-        self._is_due = False
+        self._is_due = self._waits = False
         self._in_row = self._made_to_decide = self.accepted = self.failed = 0
         self._start, self._past, self._decides = 0, list[tuple[int, float]](), False
 
@@ -207,7 +207,9 @@ class Campaign:
             if self.knowledge.discriminating or not self._targets:
                 again = [target for target in self._targets if target.attempts]
                 self._targets = again + _targets(self.knowledge.planned)
-            if (end := self._enough()) is not None:
+            end = self._enough()
+            self._waits = self._is_due and end is not None and end.is_reached
+            if end is not None and not self._waits:
                 return end
             if self._is_due:
                 self._order()
@@ -259,8 +261,8 @@ class Campaign:
         Args:
             joints: where the robot stands, (2,), rad.
         """
-        if self.accepted >= self._most:
-            return None  # the last calibration is being made
+        if self.accepted >= self._most or (self._waits and self.is_busy):
+            return None  # the last calibration is being made, or one of a touch more than those that were enough
         if not self._targets:
             if self._job is None and self.accepted >= FIRST:
                 self._order()

@@ -78,6 +78,23 @@ def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
     assert phases.index('travel') < phases.index('approach') < phases.index('press') < phases.index('hold')
 
 
+def test_enough_is_said_of_all_touches_that_were_made() -> None:
+    one = Rehearsal(CELL, Plant(CELL, ModelBody(CELL, TRUTH), seed=1), calibrating=20.0)
+    campaign, made = one.runner.campaign, list[int]()
+    work = campaign._work
+
+    def counted(do, cell, touches, *rest):
+        made.append(len(touches))
+        return work(do, cell, touches, *rest)
+
+    campaign._work = counted
+    one.runner.start()
+    one.run()
+    assert one.runner.end is not None
+    assert one.runner.end.is_reached
+    assert made[-1] == campaign.accepted > made[-2] + 1
+
+
 @pytest.mark.parametrize('phase', ['travel', 'approach', 'press'])
 @pytest.mark.parametrize(
     ('fault', 'says'),
