@@ -1,8 +1,8 @@
 """What to touch next in a run, and when it is enough.
 
 The first touches are planned from the nominal model. After `FIRST` accepted ones, and after each further one, the
-touches are calibrated and the next few are planned, while the robot makes those planned before. A place where a touch
-fails is tried again, then somewhat aside, then given up.
+touches are calibrated, while the robot makes those planned before; when they are made, the next few are planned. A
+place where a touch fails is tried again, then somewhat aside, then given up.
 """
 
 from __future__ import annotations
