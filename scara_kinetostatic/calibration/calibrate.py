@@ -8,7 +8,8 @@ import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import without_sources
 from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, estimate, fewest_touches
-from scara_kinetostatic.calibration.fit_point import base_force, fitted_surfaces
+from scara_kinetostatic.calibration.fit_point import base_force, fitted_surfaces, project
+from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
@@ -105,10 +106,9 @@ def calibrate(
         raise InputError('force', problem, 'give the force on the object; check sign, frame and axes of the sensor')
     try:
         found = estimate(observations, cell, start, free, warm_start)
-        for _ in range(3 if start.parameters.has_gravity and warm_start is None else 0):
-            # the flanks at torques near zero are chosen anew, by the moments found
-            again = WarmStart(found.fit.point.model, found.noise, np.ones_like(found.used), found.fit.point.errors)
-            found = estimate(observations, cell, start, free, again)
+        if start.parameters.has_gravity and warm_start is None:
+            touches, observations, found, unsettled = _settle_flanks(touches, cell, start, free, found)
+            left_out += unsettled
         if cell.has_outlines:
             touches, observations, found, unsettled = _reassociate(touches, observations, cell, start, free, found)
             left_out += unsettled
@@ -116,6 +116,33 @@ def calibrate(
         problem = 'the fit diverged to where the model is not defined'
         raise UnsupportedDataError(problem, 'check the nominal values, the discs and the sensor in the cell') from error
     return build_result(touches, cell, start, fixed, observations, found, left_out)
+
+
+_FLANKS_APART = 8.0
+"""Standard deviations between two flanks of a joint from which touches tell them apart. With 6 wrong ones are left."""
+
+
+def _settle_flanks(
+    touches: TouchSet, cell: Cell, start: ExtendedModel, free: Indices, found: Estimation
+) -> tuple[TouchSet, Observations, Estimation, list[Rejection]]:
+    """Fit again under gravity: twice by the touches whose torques have a known sign, which no flank can mislead; then
+    by all but those whose flank this fit does not tell, and once more where their flanks were not yet right.
+    """
+    everything = found.observations
+    for is_last in (False, False, True, True):
+        fit = found.fit.point
+        point = project(everything.with_errors(fit.errors), fit.model, found.noise)
+        apart = nearest_flanks(everything, fit.model, point.adjusted.state)[1] / point.whitened.root[0]
+        told = (apart >= (_FLANKS_APART if is_last else np.inf)) | (apart == 0)  # 0 where there is no backlash
+        if told.sum() < (1 if is_last else 3) * fewest_touches(len(free)):
+            continue
+        near = WarmStart(fit.model, found.noise, np.ones(told.sum(), dtype=bool), fit.errors)
+        found = estimate(everything.select(told), cell, start, free, near)
+    reason = 'the torque of a joint is near zero: on which side of its backlash it rests is not known'
+    if told.sum() < fewest_touches(len(free)):
+        raise UnsupportedDataError(f'of {(~told).sum()} touches {reason}', 'press harder, or farther from the axes')
+    unsettled = [Rejection(int(touches.index[k]), reason) for k in np.flatnonzero(~told)]
+    return touches.select(told), everything.select(told), found, unsettled
 
 
 _MOST_SETTLING = 6

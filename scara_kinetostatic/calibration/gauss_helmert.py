@@ -260,9 +260,14 @@ def _turned_radial(observations: Observations, model: ExtendedModel, state: Stat
     return reported_force(model, turned, o.metadata)
 
 
-def _nearest_flanks(observations: Observations, model: ExtendedModel, state: State) -> State:
-    """The state with each joint whose torque has no known sign (`keep_flanks`) on the flank that fits best."""
-    o, p, best, found = observations, model.parameters, np.full(len(state.mode1), np.inf), state
+def nearest_flanks(observations: Observations, model: ExtendedModel, state: State) -> tuple[State, Floats]:
+    """Each joint whose torque has no known sign (`keep_flanks`) on the flank that fits best.
+
+    Returns:
+        The state, and how far along the normal the next best flanks would have the tip, (n,), m; inf where there are
+        none.
+    """
+    o, p, trials, offs = observations, model.parameters, list[State](), list[Floats]()
     problem = o.contact_problem(o.joints)
     for one, two in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
         trial = state._replace(mode1=one * state.mode1, mode2=two * state.mode2)
@@ -272,11 +277,16 @@ def _nearest_flanks(observations: Observations, model: ExtendedModel, state: Sta
         flanks = keep_flanks(p, next_modes(p, shifted.joints, trial, arm), trial, arm)
         inward = shifted.inward(tip)
         along = ((shifted.centers - tip) * inward).sum(axis=1) / np.hypot(*inward.T)
-        off = np.abs(along - o.radii - o.gripper.stretch(p, trial.magnitude))
+        off = along - o.radii - o.gripper.stretch(p, trial.magnitude)
         off[(flanks.mode1 != trial.mode1) | (flanks.mode2 != trial.mode2)] = np.inf
-        closer = off < best
-        best, found = np.where(closer, off, best), found.replace_where(closer, trial)
-    return found
+        trials.append(trial)
+        offs.append(off)
+    off, each = np.array(offs), np.arange(len(o.joints))
+    best = np.argmin(np.abs(off), axis=0)
+    with np.errstate(invalid='ignore'):  # no flank agrees with its torque far from any touch
+        apart = np.nan_to_num(np.abs(off - off[best, each]), nan=np.inf, posinf=np.inf)
+    apart[best, each] = np.inf
+    return State(*(np.array(part)[best, each] for part in zip(*trials, strict=True))), apart.min(axis=0)
 
 
 def as_radial(observations: Observations, model: ExtendedModel, state: State) -> Adjusted:
@@ -288,7 +298,7 @@ def as_radial(observations: Observations, model: ExtendedModel, state: State) ->
         state: where the tips are.
     """
     if model.parameters.has_gravity:
-        state = _nearest_flanks(observations, model, state)
+        state, _ = nearest_flanks(observations, model, state)
     o, force = observations, _turned_radial(observations, model, state)
     off_normal = np.zeros(len(force)) if model.off_normal_std else None
     state = place_force(o, model, o.joints, force, state)

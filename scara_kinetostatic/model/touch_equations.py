@@ -200,7 +200,7 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     return state._replace(mode1=mode1, mode2=mode2)
 
 
-SMALL_TORQUE, SMALL_DEFLECTION = 0.25, 3e-5
+SMALL_TORQUE, SMALL_DEFLECTION = 0.25, 1e-4
 """Part of the largest torque of gravity, and deflection by compliance, rad, below both of which the sign of a torque is
 not known: the moments are not, as touches show them by the deflection."""
 
