@@ -17,6 +17,7 @@ came where that is safe, and says why.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from math import dist
 from typing import NamedTuple
 
 import numpy as np
@@ -125,7 +126,7 @@ class Runner:
         self._command: Command | None = None
         self._motion: Motion | None = None
         self._contact = False
-        self._steepest = self._last_force = 0.0
+        self._steepest, self._last_force = 0.0, (0.0, 0.0)
         self._is_behind, self._behind_since = False, np.inf
         self._script: Iterator[None] | None = None
         self._paused = False
@@ -237,7 +238,7 @@ class Runner:
         force, most = self.senses.force, self.cell.touch.max_force
         if force > most:
             raise Fault(f'a force of {force:.0f} N, more than touch.max_force, {most:g} N')
-        jump, self._last_force = force - self._last_force, force
+        jump, self._last_force = dist(self.senses.net_force, self._last_force), self.senses.net_force
         judged = self._contact and not self.senses.is_excused(self._now)
         if judged and jump > self._steepest * max(self._elapsed, 0.01) + 10 * self.senses.noise + 0.1 * most:
             raise Fault(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
@@ -473,7 +474,7 @@ class Runner:
         threshold = max(CONTACT * goal, 6 * self.senses.noise, 1.0)
         speed = np.clip((0.8 * goal - threshold) * compliance / DELAY, _LEAST_SPEED, touch.contact_speed)
         self._contact, self._steepest = True, _STIFFER * touch.contact_speed / compliance
-        self._last_force = self.senses.force
+        self._last_force = self.senses.net_force
         motion = self._motion = Motion(track, float(speed), ramps=False)
         deepest = float(np.interp(begin, np.linspace(0.0, begin + 4e-3, count), track.at))
         for _ in range(4):
@@ -503,6 +504,7 @@ class Runner:
             self._check(_OFF_APPROACH)
             yield
         self._say('retract', 'retracting')
+        self._steepest = _STIFFER * touch.contact_speed / compliance
         yield from self._back(surface, threshold)
 
     def _into(self, track: Track, surface: float, target: Target) -> tuple[Track, float]:

@@ -84,13 +84,18 @@ class Senses:
         self._excused_until = now + SILENT
 
     @property
-    def force(self) -> float:
-        """Magnitude of the force now, N."""
+    def net_force(self) -> tuple[float, float]:
+        """The force now, as reported, N; the median of three readings."""
         last = list(islice(reversed(self._forces), 3))
         if not last:
-            return 0.0
+            return 0.0, 0.0
         x, y = (sorted(reading[k] for reading in last)[len(last) // 2] for k in (1, 2))
-        return hypot(x - float(self._zero[0]), y - float(self._zero[1]))
+        return x - float(self._zero[0]), y - float(self._zero[1])
+
+    @property
+    def force(self) -> float:
+        """Magnitude of the force now, N."""
+        return hypot(*self.net_force)
 
     def problem(self, now: float) -> str:
         """What is wrong with the messages; empty if nothing."""

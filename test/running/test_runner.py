@@ -131,6 +131,18 @@ def test_a_fault_stops_the_robot_within_a_second(fault: Fault, says: str, phase:
         assert not one.plant.body.touched  # retracted
 
 
+def test_a_force_that_jumps_across_the_contact_is_seen() -> None:
+    one = rehearsal(replace(CELL, hold={'joint4': 0.0}))
+    # along x, so that the magnitude changes little
+    one.run(lambda at: at.runner.status.phase == 'hold' and abs(at.plant.body.force[0]) < 0.4 * at.runner.senses.force)
+    before, began = one.runner.senses.force, one.time
+    one.plant.fault = Fault.FREE_FORCE
+    one.run(lambda at: at.runner.end is not None, 2.0)
+    assert one.time - began < 0.1
+    assert 'the force jumps by 30 N' in one.runner.status.text
+    assert one.runner.senses.force - before < 20.0
+
+
 @pytest.mark.parametrize('phase', ['travel', 'approach', 'press'])
 def test_the_robot_stands_when_the_runner_dies(phase: str) -> None:
     one = rehearsal()
