@@ -37,12 +37,13 @@ def main(recordings: int) -> None:
     """Prints the figures."""
     for name, (robot, s1, s2) in ROBOTS.items():
         cell, truth = cell_of(s1, s2), robot.replace(s1=s1, s2=s2, gravity=GRAVITY)
-        z, rejected, before, after = [], 0, [], []
+        z, rejected, left_out, before, after = [], 0, 0, [], []
         random = np.random.default_rng(5)
         for seed in range(70000, 70000 + recordings):
             calibration = sk.calibrate(sk.simulate(cell, truth, seed=seed), cell)
             z.append([(calibration[n].value - getattr(truth, n)) / calibration[n].std for n in truth.names])
             rejected += int((~calibration.used).sum())
+            left_out += len(calibration.rejected) - int((~calibration.used).sum())
             if seed < 70020:
                 joints = np.array([random.uniform(0.3, 1.8, 200), random.uniform(0.6, 2.4, 200)]).T
                 angle = random.uniform(-np.pi, np.pi, 200)
@@ -52,7 +53,7 @@ def main(recordings: int) -> None:
                     found = Predictor(CalibratedArm.of(calibration), nominal=nominal).locate(joints, force)
                     errors.extend(np.hypot(*(found.position - tip)[found.loaded].T))
         rms = np.sqrt(np.mean(np.square(z), axis=0))
-        print(f'{name}: {recordings} recordings, {rejected} touches rejected; rms of z:')
+        print(f'{name}: {recordings} recordings, {left_out} touches left out, {rejected} rejected; rms of z:')
         print('  ' + '  '.join(f'{n} {value:.2f}' for n, value in zip(truth.names, rms, strict=True)))
         print(f'  tip under load, rms: {1e6 * _rms(before):.0f} µm before, {1e6 * _rms(after):.1f} µm after')
         exact = _without_noise(cell, truth)

@@ -11,6 +11,7 @@ from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, estim
 from scara_kinetostatic.calibration.fit_point import base_force, fitted_surfaces, project
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
 from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
 from scara_kinetostatic.effects.base import Effect
@@ -49,8 +50,8 @@ def calibrate(
 
     Returns:
         The calibration. Parameters that the data cannot separate are held, together, as near to their nominal values
-        as the data allow, and marked ``confounded``. Touches with hardly any force, and repeated readings, are
-        rejected before the fit: they are in `rejected`, not in `touches`.
+        as the data allow, and marked ``confounded``. Touches with hardly any force, repeated readings and, under
+        gravity, touches that do not tell the flank of a joint are left out: they are in `rejected`, not in `touches`.
 
     Raises:
         ParameterError: `fixed` names no parameter, gives a senseless value, or leaves nothing free; a
@@ -128,15 +129,16 @@ def _settle_flanks(
     """Fit again under gravity: twice by the touches whose torques have a known sign, which no flank can mislead; then
     by all but those whose flank this fit does not tell, and once more where their flanks were not yet right.
     """
-    everything = found.observations
+    everything, good = found.observations, found.used
+    noise = cell.noise or min(found.noise, USUAL_NOISE, key=lambda one: one.joint_rms)  # not what a model error adds
     for is_last in (False, False, True, True):
         fit = found.fit.point
-        point = project(everything.with_errors(fit.errors), fit.model, found.noise)
+        point = project(everything.with_errors(fit.errors), fit.model, noise)
         apart = nearest_flanks(everything, fit.model, point.adjusted.state)[1] / point.whitened.root[0]
-        told = (apart >= (_FLANKS_APART if is_last else np.inf)) | (apart == 0)  # 0 where there is no backlash
+        told = apart >= (_FLANKS_APART if is_last else np.inf)
         if told.sum() < (1 if is_last else 3) * fewest_touches(len(free)):
             continue
-        near = WarmStart(fit.model, found.noise, np.ones(told.sum(), dtype=bool), fit.errors)
+        near = WarmStart(fit.model, found.noise, good[told], fit.errors)
         found = estimate(everything.select(told), cell, start, free, near)
     reason = 'the torque of a joint is near zero: on which side of its backlash it rests is not known'
     if told.sum() < fewest_touches(len(free)):

@@ -285,7 +285,7 @@ def nearest_flanks(observations: Observations, model: ExtendedModel, state: Stat
     best = np.argmin(np.abs(off), axis=0)
     with np.errstate(invalid='ignore'):  # no flank agrees with its torque far from any touch
         apart = np.nan_to_num(np.abs(off - off[best, each]), nan=np.inf, posinf=np.inf)
-    apart[best, each] = np.inf
+    apart[apart == 0] = np.inf  # itself, and the other flank of a joint without backlash
     return State(*(np.array(part)[best, each] for part in zip(*trials, strict=True))), apart.min(axis=0)
 
 

@@ -90,7 +90,7 @@ class Calibration:
         effect_std: the same of the effects' parameters, (k,).
         errors: estimates of the declared errors of the cell, in units of their standard uncertainties, (m,).
         contributions: what each source contributes to `covariance`, type A and type B; they add up to it.
-        touches: all touches, used or not.
+        touches: all touches that were not left out, used or not.
         used: which took part in the fit, (n,).
         rejected: the others, with the reason.
         noise: of one touch.
@@ -323,7 +323,7 @@ def build_result(
         fixed: parameters held, by name.
         observations: the touches as the fit took them.
         found: the estimation.
-        left_out: touches that were rejected before the fit.
+        left_out: touches that the fit left out.
     """
     fit, used = found.fit, found.used
     model = fit.point.model
@@ -367,7 +367,7 @@ def build_result(
 def _rejections(
     touches: TouchSet, found: Estimation, observations: Observations, left_out: Sequence[Rejection]
 ) -> tuple[Rejection, ...]:
-    """The outliers and the touches rejected before the fit, in the order of their numbers."""
+    """The outliers and the touches left out, in the order of their numbers."""
     bad = np.flatnonzero(~found.used)
     rejected = list(left_out)
     off = force_residual(observations.select(bad), found.fit.point.model) if len(bad) else np.zeros((0, 2))

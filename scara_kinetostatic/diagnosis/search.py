@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
+from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
@@ -37,6 +38,7 @@ from scara_kinetostatic.diagnosis.refit import Effort, Rival, fit_with, penalise
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import SizeMode
+from scara_kinetostatic.model.extended_model import ExtendedModel
 
 _ATTEMPTS = 4
 """Credible sets that are fitted one by one, where their union does not converge."""
@@ -289,8 +291,10 @@ def _fit_hypotheses(
 def _with_usual_noise(calibration: Calibration, known: Sequence[Effect], effort: Effort) -> list[Search]:
     """Effects so large that they were taken for noise, searched for with the usual noise; empty where it has no fit."""
     c = calibration
+    # under gravity from here, for another fit would leave out other touches
+    near = WarmStart(ExtendedModel(c.parameters), USUAL_NOISE, c.used, c.errors) if c.parameters.has_gravity else None
     try:
-        begin = effort.fit(c.touches, replace(c.cell, noise=USUAL_NOISE), fixed=c.fixed)
+        begin = effort.fit(c.touches, replace(c.cell, noise=USUAL_NOISE), fixed=c.fixed, warm_start=near)
     except UnsupportedDataError:
         return []
     return [search(c, known, effort, begin)]
