@@ -135,16 +135,16 @@ def _settle_flanks(
         fit = found.fit.point
         point = project(everything.with_errors(fit.errors), fit.model, noise)
         apart = nearest_flanks(everything, fit.model, point.adjusted.state)[1] / point.whitened.root[0]
-        told = apart >= (_FLANKS_APART if is_last else np.inf)
-        if told.sum() < (1 if is_last else 3) * fewest_touches(len(free)):
+        known = apart >= (_FLANKS_APART if is_last else np.inf)
+        if known.sum() < (1 if is_last else 3) * fewest_touches(len(free)):
             continue
-        near = WarmStart(fit.model, found.noise, good[told], fit.errors)
-        found = estimate(everything.select(told), cell, start, free, near)
+        near = WarmStart(fit.model, found.noise, good[known], fit.errors)
+        found = estimate(everything.select(known), cell, start, free, near)
     reason = 'the torque of a joint is near zero: on which side of its backlash it rests is not known'
-    if told.sum() < fewest_touches(len(free)):
-        raise UnsupportedDataError(f'of {(~told).sum()} touches {reason}', 'press harder, or farther from the axes')
-    unsettled = [Rejection(int(touches.index[k]), reason) for k in np.flatnonzero(~told)]
-    return touches.select(told), everything.select(told), found, unsettled
+    if known.sum() < fewest_touches(len(free)):
+        raise UnsupportedDataError(f'of {(~known).sum()} touches {reason}', 'press harder, or farther from the axes')
+    unsettled = [Rejection(int(touches.index[k]), reason) for k in np.flatnonzero(~known)]
+    return touches.select(known), everything.select(known), found, unsettled
 
 
 _MOST_SETTLING = 6

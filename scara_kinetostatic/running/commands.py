@@ -114,6 +114,8 @@ class Track(NamedTuple):
         Where it comes there twice, as it turns back, the place next to `at`, m, counts.
         """
         every = np.column_stack([self.joints, self.lift])
+        if len(every) == 1:  # it begins where it ends
+            return 0.0, float(np.abs(joints - self.joints[0]).max())
         here = np.append(joints, self.lift[0] if lift is None else lift)
         along = np.diff(every, axis=0)
         part = ((here - every[:-1]) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-18)

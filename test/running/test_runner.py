@@ -156,6 +156,13 @@ def test_the_robot_stands_when_the_runner_dies(phase: str) -> None:
     assert one.plant.peak_force < 1.5 * CELL.touch.max_force
 
 
+def test_a_way_that_begins_where_it_ends() -> None:
+    joints = np.array([[0.3, 1.0]] * 2)
+    track = Track.of(joints, np.zeros(2), TRUTH)
+    assert track.length == 0.0
+    assert track.nearest(np.array([0.3, 1.02]), None, 0.0) == (0.0, pytest.approx(0.02))
+
+
 def test_somebody_else_moves_the_robot() -> None:
     one = rehearsal()
     until_phase(one, 'travel', 0.0)
