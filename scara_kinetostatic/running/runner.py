@@ -56,7 +56,7 @@ _LEAST_SPEED = 3e-4
 """Towards a contact, m/s."""
 _OFF_TRACK, _OFF_APPROACH = 0.02, 2e-3
 """How far the joints may be off their way in travel and towards a contact, rad."""
-_LATE, _BEHIND, _PATIENCE = 0.15, 3e-4, 0.4
+_LATE, _BEHIND, _PATIENCE = 0.15, 2e-4, 0.3
 """How far the robot may be behind, s and m together; farther, its way waits for it, and so long at most, s."""
 _LARGEST_ZERO = 0.5
 """Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
