@@ -27,7 +27,6 @@ from scipy.special import chdtri
 
 from scara_kinetostatic.assessment.mistakes import Check, Mistake
 from scara_kinetostatic.calibration.fit_point import project
-from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration, HeldOut
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.calibration.tip_uncertainty import (
@@ -124,9 +123,9 @@ def leverages(calibration: Calibration) -> Floats:
     What the cell description declares is estimated along, with rows of its own: they count in Σ, but are no touches.
     """
     c = calibration
-    observations = observe(c.touches.select(c.used), c.cell, c.errors)
+    observations = c.observe(c.used)
     point = project(observations, c.model, c.noise)
-    n, basis = len(point.distance), c.subspace.with_errors(len(c.errors))
+    n, basis = len(point.distance), c.subspace.with_errors(len(observations.errors))
     rows = point.whitened.jacobian.reshape(2 * n, -1) @ basis
     prior = ActivePrior.of(observations, c.subspace)
     if prior is not None:

@@ -20,7 +20,7 @@ Observations and Least Squares (1976), on parameters observed directly.
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -263,7 +263,7 @@ class Prior(NamedTuple):
 
     Attributes:
         sources: of the rows; a place has two rows.
-        trusted: positions of the trusted nominal values, (p,).
+        trusted: positions of the values of the model that are known, such as trusted nominal values, (p,).
         mean: these values, (p,), in their units.
         std: their standard uncertainties, (p,).
         errors: how many errors there are, m.
@@ -283,13 +283,30 @@ class Prior(NamedTuple):
         return rows
 
     def by_source(self) -> list[tuple[Source, Indices]]:
-        """The sources with the positions of their rows."""
+        """The sources with the positions of their rows; those of one label are one."""
         ends = np.cumsum([source.components for source in self.sources]).tolist()
-        return [(s, np.arange(end - s.components, end)) for s, end in zip(self.sources, ends, strict=True)]
+        found = dict[str, tuple[Source, list[int]]]()
+        for source, end in zip(self.sources, ends, strict=True):
+            found.setdefault(source.label, (source, []))[1].extend(range(end - source.components, end))
+        return [(source, np.array(rows, dtype=np.intp)) for source, rows in found.values()]
+
+    def with_more(self, values: Prior, errors: Sequence[Source]) -> Prior:
+        """With further values of the model, and further errors at the end, that are known beforehand."""
+        own = len(self.trusted)
+        return Prior(
+            sources=(*self.sources[:own], *values.sources, *self.sources[own:], *errors),
+            trusted=np.concatenate([self.trusted, values.trusted]),
+            mean=np.concatenate([self.mean, values.mean]),
+            std=np.concatenate([self.std, values.std]),
+            errors=self.errors + len(errors),
+        )
 
     def residual(self, values: Floats, errors: Floats) -> Floats:
         """Residuals, (p + m,), in standard uncertainties."""
         return np.concatenate([(values[self.trusted] - self.mean) / self.std, errors])
+
+
+NOTHING_KNOWN = Prior((), np.zeros(0, dtype=np.intp), np.zeros(0), np.zeros(0), 0)
 
 
 class Marginal(NamedTuple):

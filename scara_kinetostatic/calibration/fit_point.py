@@ -34,13 +34,21 @@ from scara_kinetostatic.model.surfaces import settled_surfaces
 from scara_kinetostatic.model.touch_equations import Arm
 
 
-def unfitted(point: Point) -> tuple[Marginal, Floats]:
-    """M of the declared errors, and the whitened residual without them, M (w - N e), (2n,)."""
+def unfitted(point: Point, level: Floats | None = None) -> tuple[Marginal, Floats]:
+    """M of the declared errors and random effects, and the whitened residual without them, M (w - N e), (2n,).
+
+    Args:
+        point: the fit.
+        level: the random effects count in M with sizes larger by this, (r,); None for 1.
+    """
     w, rows = point.whitened, point.whitened.residual.size
     if w.by_errors is None:
         return Marginal.of(None, rows), w.residual.ravel()
     columns = w.by_errors.reshape(rows, -1)
-    marginal = Marginal.of(columns, rows)
+    larger = np.ones(columns.shape[1])
+    if level is not None and len(level):
+        larger[-len(level) :] = level
+    marginal = Marginal.of(columns * larger, rows)
     return marginal, marginal.apply(w.residual.ravel() - columns @ point.errors)
 
 
@@ -259,10 +267,11 @@ def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     o = observations
     measured = base_force(o, model)
     off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
+    shifted = o.contact_problem(o.joints)
     found = contact(
         model,
-        o.joints,
-        o.centers,
+        shifted.joints,
+        shifted.centers,
         o.radii,
         o.gripper,
         warm_start=measured,

@@ -35,9 +35,17 @@ import numpy as np
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.model.arrays import Floats, Mask, as_complex, pairs
 from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
-from scara_kinetostatic.model.contact import all_derivatives, extended_equations, off_normal_derivative, solve_links
+from scara_kinetostatic.model.contact import (
+    all_derivatives,
+    extended_equations,
+    off_normal_derivative,
+    shift_column,
+    solve_links,
+)
+from scara_kinetostatic.model.effect_law import Shift
 from scara_kinetostatic.model.extended_model import (
     ExtendedModel,
+    along_and_across,
     has_sensor_error,
     reported_force,
     sensor_error_columns,
@@ -46,7 +54,7 @@ from scara_kinetostatic.model.extended_model import (
 )
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2
-from scara_kinetostatic.model.touch_equations import Arm, Edges, State, across, free_state, keep_flanks, next_modes
+from scara_kinetostatic.model.touch_equations import Arm, Edges, Equations, State, across, free_state, keep_flanks, next_modes
 
 
 class Adjusted(NamedTuple):
@@ -121,7 +129,12 @@ def linearise(
     misclosure[:, 0], misclosure[:, 1] = e.h.real, e.h.imag
     for by, off in zip((*by_joints.T, *by_force.T), _off_measured(o, adjusted), strict=True):
         misclosure += (by * off).T
-    by_errors = None if o.declared is None else _by_errors(o, model, adjusted.force, state, by_force)
+    parts = [] if o.declared is None else [_by_errors(o, model, adjusted.force, state, by_force)]
+    if o.random is not None:
+        units = unit_changes(e, by_force, adjusted.force)
+        pairs_of = zip(units, (o.random.joints, o.random.place, o.random.sensor), strict=True)
+        parts.append(np.asarray(sum(by_unit @ column for by_unit, column in pairs_of)))
+    by_errors = np.concatenate(parts, axis=-1) if len(parts) > 1 else parts[0] if parts else None
     if not model.off_normal_std:
         return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_errors=by_errors)
     by_off_normal = off_normal_derivative(model, e)
@@ -131,6 +144,29 @@ def linearise(
     return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_angle, by_errors)
 
 
+class UnitChanges(NamedTuple):
+    """Change of the misclosures of each touch per unit of the two components of what an effect changes.
+
+    Attributes:
+        joints: by δ, (n, 2, 2), 1/rad.
+        place: by d, (n, 2, 2), 1/m.
+        sensor: by e, (n, 2, 2), 1/N.
+    """
+
+    joints: Floats
+    place: Floats
+    sensor: Floats
+
+
+def unit_changes(equations: Equations, by_force: Floats, force: Floats) -> UnitChanges:
+    """What the components of δ, d and e change at touches with reported forces (n, 2), N."""
+    units = [np.broadcast_to(unit, force.shape) for unit in np.eye(2)]
+    joints = [shift_column(Shift(joints=unit), equations) for unit in units]
+    place = [shift_column(Shift(place=unit), equations) for unit in units]
+    error = [-np.einsum('nij,nj->ni', by_force, along_and_across(unit, force)) for unit in units]
+    return UnitChanges(*(np.stack(part, axis=-1) for part in (joints, place, error)))
+
+
 def _by_errors(
     observations: Observations, model: ExtendedModel, force: Floats, state: State, by_force: Floats
 ) -> Floats:
@@ -138,7 +174,8 @@ def _by_errors(
     o = observations
     assert o.declared is not None
     assert o.metadata is not None
-    centers, radii = o.declared.by_disc(o.errors)
+    errors = o.errors[: o.declared.count]
+    centers, radii = o.declared.by_disc(errors)
     surface = o.metadata.disc if o.surface is None else o.surface
     by_x, by_y = centers.transpose(1, 2, 0).take(surface, axis=2)
     x, y = np.cos(state.direction), np.sin(state.direction)
@@ -147,7 +184,7 @@ def _by_errors(
     np.subtract(by_x * y, by_y * x, out=out[:, 1])
     if o.tangents is not None:
         _on_edges(o, model, state, out, radii.T.take(surface, axis=1))
-    along, across = o.declared.by_force(o.errors)
+    along, across = o.declared.by_force(errors)
     for changes, by in ((along, by_force[:, :, 0]), (across, by_force[:, :, 1])):
         for k in np.flatnonzero(changes):
             out[k] += changes[k] * np.hypot(force[:, 0], force[:, 1]) * by.T

@@ -110,8 +110,8 @@ def unidentifiable_directions(observations: Observations, point: Point, free: In
         (k, d) orthonormal columns in units of `SCALES`; d = 0 where all are identifiable.
     """
     scale = np.diag(scales_of(point.model))[:, free]
-    if observations.declared is not None:
-        scale, system = _without_errors(observations.declared.prior, point, scale)
+    if (prior := observations.prior) is not None:
+        scale, system = _without_errors(prior, point, scale)
     else:
         system = compress(point.whitened.derivative, point.whitened.residual, basis=scale)
     weak = system.values < 1.0

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.declared_errors import NOTHING_KNOWN, DeclaredErrors, Prior
+from scara_kinetostatic.calibration.random_effects import RandomEffects
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
@@ -82,10 +83,13 @@ class Observations(NamedTuple):
         gripper: the form of (7).
         metadata: what effects need to know besides; None where there are no effects.
         declared: the errors of the cell description within their uncertainties; None where all is exactly known.
-        errors: their values, (m,), for which force, centres and radii here are corrected.
-        reported: force as the sensor reported it, (n, 2), N; None without declared errors.
+        errors: their values, then those of the random effects, (m + k,), for which force, centres and radii here are
+            corrected.
+        reported: force as the sensor reported it, (n, 2), N; None without such errors.
         surface: number of the touched surface in the cell, (n,); None for discs alone, whose numbers are their own.
         tangents: unit vectors along straight edges, (n, 2), zero on arcs; None for discs alone.
+        random: the random effects; None for none.
+        known: what is known beforehand of the values of effects; None for nothing.
     """
 
     joints: Floats
@@ -100,21 +104,41 @@ class Observations(NamedTuple):
     reported: Floats | None = None
     surface: Indices | None = None
     tangents: Floats | None = None
+    random: RandomEffects | None = None
+    known: Prior | None = None
+
+    @property
+    def prior(self) -> Prior | None:
+        """All that is known beforehand; None for nothing."""
+        declared = None if self.declared is None else self.declared.prior
+        if self.random is None and self.known is None:
+            return declared
+        more = () if self.random is None else self.random.sources
+        return (declared or NOTHING_KNOWN).with_more(self.known or NOTHING_KNOWN, more)
 
     def with_errors(self, errors: Floats) -> Observations:
-        """The same touches in a cell with these declared errors, (m,)."""
-        if self.declared is None:
+        """The same touches in a cell with these declared errors, and these values of random effects, (m + k,)."""
+        if self.reported is None:
             return self
-        assert self.metadata is not None
-        assert self.reported is not None
-        surface = self.metadata.disc if self.surface is None else self.surface
-        return self._replace(
-            force=self.declared.true_force(self.reported, errors),
-            centers=self.declared.centers(errors)[surface],
-            radii=self.declared.radii(errors)[surface],
-            tangents=None if self.tangents is None else self.declared.tangents(errors)[surface],
-            errors=errors,
-        )
+        if self.declared is None:
+            force, changed = self.reported, self
+        else:
+            assert self.metadata is not None
+            surface = self.metadata.disc if self.surface is None else self.surface
+            own = errors[: self.declared.count]
+            force = self.declared.true_force(self.reported, own)
+            changed = self._replace(
+                centers=self.declared.centers(own)[surface],
+                radii=self.declared.radii(own)[surface],
+                tangents=None if self.tangents is None else self.declared.tangents(own)[surface],
+            )
+        if self.random is not None:
+            force = force - self.random.sensor @ self.random_values(errors)
+        return changed._replace(force=force, errors=errors)
+
+    def random_values(self, errors: Floats) -> Floats:
+        """The values of the random effects among all errors, (k,)."""
+        return errors[0 if self.declared is None else self.declared.count :]
 
     def on_surfaces(self, surfaces: Surfaces, which: Indices) -> Observations:
         """The same touches of other surfaces of a cell, as stated, by their numbers (n,)."""
@@ -128,7 +152,7 @@ class Observations(NamedTuple):
 
     def as_stated(self) -> Observations:
         """The same touches where all that the cell description says counts as exactly known."""
-        return self._replace(declared=None, errors=NO_ERRORS, reported=None)
+        return self._replace(declared=None, errors=NO_ERRORS, reported=None, random=None)
 
     def select(self, which: Any) -> Observations:
         """The touches that a mask, a slice or an array of positions picks."""
@@ -144,21 +168,36 @@ class Observations(NamedTuple):
             reported=None if self.reported is None else self.reported[which],
             surface=None if self.surface is None else self.surface[which],
             tangents=None if self.tangents is None else self.tangents[which],
+            random=None if self.random is None else self.random.select(which),
         )
 
     def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
         """The touches at joint angles (n, 2), rad, and off-normal angles (n,), rad, as the equations take them."""
         edges = Edges.of(self.tangents, self.radii)
-        return ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal, edges)
+        problem = ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal, edges)
+        if self.random is None:
+            return problem
+        values = self.random_values(self.errors)
+        shifted = problem.shifted_by(self.random.joints @ values, self.random.place @ values)
+        return shifted._replace(off_normal=off_normal)
 
 
-def observe(touches: TouchSet, cell: Cell, errors: Floats | None = None) -> Observations:
+def observe(
+    touches: TouchSet,
+    cell: Cell,
+    errors: Floats | None = None,
+    random: RandomEffects | None = None,
+    known: Prior | None = None,
+) -> Observations:
     """The touches as the adjustment takes them.
 
     Args:
         touches: what was measured.
         cell: the cell as stated.
-        errors: its declared errors (`Calibration.errors`), (m,); None for none.
+        errors: its declared errors (`Calibration.errors`) and the values of the random effects, (m + k,); None for
+            none.
+        random: the random effects at the touches; None for none.
+        known: what is known beforehand of the values of effects; None for nothing.
 
     Raises:
         ParameterError: a touch names a disc that the cell does not have.
@@ -169,6 +208,7 @@ def observe(touches: TouchSet, cell: Cell, errors: Floats | None = None) -> Obse
     surface = touches.disc
     if cell.has_outlines:
         surface = touched_surfaces(cell, touches.joints, touches.force, touches.disc, touches.surface)
+    count = (0 if declared is None else declared.count) + (0 if random is None else len(random.columns))
     stated = Observations(
         touches.joints,
         touches.force,
@@ -178,9 +218,11 @@ def observe(touches: TouchSet, cell: Cell, errors: Floats | None = None) -> Obse
         cell.gripper,
         TouchMetadata.of(touches, cell.sensor.frame)._replace(surface=surface),
         declared,
-        NO_ERRORS if declared is None else np.zeros(declared.count),
-        None if declared is None else touches.force,
+        np.zeros(count) if count else NO_ERRORS,
+        None if declared is None and random is None else touches.force,
         surface if cell.has_outlines else None,
         cell.surfaces.tangents[surface] if cell.has_outlines else None,
+        random,
+        known,
     )
     return stated if errors is None else stated.with_errors(errors)

@@ -7,14 +7,14 @@ took no part in the fit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
 from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
 from scara_kinetostatic.calibration.fit_point import (
     FINAL,
@@ -35,7 +35,8 @@ from scara_kinetostatic.calibration.identifiability import (
     shape_notes,
 )
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
-from scara_kinetostatic.calibration.observations import Observations, observe
+from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observations, observe
+from scara_kinetostatic.calibration.random_effects import UNDETECTED, RandomEffects
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import Floats, Mask, read_only
@@ -84,11 +85,14 @@ class Calibration:
         model: the calibrated model.
         covariance: of all values of `full_model`, (12 + k + u, 12 + k + u), in their units and in the order of its
             names; zero rows where fixed, not meaningful where confounded.
-        covariance_with_errors: of all values of the model and the declared errors, (12 + k + m, 12 + k + m), without
-            that of credible rival models and undetected effects; the errors in units of their standard uncertainties.
+        covariance_with_errors: of all values of the model, the declared errors and the random effects,
+            (12 + k + m + r, 12 + k + m + r); the errors in units of their standard uncertainties.
         std: standard uncertainties of L̄, (12,): 0 where fixed, NaN where confounded.
         effect_std: the same of the effects' parameters, (k,).
         errors: estimates of the declared errors of the cell, in units of their standard uncertainties, (m,).
+        random: the random effects, at all touches; None for none.
+        random_values: estimates of these in units of their sizes, (r,).
+        known: what is known beforehand of the values of effects; None for nothing.
         contributions: what each source contributes to `covariance`, type A and type B; they add up to it.
         touches: all touches that were not left out, used or not.
         used: which took part in the fit, (n,).
@@ -105,7 +109,6 @@ class Calibration:
         iterations: solver steps, all stages together.
         termination: how the last stage ended.
         history: cost after each step of the last stage.
-        undetected: what undetected effects of the robot may be there, as effects with u parameters, all of value zero.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -142,10 +145,12 @@ class Calibration:
     iterations: int
     termination: Termination
     history: tuple[float, ...]
-    undetected: tuple[EffectLaw, ...] = ()
+    random: RandomEffects | None = None
+    random_values: Floats = field(default_factory=lambda: NO_ERRORS)
+    known: Prior | None = None
 
     def __post_init__(self) -> None:
-        covariances = ('covariance', 'covariance_with_errors')
+        covariances = ('covariance', 'covariance_with_errors', 'random_values')
         for name in (*covariances, 'std', 'effect_std', 'errors', 'used', 'force', 'standardized'):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
@@ -174,13 +179,25 @@ class Calibration:
 
     @property
     def has_undetected(self) -> bool:
-        """Whether the covariance contains undetected effects."""
-        return any(part.label.startswith(UNDETECTED) for part in self.contributions)
+        """Whether the fit has random effects for what was not detected."""
+        return self.random is not None
 
-    @property
+    @cached_property
     def full_model(self) -> ExtendedModel:
-        """The model with the undetected effects."""
-        return self.model.with_effects((*self.model.effects, *self.undetected)) if self.undetected else self.model
+        """The model with those random effects that move the robot."""
+        if self.random is None:
+            return self.model
+        extended = self.model.with_effects((*self.model.effects, *self.random.effects(self.cell)))
+        own = self.random.of_robot
+        return extended.with_array([*self.model.as_array(), *(self.random.size * self.random_values)[:own]])
+
+    def observe(self, which: Any = EVERY) -> Observations:
+        """Some of the touches, by a mask or positions, as the fit took them."""
+        errors = self.errors if self.random is None else np.concatenate([self.errors, self.random_values])
+        if which is EVERY:
+            return observe(self.touches, self.cell, errors, self.random, self.known)
+        random = None if self.random is None else self.random.select(which)
+        return observe(self.touches.select(which), self.cell, errors, random, self.known)
 
     @property
     def status(self) -> dict[str, str]:
@@ -228,7 +245,7 @@ class Calibration:
     @cached_property
     def residual(self) -> Floats:
         """F - A(Q, L̄), (n, 2), N."""
-        return read_only(force_residual(observe(self.touches, self.cell, self.errors), self.model))
+        return read_only(force_residual(self.observe(), self.model))
 
     @cached_property
     def nominal_residual(self) -> Floats:
@@ -238,7 +255,7 @@ class Calibration:
     @cached_property
     def projection(self) -> Point:
         """All touches, outliers too, adjusted to the model with the noise of the fit."""
-        return project(observe(self.touches, self.cell, self.errors), self.model, self.noise)
+        return project(self.observe(), self.model, self.noise)
 
     @cached_property
     def undetermined(self) -> Floats:
@@ -249,7 +266,7 @@ class Calibration:
         basis = (self.subspace.basis / scales[:, None])[free]
         u, singular, _ = np.linalg.svd(basis, full_matrices=True)
         rank = int(np.sum(singular > 1e-9 * singular.max(initial=0.0)))  # in plausible ranges of the parameters
-        found = np.zeros((len(self.covariance), u.shape[0] - rank))
+        found = np.zeros((len(self.full_model.names), u.shape[0] - rank))
         found[np.flatnonzero(free)] = scales[free, None] * u[:, rank:]
         return read_only(found)
 
@@ -401,18 +418,12 @@ def _identifiability(
     )
 
 
-ALTERNATIVES = 'alternative_models'
-"""Label of what the choice among credible models contributes."""
-UNDETECTED = 'undetected'
-"""What undetected effects of a name contribute has the label ``undetected[name]``."""
-
-
 class Contribution(NamedTuple):
     """What one source of uncertainty contributes to the covariance of a fit (GUM, 5.2 and annex H).
 
     Attributes:
-        label: ``noise`` (type A), that of a declared source (type B), such as ``object_position[disc_1]``,
-            ``alternative_models``, or ``undetected[name]`` of effects.
+        label: ``noise`` (type A), that of a declared source (type B), such as ``object_position[disc_1]``, or
+            ``undetected[name]`` of effects.
         declared: its declared standard uncertainty; None for noise.
         unit: of `declared`.
         covariance: its part of the covariance of all values, of the shape of `Calibration.covariance`.
@@ -478,16 +489,16 @@ def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
     """
     c = calibration
     places = np.flatnonzero(c.used)
-    touches, n = c.touches.select(places), len(places)
+    n = len(places)
     spare = n - (c.subspace.basis.shape[1] // 2 + 1)
     folds = max(2, min(folds, n)) if spare < 1 else min(n, max(folds, -(-n // spare)))
     part = np.random.default_rng(0).permutation(n) % folds
     residual = np.empty((n, 2))
     for fold in range(folds):
-        kept = observe(touches.select(part != fold), c.cell, c.errors)
+        kept = c.observe(places[part != fold])
         start = select(c.projection, places[part != fold]).adjusted
         fit = minimise(kept, c.model, start, c.subspace, c.noise, FINAL)
-        left = observe(touches.select(part == fold), c.cell, fit.point.errors)
+        left = c.observe(places[part == fold]).with_errors(fit.point.errors)
         residual[part == fold] = force_residual(left, fit.point.model)
     return HeldOut(force_error(residual), folds)
 
@@ -524,7 +535,7 @@ def joint_covariance(calibration: Calibration) -> JointCovariance:
     matrix = np.zeros((size + len(names), size + len(names)))
     known = np.concatenate([np.arange(fitted), size + np.arange(len(names))])
     scale = np.concatenate([np.ones(fitted), units])
-    matrix[np.ix_(known, known)] = scale[:, None] * c.covariance_with_errors * scale
+    matrix[np.ix_(known, known)] = scale[:, None] * c.covariance_with_errors[: len(scale), : len(scale)] * scale
     matrix[:size, :size] = c.covariance
     model = c.full_model
     return JointCovariance((*model.names, *names), np.concatenate([model.as_array(), units * c.errors]), matrix)

@@ -83,9 +83,9 @@ class ActivePrior(NamedTuple):
     @classmethod
     def of(cls, observations: Observations, subspace: Subspace) -> ActivePrior | None:
         """The prior of touches; None where everything counts as exactly known."""
-        if observations.declared is None:
+        prior = observations.prior
+        if prior is None:
             return None
-        prior = observations.declared.prior
         rows = prior.rows(len(subspace.origin))
         active = np.abs(rows @ subspace.with_errors(prior.errors)).max(axis=1, initial=0.0) > 0
         return cls(prior, np.asarray(active), rows[active])

@@ -24,7 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
-from scara_kinetostatic.calibration.result import ALTERNATIVES, UNDETECTED, Calibration
+from scara_kinetostatic.calibration.random_effects import UNDETECTED
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
     TipUncertainty,
@@ -38,7 +39,8 @@ NOISE = 'noise'
 """Label of the only source of type A."""
 _TITLES = {
     NOISE: 'noise of the touches',
-    ALTERNATIVES: 'choice among credible models',
+    'size': 'size of {}',
+    'rivals': 'choice between rival effects',
     UNDETECTED: 'undetected {}',
     'object_position': 'place of {}',
     'object_radius': 'radius of {}',

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from scipy import special
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.alternatives import Moment
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.linear_problem import DISTINCT, STRICT_SIGNIFICANCE, fitted_effects
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, DiscriminatingTouch, Found
@@ -17,6 +17,18 @@ from scara_kinetostatic.model.parameters import UNITS, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
 _MOST_NAMES = 4
+
+
+class HasMoment(Protocol):
+    """An effect that begins or ends in a step, and when, in words."""
+
+    @property
+    def effect(self) -> Effect:
+        """The effect."""
+
+    @property
+    def text(self) -> str:
+        """Between which touches."""
 
 
 def joined(*texts: str) -> str:
@@ -64,19 +76,11 @@ def unexplained(c: Calibration, dependences: Sequence[Dependence]) -> str:
     )
 
 
-CUT_SHORT = (
-    'too many sets of effects were fitted in vain, so the search was ended early: several large effects act at '
-    'once, and the names are suspicions; mend what is known to be wrong (discs, sensor, noise), and record again'
-)
-"""Where fits were left out, as too many were tried in vain."""
-
-
-def weak_evidence(p_value: float, dependences: Sequence[Dependence]) -> str:
-    """Message where the test is significant, but no effect explains the residual clearly better than none."""
-    on = f': the residual is correlated with {dependences[0].name}' if dependences else ''
+def many_small(p_value: float) -> str:
+    """Message where the base model is incomplete, but no error stands out of the others."""
     return (
-        f'weak evidence of a model error (p = {p_value:.1g}){on}; no effect explains it well enough to be accepted; '
-        'record more touches to decide'
+        f'the base model alone does not explain the touches (p = {p_value:.1g}); small errors of usual kinds do, none of '
+        'which stands out: they are in the estimate and in its uncertainty'
     )
 
 
@@ -88,54 +92,11 @@ def fixed_parameters(c: Calibration) -> str:
     return f'fixed parameters: {names}; a wrong value appears as an effect that does not exist: estimate them, too'
 
 
-def moments(found: Sequence[Found], known: Sequence[Moment]) -> str:
+def moments(found: Sequence[Found], known: Sequence[HasMoment]) -> str:
     """Between which touches something shifted; of a rival, where that is if it is the one."""
     certain = {item.effect.label for item in found if item.is_found}
     named = [(moment.effect.label, moment.text) for moment in known]
     return joined(*(text if label in certain else f'if it is {label}, {text}' for label, text in named))
-
-
-def alternative_frequencies(extended: Calibration, alternatives: Sequence[Calibration]) -> str:
-    """Which other frequencies or slip torques fit as well as those of an extended model, and are not nearly the same.
-
-    Args:
-        extended: the model, with the standard deviations of its fit alone.
-        alternatives: the same effects with others.
-    """
-    fits = [fitted_effects(fit) for fit in (extended, *alternatives)]
-    sentences = []
-    for same in zip(*fits, strict=True):
-        effect = same[0].effect
-        if not effect.grid_parameter or effect.is_stepwise:
-            continue
-        k = effect.grid_parameter_index
-        found, least = float(same[0].values[k]), DISTINCT * float(same[0].std[k])
-        others = sorted({f'{item.values[k]:.3g}' for item in same if abs(item.values[k] - found) > least}, key=float)
-        if others:
-            sentences.append(
-                f'{effect.label} fits equally well with {effect.grid_parameter} = {" or ".join(others)} instead of '
-                f'{found:.3g}; the standard deviations cover all of them; '
-                f'to discriminate, record {effect.identified_by}'
-            )
-    return joined(*sentences)
-
-
-def alternative_laws(extended: Calibration, widened: Calibration) -> str:
-    """Which base parameters depend on the law or frequency of the effects, among those that fit equally well.
-
-    Args:
-        extended: the extended model.
-        widened: the same with standard deviations that cover the alternatives.
-    """
-    names = [
-        name for name, a, b in zip(extended.parameters.names, extended.std, widened.std, strict=True) if b > 5.0 * a
-    ]
-    if not names:
-        return ''
-    return (
-        f'{_enumerated(names)} {"depends" if len(names) == 1 else "depend"} on the law assumed for the effects found; '
-        'other laws fit these touches equally well, and the standard deviations cover them'
-    )
 
 
 def open_questions(

@@ -172,11 +172,11 @@ def _nominal_tip(c: Calibration) -> float:
 def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
     """One model in the noise of the final one."""
     n = int(c.used.sum())
-    observations = observe(c.touches.select(c.used), c.cell, c.errors)
+    observations = c.observe(c.used)
     point = project(observations, c.model, final.noise)
     base = orthonormal(augmented(point, (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)))[: 2 * n]
     chi_square = c.chi_square if c is final else float(point.distance.sum()) + c.prior_cost
-    freedoms = 2 * n + c.trusted - c.subspace.basis.shape[1]
+    freedoms = c.degrees_of_freedom if c is final else 2 * n + c.trusted - c.subspace.basis.shape[1]
     across_circle = whitened_normal(observations, point)
     tip = TipError(
         rms((point.whitened.residual * across_circle).sum(axis=1)),
@@ -224,9 +224,9 @@ def objects_left_out(c: Calibration) -> LeftOut:
     To first order: without these touches the values move by -C' J'ᵀ r', and the distances at them by J of that.
     """
     touches, rank = c.touches.select(c.used), c.subspace.basis.shape[1]
-    observations = observe(touches, c.cell, c.errors)
+    observations = c.observe(c.used)
     point = project(observations, c.model, c.noise)
-    basis = c.subspace.with_errors(len(c.errors))
+    basis = c.subspace.with_errors(len(observations.errors))
     rows, residual = point.whitened.jacobian @ basis, point.whitened.residual
     prior = ActivePrior.of(observations, c.subspace)
     known = np.zeros((0, basis.shape[1])) if prior is None else prior.rows @ basis

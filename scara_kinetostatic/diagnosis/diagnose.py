@@ -18,32 +18,27 @@ from scipy import special
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis import advice
-from scara_kinetostatic.diagnosis.alternatives import cover_alternatives, find_moments, widened_by, widened_by_moments
-from scara_kinetostatic.diagnosis.candidates import all_candidates
+from scara_kinetostatic.diagnosis.candidates import CandidateSet, all_candidates
 from scara_kinetostatic.diagnosis.comparison import discriminating_touches
 from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequacy, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
     SIGNIFICANCE,
-    STRICT_SIGNIFICANCE,
     FittedEffect,
+    Problem,
     fitted_effects,
     pose_problem,
 )
-from scara_kinetostatic.diagnosis.mixed_model import with_undetected
-from scara_kinetostatic.diagnosis.model_selection import rank_singles, score_singles
-from scara_kinetostatic.diagnosis.noise_structure import likelier, noise_candidate
-from scara_kinetostatic.diagnosis.refit import Effort, Rival, fit_again
+from scara_kinetostatic.diagnosis.mixed_model import averaged, fit_mixed
+from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, rank_singles, score_singles
+from scara_kinetostatic.diagnosis.noise_structure import PENALTY, noise_candidate
+from scara_kinetostatic.diagnosis.refit import fit_again
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
-from scara_kinetostatic.diagnosis.search import Search, fit_rivals, select_hypothesis
+from scara_kinetostatic.diagnosis.search import Moment, Search, fit_rivals, likeliest, moments
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.model.cell import SizeMode
-
-_FAR = 3.0
-"""Ratio of two uncertainties of the tip above which one is far better."""
+from scara_kinetostatic.effects.undetected import typical_size
 
 
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
@@ -60,30 +55,6 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     """
     offered = catalogue(calibration.cell) if effects is None else effects
     known = tuple(effect for effect in offered if effect.label not in calibration.held_effects)
-    found = _named(calibration, known)
-    return _with_undetected(calibration, found, known)
-
-
-def _with_undetected(c: Calibration, found: Diagnosis, known: Sequence[Effect]) -> Diagnosis:
-    """The diagnosis with what undetected effects contribute to the uncertainty of the models that it gives."""
-    if not c.cell.uncertainty.effects.in_use:
-        return found
-    found = replace(found, refitted=with_undetected(found.refitted or c, known))
-    if found.extended is None:
-        return found
-    extended = with_undetected(found.extended, known)
-    stds = {label: {name: part.std for name, part in of.items()} for label, of in extended.effects.items()}
-    items = [
-        item._replace(values=tuple(v._replace(std=stds[item.effect.label].get(v.name, v.std)) for v in item.values))
-        if item.in_every_model and item.effect.label in stds
-        else item
-        for item in found.found
-    ]
-    return replace(found, extended=extended, found=tuple(items))
-
-
-def _named(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
-    """The diagnosis with a test of the trusted nominal values."""
     found = _with_likeliest_noise(calibration, known)
     tests = contradictions(found.extended or found.refitted or calibration)
     level = SIGNIFICANCE / (2 * _shares(calibration)) if tests else 0.0
@@ -125,7 +96,7 @@ def contradictions(c: Calibration) -> tuple[Contradiction, ...]:
 def _trusting(c: Calibration, nominal: dict[str, float]) -> Calibration | None:
     """The same fit with other nominal values trusted; None where it has none."""
     cell = replace(c.cell, uncertainty=replace(c.cell.uncertainty, nominal=nominal))
-    fit = fit_again(c, calibrate, cell=cell)
+    fit = fit_again(c, cell=cell)
     return fit if fit is not None and fit.termination is Termination.CONVERGED else None
 
 
@@ -136,44 +107,38 @@ def _shares(c: Calibration) -> int:
 
 def _with_likeliest_noise(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     """The diagnosis with the noise as stated or estimated, or with the component that the touches ask for."""
-    found = _bounded(Effort(), calibration, known)
-    effort = Effort(280.0)
-    refitted = noise_candidate(calibration, found, effort)
+    found, deviance = _with_noise_that_fits(calibration, known)
+    refitted = noise_candidate(calibration, found)
     if refitted is None:
         return found
-    return likelier(found, calibration, _bounded(effort, refitted, known), refitted)
+    other, lower = _with_noise_that_fits(refitted, known)
+    if (other.verdict == 'unexplained' and found.verdict != 'unexplained') or deviance - lower <= PENALTY:
+        return found
+    return other if other.refitted is not None else replace(other, refitted=refitted)
 
 
-def _bounded(effort: Effort, calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
-    """The diagnosis with the noise of a calibration, estimated where it is stated too large.
-
-    Where fits were left out, others may explain the touches as well: its names are then suspicions.
-    """
+def _with_noise_that_fits(calibration: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, float]:
+    """The diagnosis with the noise of a calibration, estimated where it is stated too large; its deviance."""
     overstated = advice.overstated_noise(calibration)
-    found = None if overstated else _examine(calibration, known, effort)
-    if found is not None and found.extended is not None:
-        overstated = advice.overstated_noise(found.extended)
+    found = None if overstated else _examine(calibration, known)
+    if found is not None and found[0].extended is not None:
+        overstated = advice.overstated_noise(found[0].extended)
     if found is None or overstated:
         cell = replace(calibration.cell, noise=None)
-        found = _examine(fit_again(calibration, calibrate, cell=cell) or calibration, known, effort)
-    noise = advice.noise_found(found.extended or calibration)
-    fixed = advice.fixed_parameters(calibration) if found.verdict != 'none' else ''
-    unknown, premises = advice.unknown_history(calibration.touches, found), advice.premises(found)
-    found = replace(found, advice=advice.joined(overstated, noise, found.advice, fixed, unknown, premises))
-    if not effort.has_left_out:
-        return found
-    is_named = found.verdict in {'explained', 'ambiguous'}
-    return replace(
-        found,
-        verdict='unexplained' if is_named else found.verdict,
-        found=tuple(_as_suspicion(item) if item.in_every_model else item for item in found.found),
-        ranking=tuple(item._replace(role='possible') if item.role == 'found' else item for item in found.ranking),
-        advice=advice.joined(advice.CUT_SHORT, found.advice),
-    )
+        found = _examine(fit_again(calibration, cell=cell) or calibration, known)
+    diagnosis, deviance = found
+    if overstated and diagnosis.verdict == 'none' and diagnosis.refitted is not None:
+        diagnosis = replace(diagnosis, refitted=fit_mixed(calibration, known).fit)
+    noise = advice.noise_found(diagnosis.extended or calibration)
+    fixed = advice.fixed_parameters(calibration) if diagnosis.verdict != 'none' else ''
+    unknown, premises = advice.unknown_history(calibration.touches, diagnosis), advice.premises(diagnosis)
+    text = advice.joined(overstated, noise, diagnosis.advice, fixed, unknown, premises)
+    return replace(diagnosis, advice=text), deviance
 
 
-def _examine(c: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagnosis:
-    """Test the base model, select the likeliest hypothesis, and report nothing, a lack of fit or an extended model.
+def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, float]:
+    """Test the base model, find what stands out of the mixed model, and report nothing, a lack of fit or an extended
+    model; and the deviance of the mixed model.
 
     Where uncertainties are declared, half of the false alarms that are accepted are those of tests of what they are
     about (weighted Bonferroni: Genovese, Roeder and Wasserman, Biometrika 93 (2006) 509).
@@ -185,108 +150,97 @@ def _examine(c: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagn
     declared = 1.0 if fit.declared_p_value is None else fit.declared_p_value
     p_value = min(1.0, 2 * halves * min(fit.p_value, off_normal), halves * max(_shares(c), 1) * declared)
     implausible = '; '.join(advice.implausible_noise(c) or ())
+    if p_value >= SIGNIFICANCE and not implausible and c.used.all():
+        ranking = _ranking(problem, rank_singles(problem, candidate_set))
+        mixed = fit_mixed(c, known)
+        refitted = mixed.fit if mixed.fit.random is not None else None
+        found = Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, refitted=refitted)
+        return found, mixed.deviance
+    found = likeliest(c, known, off_normal < SIGNIFICANCE / 2)
+    if found.has_names and found.lead >= CREDIBLE:
+        p_value = min(p_value, float(np.exp(-found.lead / 2)))
     alarm = p_value < SIGNIFICANCE or bool(implausible)
-    found, lead = select_hypothesis(c, known, alarm, off_normal < SIGNIFICANCE / 2, effort)
-    if found is not None and p_value >= SIGNIFICANCE:
-        p_value = min(p_value, float(np.exp(-lead / 2)))
-    is_weak = not implausible and p_value >= STRICT_SIGNIFICANCE and found is not None and found.gain < CREDIBLE
-    if found is None or is_weak:
-        ranking = _ranking(Search(problem, rank_singles(problem, candidate_set), None))
-        evidence = advice.weak_evidence(p_value, fit.dependences) if is_weak else ''
-        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=evidence)
-    if found.extended is not None:
-        return _with_extended_model(c, p_value, fit.dependences, found, found.extended, known, effort)
+    if alarm and found.has_names:
+        return _with_extended_model(c, p_value, fit.dependences, found, known), found.deviance
+    after = adequacy(found.fit)
+    ranking = _ranking(found.problem, found.scored_subsets)
+    refitted = found.fit if found.fit.random is not None else None
+    if not alarm or (after.p_value >= SIGNIFICANCE and fit.dependences):
+        many = advice.many_small(p_value) if alarm else ''
+        verdict = Diagnosis('none', p_value, ranking=ranking, refitted=refitted, advice=many)
+        return replace(verdict, remaining_p_value=after.p_value if alarm else p_value), found.deviance
     return Diagnosis(
         verdict='unexplained',
         p_value=p_value,
         dependences=fit.dependences,
-        remaining=fit.dependences,
-        remaining_p_value=p_value,
-        ranking=_ranking(found),
+        remaining=after.dependences,
+        remaining_p_value=after.p_value,
+        ranking=ranking,
+        refitted=refitted,
         advice=implausible or advice.unexplained(c, fit.dependences),
-    )
+    ), found.deviance
 
 
 def _with_extended_model(
-    c: Calibration,
-    p_value: float,
-    dependences: tuple[Dependence, ...],
-    found: Search,
-    fitted: Calibration,
-    known: tuple[Effect, ...],
-    effort: Effort,
+    c: Calibration, p_value: float, dependences: tuple[Dependence, ...], found: Search, known: tuple[Effect, ...]
 ) -> Diagnosis:
-    """The diagnosis with an extended model: verdict, effects, standard deviations that cover rivals and alternatives.
+    """The diagnosis with an extended model: verdict, effects, rivals, what would decide between them.
 
     Args:
         c: the base model.
         p_value: of "it is complete".
         dependences: what its residual depends on.
-        found: the selected hypothesis.
-        fitted: its fit.
+        found: the effects that are named.
         known: the catalogue.
-        effort: of the diagnosis.
     """
-    held = fitted.held_effects  # each credible set is fitted by itself; off-normal angles stay
-    kept = tuple(effect for effect in fitted.model.effects if effect.off_normal_std or effect.label in held)
-    weighted = fit_rivals(found, replace(c, model=c.model.with_effects(kept)), effort) if found.rivals else []
-    rivals = [rival.fit for rival in weighted]
-    together, (fitted, moments) = fitted, find_moments(_better_known(fitted, weighted))
-    after = adequacy(fitted)
-    extended, frequencies = cover_alternatives(fitted, weighted, found.in_every_model, effort)
-    extended = widened_by_moments(extended, moments)
-    rivals_at_moments = [widened_by_moments(rival, find_moments(rival, refit=False)[1]) for rival in rivals]
-    effects = _describe(extended, together, found.in_every_model, rivals_at_moments)
+    fit, when = found.fit, moments(found.fit)
+    fit = _with_moments(fit, when)
+    after = adequacy(fit)
+    weighted = fit_rivals(found, known) if found.rivals else []
+    rivals, fit = [rival.fit for rival in weighted], averaged(fit, weighted)
+    effects = _describe(fit, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
     if verdict == 'unexplained':
-        effects, extended = tuple(_as_suspicion(item) for item in effects), _covering_no_curve(extended, effort)
+        effects = tuple(_as_suspicion(item) for item in effects)
     touches = discriminating_touches(c, rivals) if len(rivals) > 1 else None
+    possible = tuple(item.effect.label for item in effects if item.is_possible)
     return Diagnosis(
         verdict=verdict,
         p_value=p_value,
         found=effects,
         rivals=found.rivals,
-        extended=extended,
+        extended=fit,
         dependences=dependences,
         remaining=after.dependences,
         remaining_p_value=after.p_value,
-        ranking=_ranking(found, tuple(item.effect.label for item in effects if item.is_possible)),
+        ranking=_ranking(found.problem, found.scored_subsets, found, possible),
         advice=advice.joined(
-            advice.moments(effects, moments),
+            advice.moments(effects, when),
             advice.open_questions(verdict, effects, found.rivals, after.dependences, known, touches),
-            advice.alternative_frequencies(fitted, frequencies),
-            advice.alternative_laws(fitted, extended),
-            advice.large_noise(fitted),
+            advice.large_noise(fit),
         ),
         discriminating=touches,
     )
 
 
-def _covering_no_curve(extended: Calibration, effort: Effort) -> Calibration:
-    """An extended model whose standard deviations cover the fit without its curves, which may take up parameters."""
-    physical = tuple(effect for effect, _, _ in fitted_effects(extended) if effect.is_physical)
-    if len(physical) == len(extended.model.effects):
-        return extended
-    without = fit_again(extended, effort.fit, model=extended.model.with_effects(physical))
-    return extended if without is None else widened_by(extended, [without])
-
-
-def _better_known(together: Calibration, rivals: Sequence[Rival]) -> Calibration:
-    """The fit with all credible effects, or that with the likeliest set where the tip is far better known by it,
-    although its rivals count: together, such as two of three discs free, they may leave hardly anything determined.
-    """
-    if together.cell.uncertainty.effects.sizes is not SizeMode.ESTIMATED or not rivals:
-        return together
-    fits, weights = [rival.fit for rival in rivals], [rival.weight for rival in rivals]
-    likeliest = fits[int(np.argmax(weights))]
-    every, one = (tip_uncertainty(widened_by(fit, fits, weights)).median for fit in (together, likeliest))
-    return likeliest if np.isfinite(one) and not every <= _FAR * one else together
+def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
+    """A calibration with the standard deviations of the moments of its effects."""
+    std, place, by_label = np.array(fit.effect_std), 0, {moment.effect.label: moment.std for moment in when}
+    for effect in fit.model.effects:
+        if effect.label in by_label:
+            assert isinstance(effect, Effect)
+            std[place + effect.grid_parameter_index] = by_label[effect.label]
+        place += len(effect.parameters)
+    if not when:
+        return fit
+    changed = replace(fit, effect_std=std)
+    changed.__dict__['projection'] = fit.projection
+    return changed
 
 
 def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
     """``unexplained`` where a lack of fit remains, or where every credible model has a fitted curve in it."""
-    curves = {c.effect.label for c in found.scored_subsets.candidate_set.candidates if not c.effect.is_physical}
-    curves |= {item.effect.label for item in effects if not item.effect.is_physical}
+    curves = {item.effect.label for item in effects if not item.effect.is_physical}
     is_described = bool(curves & set(found.in_every_model)) or any(set(group) <= curves for group in found.rivals)
     if after.p_value < SIGNIFICANCE or is_described:
         return 'unexplained'
@@ -299,25 +253,18 @@ def _as_suspicion(item: Found) -> Found:
 
 
 def _describe(
-    extended: Calibration, together: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]
+    extended: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]
 ) -> tuple[Found, ...]:
-    """All credible effects with their values in the extended model; a rival has those of the model with it alone."""
-    own = {item.effect.label: item for item in fitted_effects(extended)}
-    alone = [(item.effect.label, _values(item, rival)) for rival in reversed(rivals) for item in fitted_effects(rival)]
-    by_label = dict(alone)
+    """All named effects with their values in the extended model; a rival has those of the model with it alone."""
+    alone = {
+        item.effect.label: _values(item, rival) for rival in reversed(rivals) for item in fitted_effects(rival)
+    }
     items = []
-    for item in (own.get(one.effect.label, one) for one in fitted_effects(together)):
-        if item.effect.label in extended.held_effects:
-            continue
-        effect, values, is_certain = item.effect, _values(item, extended), item.effect.label in in_every_model
-        if not is_certain:
-            unknown = tuple(value._replace(value=np.nan, std=np.nan) for value in values)
-            values = by_label.get(effect.label, unknown)
-            if (
-                effect.grid_parameter and not effect.is_stepwise
-            ):  # alternative frequencies of this fit were not looked for
-                values = tuple(value._replace(std=np.nan) for value in values)
-        items.append(Found(effect, values, is_certain))
+    for item in fitted_effects(extended):
+        label, values = item.effect.label, _values(item, extended)
+        if label not in extended.held_effects:
+            is_certain = label in in_every_model
+            items.append(Found(item.effect, values if is_certain else alone.get(label, values), is_certain))
     return tuple(items)
 
 
@@ -333,15 +280,41 @@ def _values(item: FittedEffect, calibration: Calibration) -> tuple[Value, ...]:
     )
 
 
-def _ranking(found: Search, possible: Sequence[str] = ()) -> tuple[Ranked, ...]:
+def suspects(final: Calibration) -> tuple[Found, ...]:
+    """The effects of the catalogue that are not named, with an amplitude beyond their typical size: of each its
+    largest column.
+    """
+    random, arm = final.random, final.cell.uncertainty.effects.arm
+    if random is None:
+        return ()
+    value, std = random.size * final.random_values, np.sqrt(np.diag(final.covariance_with_errors))
+    std, largest = random.size * std[len(std) - len(value) :], dict[str, tuple[float, int]]()
+    for k, column in enumerate(random.columns):
+        ratio = abs(value[k]) / typical_size(column.effect, column.parameter, arm)
+        if ratio > max(1.0, largest.get(column.effect.label, (0.0, 0))[0]):
+            largest[column.effect.label] = ratio, k
+    found = []
+    for _, k in sorted(largest.values(), reverse=True):
+        column = random.columns[k]
+        same = [j for j, other in enumerate(random.columns) if other[:2] == column[:2]]
+        parts = [(column.effect.parameters[random.columns[j].parameter], j) for j in same]
+        values = tuple(Value(p.name, float(value[j]), float(std[j]), p.unit, p.meaning) for p, j in parts)
+        found.append(Found(column.effect, values, in_every_model=False, is_possible=True))
+    return tuple(found)
+
+
+def _ranking(
+    problem: Problem, sets: ScoredSubsets, found: Search | None = None, possible: Sequence[str] = ()
+) -> tuple[Ranked, ...]:
     """Every effect by itself: its scores and its role; `possible` are the labels of suspicions."""
-    rivals = {label for group in found.rivals for label in group}
+    rivals = {label for group in (found.rivals if found else ()) for label in group}
+    named = found.in_every_model if found else ()
     ranked = []
-    for candidate, scores in score_singles(found.problem, found.scored_subsets):
+    for candidate, scores in score_singles(problem, sets):
         label = candidate.effect.label
-        role = 'found' if label in found.in_every_model else 'rival' if label in rivals else 'rejected'
+        role = 'found' if label in named else 'rival' if label in rivals else 'rejected'
         role = 'possible' if role == 'found' and label in possible else role
         ranked.append(Ranked(candidate.effect, role, *scores))
-    for item in found.scored_subsets.candidate_set.unidentifiable:
+    for item in sets.candidate_set.unidentifiable:
         ranked.append(Ranked(item.effect, 'unidentifiable', np.nan, 0.0, 0.0, item.independent_part))
     return tuple(ranked)

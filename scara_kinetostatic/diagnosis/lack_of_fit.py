@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.calibration.fit_point import Point, augmented, select, unfitted
+from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, outer, whiten_by
 from scara_kinetostatic.calibration.noise_estimation import growing, whiten_matrix
 from scara_kinetostatic.calibration.observations import Observations, observe
@@ -199,10 +199,13 @@ JOINT, FORCE, GROWING, OFF_NORMAL = 'joint', 'force', 'growing', 'off_normal'
 
 def _score(c: Calibration, kind: str, beside: Sequence[str]) -> float:
     """The score of one variance in its standard deviations, less what the others explain of it; 0 if they are alike."""
-    observations = observe(c.touches.select(c.used), c.cell, c.errors)
+    observations = c.observe(c.used)
     point = select(c.projection, c.used)
     jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * len(point.distance), -1)
-    base = orthonormal(augmented(point, jacobian)[: len(jacobian)])  # whatever the declared errors are
+    if point.whitened.by_errors is not None:  # whatever the declared errors are; random effects as they are estimated
+        by_errors = point.whitened.by_errors[:, :, : len(c.errors)]
+        jacobian = np.concatenate([by_errors.reshape(len(jacobian), -1), jacobian], axis=1)
+    base = orthonormal(jacobian)
     residual = point.whitened.residual.ravel()
     left = residual - base @ (base.T @ residual)
     # the limit keeps exact data solvable

@@ -26,19 +26,16 @@ from scipy import special
 
 from scara_kinetostatic.calibration.declared_errors import Marginal
 from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
-from scara_kinetostatic.calibration.gauss_helmert import noise_left, whiten_by
-from scara_kinetostatic.calibration.identifiability import NOISE_SHARE, scales_of, unidentifiable_directions
-from scara_kinetostatic.calibration.observations import Observations, observe
+from scara_kinetostatic.calibration.gauss_helmert import UnitChanges, noise_left, unit_changes, whiten_by
+from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import Subspace
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import extended_equations, shift_column
 from scara_kinetostatic.model.effect_law import Shift, TouchState
-from scara_kinetostatic.model.extended_model import along_and_across, true_force
+from scara_kinetostatic.model.extended_model import true_force
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.model.touch_equations import Equations
 
 SIGNIFICANCE = 0.01
 """Probability of a false alarm that is accepted where an effect explains the touches clearly better than none does."""
@@ -68,22 +65,8 @@ ROUNDING = 1e-8
 """Mean square of a whitened residual below which it is rounding error."""
 
 
-_MOST = 2000
+_MOST = 8000
 """Touches that a diagnosis uses at most; the fit uses all."""
-
-
-class UnitChanges(NamedTuple):
-    """Change of the whitened misclosures of each touch per unit of the two components of what an effect changes.
-
-    Attributes:
-        joints: by δ, (n, 2, 2), 1/rad.
-        place: by d, (n, 2, 2), 1/m.
-        sensor_error: by e, (n, 2, 2), 1/N.
-    """
-
-    joints: Floats
-    place: Floats
-    sensor_error: Floats
 
 
 class Problem(NamedTuple):
@@ -163,7 +146,7 @@ class Problem(NamedTuple):
         for by_unit, parts in (
             (self.by_unit.joints, [shift.joints for shift in shifts]),
             (self.by_unit.place, [shift.place for shift in shifts]),
-            (self.by_unit.sensor_error, errors),
+            (self.by_unit.sensor, errors),
         ):
             acting = {k: part for k, part in enumerate(parts) if part is not None}
             if acting:
@@ -171,17 +154,18 @@ class Problem(NamedTuple):
         return changes.reshape(2 * n, len(shifts))
 
 
-def pose_problem(calibration: Calibration) -> Problem:
+def pose_problem(calibration: Calibration, level: Floats | None = None) -> Problem:
     """The linear problem of a calibration with or without effects.
 
     Args:
         calibration: the fit; effects whose parameters are all held are a part of the base model.
+        level: its random effects count with sizes larger by this, (r,); None for their own.
     """
     c = calibration
     some = _some(c.used)
-    touches = c.touches.select(some)
-    observations, point = observe(touches, c.cell, c.errors), select(c.projection, some)
-    identifiable = _identifiable(c, observations, point) if c.model.effects else c.subspace.basis
+    observations, point = c.observe(some), select(c.projection, some)
+    base = c.subspace.basis[:, ~c.subspace.basis[c.model.base_count :].any(axis=0)]
+    identifiable = base[: c.model.base_count]
     contact_problem = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal)
     state = point.adjusted.state
     equations, touch_state = (
@@ -193,14 +177,19 @@ def pose_problem(calibration: Calibration) -> Problem:
         touch_state
     ).items():  # the effects are to be taken out, and this with them
         by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, equations), point.whitened.root)
-    jacobian = (by_base @ identifiable).reshape(2 * len(touches), -1)
-    marginal, unprojected = unfitted(point)
+    jacobian = (by_base @ identifiable).reshape(2 * len(point.distance), -1)
+    marginal, unprojected = unfitted(point, level)
     whitened = marginal.apply(jacobian)
     base = orthonormal(whitened)
     declared = observations.declared
     problem = Problem(
         point=point,
-        by_unit=_unit_changes(point, equations),
+        by_unit=UnitChanges(
+            *(
+                whiten_by(part, point.whitened.root)
+                for part in unit_changes(equations, point.linear.by_force, point.adjusted.force)
+            )
+        ),
         touch_state=touch_state,
         force=true_force(c.model, point.adjusted.force, observations.metadata),
         larger_by_noise=_with_larger_force(touch_state, noise_left(point.linear, point.whitened.root, c.noise, 0)),
@@ -223,32 +212,10 @@ def pose_problem(calibration: Calibration) -> Problem:
     return problem._replace(left=y - base @ (base.T @ y), without_effects=problem.response @ y)
 
 
-def _unit_changes(point: Point, equations: Equations) -> UnitChanges:
-    """What the components of δ, d and e change at a point."""
-    force = point.adjusted.force
-    units = [np.broadcast_to(unit, force.shape) for unit in np.eye(2)]
-    joints = [shift_column(Shift(joints=unit), equations) for unit in units]
-    place = [shift_column(Shift(place=unit), equations) for unit in units]
-    error = [-np.einsum('nij,nj->ni', point.linear.by_force, along_and_across(unit, force)) for unit in units]
-    return UnitChanges(*(whiten_by(np.stack(h, axis=-1), point.whitened.root) for h in (joints, place, error)))
-
-
 def _is_one_level(point: Point, noise: Noise) -> bool:
     """Whether the forces differ by no more than their noise."""
     magnitude = point.adjusted.state.magnitude
     return bool(np.std(magnitude) < FORCE_LEVELS * noise.force_at(float(magnitude.mean())))
-
-
-def _identifiable(calibration: Calibration, observations: Observations, point: Point) -> Floats:
-    """The identifiable directions of L̄ at a fit with effects, (12, r).
-
-    They are determined without the effects, with which an unidentifiable direction may mix, but with the noise of this
-    fit: that of the base model may have been so large that little was identifiable.
-    """
-    c = calibration
-    free = np.array([k for k, name in enumerate(c.parameters.names) if name not in c.fixed], dtype=np.intp)
-    unidentifiable = unidentifiable_directions(observations, point, free, c.noise)
-    return Subspace.of_free(c.model, free, scales_of(c.model)).without(unidentifiable).basis[: c.model.base_count]
 
 
 def _with_larger_force(touch_state: TouchState, more: Floats) -> TouchState:

@@ -1,26 +1,23 @@
-"""What undetected effects contribute to the uncertainty: random effects in one linear mixed model.
+"""One linear mixed model for estimate, effects and uncertainty.
 
 At a fit the whitened misclosures of the touches are, to first order,
 
     y + J Δ + N e + Σ_g τ_g X_g u_g = ε,    u_g ~ N(0, I),    e ~ N(0, I),    ε ~ N(0, V),
 
-with J the derivatives by what the fit has estimated, N those by the declared errors, and X_g the columns of the effects
-of one name that the fit does not have, in units of their typical sizes (`effects.undetected`). V is that of noise of
-the joints and of the force, whose levels are free here where the fit has estimated them: there they contain what is
-undetected.
+with J the derivatives by what the touches determine of L̄, N those by the declared errors, and X_g the columns of one
+effect of the catalogue, in units of its typical size (`effects.undetected`). Every effect of the catalogue is in it, as
+`RandomEffects` held where they are; those that are named are effects of the model, linearised anew. None is free.
 
 **Sizes.** The τ are found by restricted likelihood (REML; Patterson and Thompson, Biometrika 58 (1971) 545), by Fisher
 scoring in log τ. A robot is good or bad as a whole, so they have a common size τ_0 beforehand; τ_g / τ_0 and τ_0 have a
-half-Cauchy prior with scale 1 each (Gelman, Bayesian Analysis 1 (2006) 515), and its density in log τ counts: what the
-touches say nothing of has the common size, not none. Effects that the fit has count for τ_0 by their amplitudes. The
-mean of τ is taken, exp(log τ + v/2) with the variance v of log τ by Laplace's approximation, v at most 1. Where the
-fit has enlarged its covariance, the noise is the enlarged one. Sizes that the cell
-description declares are held.
+half-Cauchy prior with scale 1 each (Gelman, Bayesian Analysis 1 (2006) 515), whose tails leave one large flaw among
+small errors as large as it is. Its density in log τ counts: what the touches say nothing of has the common size, not
+none. The mean of τ is taken, exp(log τ + v/2) with the variance v of log τ by Laplace's approximation, v at most 1.
+Sizes that the cell description declares are held. Where the fit has estimated the noise, its levels are estimated
+along with the sizes, by expectation and maximisation.
 
-**Contribution.** The estimate stays what it is: least squares without these effects. With C the covariance of the
-fit and J' its derivatives by all values and declared errors, they move it by C J'ᵀ X u, and what they do to the tip is
-not predicted at all: the errors of the values and of the effects' own columns are (C J'ᵀ X, -I) u τ. To predict them
-as well, shrunk towards zero (BLUP), displaced the tip of simulated robots no less.
+**Estimate.** Values, errors and effects are those of the penalised least-squares problem (BLUP; Henderson 1950), their
+covariance is the inverse of its normal matrix, and the model is linearised there anew until it settles.
 """
 
 from __future__ import annotations
@@ -32,21 +29,21 @@ from typing import NamedTuple
 import numpy as np
 from scipy import linalg
 
+from scara_kinetostatic.calibration.declared_errors import Prior, Source
+from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, find_good, studentised
+from scara_kinetostatic.calibration.fit_point import Point, base_force, select
 from scara_kinetostatic.calibration.gauss_helmert import outer
-from scara_kinetostatic.calibration.noise_estimation import whiten_matrix
-from scara_kinetostatic.calibration.result import UNDETECTED, Calibration, Contribution
-from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, pose_problem
+from scara_kinetostatic.calibration.identifiability import scales_of
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels, whiten_matrix
+from scara_kinetostatic.calibration.random_effects import RandomEffects
+from scara_kinetostatic.calibration.result import Calibration, Contribution, enlargement_of
+from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.undetected import (
-    Column,
-    Undetected,
-    columns_of,
-    derivatives,
-    sizes_in_typical,
-    typical_size,
-)
-from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import EffectSizes, SizeMode
+from scara_kinetostatic.effects.undetected import columns_of, typical_size
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.cell import Noise, SizeMode
+from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
+from scara_kinetostatic.model.touch import Rejection
 
 _LARGEST_STEP = 1.5
 """Of log τ."""
@@ -54,58 +51,114 @@ _LARGEST_HALF_VARIANCE = 0.5
 """Of log τ: the mean of a size of which nothing is known is at most 1.65 times the common one."""
 _ROUNDS, _STEPS = 6, 12
 """Of the noise levels, and of the sizes between them."""
+_LINEARISATIONS = 8
+"""At most."""
+_LEAST_PART = 0.03
+"""Of the noise level of the base model, or the usual one: all of it may be model error, but no touch repeats exactly."""
+RIVALS = 'rivals'
+"""Label of what the choice between rivals contributes."""
+_SETTLED = 0.05
+"""Standard deviations by which a further linearisation may move a value."""
 
 
-class RandomEffects(NamedTuple):
-    """The random effects of a fit.
+class MixedModel(NamedTuple):
+    """The fit of the mixed model.
 
     Attributes:
-        columns: of all of them.
-        matrix: X, whitened, in units of the typical sizes, (2n, k).
-        typical: these sizes, (k,).
-        group: number of the group of each column, (k,).
-        names: of the groups: those of the effects.
-        held: log τ of each column where it is declared, (k,); NaN where it is to be estimated.
+        fit: the calibration with its named effects, the random effects and the covariance of all.
+        common: τ_0, the size of the robot's errors in typical sizes.
+        typical: typical sizes of the columns of the random effects, (r,).
+        deviance: -2 log restricted likelihood and priors of the sizes, with what rejected touches cost.
     """
 
-    columns: tuple[Column, ...]
-    matrix: Floats
+    fit: Calibration
+    common: float
     typical: Floats
-    group: Indices
-    names: tuple[str, ...]
+    deviance: float
+
+    @property
+    def level(self) -> Floats:
+        """By what the sizes of the random effects are to be multiplied to be the robot's, or those declared, (r,)."""
+        if self.fit.random is None:
+            return np.zeros(0)
+        mode = self.fit.cell.uncertainty.effects.sizes
+        wanted = self.typical * (self.common if mode is SizeMode.ESTIMATED else 1.0)
+        stated = np.array([c.effect.name in self.fit.random.stated for c in self.fit.random.columns], dtype=bool)
+        return np.where(stated, 1.0, wanted / self.fit.random.size)
+
+
+class _Sizes(NamedTuple):
+    """The columns with a prior: those of declared errors, of named effects, and of random effects.
+
+    Attributes:
+        typical: the size of each that τ = 1 stands for, (m + k + r,).
+        held: log τ where it is not to be estimated, (m + k + r,); NaN where it is.
+        group: number of the group of each that is to be estimated; -1 for others.
+        groups: how many there are.
+    """
+
+    typical: Floats
     held: Floats
+    group: Indices
+    groups: int
 
 
-def with_undetected(c: Calibration, known: Sequence[Effect]) -> Calibration:
-    """A calibration with what undetected effects contribute to its uncertainty.
+def fit_mixed(
+    c: Calibration, known: Sequence[Effect], named: ExtendedModel | None = None, most: int = _LINEARISATIONS
+) -> MixedModel:
+    """The mixed model of the touches of a calibration.
 
     Args:
-        c: without; one that has them stays as it is.
+        c: the base model; effects that it has stay as they are.
         known: the catalogue.
+        named: the effects to name, with values to begin with, and L̄; None for none.
+        most: linearisations at most.
     """
-    if c.has_undetected:
-        return c
-    declared = c.cell.uncertainty.effects
-    problem = pose_problem(c)
-    random = _random_effects(problem, c, known, declared)
-    if not random.columns:
-        return c
-    sizes = random.typical * np.exp(_log_sizes(problem, c, random))
-    jacobian = problem.point.whitened.jacobian
-    share = c.used.sum() / len(jacobian)  # of very many touches the problem has some
-    fit = c.covariance_with_errors / c.enlargement
-    moved = share * (fit @ jacobian.reshape(len(random.matrix), -1).T @ (random.matrix / random.typical)) * sizes
-    return _contributed(c, random, sizes, moved[: len(c.covariance)])
+    own = c.model
+    begun = own if named is None else named
+    model = ExtendedModel(
+        begun.parameters,
+        (*own.effects, *(() if named is None else named.effects)),
+        (*own.effect_values, *(() if named is None else named.effect_values)),
+    )
+    latest, typical, held = _with_random_effects(c, model, known)
+    start, solved = np.zeros(0), None
+    for number in range(most):
+        sizes = _sizes_of(latest, len(own.effects), typical, held)
+        solved = _solve(latest, c, sizes, start if number else _first_logs(latest, sizes))
+        start = solved.logs
+        moved = _moved(latest, solved, c.noise)
+        pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
+        settled = solved.shift < _SETTLED and all(abs(after - before) <= 0.05 * before for after, before in pairs)
+        if number == most - 1:
+            break
+        good = _good(moved, solved, late=number >= 3)
+        if settled and (good == moved.used).all():
+            break
+        latest = _with_projection(replace(moved, used=good), moved.projection)
+    return _result(moved, c, solved, typical)
 
 
-def _random_effects(problem: Problem, c: Calibration, known: Sequence[Effect], declared: EffectSizes) -> RandomEffects:
-    """All columns of the effects that are neither in the fit nor declared, those of the robot first."""
-    fitted = {item.effect.label if len(item.values) else item.effect.name for item in fitted_effects(c)}
-    at, found = problem.touch_state, list[tuple[Column, float, float]]()
+def _with_random_effects(
+    c: Calibration, model: ExtendedModel, known: Sequence[Effect]
+) -> tuple[Calibration, Floats, Floats]:
+    """A calibration with another model and with all random effects of typical size and value zero; these sizes, and
+    log τ of those that are held, (r,) each.
+    """
+    declared, point = c.cell.uncertainty.effects, c.projection
+    problem = c.observe().contact_problem(point.adjusted.joints, point.adjusted.off_normal)
+    at = problem.touch_state(c.parameters, point.adjusted.state)
+    force = true_force(c.model, point.adjusted.force, at.metadata)
+    sources = c.observe().declared
+    labels = set() if sources is None else {source.label for source in sources.sources}
+    mine = {effect.label if effect.parameters else effect.name for effect in model.effects}
+    found = []
     for effect in known:
         stated = declared.stated.get(effect.label, declared.stated.get(effect.name))
         absent = stated == 0.0 or (stated is None and declared.sizes is SizeMode.NONE)
-        if absent or effect.label in fitted or effect.name in fitted or problem.is_declared(effect):
+        is_declared = (effect.declared_as or effect.label) in labels
+        is_in_model = effect.name in mine or (effect.label in mine and effect.is_linear)
+        if absent or is_declared or is_in_model:
             continue
         columns = columns_of(effect, at)
         forms = max(len({column.values for column in columns}), 1)
@@ -115,54 +168,188 @@ def _random_effects(problem: Problem, c: Calibration, known: Sequence[Effect], d
             held = np.log(stated / first) if stated else 0.0 if declared.sizes is SizeMode.TYPICAL else np.nan
             found.append((column, size / forms**0.5, held))
     found.sort(key=lambda item: (not item[0].moves_robot, item[0].effect.force_dependence))
-    columns, typical = [column for column, _, _ in found], np.array([size for _, size, _ in found])
-    names = tuple(dict.fromkeys(column.effect.name for column in columns))
-    errors = [_sensor_error(problem, column) for column in columns]
-    matrix = problem.changes(derivatives(columns, at), errors) * typical
-    group = np.array([names.index(column.effect.name) for column in columns], dtype=np.intp)
-    return RandomEffects(tuple(columns), matrix, typical, group, names, np.array([held for _, _, held in found]))
+    typical, held = (np.array([item[k] for item in found], dtype=float) for k in (1, 2))
+    stated = {name: std for name, std in declared.stated.items() if std}
+    random = RandomEffects.at([item[0] for item in found], typical, at, force, stated) if found else None
+    changed = replace(
+        c, model=model, random=random, random_values=np.zeros(len(found)), subspace=_subspace(c, model), known=None
+    )
+    return changed, typical, held
 
 
-def _sensor_error(problem: Problem, column: Column) -> Floats | None:
-    errors = column.effect.sensor_error_derivative(problem.force, np.array(column.values), problem.touch_state.metadata)
-    return errors[column.parameter] if errors else None
+def _subspace(c: Calibration, model: ExtendedModel) -> Subspace:
+    """What the fit may change: what the touches determine of L̄, and all values of effects that are not held."""
+    scales, count = scales_of(model), model.base_count
+    base = np.zeros((len(scales), c.subspace.basis.shape[1]))
+    base[: len(c.subspace.basis)] = c.subspace.basis
+    free = [k for k, name in enumerate(model.names) if k >= count and name not in model.held and name not in c.fixed]
+    more = np.zeros((len(scales), len(free)))
+    more[free, np.arange(len(free))] = scales[free]
+    return Subspace(model.as_array(), np.concatenate([base, more], axis=1))
 
 
-def _log_sizes(problem: Problem, c: Calibration, random: RandomEffects) -> Floats:
-    """Log τ of each column, (k,), by restricted likelihood."""
-    free = np.isnan(random.held)
-    if not free.any():
-        return random.held
-    w, n = problem.point.whitened, len(problem.force)
-    fitted = (w.derivative @ c.subspace.basis).reshape(2 * n, -1)
-    known = [random.matrix[:, ~free] * np.exp(random.held[~free])]
-    residual = w.residual.ravel()
+def _sizes_of(c: Calibration, kept: int, typical: Floats, held: Floats) -> _Sizes:
+    """The columns with a prior at a linearisation, and their groups: one for each label, and for each named effect."""
+    arm, declared = c.cell.uncertainty.effects.arm, len(c.errors)
+    sizes, logs, groups = [1.0] * declared, [0.0] * declared, [''] * declared
+    for number, (effect, values) in enumerate(c.model.pairs):
+        acts = effect.amplitudes(np.ones(len(values))) != 0
+        for k, parameter in enumerate(effect.parameters):
+            name = f'{effect.label}.{parameter.name}'
+            if name in c.fixed or name in c.model.held:
+                continue
+            free = bool(acts[k]) and number >= kept
+            sizes.append(typical_size(effect, k, arm) if acts[k] else parameter.scale)
+            logs.append(np.nan if free else 0.0)
+            groups.append(f'named {effect.label}' if free else '')
+    labels = [] if c.random is None else [column.effect.label for column in c.random.columns]
+    groups += [label if np.isnan(log) else '' for label, log in zip(labels, held, strict=True)]
+    names = [name for name in dict.fromkeys(groups) if name]
+    number = np.array([names.index(name) if name else -1 for name in groups], dtype=np.intp)
+    return _Sizes(np.concatenate([sizes, typical]), np.concatenate([logs, held]), number, len(names))
+
+
+def _first_logs(c: Calibration, sizes: _Sizes) -> Floats:
+    """Log τ to begin with: typical sizes, and of named effects their own."""
+    places, first = _effect_places(c), len(c.errors)
+    amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])[places]
+    here = slice(first, first + len(places))
+    squares = np.bincount(
+        np.maximum(sizes.group[here], 0), np.square(amplitudes / sizes.typical[here]), sizes.groups + 1
+    )
+    return np.where(squares > 0, 0.5 * np.log(np.maximum(squares, 1e-4)), 0.0)
+
+
+class _Solved(NamedTuple):
+    """The mixed model at one linearisation.
+
+    Attributes:
+        logs: log τ of each group and log τ_0, (g + 1,), at their maximum.
+        tau: size of each column with a prior, (c,), in its unit: the mean.
+        levels: variances of the noise of joints and force, in those of the linearisation.
+        y: changes of L̄ in the basis of the fit without effects, (b,), by the penalised estimate.
+        u: values of the columns with a prior, in units of their sizes, (c,).
+        covariance: of y and u, (b + c, b + c).
+        chi_square: that of the residual and of all that is known beforehand.
+        freedoms: its degrees of freedom.
+        deviance: as in `MixedModel`, of the used touches.
+        shift: largest change of a value by this step, in standard deviations.
+    """
+
+    logs: Floats
+    tau: Floats
+    levels: Floats
+    y: Floats
+    u: Floats
+    covariance: Floats
+    chi_square: float
+    freedoms: int
+    deviance: float
+    shift: float
+
+
+def _columns(c: Calibration, point: Point, base: Calibration) -> tuple[Floats, Floats, Floats]:
+    """Whitened J, (2n, b), the columns with a prior, each by its unit, (2n, c), and the residual without them, (2n,)."""
+    w, count = point.whitened, c.model.base_count
+    rows = w.residual.size
+    basis = c.subspace.basis
+    b = base.subspace.basis.shape[1]
+    fitted = (w.derivative @ basis[:, :b]).reshape(rows, -1)
+    free = np.flatnonzero(basis[:, b:].any(axis=1))
+    parts, residual = [np.zeros((rows, 0))], w.residual.ravel().copy()
+    errors = len(c.errors)
     if w.by_errors is not None:
-        errors = w.by_errors.reshape(2 * n, -1)
-        known.append(errors)
-        residual = residual - errors @ problem.point.errors
-    known.append(random.matrix[:, free])
-    columns, fixed = np.concatenate(known, axis=1), sum(part.shape[1] for part in known[:-1])
-    names, group = np.unique(random.group[free], return_inverse=True)
-    of_joints = whiten_matrix(outer(problem.point.linear.by_joints) * c.noise.joint_rms**2, w.root)
-    levels, found, sizes_found = np.full(2, c.enlargement), np.zeros(len(names) + 1), _log_sizes_found(c)
-    for _ in range(_ROUNDS if c.noise_source == 'estimated' else 1):
-        inner = _Whitened.of(of_joints, levels, fitted, columns, residual)
-        found, half_variance, weights = _scored(inner, fixed, group, sizes_found, found)
-        before, levels = levels, _levels(inner, of_joints, levels, weights)
-        if c.noise_source != 'estimated' or np.abs(np.log(levels / before)).max() < 0.05:
+        by_errors = w.by_errors.reshape(rows, -1)
+        residual -= by_errors @ np.concatenate([c.errors, c.random_values])
+        parts.append(by_errors[:, :errors])
+    by_effects = w.derivative.reshape(rows, -1)
+    amplitudes = [effect.amplitudes(values) for effect, values in c.model.pairs]
+    values = np.concatenate([np.zeros(count), *amplitudes])
+    kept = np.setdiff1d(np.arange(count, len(values)), free)
+    values[kept] = 0.0
+    residual -= by_effects @ values
+    parts.append(by_effects[:, free])
+    if w.by_errors is not None and c.random is not None:
+        parts.append(by_errors[:, errors:] / c.random.size)
+    return fitted, np.concatenate(parts, axis=1), residual
+
+
+def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats) -> _Solved:
+    """Sizes, noise levels and the penalised estimate at a linearisation."""
+    point = select(c.projection, c.used)
+    fitted, columns, residual = _columns(c, point, base)
+    columns = columns * sizes.typical
+    n, trusted = len(point.distance), _trusted_rows(c, base)
+    noise_free = c.cell.noise is None
+    of_joints = whiten_matrix(outer(point.linear.by_joints) * c.noise.joint_rms**2, point.whitened.root)
+    free = sizes.group >= 0
+    order = np.argsort(free, kind='stable')  # those of known size first
+    weights_held = np.where(free, 1.0, np.exp(np.where(free, 0.0, sizes.held)))
+    columns = (columns * weights_held)[:, order]
+    group, fixed = sizes.group[order][(~free).sum() :], int((~free).sum())
+    levels = np.ones(2)
+    logs, half = start, np.zeros(sizes.groups + 1)
+    for _ in range(_ROUNDS if noise_free else 1):
+        inner = _Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
+        if sizes.groups:
+            logs, half = _scored(inner, fixed, group, logs)
+        weights = np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])])
+        before, levels = levels, _levels(inner, of_joints, levels, weights) if noise_free else levels
+        if np.abs(np.log(levels / before)).max() < 0.05:
             break
-    log_sizes = random.held.copy()
-    log_sizes[free] = (found + np.minimum(half_variance, _LARGEST_HALF_VARIANCE))[:-1][group]
-    return log_sizes
+    inner = _Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
+    mean = np.exp((logs + np.minimum(half, _LARGEST_HALF_VARIANCE))[:-1])
+    weights = np.concatenate([np.ones(fixed), mean[group]])
+    system = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
+    factor = linalg.cholesky(system, lower=True, check_finite=False)
+    inverse = linalg.cho_solve((factor, True), np.eye(len(weights)), check_finite=False)
+    h = weights * inner.projected
+    u = -inverse @ h
+    by_fitted = linalg.solve_triangular(inner.triangle, inner.of_columns * weights, check_finite=False)
+    y = -linalg.solve_triangular(inner.triangle, inner.of_residual, check_finite=False) - by_fitted @ u
+    root = linalg.solve_triangular(inner.triangle, np.eye(len(y)), check_finite=False)
+    crossed = -by_fitted @ inverse
+    b = len(y)
+    covariance = np.empty((b + len(u), b + len(u)))
+    covariance[:b, :b] = root @ root.T - crossed @ by_fitted.T
+    covariance[:b, b:], covariance[b:, :b], covariance[b:, b:] = crossed, crossed.T, inverse
+    back = np.argsort(order)
+    every = np.concatenate([np.arange(b), b + back])
+    tau = (sizes.typical * weights_held)[order] * weights
+    chi_square = float(inner.square - h @ inverse @ h)
+    determinants = 2 * np.log(np.abs(np.diag(inner.triangle))).sum() + 2 * np.log(np.diag(factor)).sum()
+    l11, _, l22 = point.whitened.root
+    determinants += 2 * np.log(l11 * l22).sum() - 2 * np.log(np.linalg.det(inner.inverse)).sum()
+    off = np.concatenate([logs[:-1] - logs[-1], logs[-1:]])
+    penalty = 2 * (np.log1p(np.exp(2 * off)) - off).sum()
+    freedoms = 2 * n + len(trusted[0]) - b
+    solved = _Solved(
+        logs,
+        tau[back],
+        levels,
+        y,
+        u[back],
+        covariance[np.ix_(every, every)],
+        chi_square,
+        freedoms,
+        chi_square + determinants + penalty,
+        np.inf,
+    )
+    return solved._replace(shift=_shift(c, solved))
 
 
-def _log_sizes_found(c: Calibration) -> Floats:
-    """Log of the amplitudes of the effects that the fit has, in typical sizes, rms of each name."""
-    found = dict[str, list[float]]()
-    for effect, values, _ in fitted_effects(c):
-        found.setdefault(effect.name, []).extend(sizes_in_typical(effect, values, c.cell.uncertainty.effects.arm))
-    return np.array([0.5 * np.log(np.mean(np.square(sizes))) for sizes in found.values() if sizes])
+def _trusted_rows(c: Calibration, base: Calibration) -> tuple[Floats, Floats]:
+    """Rows of the trusted nominal values in the basis of L̄, (p, b), and their residuals, (p,)."""
+    b = base.subspace.basis.shape[1]
+    prior = ActivePrior.of(base.observe(), base.subspace)
+    if prior is None:
+        return np.zeros((0, b)), np.zeros(0)
+    trusted = len(prior.prior.trusted)
+    active = prior.active[:trusted]
+    rows = prior.prior.rows(len(base.subspace.origin))[:trusted][active]
+    values = c.model.as_array()[prior.prior.trusted[active]]
+    residual = (values - prior.prior.mean[active]) / prior.prior.std[active]
+    return rows[:, : len(base.subspace.origin)] @ base.subspace.basis, residual
 
 
 class _Whitened(NamedTuple):
@@ -170,69 +357,81 @@ class _Whitened(NamedTuple):
 
     Attributes:
         inverse: L⁻¹ of each touch with L Lᵀ = V, (n, 2, 2).
-        base: orthonormal basis of J, (2n, r).
-        columns: (2n, k).
-        residual: (2n,).
-        gram: inner products of the columns, (k, k).
-        projected: those with the residual, (k,).
+        base: orthonormal basis of J, (2n + p, b).
+        triangle: R of J = base R.
+        columns: projected, (2n + p, c).
+        residual: projected, (2n + p,).
+        gram: inner products of the columns, (c, c).
+        projected: those with the residual, (c,).
+        of_columns: the columns along the basis, (b, c).
+        of_residual: the residual along it, (b,).
+        square: that of the projected residual.
     """
 
     inverse: Floats
     base: Floats
+    triangle: Floats
     columns: Floats
     residual: Floats
     gram: Floats
     projected: Floats
+    of_columns: Floats
+    of_residual: Floats
+    square: float
 
     @classmethod
-    def of(cls, of_joints: Floats, levels: Floats, fitted: Floats, columns: Floats, residual: Floats) -> _Whitened:
-        """At variances `levels` of joints and force, in those of the fit."""
+    def of(
+        cls,
+        of_joints: Floats,
+        levels: Floats,
+        fitted: Floats,
+        columns: Floats,
+        residual: Floats,
+        trusted: tuple[Floats, Floats],
+    ) -> _Whitened:
+        """At variances `levels` of joints and force, in those of the fit, with rows of trusted values behind."""
         inverse = np.linalg.inv(np.linalg.cholesky(levels[0] * of_joints + levels[1] * (np.eye(2) - of_joints)))
         every = np.concatenate([fitted, columns, residual[:, None]], axis=1)
         every = (inverse @ every.reshape(len(inverse), 2, -1)).reshape(every.shape)
-        base = np.linalg.qr(every[:, : fitted.shape[1]])[0]
-        rest = every[:, fitted.shape[1] :]
-        rest = rest - base @ (base.T @ rest)
-        x, y = rest[:, :-1], rest[:, -1]
-        return cls(inverse, base, x, y, x.T @ x, x.T @ y)
+        b, c = fitted.shape[1], columns.shape[1]
+        behind = np.zeros((len(trusted[0]), every.shape[1]))
+        behind[:, :b], behind[:, -1] = trusted
+        every = np.concatenate([every, behind])
+        base, triangle = np.linalg.qr(every[:, :b])
+        along = base.T @ every[:, b:]
+        rest = every[:, b:] - base @ along
+        x, y = rest[:, :c], rest[:, c]
+        return cls(inverse, base, triangle, x, y, x.T @ x, x.T @ y, along[:, :c], along[:, c], float(y @ y))
 
 
-def _scored(
-    inner: _Whitened, fixed: int, group: Indices, sizes_found: Floats, start: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Log sizes of the groups and the common one, (G + 1,), half of their variances, and τ of each column, (k,), at
-    given noise levels.
-    """
+def _scored(inner: _Whitened, fixed: int, group: Indices, start: Floats) -> tuple[Floats, Floats]:
+    """Log τ of the groups and log τ_0, (g + 1,), and half of their variances, at given noise levels."""
     count = len(start) - 1
-
-    def weights_of(logs: Floats) -> Floats:
-        return np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])])
+    member = np.zeros((len(group), count))
+    member[np.arange(len(group)), group] = 1.0
 
     def value(logs: Floats) -> tuple[float, Floats, Floats]:
-        weights = weights_of(logs)
+        weights = np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])])
         matrix = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
         factor = linalg.cholesky(matrix, lower=True, check_finite=False)
         inverse = linalg.lapack.dpotri(factor, lower=1)[0]
         inverse = inverse + np.tril(inverse, -1).T
         h = weights * inner.projected
         effects = inverse @ h
-        off = np.concatenate([logs[:-1] - logs[-1], sizes_found - logs[-1], logs[-1:]])
+        off = np.append(logs[:-1] - logs[-1], logs[-1])
         penalty = 2 * (np.log1p(np.exp(2 * off)) - off).sum()
         deviance = 2 * np.log(np.diag(factor)).sum() - h @ effects + penalty
         return float(deviance), np.eye(len(weights)) - inverse, effects
 
     logs, (lowest, part, effects) = start, value(start)
     for _ in range(_STEPS):
-        steep = np.concatenate([logs[:-1] - logs[-1], sizes_found - logs[-1], logs[-1:]])
-        share = 1 / (1 + np.exp(-2 * steep))
+        share = 1 / (1 + np.exp(-2 * np.append(logs[:-1] - logs[-1], logs[-1])))
         slope, curve = 2 * (2 * share - 1), 8 * share * (1 - share)
         gradient = np.append(slope[:count], slope[-1] - slope[:-1].sum())
         hessian = np.diag(np.append(curve[:count], curve.sum()))
         hessian[-1, :-1] = hessian[:-1, -1] = -curve[:count]
         of_each = np.diag(part) - effects**2
         gradient[:-1] += 2 * np.bincount(group, of_each[fixed:], count)
-        member = np.zeros((len(group), count))
-        member[np.arange(len(group)), group] = 1.0
         hessian[:-1, :-1] += 4 * member.T @ np.square(part[fixed:, fixed:]) @ member
         step = -np.linalg.solve(hessian + 1e-3 * np.eye(count + 1), gradient)
         step *= min(1.0, _LARGEST_STEP / np.abs(step).max())
@@ -246,7 +445,7 @@ def _scored(
         decrease, logs, (lowest, part, effects) = lowest - tried[0], logs + step, tried
         if decrease < 0.01:
             break
-    return logs, np.diag(np.linalg.inv(hessian)), weights_of(logs)
+    return logs, np.diag(np.linalg.inv(hessian))
 
 
 def _levels(inner: _Whitened, of_joints: Floats, levels: Floats, weights: Floats) -> Floats:
@@ -255,43 +454,213 @@ def _levels(inner: _Whitened, of_joints: Floats, levels: Floats, weights: Floats
     scaled = inner.columns * weights
     factor = linalg.cholesky(np.eye(len(weights)) + scaled.T @ scaled, lower=True, check_finite=False)
     rows = linalg.solve_triangular(factor, scaled.T, lower=True, check_finite=False).T
-    rest = (inner.residual - rows @ (rows.T @ inner.residual)).reshape(n, 2)
-    taken = np.concatenate([inner.base, rows], axis=1).reshape(n, 2, -1)
+    rest = (inner.residual - rows @ (rows.T @ inner.residual))[: 2 * n].reshape(n, 2)
+    taken = np.concatenate([inner.base, rows], axis=1)[: 2 * n].reshape(n, 2, -1)
     kept = np.eye(2) - taken @ taken.swapaxes(1, 2)
     found = levels.copy()
     for k, part in enumerate((of_joints, np.eye(2) - of_joints)):
         whitened = levels[k] * inner.inverse @ part @ inner.inverse.swapaxes(1, 2)
         found[k] *= np.einsum('ni,nij,nj->', rest, whitened, rest) / np.einsum('nij,nji->', whitened, kept)
-    return np.clip(found, 1e-3, 2.0)
+    return np.clip(found, 1e-4, 2.0)
 
 
-def _contributed(c: Calibration, random: RandomEffects, sizes: Floats, moved: Floats) -> Calibration:
-    """The calibration with the contributions of the groups, and the columns of the robot as values of their own.
+def _parts(c: Calibration, u: Floats) -> tuple[Floats, Floats, Floats]:
+    """What of the columns with a prior is of declared errors, of named effects and of random effects."""
+    first, last = len(c.errors), len(u) - len(c.random_values)
+    return u[:first], u[first:last], u[last:]
 
-    Args:
-        c: without.
-        random: the random effects.
-        sizes: standard deviation of each column, (k,), in its unit.
-        moved: change of all values of the model by one of these, (12 + k, k).
-    """
-    own, values = sum(column.moves_robot for column in random.columns), len(c.covariance)
-    total = np.zeros((values + own, len(sizes)))
-    total[:values] = moved
-    total[values:, :own] = -np.diag(sizes[:own])
-    parts = [part._replace(covariance=np.pad(part.covariance, (0, own))) for part in c.contributions]
-    for number, name in enumerate(random.names):
-        some = total[:, random.group == number]
-        stated = c.cell.uncertainty.effects.stated.get(name)
-        unit = next(column.effect.parameters[0].unit for column in random.columns if column.effect.name == name)
-        parts.append(Contribution(f'{UNDETECTED}[{name}]', stated, unit if stated else '', some @ some.T))
-    covariance = np.sum([part.covariance for part in parts], axis=0)
-    std, before = np.sqrt(np.diag(covariance))[:values], np.concatenate([c.std, c.effect_std])
-    std = np.where(before > 0, std, before)
-    return replace(
-        c,
-        undetected=Undetected.of(c.cell, random.columns[:own]),
-        covariance=covariance,
-        contributions=tuple(parts),
-        std=std[: len(c.std)],
-        effect_std=std[len(c.std) :],
+
+def _effect_places(c: Calibration) -> Indices:
+    """Positions of the free values of effects among all values."""
+    count = c.model.base_count
+    return count + np.flatnonzero(c.subspace.basis[count:].any(axis=1))
+
+
+def _values(c: Calibration, solved: _Solved) -> tuple[Floats, Floats, Floats]:
+    """All values of the model, declared errors and random values after a solution."""
+    values, b = c.model.as_array(), len(solved.y)
+    errors, named, random = _parts(c, solved.u * solved.tau)
+    places = _effect_places(c)
+    amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
+    values[places] += named - amplitudes[places]
+    values = values + c.subspace.basis[:, :b] @ solved.y
+    return values, errors, random / c.random.size if c.random is not None else random
+
+
+def _shift(c: Calibration, solved: _Solved) -> float:
+    """Largest change of a value of the model by a solution, in standard deviations."""
+    values, b = _values(c, solved)[0], len(solved.y)
+    lift = _lift(c, solved)
+    std = np.sqrt(np.einsum('ij,jk,ik->i', lift, solved.covariance, lift)[: len(values)])
+    off = np.abs(values - c.model.as_array())
+    return float(np.max(off[std > 0] / std[std > 0], initial=0.0)) if b else 0.0
+
+
+def _lift(c: Calibration, solved: _Solved) -> Floats:
+    """From y and u to all values, declared errors and random values in units of τ, (12 + k + m + r, b + c)."""
+    size, b, m, r = len(c.model.names), len(solved.y), len(c.errors), len(c.random_values)
+    lift = np.zeros((size + m + r, len(solved.covariance)))
+    lift[:size, :b] = c.subspace.basis[:, :b]
+    places = _effect_places(c)
+    lift[places, b + m + np.arange(len(places))] = solved.tau[m : m + len(places)]
+    lift[size + np.arange(m), b + np.arange(m)] = 1.0
+    lift[size + m + np.arange(r), b + m + len(places) + np.arange(r)] = 1.0
+    return lift
+
+
+def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
+    """The calibration at the solution of its linearisation, with the noise that this has found."""
+    values, errors, random = _values(c, solved)
+    noise = c.noise
+    if c.cell.noise is None:
+        by_joints, by_force = np.sqrt(solved.levels).tolist()
+        force = {'force': max(noise.force * by_force, _LEAST_PART * min(before.force, USUAL_NOISE.force))}
+        if noise.force_relative is not None:
+            force['force_relative'] = noise.force_relative * by_force
+        noise = noise._replace(joint=max(noise.joint * by_joints, _LEAST_PART * min(before.joint, USUAL_NOISE.joint)), **force)
+    return replace(c, model=c.model.with_array(values), errors=errors, random_values=random, noise=noise)
+
+
+def _good(c: Calibration, solved: _Solved, late: bool) -> Mask:
+    """Which touches are no outliers of a model."""
+    good = find_good(_distances(c, solved))
+    return good & c.used if late else good
+
+
+def _distances(c: Calibration, solved: _Solved) -> Floats:
+    """Squared studentised distances of all touches, (n,)."""
+    lift = _lift(c, solved)
+    tau = _parts(c, solved.tau)[2]
+    if c.random is not None:
+        lift[-len(tau) :] *= (tau / c.random.size)[:, None]
+    return studentised(c.projection.whitened, lift @ solved.covariance @ lift.T, c.used)
+
+
+def _with_projection(c: Calibration, point: Point) -> Calibration:
+    """A calibration whose projection is known."""
+    c.__dict__['projection'] = point
+    return c
+
+
+def _resized(c: Calibration, size: Floats) -> Calibration:
+    """The same calibration with the random effects in units of other sizes."""
+    if c.random is None:
+        return c
+    factor, m, point = size / c.random.size, len(c.errors), c.projection
+    values = c.random_values / factor
+    every = np.concatenate([np.ones(m), factor])
+    assert point.whitened.by_errors is not None and point.linear.by_errors is not None
+    point = point._replace(
+        linear=point.linear._replace(by_errors=point.linear.by_errors * every),
+        whitened=point.whitened._replace(by_errors=point.whitened.by_errors * every),
+        errors=np.concatenate([c.errors, values]),
     )
+    return _with_projection(replace(c, random=c.random.resized(factor), random_values=values), point)
+
+
+def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Floats) -> MixedModel:
+    """The calibration with its covariance and what contributes to it."""
+    c = _resized(moved, _parts(moved, solved.tau)[2])
+    point = c.projection
+    c = _with_projection(replace(c, known=_known(c, solved)), point)
+    lift = _lift(c, solved)
+    everything = lift @ solved.covariance @ lift.T
+    enlarged = enlargement_of(solved.chi_square, solved.freedoms)
+    everything = enlarged * everything
+    contributions = _contributions(c, everything, enlarged)
+    covariance = np.sum([part.covariance for part in contributions], axis=0)
+    std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))[: len(c.model.names)]
+    count = c.model.base_count
+    hidden = np.isnan(base.std)
+    distance = _distances(c, solved)
+    c = replace(
+        c,
+        covariance=covariance,
+        covariance_with_errors=everything,
+        std=np.where(hidden, np.nan, std[:count]),
+        effect_std=std[count:],
+        contributions=contributions,
+        noise_source='estimated' if estimated_levels(c.noise, c.cell.noise) else 'given',
+        chi_square=solved.chi_square,
+        degrees_of_freedom=solved.freedoms,
+        prior_cost=float((solved.u**2).sum()),
+        standardized=np.sqrt(distance),
+        rejected=_rejections(c, base, distance),
+        start=ExtendedModel(
+            base.start.parameters, c.model.effects, ExtendedModel.at_start(c.parameters, c.model.effects).effect_values
+        ),
+        force=base_force(c.observe(), c.model),
+        termination=Termination.CONVERGED if solved.shift < 1.0 else Termination.ITERATION_LIMIT,
+    )
+    c = _with_projection(c, point)
+    rejected = float((~c.used).sum()) * -2 * np.log(FALSE_REJECTIONS / len(c.used))
+    return MixedModel(c, float(np.exp(solved.logs[-1])), typical, solved.deviance + rejected)
+
+
+def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
+    """A fit with the scatter of rival ones, weighted by their restricted likelihood, in the covariance of its L̄: the
+    likelihood of the sizes then has several maxima, one for each rival.
+    """
+    if len(rivals) < 2:
+        return c
+    count, lowest = c.model.base_count, min(rival.deviance for rival in rivals)
+    weight = np.exp([(lowest - rival.deviance) / 2 for rival in rivals])
+    off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in rivals])
+    more = np.zeros_like(c.covariance)
+    more[:count, :count] = (weight * off.T) @ off / weight.sum()
+    covariance = c.covariance + more
+    std = np.where(c.std > 0, np.sqrt(np.diag(covariance)[:count]), c.std)
+    contributions = (*c.contributions, Contribution(RIVALS, None, '', more))
+    return _with_projection(
+        replace(c, covariance=covariance, std=std, contributions=contributions), c.projection
+    )
+
+
+def _known(c: Calibration, solved: _Solved) -> Prior | None:
+    """The prior of the values of the effects."""
+    places = _effect_places(c)
+    if not len(places):
+        return None
+    names = c.model.names
+    units = [p.unit for effect in c.model.effects for p in effect.parameters]
+    std = _parts(c, solved.tau)[1]
+    sources = tuple(
+        Source(f'size[{names[k].rpartition(".")[0]}]', float(s), units[k - c.model.base_count])
+        for k, s in zip(places.tolist(), std.tolist(), strict=True)
+    )
+    amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
+    mean = c.model.as_array() - amplitudes
+    return Prior(sources, places, mean[places], std, 0)
+
+
+def _contributions(c: Calibration, everything: Floats, enlarged: float) -> tuple[Contribution, ...]:
+    """What noise and each source contribute to the covariance of all values of `full_model`.
+
+    With C the covariance and P_s the rows of the prior of a source: C P_sᵀ P_s C, and noise the rest.
+    """
+    values, m = len(c.model.names), len(c.errors)
+    own = 0 if c.random is None else c.random.of_robot
+    kept = np.concatenate([np.arange(values), values + m + np.arange(own)])
+    scale = np.concatenate([np.ones(values), np.ones(0) if c.random is None else c.random.size[:own]])
+    prior, parts = c.observe().prior, []
+    if prior is not None:
+        moved = scale[:, None] * (everything[kept] @ prior.rows(values).T)
+        for source, where in prior.by_source():
+            part = moved[:, where]
+            std = source.std if np.isfinite(source.std) and not source.label.startswith('size[') else None
+            parts.append(Contribution(source.label, std, source.unit if std else '', part @ part.T / enlarged))
+    total = scale[:, None] * everything[np.ix_(kept, kept)] * scale
+    noise = total - np.sum([part.covariance for part in parts], axis=0) if parts else total
+    return (Contribution('noise', None, '', noise), *parts)
+
+
+def _rejections(c: Calibration, base: Calibration, distance: Floats) -> tuple[Rejection, ...]:
+    """The outliers of the model, and the touches that the base model left out."""
+    places = set(c.touches.index.tolist())
+    found = [item for item in base.rejected if item.index not in places]
+    bad = np.flatnonzero(~c.used)
+    off = np.hypot(*c.residual[bad].T) if len(bad) else np.zeros(0)
+    for k, size in zip(bad.tolist(), off.tolist(), strict=True):
+        reason = f'disagrees with the other touches: its force is {size:.2g} N off, {distance[k] ** 0.5:.1f} standard deviations'
+        found.append(Rejection(int(c.touches.index[k]), reason))
+    return tuple(sorted(found, key=lambda item: item.index))

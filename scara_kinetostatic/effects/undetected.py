@@ -64,8 +64,6 @@ CLASSES = MappingProxyType({ArmClass.INDUSTRIAL: 1.0, ArmClass.DESKTOP: 5.0, Arm
 """Classes of arms, and by what factor their typical sizes are larger; a convention."""
 _PART = 50.0
 """The typical size of an effect that is not in the table is this part of its largest plausible one."""
-_OF_SURFACES = 'contact_friction'
-"""Says nothing of how good the arm is: dry steel has 25 times the typical friction."""
 
 
 def typical_size(effect: Effect, parameter: int, arm: ArmClass = ArmClass.INDUSTRIAL) -> float:
@@ -73,14 +71,6 @@ def typical_size(effect: Effect, parameter: int, arm: ArmClass = ArmClass.INDUST
     known = TYPICAL.get(effect.label) or TYPICAL.get(effect.name)
     size = known[0] if known else effect.parameters[parameter].scale / _PART
     return CLASSES[arm] * (size[parameter] if isinstance(size, tuple) else size)
-
-
-def sizes_in_typical(effect: Effect, values: Floats, arm: ArmClass) -> list[float]:
-    """The amplitudes of an effect with these values, in its typical sizes; none of a fitted curve, or of friction."""
-    if not (effect.is_physical and len(values)) or effect.name == _OF_SURFACES:
-        return []
-    sizes = effect.amplitudes(np.array(values)) / [typical_size(effect, k, arm) for k in range(len(values))]
-    return [float(size) for size in sizes if size != 0]
 
 
 class Column(NamedTuple):
@@ -127,7 +117,7 @@ def columns_of(effect: Effect, at: TouchState) -> list[Column]:
 
 @dataclass(frozen=True)
 class Undetected(Effect):
-    """All columns of undetected effects of the robot that depend alike on the force, as parameters of value zero.
+    """All columns of undetected effects of the robot that depend alike on the force, as parameters.
 
     Attributes:
         cell: in whose catalogue the effects are.
@@ -178,7 +168,7 @@ class Undetected(Effect):
         return tuple(p._replace(name=text, meaning='undetected', start=0.0) for text, p in described)
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        """None where their values are zero, as always but in a Monte Carlo analysis."""
+        """None where their values are zero."""
         if not values.any():
             return Shift()
         parts = self.derivative(at, values)
