@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from scara_kinetostatic.assessment.evidence import Decision, Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.random_effects import RIVALS
 from scara_kinetostatic.calibration.uncertainty_budget import MORE_TOUCHES, Improvement, best_improvement, source_title
 from scara_kinetostatic.diagnosis.result import Diagnosis
 
@@ -82,12 +83,11 @@ def kept(evidence: Evidence) -> Iterator[str]:
 def advice(evidence: Evidence) -> str:
     """The action that reduces the uncertainty of the tip most, one clause with numbers; empty if none is known."""
     worst = evidence.tip_uncertainty.worst
-    largest = max(evidence.budget, key=lambda item: item.tip).label
-    if evidence.diagnosis.rivals and largest.startswith('size['):
+    if max(evidence.budget, key=lambda item: item.tip).label == RIVALS:
         discriminate = 'make the touches that tell the possible causes apart'
         if evidence.diagnosis.discriminating == ():
             discriminate = to_discriminate(evidence.diagnosis)
-        return f'{discriminate}: which of them it is dominates'
+        return f'{discriminate}: the choice among them dominates'
     best = best_improvement(evidence.improvements, worst, evidence.final.cell.tolerance)
     if best is None:
         return ''

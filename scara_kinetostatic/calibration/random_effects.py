@@ -24,6 +24,9 @@ from scara_kinetostatic.model.effect_law import EffectLaw, TouchState
 UNDETECTED = 'undetected'
 """What undetected effects of a name contribute has the label ``undetected[name]``."""
 
+RIVALS = 'rivals'
+"""Label of what the choice between rival effects contributes."""
+
 
 class RandomEffects(NamedTuple):
     """The columns of all random effects at n touches.

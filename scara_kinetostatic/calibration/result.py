@@ -39,7 +39,7 @@ from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observ
 from scara_kinetostatic.calibration.random_effects import UNDETECTED, RandomEffects
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
-from scara_kinetostatic.model.arrays import Floats, Mask, read_only
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -464,6 +464,15 @@ def contributions_of(
 def enlargement_of(chi_square: float, freedoms: int) -> float:
     """By what a covariance is enlarged: where the stated noise does not cover the residuals, reduced chi-square."""
     return chi_square / freedoms if chdtrc(freedoms, chi_square) < 1e-3 else 1.0
+
+
+def of_full_model(c: Calibration) -> tuple[Indices, Floats]:
+    """Which of the values, errors and random effects of `covariance_with_errors` are those of `full_model`, and their
+    units, (12 + k + u,) each.
+    """
+    values, m = len(c.model.names), len(c.errors)
+    own, size = (0, np.zeros(0)) if c.random is None else (c.random.of_robot, c.random.size)
+    return np.concatenate([np.arange(values), values + m + np.arange(own)]), np.concatenate([np.ones(values), size[:own]])
 
 
 class HeldOut(NamedTuple):

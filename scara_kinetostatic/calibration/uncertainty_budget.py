@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
-from scara_kinetostatic.calibration.random_effects import UNDETECTED
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.random_effects import RIVALS, UNDETECTED
+from scara_kinetostatic.calibration.result import Calibration, of_full_model
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
     TipUncertainty,
@@ -40,7 +40,7 @@ NOISE = 'noise'
 _TITLES = {
     NOISE: 'noise of the touches',
     'size': 'size of {}',
-    'rivals': 'choice between rival effects',
+    RIVALS: 'choice between rival effects',
     UNDETECTED: 'undetected {}',
     'object_position': 'place of {}',
     'object_radius': 'radius of {}',
@@ -176,8 +176,10 @@ def _better_known(c: Calibration, area: Workspace) -> Iterator[Improvement]:
     declared = DeclaredErrors.of(c.cell)
     if declared is None:
         return
-    prior = declared.prior
-    sources = {source.label: (source, rows) for source, rows in prior.by_source()}
+    prior = c.observe().prior
+    assert prior is not None
+    known = {source.label for source in declared.prior.sources}
+    sources = {source.label: (source, rows) for source, rows in prior.by_source() if source.label in known}
     kinds: dict[str, list[str]] = {}
     for label in sources:
         kinds.setdefault(label.partition('[')[0], []).append(label)
@@ -197,36 +199,32 @@ def _better_known(c: Calibration, area: Workspace) -> Iterator[Improvement]:
 
 
 def _with_prior(c: Calibration, prior: Prior, which: Indices, ratios: Floats) -> Floats:
-    """Covariance of the model's values if rows of the prior were tighter by ratios above 1, (12 + k, 12 + k)."""
+    """Covariance of all values and errors if rows of the prior were tighter by ratios above 1."""
     values = len(c.model.names)
     rows = prior.rows(values)[which]
     cross = c.covariance_with_errors @ rows.T
     inner = np.diag(1 / (ratios**2 - 1)) * c.enlargement + rows @ cross
-    return np.asarray((c.covariance_with_errors - cross @ np.linalg.solve(inner, cross.T))[:values, :values])
+    return np.asarray(c.covariance_with_errors - cross @ np.linalg.solve(inner, cross.T))
 
 
 def _more_touches(c: Calibration, area: Workspace) -> Iterator[Improvement]:
     values, count = len(c.model.names), int(c.used.sum())
     everything = c.covariance_with_errors / c.enlargement
-    basis = c.subspace.with_errors(len(c.errors))
+    basis = c.subspace.with_errors(len(c.errors) + len(c.random_values))
     inner = np.linalg.pinv(basis)
     information = np.linalg.inv(inner @ everything @ inner.T)
-    declared = DeclaredErrors.of(c.cell)
-    rows = np.zeros((0, len(everything))) if declared is None else declared.prior.rows(values)
+    prior = c.observe().prior
+    rows = np.zeros((0, len(everything))) if prior is None else prior.rows(values)
     known = (rows @ basis).T @ (rows @ basis)
     covariance = basis @ np.linalg.inv(2 * information - known) @ basis.T * c.enlargement
-    yield _improvement(c, area, (MORE_TOUCHES,), (count, 2 * count), '', covariance[:values, :values])
+    yield _improvement(c, area, (MORE_TOUCHES,), (count, 2 * count), '', covariance)
 
 
 def _improvement(
     c: Calibration, area: Workspace, labels: tuple[str, ...], sizes: tuple[float, float], unit: str, covariance: Floats
 ) -> Improvement:
-    others = np.zeros_like(c.covariance)
-    others[: len(covariance), : len(covariance)] = covariance
-    others += sum(
-        part.covariance for part in c.contributions if part.label.partition('[')[0] in (ALTERNATIVES, UNDETECTED)
-    )
-    expanded = COVERAGE_FACTOR * area.std(others)
+    kept, scale = of_full_model(c)
+    expanded = COVERAGE_FACTOR * area.std(scale[:, None] * covariance[np.ix_(kept, kept)] * scale)
     known = expanded[np.isfinite(expanded)]
     median, worst = (float(np.median(known)), float(known.max())) if len(known) else (np.nan, np.nan)
     return Improvement(labels, *sizes, unit, median, worst)

@@ -165,7 +165,7 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     after = adequacy(found.fit)
     ranking = _ranking(found.problem, found.scored_subsets)
     refitted = found.fit if found.fit.random is not None else None
-    if not alarm or (after.p_value >= SIGNIFICANCE and fit.dependences):
+    if not alarm or (after.p_value >= SIGNIFICANCE and fit.dependences and not found.is_unpredictable):
         many = advice.many_small(p_value) if alarm else ''
         verdict = Diagnosis('none', p_value, ranking=ranking, refitted=refitted, advice=many)
         return replace(verdict, remaining_p_value=after.p_value if alarm else p_value), found.deviance

@@ -30,13 +30,13 @@ import numpy as np
 from scipy import linalg
 
 from scara_kinetostatic.calibration.declared_errors import Prior, Source
-from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, find_good, studentised
+from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, fewest_touches, find_good, studentised
 from scara_kinetostatic.calibration.fit_point import Point, base_force, select
 from scara_kinetostatic.calibration.gauss_helmert import outer
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels, whiten_matrix
-from scara_kinetostatic.calibration.random_effects import RandomEffects
-from scara_kinetostatic.calibration.result import Calibration, Contribution, enlargement_of
+from scara_kinetostatic.calibration.random_effects import RIVALS, RandomEffects
+from scara_kinetostatic.calibration.result import Calibration, Contribution, enlargement_of, of_full_model
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import columns_of, typical_size
@@ -55,8 +55,8 @@ _LINEARISATIONS = 8
 """At most."""
 _LEAST_PART = 0.03
 """Of the noise level of the base model, or the usual one: all of it may be model error, but no touch repeats exactly."""
-RIVALS = 'rivals'
-"""Label of what the choice between rivals contributes."""
+_LOST = 1e5
+"""Standard deviations by which no step leads to a solution."""
 _SETTLED = 0.05
 """Standard deviations by which a further linearisation may move a value."""
 
@@ -121,22 +121,35 @@ def fit_mixed(
         (*own.effects, *(() if named is None else named.effects)),
         (*own.effect_values, *(() if named is None else named.effect_values)),
     )
+    with np.errstate(all='ignore'):
+        for steps in (most, 1):  # where it does not settle, the first linearisation
+            found = _settled(c, known, model, steps)
+            if found.fit.termination is Termination.CONVERGED:
+                break
+    return found
+
+
+def _settled(c: Calibration, known: Sequence[Effect], model: ExtendedModel, most: int) -> MixedModel:
+    """The mixed model, linearised anew until it settles, up to a number of times."""
     latest, typical, held = _with_random_effects(c, model, known)
-    start, solved = np.zeros(0), None
+    logs = np.zeros(0)
     for number in range(most):
-        sizes = _sizes_of(latest, len(own.effects), typical, held)
-        solved = _solve(latest, c, sizes, start if number else _first_logs(latest, sizes))
-        start = solved.logs
+        sizes = _sizes_of(latest, len(c.model.effects), typical, held)
+        # model error may have been taken for noise: of two explanations the one with the usual noise is tried first
+        noise = c.noise if number else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
+        levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
+        solved = _solve(latest, c, sizes, logs if number else _first_logs(latest, sizes), levels)
+        logs = solved.logs
         moved = _moved(latest, solved, c.noise)
+        if number == most - 1 or not solved.shift < _LOST:
+            break
         pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
         settled = solved.shift < _SETTLED and all(abs(after - before) <= 0.05 * before for after, before in pairs)
-        if number == most - 1:
-            break
         good = _good(moved, solved, late=number >= 3)
         if settled and (good == moved.used).all():
             break
         latest = _with_projection(replace(moved, used=good), moved.projection)
-    return _result(moved, c, solved, typical)
+    return _result(moved, c, solved, typical, is_first=most == 1)
 
 
 def _with_random_effects(
@@ -157,8 +170,7 @@ def _with_random_effects(
         stated = declared.stated.get(effect.label, declared.stated.get(effect.name))
         absent = stated == 0.0 or (stated is None and declared.sizes is SizeMode.NONE)
         is_declared = (effect.declared_as or effect.label) in labels
-        is_in_model = effect.name in mine or (effect.label in mine and effect.is_linear)
-        if absent or is_declared or is_in_model:
+        if absent or is_declared or effect.name in mine or effect.label in mine:
             continue
         columns = columns_of(effect, at)
         forms = max(len({column.values for column in columns}), 1)
@@ -274,8 +286,8 @@ def _columns(c: Calibration, point: Point, base: Calibration) -> tuple[Floats, F
     return fitted, np.concatenate(parts, axis=1), residual
 
 
-def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats) -> _Solved:
-    """Sizes, noise levels and the penalised estimate at a linearisation."""
+def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, levels: Floats) -> _Solved:
+    """Sizes, noise levels and the penalised estimate at a linearisation; sizes and levels to begin with are given."""
     point = select(c.projection, c.used)
     fitted, columns, residual = _columns(c, point, base)
     columns = columns * sizes.typical
@@ -287,7 +299,7 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats) -> _
     weights_held = np.where(free, 1.0, np.exp(np.where(free, 0.0, sizes.held)))
     columns = (columns * weights_held)[:, order]
     group, fixed = sizes.group[order][(~free).sum() :], int((~free).sum())
-    levels = np.ones(2)
+    levels = levels if noise_free else np.ones(2)
     logs, half = start, np.zeros(sizes.groups + 1)
     for _ in range(_ROUNDS if noise_free else 1):
         inner = _Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
@@ -524,7 +536,8 @@ def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
 def _good(c: Calibration, solved: _Solved, late: bool) -> Mask:
     """Which touches are no outliers of a model."""
     good = find_good(_distances(c, solved))
-    return good & c.used if late else good
+    good = good & c.used if late else good
+    return good if good.sum() >= 2 * fewest_touches(len(solved.y)) else c.used
 
 
 def _distances(c: Calibration, solved: _Solved) -> Floats:
@@ -558,7 +571,9 @@ def _resized(c: Calibration, size: Floats) -> Calibration:
     return _with_projection(replace(c, random=c.random.resized(factor), random_values=values), point)
 
 
-def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Floats) -> MixedModel:
+def _result(
+    moved: Calibration, base: Calibration, solved: _Solved, typical: Floats, is_first: bool
+) -> MixedModel:
     """The calibration with its covariance and what contributes to it."""
     c = _resized(moved, _parts(moved, solved.tau)[2])
     point = c.projection
@@ -590,7 +605,7 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
             base.start.parameters, c.model.effects, ExtendedModel.at_start(c.parameters, c.model.effects).effect_values
         ),
         force=base_force(c.observe(), c.model),
-        termination=Termination.CONVERGED if solved.shift < 1.0 else Termination.ITERATION_LIMIT,
+        termination=Termination.CONVERGED if is_first or solved.shift < 1.0 else Termination.ITERATION_LIMIT,
     )
     c = _with_projection(c, point)
     rejected = float((~c.used).sum()) * -2 * np.log(FALSE_REJECTIONS / len(c.used))
@@ -638,10 +653,8 @@ def _contributions(c: Calibration, everything: Floats, enlarged: float) -> tuple
 
     With C the covariance and P_s the rows of the prior of a source: C P_sᵀ P_s C, and noise the rest.
     """
-    values, m = len(c.model.names), len(c.errors)
-    own = 0 if c.random is None else c.random.of_robot
-    kept = np.concatenate([np.arange(values), values + m + np.arange(own)])
-    scale = np.concatenate([np.ones(values), np.ones(0) if c.random is None else c.random.size[:own]])
+    values = len(c.model.names)
+    kept, scale = of_full_model(c)
     prior, parts = c.observe().prior, []
     if prior is not None:
         moved = scale[:, None] * (everything[kept] @ prior.rows(values).T)

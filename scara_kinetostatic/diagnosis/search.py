@@ -50,6 +50,7 @@ class Search(NamedTuple):
         rivals: labels of effects that replace each other.
         base: the fit without effects of the catalogue that it belongs to.
         lead: decrease of the deviance by the names, and by the touches that they explain.
+        is_unpredictable: whether only a curve explains the touches, with which no force can be predicted.
     """
 
     model: MixedModel
@@ -59,6 +60,7 @@ class Search(NamedTuple):
     rivals: tuple[tuple[str, ...], ...]
     base: Calibration
     lead: float = 0.0
+    is_unpredictable: bool = False
 
     @property
     def fit(self) -> Calibration:
@@ -109,6 +111,8 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         curves = {member.effect.label for member in members if not member.effect.is_physical}
         # a curve over the force may be so steep that no contact, or another one, belongs to the joint angles
         if curves and not model.fit.force_error <= 2.0 * c.force_error + c.noise.force_rms:
+            if curves & set(_partition(sets)[0]):
+                return Search(plain, problem, sets._replace(credible=()), (), (), c, is_unpredictable=True)
             wrong |= curves
         if wrong:
             excluded |= wrong
@@ -197,7 +201,11 @@ def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Sear
     plain = fit_mixed(c, known)
     found = [identify(c, known, plain)]
     if not c.used.all() and not found[0].fit.used.all():
-        found.append(identify(replace(c, used=np.ones(len(c.touches), dtype=bool)), known))
+        every = replace(c, used=np.ones(len(c.touches), dtype=bool))
+        try:
+            found.append(identify(every, known))
+        except np.linalg.LinAlgError:
+            pass  # with the outliers there is none
     if c.cell.noise is None and not any(item.has_names for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
         try:
             usual = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), c.model.effects, fixed=c.fixed)

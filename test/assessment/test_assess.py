@@ -130,7 +130,7 @@ def test_touches_rejected_in_a_row_are_beyond_chance() -> None:
 
 
 def test_a_leverage_is_what_a_touch_moves_its_own_prediction() -> None:
-    c = good().final
+    c = calibrate(touch(), PAPER_CELL)
     found = leverages(c)
     assert found.shape == (48,)
     assert np.all((found > 0) & (found < 1))

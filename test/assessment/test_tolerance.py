@@ -12,7 +12,8 @@ from scara_kinetostatic.assessment.evidence import Conformity, Decision, conform
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.tolerance import action
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.result import ALTERNATIVES, Calibration, Contribution
+from scara_kinetostatic.calibration.random_effects import RIVALS
+from scara_kinetostatic.calibration.result import Calibration, Contribution
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import Improvement, Item
 from scara_kinetostatic.model.cell import PAPER_CELL as PAPER
@@ -91,7 +92,7 @@ def test_beyond_between_the_touches_is_unfit(outcome: Outcome) -> None:
 
 def test_where_credible_models_dominate_they_are_to_be_told_apart(outcome: Outcome) -> None:
     c = outcome.final
-    scatter = Contribution(ALTERNATIVES, None, '', 10 * c.covariance)
+    scatter = Contribution(RIVALS, None, '', 10 * c.covariance)
     wide = replace(c, covariance=11 * c.covariance, contributions=(*c.contributions, scatter))
     found = with_tolerance(replace(outcome, calibration=wide), outcome.tip_uncertainty.worst)
     assert found.assessment.actions[0].startswith('make the touches that tell the possible causes apart')

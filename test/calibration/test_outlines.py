@@ -10,7 +10,6 @@ from benchmark.outlines import OBJECTS, cell_of, cell_with, plan_of
 from scara_kinetostatic.assessment.mistakes import check_touches
 from scara_kinetostatic.calibration.gauss_helmert import linearise
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.diagnosis.refit import Effort
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.contact import contact
@@ -61,14 +60,6 @@ def test_touches_that_alternate_between_surfaces_are_refused(monkeypatch):
     monkeypatch.setattr(f'{sk.calibrate.__module__}.fitted_surfaces', lambda o, *_: o.surface ^ 1)
     with pytest.raises(UnsupportedDataError, match='do not settle on the edges'):
         sk.calibrate(touches, cell)
-
-
-def test_a_fit_of_fewer_touches_is_no_rival():
-    cell = CELLS['block']
-    touches = simulate_touches(cell, TRUTH, default_plan(cell, 12), None, 1)
-    assert len(Effort().fit(touches, cell).touches) == len(touches)
-    with pytest.raises(UnsupportedDataError, match='do not settle'):
-        Effort().fit(touches.select(np.arange(len(touches) + 1) % len(touches)), cell)
 
 
 @pytest.mark.parametrize('name', ['mixture', 'edge and disc'])

@@ -13,11 +13,12 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.mixed_model import with_undetected
+from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS, ArmClass, Cell, EffectSizes, Noise, SizeMode, Uncertainty
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, P2, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.monitoring.comparison import compare
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -40,27 +41,44 @@ def declaring(cell: Cell, **sizes) -> Cell:
 
 
 def mixed(cell: Cell, touches=TOUCHES):
-    return with_undetected(calibrate(touches, cell), catalogue(cell))
+    return fit_mixed(calibrate(touches, cell), catalogue(cell)).fit
 
 
 def test_without_effects_everything_is_as_the_fit_has_it():
-    plain = calibrate(TOUCHES, CELL)
-    assert with_undetected(plain, catalogue(CELL)) is not plain
     none = declaring(CELL, sizes=SizeMode.NONE)
     fit = calibrate(TOUCHES, none)
-    assert with_undetected(fit, catalogue(none)) is fit
+    found = mixed(none)
+    np.testing.assert_allclose(found.model.as_array(), fit.model.as_array(), rtol=0, atol=1e-4 * fit.std.max())
+    np.testing.assert_allclose(found.covariance, fit.covariance, rtol=1e-3, atol=1e-3 * np.abs(fit.covariance).min())
     assert diagnose(fit).refitted is None
-    assert np.array_equal(fit.covariance, plain.covariance)
 
 
-def test_the_contributions_add_up_and_the_estimate_stays():
+def test_the_contributions_add_up():
     fit, found = calibrate(TOUCHES, CELL), mixed(CELL)
     total = np.sum([part.covariance for part in found.contributions], axis=0)
-    assert np.allclose(total, found.covariance, rtol=1e-12, atol=0)
-    assert found.model == fit.model
-    assert np.array_equal(found.std_noise, fit.std_noise)
+    assert np.allclose(total, found.covariance, rtol=1e-9, atol=0)
     assert np.all(found.std > fit.std)
     assert {part.label for part in found.contributions} >= {'noise', 'undetected[transmission_error]'}
+
+
+def test_a_robot_with_small_errors_is_not_moved_by_the_names_of_them():
+    """Named effects that were free moved the base of such robots by millimetres."""
+    errors = []
+    for seed in range(5):
+        setup, robot, touches = draw(Task('paper', 'all', 1.0, False, 'estimated', 950 + seed))
+        found = diagnose(calibrate(touches, setup.cell))
+        final = found.extended or found.refitted
+        errors.append(judge(final, robot, seed)['error'])
+    assert max(errors) < 80e-6
+
+
+def test_a_named_effect_is_hardly_shrunk():
+    law = next(effect for effect in catalogue(CELL) if effect.label == 'object_position[disc_2]')
+    robot = ExtendedModel(PAPER_ACTUAL, (law,), ((9e-5, -6e-5),))
+    found = diagnose(calibrate(simulate_touches(CELL, robot, default_plan(CELL, 18, preload=0.3), CELL.noise, 3), CELL))
+    (only,) = found.found
+    for value, true in zip(only.values, (9e-5, -6e-5), strict=True):
+        assert abs(value.value - true) < 3 * value.std < 3e-5
 
 
 def test_an_alias_has_its_declared_size_only():
@@ -98,7 +116,7 @@ def test_the_sizes_come_from_the_touches():
 def test_the_ellipse_of_a_robot_with_everything_holds():
     setup, robot, touches = draw(Task('paper', 'all', 1.0, False, 'estimated', 901))
     plain = calibrate(touches, setup.cell)
-    found = judge(with_undetected(plain, catalogue(setup.cell)), robot, 0)
+    found = judge(fit_mixed(plain, catalogue(setup.cell)).fit, robot, 0)
     assert judge(plain, robot, 0)['coverage'] < 0.7
     assert found['coverage'] > 0.75
     assert found['ratio'] < 4
@@ -139,7 +157,7 @@ def test_a_comparison_is_of_the_same_robot(outcome):
 
 def test_an_object_left_out_checks_what_is_stated():
     found = objects_left_out(mixed(CELL))
-    assert 0.7 < found.error / found.stated < 1.4
+    assert 0.6 < found.error / found.stated < 1.4
     first, *others = PAPER_DISCS
     displaced = replace(CELL, discs=(first._replace(x=first.x + 3e-4), *others))
     wrong = objects_left_out(calibrate(TOUCHES, replace(displaced, noise=None)))

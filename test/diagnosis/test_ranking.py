@@ -14,8 +14,9 @@ from scara_kinetostatic.diagnosis import search
 from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
 from scara_kinetostatic.diagnosis.comparison import _pool, discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
-from scara_kinetostatic.diagnosis.model_selection import score_subsets, significance
-from scara_kinetostatic.diagnosis.refit import Effort, fit_with
+from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
+from scara_kinetostatic.diagnosis.model_selection import significance
+from scara_kinetostatic.diagnosis.search import start_from
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn
 from scara_kinetostatic.model.kinetostatics import drag, press_aside
@@ -66,7 +67,8 @@ def test_discriminating_touches_are_those_where_rivals_differ():
     fit, _ = examined('encoder_gain[joint1]', (6e-5,))
     problem = pose_problem(fit)
     candidate_set = gather(problem, [effect('encoder_gain[joint1]'), effect('object_position[disc_1]')])
-    rivals = [fit_with(fit, fit, problem, [candidate], Effort()) for candidate in candidate_set.candidates]
+    starts = [start_from(problem, [candidate]) for candidate in candidate_set.candidates]
+    rivals = [fit_mixed(fit, catalogue(CELL), start).fit for start in starts]
     touches = discriminating_touches(fit, rivals)
     assert 1 <= len(touches) <= 4
     assert all(touch.in_std > 2 and touch.difference > 0 for touch in touches)
@@ -98,22 +100,6 @@ def test_everything_in_the_catalogue_is_ranked_once():
     best = found.ranking[0]
     assert best.effect.label == 'encoder_gain[joint1]'
     assert best.role == 'found'
-
-
-def test_a_fit_that_does_not_predict_the_forces_is_no_result(monkeypatch):
-    calibration = calibrate(simulate(), CELL)
-    problem = pose_problem(calibration)
-    subsets = score_subsets(problem, gather(problem, [effect('base_compliance')]))
-    (one,) = (subset for subset in subsets.subsets if subset.members)
-    found = search.Search(problem, subsets._replace(credible=(one,)), None)
-    assert len(search.fit_rivals(found, calibration, Effort())) == 1
-
-    def astray(*args):
-        fit = fit_with(*args)
-        return replace(fit, model=fit.model.replace(g_ee=0.02))
-
-    monkeypatch.setattr(search, 'fit_with', astray)
-    assert search.fit_rivals(found, calibration, Effort()) == []
 
 
 def test_trials_that_the_base_model_explains_gain_nothing() -> None:

@@ -69,7 +69,7 @@ def test_the_effect_is_named_with_its_values(name: str) -> None:
     for value, expected in zip(found.values, true_values, strict=True):
         assert abs(value.value - expected) < 4 * value.std
     best = calibrate(outcome.calibration.touches, cell_of(name), start=truth)
-    assert outcome.final.force_error == pytest.approx(best.force_error, rel=0.05)
+    assert outcome.final.force_error == pytest.approx(best.force_error, rel=0.1)
 
 
 def test_an_effect_outside_the_catalogue_is_unexplained() -> None:
