@@ -263,8 +263,11 @@ def predict_force(
     """
     c = _final(result)
     if isinstance(touches, TouchSet):
-        o = observe(touches, c.cell, c.errors)
-        force = base_force(o, c.model) - force_residual(o, c.model)
+        if touches is c.touches:  # as the fit took them
+            o, model = c.observe(), c.model
+        else:
+            o, model = observe(touches, c.cell, c.errors), c.full_model
+        force = base_force(o, model) - force_residual(o, model)
     else:
         joints = _pairs(touches, 'joints')
         if objects is None:
@@ -275,7 +278,7 @@ def predict_force(
         for _ in range(3 if c.cell.has_outlines else 1):  # the tip decides on edge or corner
             o = observe(touched, c.cell, c.errors)
             found = contact(
-                c.model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata, tangents=o.tangents
+                c.full_model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata, tangents=o.tangents
             )
             if c.cell.has_outlines:
                 nearest = nearest_surfaces(c.cell, c.cell.surfaces.distances(found.tip), disc)

@@ -401,6 +401,10 @@ CRITERIA: tuple[Callable[[Evidence], Iterator[Remark]], ...] = (
 """In the order in which equally grave reasons are given."""
 
 
+_MISTAKE = 3.0
+"""Plausible sizes of an effect (`Parameter.scale`) beyond which it is a mistake of the cell description."""
+
+
 def assess(evidence: Evidence) -> Assessment:
     """Whether a result may be used, why, and what to do.
 
@@ -419,6 +423,12 @@ def assess(evidence: Evidence) -> Assessment:
             values = {value.name: value.value for value in item.values}
             known = bool(values) and bool(np.isfinite(list(values.values())).all())
             action = item.effect.correction(values) if known else ''
+            plausible = [p.scale for p in item.effect.parameters]
+            sizes = np.abs(item.effect.amplitudes(np.array([value.value for value in item.values])))
+            if known and len(sizes) == len(plausible) and (sizes > _MISTAKE * np.array(plausible)).any():
+                what = f'{item.effect.title}, by more than an error of measurement: a mistake, corrected in this result'
+                remarks.append(Remark(Grade.CAUTION, what, action))
+                continue
             remarks.append(Remark(Grade.FIT, f'{item.effect.title}: corrected in this result', action))
     return Assessment.of(remarks, _notes(evidence))
 

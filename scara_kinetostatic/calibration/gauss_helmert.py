@@ -54,7 +54,16 @@ from scara_kinetostatic.model.extended_model import (
 )
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2
-from scara_kinetostatic.model.touch_equations import Arm, Edges, Equations, State, across, free_state, keep_flanks, next_modes
+from scara_kinetostatic.model.touch_equations import (
+    Arm,
+    Edges,
+    Equations,
+    State,
+    across,
+    free_state,
+    keep_flanks,
+    next_modes,
+)
 
 
 class Adjusted(NamedTuple):

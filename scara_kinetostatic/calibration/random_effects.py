@@ -66,8 +66,8 @@ class RandomEffects(NamedTuple):
 
     def resized(self, factor: Floats) -> RandomEffects:
         """The same with sizes larger by factors (k,)."""
-        arrays = (factor * part for part in (self.size, self.joints, self.place, self.sensor))
-        return RandomEffects(self.columns, *arrays, self.stated)
+        size, joints, place, sensor = (factor * part for part in (self.size, self.joints, self.place, self.sensor))
+        return self._replace(size=size, joints=joints, place=place, sensor=sensor)
 
     def select(self, which: Any) -> RandomEffects:
         """At the touches that a mask, a slice or an array of positions picks."""

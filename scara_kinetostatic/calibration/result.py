@@ -41,7 +41,6 @@ from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termina
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import UNITS, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
@@ -472,7 +471,8 @@ def of_full_model(c: Calibration) -> tuple[Indices, Floats]:
     """
     values, m = len(c.model.names), len(c.errors)
     own, size = (0, np.zeros(0)) if c.random is None else (c.random.of_robot, c.random.size)
-    return np.concatenate([np.arange(values), values + m + np.arange(own)]), np.concatenate([np.ones(values), size[:own]])
+    kept = np.concatenate([np.arange(values), values + m + np.arange(own)])
+    return kept, np.concatenate([np.ones(values), size[:own]])
 
 
 class HeldOut(NamedTuple):

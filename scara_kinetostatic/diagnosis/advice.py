@@ -10,7 +10,7 @@ from scipy import special
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
-from scara_kinetostatic.diagnosis.linear_problem import DISTINCT, STRICT_SIGNIFICANCE, fitted_effects
+from scara_kinetostatic.diagnosis.linear_problem import STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, DiscriminatingTouch, Found
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.parameters import UNITS, quantity
@@ -79,8 +79,8 @@ def unexplained(c: Calibration, dependences: Sequence[Dependence]) -> str:
 def many_small(p_value: float) -> str:
     """Message where the base model is incomplete, but no error stands out of the others."""
     return (
-        f'the base model alone does not explain the touches (p = {p_value:.1g}); small errors of usual kinds do, none of '
-        'which stands out: they are in the estimate and in its uncertainty'
+        f'the base model alone does not explain the touches (p = {p_value:.1g}); small errors of usual kinds do, none '
+        'of which stands out: they are in the estimate and in its uncertainty'
     )
 
 

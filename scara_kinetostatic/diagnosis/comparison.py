@@ -233,7 +233,7 @@ def objects_left_out(c: Calibration) -> LeftOut:
     across = whitened_normal(observations, point)
     tip = Predictor(c.arm).locate(touches.joints, c.force[c.used], TouchMetadata.of(touches)).covariance
     normal = c.force[c.used] / np.hypot(*c.force[c.used].T)[:, None]
-    stated = np.einsum('ni,nij,nj->n', normal, tip, normal) + (across**2).sum(axis=1)
+    stated = np.einsum('ni,nij,nj->n', normal, tip, normal) + c.enlargement * (across**2).sum(axis=1)
     every = np.linalg.pinv(known.T @ known + np.einsum('nik,nil->kl', rows, rows))
     errors, variances = [], []
     for disc in np.unique(touches.disc):

@@ -15,11 +15,10 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis import advice
-from scara_kinetostatic.diagnosis.candidates import CandidateSet, all_candidates
+from scara_kinetostatic.diagnosis.candidates import all_candidates
 from scara_kinetostatic.diagnosis.comparison import discriminating_touches
 from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequacy, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
@@ -35,7 +34,7 @@ from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, rank_sin
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, noise_candidate
 from scara_kinetostatic.diagnosis.refit import fit_again
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
-from scara_kinetostatic.diagnosis.search import Moment, Search, fit_rivals, likeliest, moments
+from scara_kinetostatic.diagnosis.search import Moment, Search, fit_laws, fit_rivals, likeliest, moments
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
@@ -154,8 +153,8 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
         ranking = _ranking(problem, rank_singles(problem, candidate_set))
         mixed = fit_mixed(c, known)
         refitted = mixed.fit if mixed.fit.random is not None else None
-        found = Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, refitted=refitted)
-        return found, mixed.deviance
+        nothing = Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, refitted=refitted)
+        return nothing, mixed.deviance
     found = likeliest(c, known, off_normal < SIGNIFICANCE / 2)
     if found.has_names and found.lead >= CREDIBLE:
         p_value = min(p_value, float(np.exp(-found.lead / 2)))
@@ -164,7 +163,8 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
         return _with_extended_model(c, p_value, fit.dependences, found, known), found.deviance
     after = adequacy(found.fit)
     ranking = _ranking(found.problem, found.scored_subsets)
-    refitted = found.fit if found.fit.random is not None else None
+    # noise stated too small is no model error
+    refitted = found.fit if found.fit.random is not None and (fit.dependences or not alarm) else None
     if not alarm or (after.p_value >= SIGNIFICANCE and fit.dependences and not found.is_unpredictable):
         many = advice.many_small(p_value) if alarm else ''
         verdict = Diagnosis('none', p_value, ranking=ranking, refitted=refitted, advice=many)
@@ -197,7 +197,8 @@ def _with_extended_model(
     fit = _with_moments(fit, when)
     after = adequacy(fit)
     weighted = fit_rivals(found, known) if found.rivals else []
-    rivals, fit = [rival.fit for rival in weighted], averaged(fit, weighted)
+    rivals = [rival.fit for rival in weighted]
+    fit = averaged(fit, [*(weighted or [found.model]), *fit_laws(found, known)])
     effects = _describe(fit, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
     if verdict == 'unexplained':
@@ -252,13 +253,9 @@ def _as_suspicion(item: Found) -> Found:
     return item._replace(is_possible=item.effect.is_physical)
 
 
-def _describe(
-    extended: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]
-) -> tuple[Found, ...]:
+def _describe(extended: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]) -> tuple[Found, ...]:
     """All named effects with their values in the extended model; a rival has those of the model with it alone."""
-    alone = {
-        item.effect.label: _values(item, rival) for rival in reversed(rivals) for item in fitted_effects(rival)
-    }
+    alone = {item.effect.label: _values(item, rival) for rival in reversed(rivals) for item in fitted_effects(rival)}
     items = []
     for item in fitted_effects(extended):
         label, values = item.effect.label, _values(item, extended)

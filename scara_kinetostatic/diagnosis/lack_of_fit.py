@@ -30,7 +30,7 @@ from scipy import special
 from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, outer, whiten_by
 from scara_kinetostatic.calibration.noise_estimation import growing, whiten_matrix
-from scara_kinetostatic.calibration.observations import Observations, observe
+from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import (

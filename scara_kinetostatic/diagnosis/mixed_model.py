@@ -23,6 +23,7 @@ covariance is the inverse of its normal matrix, and the model is linearised ther
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -38,23 +39,24 @@ from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimat
 from scara_kinetostatic.calibration.random_effects import RIVALS, RandomEffects
 from scara_kinetostatic.calibration.result import Calibration, Contribution, enlargement_of, of_full_model
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
+from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
+from scara_kinetostatic.diagnosis.restricted_likelihood import Whitened, estimate_levels, estimate_sizes, half_cauchy
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import columns_of, typical_size
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise, SizeMode
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.touch import Rejection
 
-_LARGEST_STEP = 1.5
-"""Of log τ."""
 _LARGEST_HALF_VARIANCE = 0.5
 """Of log τ: the mean of a size of which nothing is known is at most 1.65 times the common one."""
-_ROUNDS, _STEPS = 6, 12
-"""Of the noise levels, and of the sizes between them."""
+_ROUNDS = 6
+"""Of the noise levels."""
 _LINEARISATIONS = 8
 """At most."""
 _LEAST_PART = 0.03
-"""Of the noise level of the base model, or the usual one: all of it may be model error, but no touch repeats exactly."""
+"""Of the noise level of the base model, or the usual one: all of it may be model error, but touches do scatter."""
 _LOST = 1e5
 """Standard deviations by which no step leads to a solution."""
 _SETTLED = 0.05
@@ -113,6 +115,9 @@ def fit_mixed(
         known: the catalogue.
         named: the effects to name, with values to begin with, and L̄; None for none.
         most: linearisations at most.
+
+    Raises:
+        UnsupportedDataError: it diverges.
     """
     own = c.model
     begun = own if named is None else named
@@ -123,10 +128,11 @@ def fit_mixed(
     )
     with np.errstate(all='ignore'):
         for steps in (most, 1):  # where it does not settle, the first linearisation
-            found = _settled(c, known, model, steps)
-            if found.fit.termination is Termination.CONVERGED:
-                break
-    return found
+            with suppress(np.linalg.LinAlgError, ParameterError):
+                found = _settled(c, known, model, steps)
+                if found.fit.termination is Termination.CONVERGED:
+                    return found
+    raise UnsupportedDataError('the fit diverges', 'check the places of the discs, and units, signs and frames')
 
 
 def _settled(c: Calibration, known: Sequence[Effect], model: ExtendedModel, most: int) -> MixedModel:
@@ -149,6 +155,8 @@ def _settled(c: Calibration, known: Sequence[Effect], model: ExtendedModel, most
         if settled and (good == moved.used).all():
             break
         latest = _with_projection(replace(moved, used=good), moved.projection)
+    if not np.isfinite([solved.deviance, *moved.projection.distance[moved.used]]).all():
+        raise np.linalg.LinAlgError('the linearisation leads to where the model is not defined')
     return _result(moved, c, solved, typical, is_first=most == 1)
 
 
@@ -164,7 +172,7 @@ def _with_random_effects(
     force = true_force(c.model, point.adjusted.force, at.metadata)
     sources = c.observe().declared
     labels = set() if sources is None else {source.label for source in sources.sources}
-    mine = {effect.label if effect.parameters else effect.name for effect in model.effects}
+    mine = {e.label if e.parameters else e.label.partition('[')[0] for e in model.effects}
     found = []
     for effect in known:
         stated = declared.stated.get(effect.label, declared.stated.get(effect.name))
@@ -181,8 +189,8 @@ def _with_random_effects(
             found.append((column, size / forms**0.5, held))
     found.sort(key=lambda item: (not item[0].moves_robot, item[0].effect.force_dependence))
     typical, held = (np.array([item[k] for item in found], dtype=float) for k in (1, 2))
-    stated = {name: std for name, std in declared.stated.items() if std}
-    random = RandomEffects.at([item[0] for item in found], typical, at, force, stated) if found else None
+    sizes = {name: std for name, std in declared.stated.items() if std}
+    random = RandomEffects.at([item[0] for item in found], typical, at, force, sizes) if found else None
     changed = replace(
         c, model=model, random=random, random_values=np.zeros(len(found)), subspace=_subspace(c, model), known=None
     )
@@ -204,7 +212,7 @@ def _sizes_of(c: Calibration, kept: int, typical: Floats, held: Floats) -> _Size
     """The columns with a prior at a linearisation, and their groups: one for each label, and for each named effect."""
     arm, declared = c.cell.uncertainty.effects.arm, len(c.errors)
     sizes, logs, groups = [1.0] * declared, [0.0] * declared, [''] * declared
-    for number, (effect, values) in enumerate(c.model.pairs):
+    for number, (effect, values, _) in enumerate(fitted_effects(c)):
         acts = effect.amplitudes(np.ones(len(values))) != 0
         for k, parameter in enumerate(effect.parameters):
             name = f'{effect.label}.{parameter.name}'
@@ -217,8 +225,8 @@ def _sizes_of(c: Calibration, kept: int, typical: Floats, held: Floats) -> _Size
     labels = [] if c.random is None else [column.effect.label for column in c.random.columns]
     groups += [label if np.isnan(log) else '' for label, log in zip(labels, held, strict=True)]
     names = [name for name in dict.fromkeys(groups) if name]
-    number = np.array([names.index(name) if name else -1 for name in groups], dtype=np.intp)
-    return _Sizes(np.concatenate([sizes, typical]), np.concatenate([logs, held]), number, len(names))
+    group = np.array([names.index(name) if name else -1 for name in groups], dtype=np.intp)
+    return _Sizes(np.concatenate([sizes, typical]), np.concatenate([logs, held]), group, len(names))
 
 
 def _first_logs(c: Calibration, sizes: _Sizes) -> Floats:
@@ -261,7 +269,7 @@ class _Solved(NamedTuple):
 
 
 def _columns(c: Calibration, point: Point, base: Calibration) -> tuple[Floats, Floats, Floats]:
-    """Whitened J, (2n, b), the columns with a prior, each by its unit, (2n, c), and the residual without them, (2n,)."""
+    """Whitened J, (2n, b), the columns with a prior, each by its unit, (2n, c), the residual without them, (2n,)."""
     w, count = point.whitened, c.model.base_count
     rows = w.residual.size
     basis = c.subspace.basis
@@ -302,14 +310,14 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     levels = levels if noise_free else np.ones(2)
     logs, half = start, np.zeros(sizes.groups + 1)
     for _ in range(_ROUNDS if noise_free else 1):
-        inner = _Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
+        inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
         if sizes.groups:
-            logs, half = _scored(inner, fixed, group, logs)
+            logs, half = estimate_sizes(inner, fixed, group, logs)
         weights = np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])])
-        before, levels = levels, _levels(inner, of_joints, levels, weights) if noise_free else levels
+        before, levels = levels, estimate_levels(inner, of_joints, levels, weights) if noise_free else levels
         if np.abs(np.log(levels / before)).max() < 0.05:
             break
-    inner = _Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
+    inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
     mean = np.exp((logs + np.minimum(half, _LARGEST_HALF_VARIANCE))[:-1])
     weights = np.concatenate([np.ones(fixed), mean[group]])
     system = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
@@ -332,8 +340,6 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     determinants = 2 * np.log(np.abs(np.diag(inner.triangle))).sum() + 2 * np.log(np.diag(factor)).sum()
     l11, _, l22 = point.whitened.root
     determinants += 2 * np.log(l11 * l22).sum() - 2 * np.log(np.linalg.det(inner.inverse)).sum()
-    off = np.concatenate([logs[:-1] - logs[-1], logs[-1:]])
-    penalty = 2 * (np.log1p(np.exp(2 * off)) - off).sum()
     freedoms = 2 * n + len(trusted[0]) - b
     solved = _Solved(
         logs,
@@ -344,7 +350,7 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
         covariance[np.ix_(every, every)],
         chi_square,
         freedoms,
-        chi_square + determinants + penalty,
+        chi_square + determinants + half_cauchy(logs),
         np.inf,
     )
     return solved._replace(shift=_shift(c, solved))
@@ -362,118 +368,6 @@ def _trusted_rows(c: Calibration, base: Calibration) -> tuple[Floats, Floats]:
     values = c.model.as_array()[prior.prior.trusted[active]]
     residual = (values - prior.prior.mean[active]) / prior.prior.std[active]
     return rows[:, : len(base.subspace.origin)] @ base.subspace.basis, residual
-
-
-class _Whitened(NamedTuple):
-    """The problem in the metric of noise levels, projected off J.
-
-    Attributes:
-        inverse: L⁻¹ of each touch with L Lᵀ = V, (n, 2, 2).
-        base: orthonormal basis of J, (2n + p, b).
-        triangle: R of J = base R.
-        columns: projected, (2n + p, c).
-        residual: projected, (2n + p,).
-        gram: inner products of the columns, (c, c).
-        projected: those with the residual, (c,).
-        of_columns: the columns along the basis, (b, c).
-        of_residual: the residual along it, (b,).
-        square: that of the projected residual.
-    """
-
-    inverse: Floats
-    base: Floats
-    triangle: Floats
-    columns: Floats
-    residual: Floats
-    gram: Floats
-    projected: Floats
-    of_columns: Floats
-    of_residual: Floats
-    square: float
-
-    @classmethod
-    def of(
-        cls,
-        of_joints: Floats,
-        levels: Floats,
-        fitted: Floats,
-        columns: Floats,
-        residual: Floats,
-        trusted: tuple[Floats, Floats],
-    ) -> _Whitened:
-        """At variances `levels` of joints and force, in those of the fit, with rows of trusted values behind."""
-        inverse = np.linalg.inv(np.linalg.cholesky(levels[0] * of_joints + levels[1] * (np.eye(2) - of_joints)))
-        every = np.concatenate([fitted, columns, residual[:, None]], axis=1)
-        every = (inverse @ every.reshape(len(inverse), 2, -1)).reshape(every.shape)
-        b, c = fitted.shape[1], columns.shape[1]
-        behind = np.zeros((len(trusted[0]), every.shape[1]))
-        behind[:, :b], behind[:, -1] = trusted
-        every = np.concatenate([every, behind])
-        base, triangle = np.linalg.qr(every[:, :b])
-        along = base.T @ every[:, b:]
-        rest = every[:, b:] - base @ along
-        x, y = rest[:, :c], rest[:, c]
-        return cls(inverse, base, triangle, x, y, x.T @ x, x.T @ y, along[:, :c], along[:, c], float(y @ y))
-
-
-def _scored(inner: _Whitened, fixed: int, group: Indices, start: Floats) -> tuple[Floats, Floats]:
-    """Log τ of the groups and log τ_0, (g + 1,), and half of their variances, at given noise levels."""
-    count = len(start) - 1
-    member = np.zeros((len(group), count))
-    member[np.arange(len(group)), group] = 1.0
-
-    def value(logs: Floats) -> tuple[float, Floats, Floats]:
-        weights = np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])])
-        matrix = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
-        factor = linalg.cholesky(matrix, lower=True, check_finite=False)
-        inverse = linalg.lapack.dpotri(factor, lower=1)[0]
-        inverse = inverse + np.tril(inverse, -1).T
-        h = weights * inner.projected
-        effects = inverse @ h
-        off = np.append(logs[:-1] - logs[-1], logs[-1])
-        penalty = 2 * (np.log1p(np.exp(2 * off)) - off).sum()
-        deviance = 2 * np.log(np.diag(factor)).sum() - h @ effects + penalty
-        return float(deviance), np.eye(len(weights)) - inverse, effects
-
-    logs, (lowest, part, effects) = start, value(start)
-    for _ in range(_STEPS):
-        share = 1 / (1 + np.exp(-2 * np.append(logs[:-1] - logs[-1], logs[-1])))
-        slope, curve = 2 * (2 * share - 1), 8 * share * (1 - share)
-        gradient = np.append(slope[:count], slope[-1] - slope[:-1].sum())
-        hessian = np.diag(np.append(curve[:count], curve.sum()))
-        hessian[-1, :-1] = hessian[:-1, -1] = -curve[:count]
-        of_each = np.diag(part) - effects**2
-        gradient[:-1] += 2 * np.bincount(group, of_each[fixed:], count)
-        hessian[:-1, :-1] += 4 * member.T @ np.square(part[fixed:, fixed:]) @ member
-        step = -np.linalg.solve(hessian + 1e-3 * np.eye(count + 1), gradient)
-        step *= min(1.0, _LARGEST_STEP / np.abs(step).max())
-        for _ in range(5):
-            tried = value(logs + step)
-            if tried[0] <= lowest:
-                break
-            step = step / 3
-        else:
-            break
-        decrease, logs, (lowest, part, effects) = lowest - tried[0], logs + step, tried
-        if decrease < 0.01:
-            break
-    return logs, np.diag(np.linalg.inv(hessian))
-
-
-def _levels(inner: _Whitened, of_joints: Floats, levels: Floats, weights: Floats) -> Floats:
-    """The noise variances after one step of expectation and maximisation at given sizes, (2,)."""
-    n = len(of_joints)
-    scaled = inner.columns * weights
-    factor = linalg.cholesky(np.eye(len(weights)) + scaled.T @ scaled, lower=True, check_finite=False)
-    rows = linalg.solve_triangular(factor, scaled.T, lower=True, check_finite=False).T
-    rest = (inner.residual - rows @ (rows.T @ inner.residual))[: 2 * n].reshape(n, 2)
-    taken = np.concatenate([inner.base, rows], axis=1)[: 2 * n].reshape(n, 2, -1)
-    kept = np.eye(2) - taken @ taken.swapaxes(1, 2)
-    found = levels.copy()
-    for k, part in enumerate((of_joints, np.eye(2) - of_joints)):
-        whitened = levels[k] * inner.inverse @ part @ inner.inverse.swapaxes(1, 2)
-        found[k] *= np.einsum('ni,nij,nj->', rest, whitened, rest) / np.einsum('nij,nji->', whitened, kept)
-    return np.clip(found, 1e-4, 2.0)
 
 
 def _parts(c: Calibration, u: Floats) -> tuple[Floats, Floats, Floats]:
@@ -525,11 +419,11 @@ def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
     values, errors, random = _values(c, solved)
     noise = c.noise
     if c.cell.noise is None:
+        least = [_LEAST_PART * min(one, other) for one, other in zip(before.levels, USUAL_NOISE.levels, strict=True)]
         by_joints, by_force = np.sqrt(solved.levels).tolist()
-        force = {'force': max(noise.force * by_force, _LEAST_PART * min(before.force, USUAL_NOISE.force))}
-        if noise.force_relative is not None:
-            force['force_relative'] = noise.force_relative * by_force
-        noise = noise._replace(joint=max(noise.joint * by_joints, _LEAST_PART * min(before.joint, USUAL_NOISE.joint)), **force)
+        growth = None if noise.force_relative is None else noise.force_relative * by_force
+        joint, force = max(noise.joint_rms * by_joints, least[0]), max(noise.force_rms * by_force, least[2])
+        noise = noise._replace(joint=joint, force=force, force_relative=growth)
     return replace(c, model=c.model.with_array(values), errors=errors, random_values=random, noise=noise)
 
 
@@ -571,9 +465,7 @@ def _resized(c: Calibration, size: Floats) -> Calibration:
     return _with_projection(replace(c, random=c.random.resized(factor), random_values=values), point)
 
 
-def _result(
-    moved: Calibration, base: Calibration, solved: _Solved, typical: Floats, is_first: bool
-) -> MixedModel:
+def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Floats, is_first: bool) -> MixedModel:
     """The calibration with its covariance and what contributes to it."""
     c = _resized(moved, _parts(moved, solved.tau)[2])
     point = c.projection
@@ -626,9 +518,7 @@ def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
     covariance = c.covariance + more
     std = np.where(c.std > 0, np.sqrt(np.diag(covariance)[:count]), c.std)
     contributions = (*c.contributions, Contribution(RIVALS, None, '', more))
-    return _with_projection(
-        replace(c, covariance=covariance, std=std, contributions=contributions), c.projection
-    )
+    return _with_projection(replace(c, covariance=covariance, std=std, contributions=contributions), c.projection)
 
 
 def _known(c: Calibration, solved: _Solved) -> Prior | None:
@@ -674,6 +564,7 @@ def _rejections(c: Calibration, base: Calibration, distance: Floats) -> tuple[Re
     bad = np.flatnonzero(~c.used)
     off = np.hypot(*c.residual[bad].T) if len(bad) else np.zeros(0)
     for k, size in zip(bad.tolist(), off.tolist(), strict=True):
-        reason = f'disagrees with the other touches: its force is {size:.2g} N off, {distance[k] ** 0.5:.1f} standard deviations'
+        std = distance[k] ** 0.5
+        reason = f'disagrees with the other touches: its force is {size:.2g} N off, {std:.1f} standard deviations'
         found.append(Rejection(int(c.touches.index[k]), reason))
     return tuple(sorted(found, key=lambda item: item.index))

@@ -8,6 +8,7 @@ what errors of that size do not.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,7 +17,15 @@ import numpy as np
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, all_candidates, as_fitted, gains, scan_trials
+from scara_kinetostatic.diagnosis.candidates import (
+    Candidate,
+    CandidateSet,
+    all_candidates,
+    as_fitted,
+    gains,
+    gather,
+    scan_trials,
+)
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     FRICTION_SIGNIFICANCE,
@@ -103,7 +112,10 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         before = names
         try:
             model = fit_mixed(c, known, start_from(problem, members))
-        except np.linalg.LinAlgError:  # the linear problem leads to where the model is not defined
+        except (
+            np.linalg.LinAlgError,
+            UnsupportedDataError,
+        ):  # the linear problem leads to where the model is not defined
             break
         wrong = {
             effect.label for effect, values, _ in fitted_effects(model.fit) if not effect.is_plausible(np.array(values))
@@ -159,6 +171,19 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> list[MixedModel]:
     ]
 
 
+def fit_laws(found: Search, known: Sequence[Effect]) -> list[MixedModel]:
+    """The mixed model with other laws of the effects of the likeliest set, just as plausible (`alternative_laws`)."""
+    sets, base = found.scored_subsets, replace(found.base, used=found.fit.used)
+    members = sets.members(sets.credible[0]) if sets.credible else []
+    others = [
+        [*members[:place], candidate, *members[place + 1 :]]
+        for place, member in enumerate(members)
+        for law in member.effect.alternative_laws()
+        for candidate in gather(found.problem, [law]).candidates
+    ]
+    return [fit_mixed(base, known, start_from(found.problem, other), most=3) for other in others]
+
+
 def _union(scored_subsets: ScoredSubsets) -> list[Candidate]:
     """The effects of the best credible set, and those of the others up to `_MOST_IN_UNION`, each once."""
     best, *others = scored_subsets.credible
@@ -190,8 +215,8 @@ def _partition(scored_subsets: ScoredSubsets) -> tuple[tuple[str, ...], tuple[tu
 
 
 def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Search:
-    """The likeliest of several ways to begin: with the touches of the fit, with all of them, where some were rejected,
-    which an effect may explain; with the usual noise, where what is missing was taken for noise; with off-normal angles.
+    """The likeliest of several ways to begin: with the touches of the fit, or with all where some were rejected,
+    which an effect may explain; with the usual noise, where what is missing was taken for it; with off-normal angles.
 
     Args:
         c: the base model.
@@ -202,17 +227,13 @@ def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Sear
     found = [identify(c, known, plain)]
     if not c.used.all() and not found[0].fit.used.all():
         every = replace(c, used=np.ones(len(c.touches), dtype=bool))
-        try:
+        with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
             found.append(identify(every, known))
-        except np.linalg.LinAlgError:
-            pass  # with the outliers there is none
     if c.cell.noise is None and not any(item.has_names for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
-        try:
+        with suppress(UnsupportedDataError):
             usual = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), c.model.effects, fixed=c.fixed)
             if len(usual.touches) == len(c.touches):
                 found.append(identify(replace(usual, cell=c.cell, noise_source='estimated'), known))
-        except UnsupportedDataError:
-            pass
     # effects may hide off-normal angles in the base model
     off_normal = off_normal or any(off_normal_p_value(item.fit) < FRICTION_SIGNIFICANCE for item in found)
     if off_normal and not any(_is_radial(item) for item in found):

@@ -176,14 +176,6 @@ class Effect(EffectLaw):
         """The same effect by other laws, just as plausible, that few touches do not distinguish from this one."""
         return ()
 
-    def undetermined_constant(self, at: TouchState, values: Floats) -> tuple[str, float] | None:
-        """A constant that could be added to the effect without a change of the fit, as a base parameter takes it up.
-
-        Returns:
-            Name of that parameter and a plausible size of the constant, in its unit; None if there is none.
-        """
-        return None
-
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """The ways in which it may be present in these touches; `force` is in the sensor's frame, (n, 2), N."""
         values = np.array(self.start)

@@ -137,6 +137,7 @@ class Undetected(Effect):
     is_physical = False
     is_linear = True
     is_undetected = True
+    is_smooth = True
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:

@@ -151,15 +151,6 @@ class Unnamed(LinearEffect):
             return [z, *waves] if self.variable in JOINTS else waves
         return list(accumulate(repeat(z, self.powers or 4), np.multiply))
 
-    def undetermined_constant(self, at: TouchState, values: Floats) -> tuple[str, float] | None:
-        """A curve may be raised by a constant: in a joint that is its offset, along the force the gripper's backlash.
-        The root mean square of the curve over the touches is taken as the size.
-        """
-        base = {'joint1': 'theta1', 'joint2': 'theta2', 'along': 'g_ee'}.get(self.channel)
-        if self.disc >= 0 or base is None:
-            return None
-        return base, float(np.sqrt(np.mean((np.stack(self.functions(at), axis=-1) @ values) ** 2)))
-
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         return np.asarray((at.metadata.disc == self.disc) | (self.disc < 0))
 

@@ -406,6 +406,8 @@ class Predictor:
         }[name]
         found = []
         for effect, values in zip(model.effects, model.effect_values, strict=True):
+            if effect.is_undetected:  # too small to ask for it
+                continue
             alone = replace(law, model=ExtendedModel(model.parameters, (effect,), (values,)))
             one, two = (tip_under_load(alone, probe, force, at).tip for at in (still, other))
             found += [] if np.array_equal(one, two) else [effect.label]

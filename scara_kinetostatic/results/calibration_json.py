@@ -10,6 +10,7 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.calibration.result import Calibration, joint_covariance, undetected_covariance
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.diagnosis.diagnose import suspects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.files.calibration_file import SCHEMA, cell_entry, model_entry
@@ -53,7 +54,7 @@ def as_document(outcome: Outcome) -> Document:
                 'termination': c.termination.name.lower(),
             },
             'identifiability': _identifiability(c),
-            'diagnosis': _diagnosis(outcome.diagnosis),
+            'diagnosis': _diagnosis(outcome.diagnosis, c),
             'budget': _budget(outcome),
             'tip_uncertainty': _tip_uncertainty(outcome),
             'assessment': outcome.assessment,
@@ -218,7 +219,7 @@ def _identifiability(c: Calibration) -> Document:
     }
 
 
-def _diagnosis(d: Diagnosis) -> Document:
+def _diagnosis(d: Diagnosis, final: Calibration) -> Document:
     """Verdict, effects, rivals, and the evidence for them."""
     effects = d.effects_by_label()
     return {
@@ -232,6 +233,7 @@ def _diagnosis(d: Diagnosis) -> Document:
         'advice': d.advice,
         'dependences': d.dependences,
         'remaining_dependences': d.remaining,
+        'suspects': [_named(item.effect) | {'parameters': _values(item.values)} for item in suspects(final)],
         'candidates': [_candidate(item, d.role_of(item)) for item in d.ranking],
     }
 

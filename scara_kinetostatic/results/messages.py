@@ -46,6 +46,8 @@ def verdict(outcome: Outcome) -> Verdict:
     if d.verdict == 'none':
         level, headline = 'good', 'The base model explains these touches'
         c = outcome.calibration
+        if d.p_value < SIGNIFICANCE:
+            headline = 'The base model and small errors of usual kinds explain these touches'
         alone = f', {p_equals(c.p_value)} by itself'
         sentences = [
             f'No model error detected ({p} for the base model, corrected for the number of tests; reduced chi-square '

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,12 +9,11 @@ import pytest
 from diagnosis.simulated import CELL, effect, examined, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.diagnosis import search
 from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
 from scara_kinetostatic.diagnosis.comparison import _pool, discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
-from scara_kinetostatic.diagnosis.model_selection import significance
+from scara_kinetostatic.diagnosis.model_selection import score_subsets, significance
 from scara_kinetostatic.diagnosis.search import start_from
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn

@@ -385,7 +385,7 @@ def test_a_calibration_stands_for_its_recordings(tmp_path, cell_file, capsys):
 
 def test_touches_that_decide_between_rivals(tmp_path, cell_file, capsys):
     cell, bag = cell_file(), str(tmp_path / 'bag')
-    moved = ['--per-disc', '4', '--effect', 'object_position[disc_2]:x=1.1e-4,y=0']
+    moved = ['--per-disc', '12', '--effect', 'sensor_nonlinearity:rate=0.006']
     assert main(['simulate', '--cell', str(cell), *moved, '--out', bag]) == 0
     out = tmp_path / 'decide'
     decide = ['next', bag, '--cell', str(cell), '--goal', 'decide', '--touches', '5']

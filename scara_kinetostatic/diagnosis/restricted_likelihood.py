@@ -1,0 +1,131 @@
+"""Restricted likelihood of the sizes of random effects, and of the noise levels (see `diagnosis.mixed_model`)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from scara_kinetostatic.model.arrays import Floats, Indices
+
+_LARGEST_STEP = 1.5
+"""Of log τ."""
+_STEPS = 12
+"""Of Fisher scoring."""
+
+
+def half_cauchy(logs: Floats) -> float:
+    """-2 log density of the sizes in log τ, (g + 1,): τ_g / τ_0 and τ_0 are half-Cauchy with scale 1."""
+    off = np.append(logs[:-1] - logs[-1], logs[-1])
+    return float(2 * (np.log1p(np.exp(2 * off)) - off).sum())
+
+
+class Whitened(NamedTuple):
+    """The problem in the metric of noise levels, projected off J.
+
+    Attributes:
+        inverse: L⁻¹ of each touch with L Lᵀ = V, (n, 2, 2).
+        base: orthonormal basis of J, (2n + p, b).
+        triangle: R of J = base R.
+        columns: projected, (2n + p, c).
+        residual: projected, (2n + p,).
+        gram: inner products of the columns, (c, c).
+        projected: those with the residual, (c,).
+        of_columns: the columns along the basis, (b, c).
+        of_residual: the residual along it, (b,).
+        square: that of the projected residual.
+    """
+
+    inverse: Floats
+    base: Floats
+    triangle: Floats
+    columns: Floats
+    residual: Floats
+    gram: Floats
+    projected: Floats
+    of_columns: Floats
+    of_residual: Floats
+    square: float
+
+    @classmethod
+    def of(
+        cls,
+        of_joints: Floats,
+        levels: Floats,
+        fitted: Floats,
+        columns: Floats,
+        residual: Floats,
+        trusted: tuple[Floats, Floats],
+    ) -> Whitened:
+        """At variances `levels` of joints and force, in those of the fit, with rows of trusted values behind."""
+        inverse = np.linalg.inv(np.linalg.cholesky(levels[0] * of_joints + levels[1] * (np.eye(2) - of_joints)))
+        every = np.concatenate([fitted, columns, residual[:, None]], axis=1)
+        every = (inverse @ every.reshape(len(inverse), 2, -1)).reshape(every.shape)
+        b, c = fitted.shape[1], columns.shape[1]
+        behind = np.zeros((len(trusted[0]), every.shape[1]))
+        behind[:, :b], behind[:, -1] = trusted
+        every = np.concatenate([every, behind])
+        base, triangle = np.linalg.qr(every[:, :b])
+        along = base.T @ every[:, b:]
+        rest = every[:, b:] - base @ along
+        x, y = rest[:, :c], rest[:, c]
+        return cls(inverse, base, triangle, x, y, x.T @ x, x.T @ y, along[:, :c], along[:, c], float(y @ y))
+
+
+def estimate_sizes(inner: Whitened, fixed: int, group: Indices, start: Floats) -> tuple[Floats, Floats]:
+    """Log τ of the groups and log τ_0, (g + 1,), and half of their variances, at given noise levels."""
+    count = len(start) - 1
+    member = np.zeros((len(group), count))
+    member[np.arange(len(group)), group] = 1.0
+
+    def value(logs: Floats) -> tuple[float, Floats, Floats]:
+        weights = np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])])
+        matrix = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
+        factor = linalg.cholesky(matrix, lower=True, check_finite=False)
+        inverse = linalg.lapack.dpotri(factor, lower=1)[0]
+        inverse = inverse + np.tril(inverse, -1).T
+        h = weights * inner.projected
+        effects = inverse @ h
+        deviance = 2 * np.log(np.diag(factor)).sum() - h @ effects + half_cauchy(logs)
+        return float(deviance), np.eye(len(weights)) - inverse, effects
+
+    logs, (lowest, part, effects) = start, value(start)
+    for _ in range(_STEPS):
+        share = 1 / (1 + np.exp(-2 * np.append(logs[:-1] - logs[-1], logs[-1])))
+        slope, curve = 2 * (2 * share - 1), 8 * share * (1 - share)
+        gradient = np.append(slope[:count], slope[-1] - slope[:-1].sum())
+        hessian = np.diag(np.append(curve[:count], curve.sum()))
+        hessian[-1, :-1] = hessian[:-1, -1] = -curve[:count]
+        of_each = np.diag(part) - effects**2
+        gradient[:-1] += 2 * np.bincount(group, of_each[fixed:], count)
+        hessian[:-1, :-1] += 4 * member.T @ np.square(part[fixed:, fixed:]) @ member
+        step = -np.linalg.solve(hessian + 1e-3 * np.eye(count + 1), gradient)
+        step *= min(1.0, _LARGEST_STEP / np.abs(step).max())
+        for _ in range(5):
+            tried = value(logs + step)
+            if tried[0] <= lowest:
+                break
+            step = step / 3
+        else:
+            break
+        decrease, logs, (lowest, part, effects) = lowest - tried[0], logs + step, tried
+        if decrease < 0.01:
+            break
+    return logs, np.diag(np.linalg.inv(hessian))
+
+
+def estimate_levels(inner: Whitened, of_joints: Floats, levels: Floats, weights: Floats) -> Floats:
+    """The noise variances after one step of expectation and maximisation at given sizes, (2,)."""
+    n = len(of_joints)
+    scaled = inner.columns * weights
+    factor = linalg.cholesky(np.eye(len(weights)) + scaled.T @ scaled, lower=True, check_finite=False)
+    rows = linalg.solve_triangular(factor, scaled.T, lower=True, check_finite=False).T
+    rest = (inner.residual - rows @ (rows.T @ inner.residual))[: 2 * n].reshape(n, 2)
+    taken = np.concatenate([inner.base, rows], axis=1)[: 2 * n].reshape(n, 2, -1)
+    kept = np.eye(2) - taken @ taken.swapaxes(1, 2)
+    found = levels.copy()
+    for k, part in enumerate((of_joints, np.eye(2) - of_joints)):
+        whitened = levels[k] * inner.inverse @ part @ inner.inverse.swapaxes(1, 2)
+        found[k] *= np.einsum('ni,nij,nj->', rest, whitened, rest) / np.einsum('nij,nji->', whitened, kept)
+    return np.clip(found, 1e-4, 2.0)
