@@ -261,7 +261,7 @@ def negative(evidence: Evidence) -> Iterator[Remark]:
 def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
     """A cell without gravity whose touches fit much better with it: the arm stands upright."""
     c = evidence.final
-    if evidence.diagnosis.verdict != 'unexplained' or c.parameters.has_gravity or c.fixed:
+    if evidence.diagnosis.verdict not in ('unexplained', 'ambiguous') or c.parameters.has_gravity or c.fixed:
         return
     for axis, gravity in (('y', (0.0, -9.81)), ('x', (-9.81, 0.0))):
         cell = replace(c.cell, nominal=c.cell.nominal.replace(gravity=gravity))
@@ -269,11 +269,12 @@ def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
             upright = calibrate(c.touches, cell)
         except (ParameterError, UnsupportedDataError):
             continue
-        if upright.is_result and upright.force_error < LIMITS.better_upright * evidence.calibration.force_error:
+        before = calibrate(c.touches, evidence.calibration.cell).force_error
+        if upright.is_result and upright.force_error < LIMITS.better_upright * before:
             yield Remark(
                 Grade.UNFIT,
                 f'with gravity along {axis} the force error is {upright.force_error:.2g} N instead of '
-                f'{evidence.calibration.force_error:.2g} N: the arm stands upright',
+                f'{before:.2g} N: the arm stands upright',
                 f'state `gravity` in the cell description, such as {list(gravity)}, and `robot.moments` where known',
             )
             return

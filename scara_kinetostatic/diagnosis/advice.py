@@ -84,6 +84,17 @@ def many_small(p_value: float) -> str:
     )
 
 
+def gross(suspected: Sequence[Found]) -> str:
+    """Message where effects that are not named are far beyond typical; empty if none is."""
+    if not suspected:
+        return ''
+    names = _enumerated([item.effect.title for item in suspected])
+    return (
+        f'large errors explain the touches, but no few of them do; suspected: {names}. Mend what is known to be wrong '
+        '(discs, sensor, gravity), and record again'
+    )
+
+
 def fixed_parameters(c: Calibration) -> str:
     """Message where parameters are fixed and a model error was found."""
     if not c.fixed:

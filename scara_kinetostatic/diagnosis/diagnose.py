@@ -39,6 +39,9 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
 
+_GROSS = 10.0
+"""Typical sizes beyond which an effect that is not named is no small error: the model is then not explained."""
+
 
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
     """Test whether the base model is complete, and find what it lacks.
@@ -161,11 +164,11 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     alarm = p_value < SIGNIFICANCE or bool(implausible)
     if alarm and found.has_names:
         return _with_extended_model(c, p_value, fit.dependences, found, known), found.deviance
-    after = adequacy(found.fit)
+    after, gross = adequacy(found.fit), advice.gross(suspects(found.fit, _GROSS)) if alarm and fit.dependences else ''
     ranking = _ranking(found.problem, found.scored_subsets)
     # noise stated too small is no model error
     refitted = found.fit if found.fit.random is not None and (fit.dependences or not alarm) else None
-    if not alarm or (after.p_value >= SIGNIFICANCE and fit.dependences and not found.is_unpredictable):
+    if not alarm or (after.p_value >= SIGNIFICANCE and fit.dependences and not found.is_unpredictable and not gross):
         many = advice.many_small(p_value) if alarm else ''
         verdict = Diagnosis('none', p_value, ranking=ranking, refitted=refitted, advice=many)
         return replace(verdict, remaining_p_value=after.p_value if alarm else p_value), found.deviance
@@ -177,7 +180,7 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
         remaining_p_value=after.p_value,
         ranking=ranking,
         refitted=refitted,
-        advice=implausible or advice.unexplained(c, fit.dependences),
+        advice=implausible or gross or advice.unexplained(c, fit.dependences),
     ), found.deviance
 
 
@@ -277,9 +280,9 @@ def _values(item: FittedEffect, calibration: Calibration) -> tuple[Value, ...]:
     )
 
 
-def suspects(final: Calibration) -> tuple[Found, ...]:
-    """The effects of the catalogue that are not named, with an amplitude beyond their typical size: of each its
-    largest column.
+def suspects(final: Calibration, least: float = 1.0) -> tuple[Found, ...]:
+    """The effects of the catalogue that are not named, with an amplitude beyond their typical size, or so many times
+    that size: of each its largest column.
     """
     random, arm = final.random, final.cell.uncertainty.effects.arm
     if random is None:
@@ -288,7 +291,7 @@ def suspects(final: Calibration) -> tuple[Found, ...]:
     std, largest = random.size * std[len(std) - len(value) :], dict[str, tuple[float, int]]()
     for k, column in enumerate(random.columns):
         ratio = abs(value[k]) / typical_size(column.effect, column.parameter, arm)
-        if ratio > max(1.0, largest.get(column.effect.label, (0.0, 0))[0]):
+        if ratio > max(least, largest.get(column.effect.label, (0.0, 0))[0]):
             largest[column.effect.label] = ratio, k
     found = []
     for _, k in sorted(largest.values(), reverse=True):
