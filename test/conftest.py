@@ -28,6 +28,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # started in the backgrou
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> None:
     """Two processes, where pytest-xdist is installed and nothing else is asked for."""
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # as the command does; the processes inherit it
     is_worker = 'PYTEST_XDIST_WORKER' in os.environ
     if not is_worker and getattr(config.option, 'numprocesses', 0) is None and not config.option.usepdb:
         config.option.numprocesses, config.option.dist = 2, 'worksteal'

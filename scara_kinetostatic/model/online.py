@@ -11,6 +11,7 @@ the places in the dead bands follow a force that gives way to the measured one o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import cos, hypot, isfinite, nan, sin
 from typing import NamedTuple
@@ -22,10 +23,11 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_obje
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import has_sensor_error
+from scara_kinetostatic.model.extended_model import ExtendedModel, has_sensor_error
 from scara_kinetostatic.model.tip import (
     SIGN_KNOWN,
     Force,
+    Law,
     Loading,
     load_arm,
     newton_step,
@@ -118,6 +120,13 @@ class OnlineArm:
         self._is_sensor_exact = exact and arm.cell.sensor.frame is SensorFrame.BASE
         self._levels = self.arm.noise.force_rms, self.arm.noise.growth
         self._held = (0.0, 0.0)
+        acting, base = self._law.model.acting.pairs, self._law.model.parameters
+        parts = [[pair for pair in acting if pair[0].is_undetected == small] for small in (False, True)]
+        self._named, self._undetected = (
+            replace(self._law, model=ExtendedModel(base, tuple(e for e, _ in part), tuple(tuple(v) for _, v in part)))
+            for part in parts
+        )
+        self._shifts = {id(law): np.zeros(4) for law in (self._named, self._undetected)}
         self._shift = (0.0, 0.0, 0.0, 0.0)
         self._deflection = (0.0, 0.0)
 
@@ -156,9 +165,11 @@ class OnlineArm:
         first, second = rest[0] + self._deflection[0], rest[1] + self._deflection[1]
         first, second, load, rows, solved = self._links(joints, first, second, force)
         state = None
-        if self._law.model.acting.effects:
+        # undetected effects are so small that they need not be worked out anew at every sample
+        laws = [self._named, self._undetected] if self._is_outdated(joints, load, force) else [self._named]
+        if any(law.model.acting.effects for law in laws):
             for _ in range(_PASSES):
-                state, change = self._update(joints, load, force, metadata)
+                state, change = self._update(laws, joints, load, force, metadata)
                 first, second, load, rows, solved = self._links(joints, first, second, force)
                 # change of what effects add after which one more solution is enough, rad and m; it depends on itself
                 # weakly
@@ -167,7 +178,7 @@ class OnlineArm:
         x, y = load.tip(p)
         x, y = x + self._shift[2], y + self._shift[3]
         if not (solved and isfinite(x) and isfinite(y)):
-            self._deflection, self._shift = (0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
+            self._deflection, self._shift, self._covariance_at = (0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (nan,) * 7
             return OnlinePosition(nan, nan, nan, np.full((3, 3), nan), 'undetermined')
         self._deflection = first - rest[0], second - rest[1]
         if self._is_outdated(joints, load, force):
@@ -208,13 +219,20 @@ class OnlineArm:
         return first, second, load, rows, False
 
     def _update(
-        self, joints: tuple[float, float], load: Loading, force: Force, metadata: TouchMetadata | None
+        self,
+        laws: Sequence[Law],
+        joints: tuple[float, float],
+        load: Loading,
+        force: Force,
+        metadata: TouchMetadata | None,
     ) -> tuple[TouchState, float]:
-        """Works out what the effects add at a pose; the pose as they take it, and by what that differs from before."""
+        """Works out what effects add at a pose; the pose as they take it, and by what that differs from before."""
         known = TouchMetadata.plain(1) if metadata is None else metadata
         state = self._law.touch_state(np.array([joints]), load, force, known)
-        turn, moved = self._law.shift(state, np.array([force.place]))
-        before, self._shift = self._shift, (*turn[0].tolist(), *moved[0].tolist())
+        for law in laws:
+            self._shifts[id(law)] = np.concatenate(law.shift(state, np.array([force.place])), axis=1)[0]
+        one, two, three, four = np.sum(list(self._shifts.values()), axis=0).tolist()
+        before, self._shift = self._shift, (one, two, three, four)
         return state, max(abs(new - old) for new, old in zip(self._shift, before, strict=True))
 
     def _is_outdated(self, joints: tuple[float, float], load: Loading, force: Force) -> bool:
