@@ -37,7 +37,7 @@ class RandomEffects(NamedTuple):
         joints: δ by one standard deviation, (n, 2, k), rad.
         place: d by one, (n, 2, k), m.
         sensor: e by one, (n, 2, k), N, in the sensor's frame.
-        stated: declared standard deviations by name of the effect.
+        stated: declared standard deviations by label or name of the effect.
     """
 
     columns: tuple[Column, ...]
@@ -73,6 +73,10 @@ class RandomEffects(NamedTuple):
         """At the touches that a mask, a slice or an array of positions picks."""
         return self._replace(joints=self.joints[which], place=self.place[which], sensor=self.sensor[which])
 
+    def stated_size(self, column: Column) -> float:
+        """The declared standard deviation of its effect; NaN where none is declared."""
+        return self.stated.get(column.effect.label, self.stated.get(column.effect.name, np.nan))
+
     @property
     def of_robot(self) -> int:
         """How many columns move the robot."""
@@ -82,11 +86,7 @@ class RandomEffects(NamedTuple):
     def sources(self) -> tuple[Source, ...]:
         """One for each column; those of effects of one name have one label."""
         return tuple(
-            Source(
-                f'{UNDETECTED}[{c.effect.name}]',
-                self.stated.get(c.effect.name, np.nan),
-                c.effect.parameters[c.parameter].unit,
-            )
+            Source(f'{UNDETECTED}[{c.effect.name}]', self.stated_size(c), c.effect.parameters[c.parameter].unit)
             for c in self.columns
         )
 

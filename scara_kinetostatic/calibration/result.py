@@ -541,10 +541,9 @@ def joint_covariance(calibration: Calibration) -> JointCovariance:
     c, size, fitted = calibration, len(calibration.covariance), len(calibration.model.names)
     declared = DeclaredErrors.of(c.cell)
     names, units = (declared.names, declared.units) if declared else ((), np.zeros(0))
-    matrix = np.zeros((size + len(names), size + len(names)))
-    known = np.concatenate([np.arange(fitted), size + np.arange(len(names))])
-    scale = np.concatenate([np.ones(fitted), units])
-    matrix[np.ix_(known, known)] = scale[:, None] * c.covariance_with_errors[: len(scale), : len(scale)] * scale
+    kept, scale = of_full_model(c)
+    every, scale = np.concatenate([kept, fitted + np.arange(len(names))]), np.concatenate([scale, units])
+    matrix = scale[:, None] * c.covariance_with_errors[np.ix_(every, every)] * scale
     matrix[:size, :size] = c.covariance
     model = c.full_model
     return JointCovariance((*model.names, *names), np.concatenate([model.as_array(), units * c.errors]), matrix)

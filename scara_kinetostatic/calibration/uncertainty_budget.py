@@ -224,7 +224,8 @@ def _improvement(
     c: Calibration, area: Workspace, labels: tuple[str, ...], sizes: tuple[float, float], unit: str, covariance: Floats
 ) -> Improvement:
     kept, scale = of_full_model(c)
-    expanded = COVERAGE_FACTOR * area.std(scale[:, None] * covariance[np.ix_(kept, kept)] * scale)
+    rivals = sum(part.covariance for part in c.contributions if part.label == RIVALS)
+    expanded = COVERAGE_FACTOR * area.std(scale[:, None] * covariance[np.ix_(kept, kept)] * scale + rivals)
     known = expanded[np.isfinite(expanded)]
     median, worst = (float(np.median(known)), float(known.max())) if len(known) else (np.nan, np.nan)
     return Improvement(labels, *sizes, unit, median, worst)

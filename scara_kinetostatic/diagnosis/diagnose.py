@@ -56,7 +56,8 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         effects: the catalogue; None for all that `effects.registry` lists.
     """
     offered = catalogue(calibration.cell) if effects is None else effects
-    known = tuple(effect for effect in offered if effect.label not in calibration.held_effects)
+    own = {effect.label for effect in calibration.model.effects}
+    known = tuple(effect for effect in offered if effect.label not in own)
     found = _with_likeliest_noise(calibration, known)
     tests = contradictions(found.extended or found.refitted or calibration)
     level = SIGNIFICANCE / (2 * _shares(calibration)) if tests else 0.0

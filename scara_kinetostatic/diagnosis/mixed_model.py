@@ -85,7 +85,7 @@ class MixedModel(NamedTuple):
             return np.zeros(0)
         mode = self.fit.cell.uncertainty.effects.sizes
         wanted = self.typical * (self.common if mode is SizeMode.ESTIMATED else 1.0)
-        stated = np.array([c.effect.name in self.fit.random.stated for c in self.fit.random.columns], dtype=bool)
+        stated = np.isfinite([self.fit.random.stated_size(column) for column in self.fit.random.columns])
         return np.where(stated, 1.0, wanted / self.fit.random.size)
 
 
@@ -490,7 +490,7 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
         noise_source='estimated' if estimated_levels(c.noise, c.cell.noise) else 'given',
         chi_square=solved.chi_square,
         degrees_of_freedom=solved.freedoms,
-        prior_cost=float((solved.u**2).sum()),
+        prior_cost=float((solved.u[: len(c.errors)] ** 2).sum() + (_trusted_rows(c, base)[1] ** 2).sum()),
         standardized=np.sqrt(distance),
         rejected=_rejections(c, base, distance),
         start=ExtendedModel(

@@ -39,7 +39,7 @@ from scara_kinetostatic.diagnosis.mixed_model import MixedModel, fit_mixed
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets
 from scara_kinetostatic.diagnosis.noise_structure import fit_with_off_normal
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
 _MOST_IN_UNION = 5
@@ -109,29 +109,35 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
             break
         if not members:
             return found or Search(plain, problem, sets, (), (), c)
-        before = names
-        try:
-            model = fit_mixed(c, known, start_from(problem, members))
-        except (
-            np.linalg.LinAlgError,
-            UnsupportedDataError,
-        ):  # the linear problem leads to where the model is not defined
-            break
-        wrong = {
-            effect.label for effect, values, _ in fitted_effects(model.fit) if not effect.is_plausible(np.array(values))
-        }
-        curves = {member.effect.label for member in members if not member.effect.is_physical}
-        # a curve over the force may be so steep that no contact, or another one, belongs to the joint angles
-        if curves and not model.fit.force_error <= 2.0 * c.force_error + c.noise.force_rms:
+        before, fitted = names, _fit(c, known, problem, members)
+        if fitted is None:
+            curves = {member.effect.label for member in members if not member.effect.is_physical}
             if curves & set(_partition(sets)[0]):
                 return Search(plain, problem, sets._replace(credible=()), (), (), c, is_unpredictable=True)
-            wrong |= curves
-        if wrong:
+            wrong = curves or {member.effect.label for member in members}
+        else:
+            effects = fitted_effects(fitted.fit)
+            wrong = {effect.label for effect, values, _ in effects if not effect.is_plausible(np.array(values))}
+        if wrong or fitted is None:
             excluded |= wrong
-            found, before = None, {('', 0.0)}
+            found, model, before = None, fitted or plain, {('', 0.0)}
             continue
+        model = fitted
         found = Search(model, problem, sets, *_partition(sets), c)
     return found or Search(plain, problem, sets, (), (), c)
+
+
+def _fit(
+    c: Calibration, known: Sequence[Effect], problem: Problem, members: Sequence[Candidate], most: int = 8
+) -> MixedModel | None:
+    """The mixed model with effects named, of so many linearisations at most; None where there is none, or where it does
+    not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm.
+    """
+    try:
+        model = fit_mixed(c, known, start_from(problem, members), most)
+    except (np.linalg.LinAlgError, UnsupportedDataError, ParameterError):
+        return None
+    return model if model.fit.force_error <= 2.0 * c.force_error + c.noise.force_rms else None
 
 
 def _name(member: Candidate) -> tuple[str, float]:
@@ -165,10 +171,8 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> ExtendedModel:
 def fit_rivals(found: Search, known: Sequence[Effect]) -> list[MixedModel]:
     """The mixed model with each of the likeliest credible sets named by itself."""
     sets, base = found.scored_subsets, replace(found.base, used=found.fit.used)
-    return [
-        fit_mixed(base, known, start_from(found.problem, sets.members(subset)), most=3)
-        for subset in sets.credible[:_MOST_RIVALS]
-    ]
+    fits = [_fit(base, known, found.problem, sets.members(one), most=3) for one in sets.credible[:_MOST_RIVALS]]
+    return [fit for fit in fits if fit is not None]
 
 
 def fit_laws(found: Search, known: Sequence[Effect]) -> list[MixedModel]:
@@ -181,7 +185,7 @@ def fit_laws(found: Search, known: Sequence[Effect]) -> list[MixedModel]:
         for law in member.effect.alternative_laws()
         for candidate in gather(found.problem, [law]).candidates
     ]
-    return [fit_mixed(base, known, start_from(found.problem, other), most=3) for other in others]
+    return [fit for other in others if (fit := _fit(base, known, found.problem, other, most=3)) is not None]
 
 
 def _union(scored_subsets: ScoredSubsets) -> list[Candidate]:
