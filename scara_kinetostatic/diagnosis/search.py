@@ -137,7 +137,7 @@ def _fit(
         model = fit_mixed(c, known, start_from(problem, members), most)
     except (np.linalg.LinAlgError, UnsupportedDataError, ParameterError):
         return None
-    return model if model.fit.force_error <= 2.0 * c.force_error + c.noise.force_rms else None
+    return model if model.fit.force_error <= c.force_error + c.noise.force_rms else None
 
 
 def _name(member: Candidate) -> tuple[str, float]:
