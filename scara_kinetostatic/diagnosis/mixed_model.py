@@ -321,11 +321,11 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     mean = np.exp((logs + np.minimum(half, _LARGEST_HALF_VARIANCE))[:-1])
     weights = np.concatenate([np.ones(fixed), mean[group]])
     system = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
-    factor = linalg.cholesky(system, lower=True, check_finite=False)
-    inverse = linalg.cho_solve((factor, True), np.eye(len(weights)), check_finite=False)
+    factor = np.linalg.cholesky(system)
+    inverse = np.linalg.inv(system)
     h = weights * inner.projected
     u = -inverse @ h
-    by_fitted = linalg.solve_triangular(inner.triangle, inner.of_columns * weights, check_finite=False)
+    by_fitted = np.linalg.solve(inner.triangle, inner.of_columns * weights)
     y = -linalg.solve_triangular(inner.triangle, inner.of_residual, check_finite=False) - by_fitted @ u
     root = linalg.solve_triangular(inner.triangle, np.eye(len(y)), check_finite=False)
     crossed = -by_fitted @ inverse

@@ -119,8 +119,8 @@ def estimate_levels(inner: Whitened, of_joints: Floats, levels: Floats, weights:
     """The noise variances after one step of expectation and maximisation at given sizes, (2,)."""
     n = len(of_joints)
     scaled = inner.columns * weights
-    factor = linalg.cholesky(np.eye(len(weights)) + scaled.T @ scaled, lower=True, check_finite=False)
-    rows = linalg.solve_triangular(factor, scaled.T, lower=True, check_finite=False).T
+    factor = np.linalg.cholesky(np.eye(len(weights)) + scaled.T @ scaled)
+    rows = np.linalg.solve(factor, scaled.T).T
     rest = (inner.residual - rows @ (rows.T @ inner.residual))[: 2 * n].reshape(n, 2)
     taken = np.concatenate([inner.base, rows], axis=1)[: 2 * n].reshape(n, 2, -1)
     kept = np.eye(2) - taken @ taken.swapaxes(1, 2)
