@@ -235,7 +235,7 @@ class EffectLaw(ABC):
         grid_parameter: the parameter that is searched on a grid, such as a frequency; empty if there is none.
         is_stepwise: whether it changes in steps along `grid_parameter`: a fit holds it at the best trial, and its
             uncertainty is that of the choice among the trials.
-        is_undetected: whether it stands for errors too small to be detected: its values are zero, and uncertain.
+        is_undetected: whether it stands for errors too small to be named.
         scaled_by: names of those parameters of L̄, such as ``p1``, that the shift is proportional to.
     """
 
