@@ -460,8 +460,11 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
     reachable = (reach < 0.95 * length) & (reach > (1 - 0.95) * length + abs(p.l1 - p.l2))
     parts = [array[reachable] for array in (disc, angle, posture, level, is_unloaded, tip, outward, surface)]
     disc, angle, posture, level, is_unloaded, tip, outward, surface = parts
-
     joints = inverse_kinetostatics(p, tip, -level[:, None] * outward, posture, cell.gripper)[0]
+    held = np.isfinite(joints).all(axis=1)  # an arm that is grossly off cannot hold all of them
+    parts = [array[held] for array in (disc, angle, posture, level, is_unloaded, outward, surface, joints)]
+    disc, angle, posture, level, is_unloaded, outward, surface, joints = parts
+
     # unloaded touches are preloaded by 30 % beyond the force
     before = np.where(is_unloaded, (1 + 0.3) * level, 0.0)
     is_dragged = np.median(np.abs(slide(pose_problem(calibration).touch_state))) > 0.9
