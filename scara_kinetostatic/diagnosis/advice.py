@@ -106,7 +106,7 @@ def fixed_parameters(c: Calibration) -> str:
 def moments(found: Sequence[Found], known: Sequence[HasMoment]) -> str:
     """Between which touches something shifted; of a rival, where that is if it is the one."""
     certain = {item.effect.label for item in found if item.is_found}
-    named = [(moment.effect.label, moment.text) for moment in known]
+    named = [(moment.effect.label, moment.text) for moment in known if moment.text]
     return joined(*(text if label in certain else f'if it is {label}, {text}' for label, text in named))
 
 

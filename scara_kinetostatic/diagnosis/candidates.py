@@ -54,10 +54,10 @@ class Scan(NamedTuple):
     Attributes:
         effect: the effect.
         trials: the trials.
-        columns: of all trials, projected off the base model, (2n, t, m).
+        columns: of all trials, (2n, t, m).
         tried: how many trials the effect has in all.
         independent_part: largest part of a column that is independent of the base model.
-        gram: inner products of the columns of each trial, (t, m, m).
+        gram: inner products of the columns of each trial, projected off the base model, (t, m, m).
         projected: inner products of the columns with y, (t, m).
     """
 
@@ -127,15 +127,14 @@ def gather(
             found.append(Candidate(effect, trials[0], unit, 1))
         else:
             unidentifiable.append(Unidentifiable(effect, part))
-    alone = [_best_trial(problem, scan) for scan in scans]
+    alone = [scan.candidate(problem, k) for scan, k in (_best_trial(problem, scan) for scan in scans)]
     partners = sorted(found + alone, key=lambda c: -explained(problem, c))[: 12 if together else 0]
     for scan, first in zip(scans, alone, strict=True):
-        beside = [_best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect]
         # each trial once; steps within four touches are compared as one: the fit refines the moment
-        distinct: dict[float, Candidate] = {}
-        for candidate in (first, *beside):
-            place = float(round(candidate.trial.place / 4.0)) if scan.effect.is_stepwise else float(id(candidate.trial))
-            distinct.setdefault(place, candidate)
+        distinct = {_rounded(first.trial, scan.effect): first}
+        for finer, k in (_best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect):
+            if (place := _rounded(finer.trials[k], scan.effect)) not in distinct:
+                distinct[place] = finer.candidate(problem, k)
         found += distinct.values()
         if scan.effect.label in fitted:
             found.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
@@ -157,13 +156,20 @@ def explained(problem: Problem, candidate: Candidate) -> float:
     return float(np.sum((candidate.unit.T @ problem.left) ** 2))
 
 
-def _best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Candidate:
+def _rounded(trial: Trial, effect: Effect) -> str:
+    """The place of a trial; trials of the same one are the same."""
+    return f'{trial.place / 4.0:.0f}' if effect.is_stepwise else f'{trial.place:.3g}'
+
+
+def _best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> tuple[Scan, int]:
     """The trial that explains most, by itself or beside an orthonormal basis (2n, r), refined on finer grids."""
     gained = gains(problem, scan, beside)
-    return refined(problem, scan, int(np.argmax(gained)), gained, beside)
+    return _refined(problem, scan, int(np.argmax(gained)), gained, beside)
 
 
-def refined(problem: Problem, scan: Scan, k: int, gained: Floats, beside: Floats | None = None) -> Candidate:
+def _refined(
+    problem: Problem, scan: Scan, k: int, gained: Floats, beside: Floats | None = None
+) -> tuple[Scan, int]:
     """The best trial near one of a grid.
 
     It is looked for on ever finer grids, until a step changes what is explained by less than 0.3 of the residual
@@ -189,7 +195,7 @@ def refined(problem: Problem, scan: Scan, k: int, gained: Floats, beside: Floats
         if most - before < 0.3 * max(total - most, 0.0) / problem.freedoms:
             break
         width *= 2 / (len(finer) - 1)
-    return scan.candidate(problem, k)
+    return scan, k
 
 
 def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
@@ -207,21 +213,21 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
 
 
 def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:
-    """Trials of an effect, of `tried` in all, projected off the base model.
+    """Trials of an effect, of `tried` in all.
 
     A column that these touches do not tell from the base model is 0 where it is the only one of its trial.
     """
     flat = problem.columns(*trials)
-    shape = len(problem.left), len(trials), flat.shape[1] // len(trials)
-    size = np.linalg.norm(flat, axis=0)
-    flat = flat - problem.base @ (problem.base.T @ flat)
-    part = np.divide(np.linalg.norm(flat, axis=0), size, out=np.zeros_like(size), where=size > 0)
-    if shape[2] == 1:
-        flat = flat * (part > problem.least_independent_part)
-    by_trial = flat.transpose().reshape(*shape[1:], len(flat))
-    gram = by_trial @ by_trial.transpose(0, 2, 1)
-    left = (problem.left @ flat).reshape(shape[1:])
-    return Scan(effect, trials, flat.reshape(shape), tried, float(min(1.0, part.max())), gram, left)
+    columns = flat.reshape(len(flat), len(trials), -1)
+    along = (problem.base.T @ flat).reshape(-1, *columns.shape[1:])
+    square = np.einsum('ntm,ntm->tm', columns, columns)
+    gram = np.einsum('ntm,ntk->tmk', columns, columns) - np.einsum('rtm,rtk->tmk', along, along)
+    left = (problem.left @ flat).reshape(square.shape)
+    part = np.sqrt(np.clip(np.divide(np.einsum('tmm->tm', gram), square, out=np.zeros_like(square), where=square > 0), 0, 1))
+    if part.shape[1] == 1:
+        kept = part > problem.least_independent_part
+        columns, gram, left = columns * kept, gram * kept[:, :, None], left * kept
+    return Scan(effect, trials, columns, tried, float(part.max()), gram, left)
 
 
 def all_candidates(

@@ -24,6 +24,7 @@ from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequ
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
     SIGNIFICANCE,
+    STRICT_SIGNIFICANCE,
     FittedEffect,
     Problem,
     fitted_effects,
@@ -162,7 +163,7 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     found = likeliest(c, known, off_normal < SIGNIFICANCE / 2)
     if found.has_names and found.lead >= CREDIBLE:
         p_value = min(p_value, float(np.exp(-found.lead / 2)))
-    alarm = p_value < SIGNIFICANCE or bool(implausible)
+    alarm = p_value < (SIGNIFICANCE if found.has_names else STRICT_SIGNIFICANCE) or bool(implausible)
     if alarm and found.has_names:
         return _with_extended_model(c, p_value, fit.dependences, found, known), found.deviance
     after, gross = adequacy(found.fit), advice.gross(suspects(found.fit, _GROSS)) if alarm and fit.dependences else ''
@@ -229,12 +230,13 @@ def _with_extended_model(
 
 
 def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
-    """A calibration with the standard deviations of the moments of its effects."""
+    """A calibration with the standard deviations of the places of its effects on their grids."""
     std, place, by_label = np.array(fit.effect_std), 0, {moment.effect.label: moment.std for moment in when}
     for effect in fit.model.effects:
         if effect.label in by_label:
             assert isinstance(effect, Effect)
-            std[place + effect.grid_parameter_index] = by_label[effect.label]
+            where = place + effect.grid_parameter_index
+            std[where] = np.fmax(std[where], by_label[effect.label])
         place += len(effect.parameters)
     if not when:
         return fit

@@ -106,7 +106,12 @@ class _Sizes(NamedTuple):
 
 
 def fit_mixed(
-    c: Calibration, known: Sequence[Effect], named: ExtendedModel | None = None, most: int = _LINEARISATIONS
+    c: Calibration,
+    known: Sequence[Effect],
+    named: ExtendedModel | None = None,
+    most: int = _LINEARISATIONS,
+    *,
+    keeps_touches: bool = False,
 ) -> MixedModel:
     """The mixed model of the touches of a calibration.
 
@@ -115,6 +120,7 @@ def fit_mixed(
         known: the catalogue.
         named: the effects to name, with values to begin with, and L̄; None for none.
         most: linearisations at most.
+        keeps_touches: whether outliers stay, as what is missing may explain them.
 
     Raises:
         UnsupportedDataError: it diverges.
@@ -129,13 +135,15 @@ def fit_mixed(
     with np.errstate(all='ignore'):
         for steps in (most, 1):  # where it does not settle, the first linearisation
             with suppress(np.linalg.LinAlgError, ParameterError):
-                found = _settled(c, known, model, steps)
+                found = _settled(c, known, model, steps, keeps_touches)
                 if found.fit.termination is Termination.CONVERGED:
                     return found
     raise UnsupportedDataError('the fit diverges', 'check the places of the discs, and units, signs and frames')
 
 
-def _settled(c: Calibration, known: Sequence[Effect], model: ExtendedModel, most: int) -> MixedModel:
+def _settled(
+    c: Calibration, known: Sequence[Effect], model: ExtendedModel, most: int, keeps_touches: bool
+) -> MixedModel:
     """The mixed model, linearised anew until it settles, up to a number of times."""
     latest, typical, held = _with_random_effects(c, model, known)
     logs = np.zeros(0)
@@ -151,7 +159,7 @@ def _settled(c: Calibration, known: Sequence[Effect], model: ExtendedModel, most
             break
         pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
         settled = solved.shift < _SETTLED and all(abs(after - before) <= 0.05 * before for after, before in pairs)
-        good = _good(moved, solved, late=number >= 3)
+        good = c.used if keeps_touches else _good(moved, solved, late=number >= 3)
         if settled and (good == moved.used).all():
             break
         latest = _with_projection(replace(moved, used=good), moved.projection)

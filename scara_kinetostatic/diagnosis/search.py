@@ -232,7 +232,7 @@ def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Sear
     if not c.used.all() and not found[0].fit.used.all():
         every = replace(c, used=np.ones(len(c.touches), dtype=bool))
         with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
-            found.append(identify(every, known))
+            found.append(identify(every, known, fit_mixed(every, known, keeps_touches=True)))
     if c.cell.noise is None and not any(item.has_names for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
         with suppress(UnsupportedDataError):
             usual = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), c.model.effects, fixed=c.fixed)
@@ -273,11 +273,11 @@ def _with_off_normal_forces(c: Calibration, known: Sequence[Effect]) -> list[Sea
 
 
 class Moment(NamedTuple):
-    """The moment of one stepwise effect of a fit.
+    """The place of one effect of a fit on its grid: the moment of a stepwise one, the friction of one that slips.
 
     Attributes:
         effect: the effect.
-        text: between which touches it is, with a probability of 95 %.
+        text: between which touches a moment is, with a probability of 95 %; empty for others.
         std: its standard deviation.
     """
 
@@ -287,20 +287,21 @@ class Moment(NamedTuple):
 
 
 def moments(fit: Calibration) -> tuple[Moment, ...]:
-    """When the stepwise effects of a fit begin or end.
+    """When the stepwise effects of a fit begin or end, and the friction of those that slip, on which the fit depends
+    in kinks.
 
-    Every moment is compared in the linear problem at the fit: with χ²_k the least sum of squares with the moment k, in
-    units of s², its weight is exp(-χ²_k/2), as all are equally likely before.
+    All places of the grid are compared in the linear problem at the fit: with χ²_k the least sum of squares with the
+    place k, in units of s², its weight is exp(-χ²_k/2), as all are equally likely before.
     """
     named = fitted_effects(fit)
-    if not any(effect.is_stepwise for effect, _, _ in named):
+    if not any(effect.grid_parameter for effect, _, _ in named):
         return ()
     problem, found = pose_problem(fit), []
     candidates = [as_fitted(problem, effect, values, 1) for effect, values, _ in named]
     for number, (effect, values, _) in enumerate(named):
-        if not effect.is_stepwise:
+        trials = effect.trials(problem.touch_state, problem.force) if effect.grid_parameter else ()
+        if len(trials) < 2 or (not effect.is_stepwise and effect.finer(problem.touch_state, trials[0], 1.0)):
             continue
-        trials = effect.trials(problem.touch_state, problem.force)
         nearest = min(trials, key=lambda trial: abs(trial.place - values[effect.grid_parameter_index]))
         trials = effect.finer(problem.touch_state, nearest, 3.0) or trials
         others = [item.unit for k, item in enumerate(candidates) if k != number and item.unit.size]
@@ -309,7 +310,11 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
         scale = max(1.0 if problem.noise_given else 0.0, fit.reduced_chi_square, 1e-300)
         places = np.array([trial.place for trial in trials])
         weight = np.exp((gained - gained.max()) / (2 * scale))
-        found.append(_moment(fit, problem, effect, places, weight / weight.sum()))
+        weight /= weight.sum()
+        if effect.is_stepwise:
+            found.append(_moment(fit, problem, effect, places, weight))
+        else:
+            found.append(Moment(effect, '', float(np.sqrt(weight @ (places - weight @ places) ** 2))))
     return tuple(found)
 
 
