@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.calibration.result import Calibration, joint_covariance, undetected_covariance
+from scara_kinetostatic.calibration.result import Calibration, UndetectedErrors, joint_covariance
 from scara_kinetostatic.files.columns import csv_lines
 from scara_kinetostatic.files.escaping import csv_cell
 from scara_kinetostatic.files.touch_table import EXAMPLE, TouchTable
@@ -63,7 +63,7 @@ def record_of(calibration: Calibration) -> CalibrationRecord:
         'fit': {'degrees_of_freedom': c.degrees_of_freedom, 'enlargement': c.enlargement},
         'noise': {'source': c.noise_source},
         'parameters': {name: {'status': status} for name, status in c.status.items()},
-        'covariance_with_cell': {'undetected': undetected_covariance(c)},
+        'covariance_with_cell': {'undetected': UndetectedErrors.of(c)._asdict()},
         'touches': {'fitted': [dict(zip(columns, row, strict=True)) for row in rows]},
     }
     return CalibrationRecord('calibration', document, c.arm, *joint_covariance(c))

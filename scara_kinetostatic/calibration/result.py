@@ -36,7 +36,7 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
 from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observations, observe
-from scara_kinetostatic.calibration.random_effects import UNDETECTED, RandomEffects
+from scara_kinetostatic.calibration.random_effects import RandomEffects
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
@@ -512,14 +512,42 @@ def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
     return HeldOut(force_error(residual), folds)
 
 
-def undetected_covariance(c: Calibration, *, of_robot: bool = True) -> Floats:
-    """What undetected effects contribute to the covariance of the values of the model, (12 + k, 12 + k): the same
-    robot has it at every calibration; without those of the robot the same objects and sensor have it.
+class UndetectedErrors(NamedTuple):
+    """By how much undetected effects move the estimates: the same robot has them at every calibration.
+
+    Attributes:
+        rows: names of the values of the model that they move, (v,).
+        columns: the effects as texts (`Column.text`), (u,).
+        of_robot: whether each moves the robot, (u,); else it is of objects or sensor.
+        size: standard deviation of each, in its unit, (u,).
+        matrix: changes of the estimates by one standard deviation of each, (v, u), SI.
     """
-    size = len(c.model.names)
-    parts = [part.covariance for part in c.contributions if part.label.startswith(UNDETECTED)]
-    chosen = [part[:size, :size] for part in parts if of_robot or not part[size:].any()]
-    return np.asarray(sum(chosen, np.zeros((size, size))))
+
+    rows: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()
+    of_robot: tuple[bool, ...] = ()
+    size: Floats = np.zeros(0)
+    matrix: Floats = np.zeros((0, 0))
+
+    @classmethod
+    def of(cls, c: Calibration) -> UndetectedErrors:
+        """Those of a calibration."""
+        if c.random is None:
+            return cls()
+        kept, scale = of_full_model(c)
+        first = len(c.model.names) + len(c.errors)
+        moved = scale[:, None] * c.covariance_with_errors[kept, first:] / c.enlargement**0.5
+        texts, of_robot = zip(*((column.text, column.moves_robot) for column in c.random.columns), strict=True)
+        return cls(c.full_model.names, texts, of_robot, c.random.size, moved)
+
+    def at(self, names: Sequence[str], some: bool | None = None) -> Floats:
+        """The rows of some values, zero for those that it lacks, (n, u); of the robot or of objects and sensor only."""
+        place = {name: k for k, name in enumerate(self.rows)}
+        found = np.zeros((len(names), len(self.columns)))
+        for k, name in enumerate(names):
+            if name in place:
+                found[k] = self.matrix[place[name]]
+        return found if some is None else found[:, np.equal(self.of_robot, some)]
 
 
 class JointCovariance(NamedTuple):

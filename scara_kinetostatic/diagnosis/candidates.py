@@ -132,7 +132,9 @@ def gather(
     for scan, first in zip(scans, alone, strict=True):
         # each trial once; steps within four touches are compared as one: the fit refines the moment
         distinct = {_rounded(first.trial, scan.effect): first}
-        for finer, k in (_best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect):
+        for finer, k in (
+            _best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect
+        ):
             if (place := _rounded(finer.trials[k], scan.effect)) not in distinct:
                 distinct[place] = finer.candidate(problem, k)
         found += distinct.values()
@@ -167,9 +169,7 @@ def _best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> t
     return _refined(problem, scan, int(np.argmax(gained)), gained, beside)
 
 
-def _refined(
-    problem: Problem, scan: Scan, k: int, gained: Floats, beside: Floats | None = None
-) -> tuple[Scan, int]:
+def _refined(problem: Problem, scan: Scan, k: int, gained: Floats, beside: Floats | None = None) -> tuple[Scan, int]:
     """The best trial near one of a grid.
 
     It is looked for on ever finer grids, until a step changes what is explained by less than 0.3 of the residual
@@ -223,7 +223,9 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
     square = np.einsum('ntm,ntm->tm', columns, columns)
     gram = np.einsum('ntm,ntk->tmk', columns, columns) - np.einsum('rtm,rtk->tmk', along, along)
     left = (problem.left @ flat).reshape(square.shape)
-    part = np.sqrt(np.clip(np.divide(np.einsum('tmm->tm', gram), square, out=np.zeros_like(square), where=square > 0), 0, 1))
+    part = np.sqrt(
+        np.clip(np.divide(np.einsum('tmm->tm', gram), square, out=np.zeros_like(square), where=square > 0), 0, 1)
+    )
     if part.shape[1] == 1:
         kept = part > problem.least_independent_part
         columns, gram, left = columns * kept, gram * kept[:, :, None], left * kept

@@ -203,7 +203,7 @@ def _with_extended_model(
     after = adequacy(fit)
     weighted = fit_rivals(found, known) if found.rivals else []
     rivals = [rival.fit for rival in weighted]
-    fit = averaged(fit, [*(weighted or [found.model]), *fit_laws(found, known)])
+    fit = averaged(fit, weighted or [found.model], fit_laws(found, known))
     effects = _describe(fit, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
     if verdict == 'unexplained':

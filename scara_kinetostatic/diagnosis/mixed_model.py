@@ -512,15 +512,17 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
     return MixedModel(c, float(np.exp(solved.logs[-1])), typical, solved.deviance + rejected)
 
 
-def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
-    """A fit with the scatter of rival ones, weighted by their restricted likelihood, in the covariance of its L̄: the
-    likelihood of the sizes then has several maxima, one for each rival.
+def averaged(c: Calibration, rivals: Sequence[MixedModel], laws: Sequence[MixedModel]) -> Calibration:
+    """A fit with the scatter of other ones in the covariance of its L̄: the likelihood of the sizes then has several
+    maxima, one for each. Rivals, which the touches do not rule out, count alike, other laws by their likelihood.
     """
-    if len(rivals) < 2:
+    fits = [*rivals, *laws]
+    if len(fits) < 2:
         return c
     count, lowest = c.model.base_count, min(rival.deviance for rival in rivals)
-    weight = np.exp([(lowest - rival.deviance) / 2 for rival in rivals])
-    off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in rivals])
+    by_law = [min(0.0, (lowest - law.deviance) / 2) for law in laws]
+    weight = np.exp([*[0.0] * len(rivals), *by_law])
+    off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in fits])
     more = np.zeros_like(c.covariance)
     more[:count, :count] = (weight * off.T) @ off / weight.sum()
     covariance = c.covariance + more

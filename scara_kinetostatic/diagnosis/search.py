@@ -109,7 +109,8 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
             break
         if not members:
             return found or Search(plain, problem, sets, (), (), c)
-        before, fitted = names, _fit(c, known, problem, members)
+        best = len(sets.members(sets.credible[0]))
+        before, fitted = names, _fit(c, known, start_from(problem, members[:best], members[best:]))
         if fitted is None:
             curves = {member.effect.label for member in members if not member.effect.is_physical}
             if curves & set(_partition(sets)[0]):
@@ -127,14 +128,12 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
     return found or Search(plain, problem, sets, (), (), c)
 
 
-def _fit(
-    c: Calibration, known: Sequence[Effect], problem: Problem, members: Sequence[Candidate], most: int = 8
-) -> MixedModel | None:
+def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel, most: int = 8) -> MixedModel | None:
     """The mixed model with effects named, of so many linearisations at most; None where there is none, or where it does
     not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm.
     """
     try:
-        model = fit_mixed(c, known, start_from(problem, members), most)
+        model = fit_mixed(c, known, start, most)
     except (np.linalg.LinAlgError, UnsupportedDataError, ParameterError):
         return None
     return model if model.fit.force_error <= c.force_error + c.noise.force_rms else None
@@ -145,12 +144,13 @@ def _name(member: Candidate) -> tuple[str, float]:
     return member.effect.label, member.trial.place if member.effect.is_stepwise else 0.0
 
 
-def start_from(problem: Problem, members: Sequence[Candidate]) -> ExtendedModel:
+def start_from(problem: Problem, members: Sequence[Candidate], others: Sequence[Candidate] = ()) -> ExtendedModel:
     """L̄ and effects that fit the linear problem best, to start from.
 
     Args:
         problem: the touches.
         members: the effects.
+        others: further ones, which start at zero: rivals together would start at large values of opposite sign.
     """
     columns = [problem.columns(member.trial) for member in members]
     together = np.concatenate(columns, axis=1)
@@ -158,20 +158,21 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> ExtendedModel:
     scale[scale == 0] = 1.0
     projected = (together - problem.base @ (problem.base.T @ together)) / scale
     found = -np.linalg.lstsq(projected, problem.left, rcond=INDEPENDENT_PART)[0] / scale
-    ends = np.cumsum([part.shape[1] for part in columns])
-    values = [
-        member.trial.values(found[end - part.shape[1] : end])
-        for member, part, end in zip(members, columns, ends, strict=True)
-    ]
+    parts = np.split(found, np.cumsum([part.shape[1] for part in columns])[:-1])
+    parts += [np.zeros(len(other.trial.columns)) for other in others]
+    every = (*members, *others)
+    values = [member.trial.values(part) for member, part in zip(every, parts, strict=True)]
     moved = problem.without_effects + problem.response @ together @ found
     base = problem.point.parameters.with_array(problem.point.parameters.as_array() + moved)
-    return ExtendedModel(base, tuple(member.effect for member in members), tuple(map(tuple, values)))
+    return ExtendedModel(base, tuple(member.effect for member in every), tuple(map(tuple, values)))
 
 
 def fit_rivals(found: Search, known: Sequence[Effect]) -> list[MixedModel]:
     """The mixed model with each of the likeliest credible sets named by itself."""
     sets, base = found.scored_subsets, replace(found.base, used=found.fit.used)
-    fits = [_fit(base, known, found.problem, sets.members(one), most=3) for one in sets.credible[:_MOST_RIVALS]]
+    fits = [
+        _fit(base, known, start_from(found.problem, sets.members(one)), most=3) for one in sets.credible[:_MOST_RIVALS]
+    ]
     return [fit for fit in fits if fit is not None]
 
 
@@ -185,7 +186,7 @@ def fit_laws(found: Search, known: Sequence[Effect]) -> list[MixedModel]:
         for law in member.effect.alternative_laws()
         for candidate in gather(found.problem, [law]).candidates
     ]
-    return [fit for other in others if (fit := _fit(base, known, found.problem, other, most=3)) is not None]
+    return [fit for other in others if (fit := _fit(base, known, start_from(found.problem, other), most=3)) is not None]
 
 
 def _union(scored_subsets: ScoredSubsets) -> list[Candidate]:

@@ -45,6 +45,8 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.special import erfc
 
+from scara_kinetostatic.calibration.random_effects import UNDETECTED
+from scara_kinetostatic.calibration.result import UndetectedErrors
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import effect_entry, read_effect
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
@@ -136,7 +138,11 @@ def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw
 
 
 def _with_effects_of(record: CalibrationRecord, other: CalibrationRecord) -> CalibrationRecord:
-    """A calibration extended by the effects that another one has found and that can be compared."""
+    """A calibration extended by the effects that another one has found and that can be compared; as it is where its fit
+    has undetected effects, for these are among them.
+    """
+    if record.undetected.columns:
+        return record
     cell, model = record.arm.cell, other.arm.model
     own = {effect.label for effect in record.arm.model.effects}
     values = dict(zip((effect.label for effect in model.effects), model.effect_values, strict=True))
@@ -281,19 +287,20 @@ def compare_records(records: Sequence[CalibrationRecord]) -> list[Change]:
 
 def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     """What changed from one calibration of a robot to the next; it has the same undetected effects in both."""
+    undetected = before.undetected, after.undetected
     before, after = before.without_undetected(), after.without_undetected()
     both = _with_effects_of(before, after), _with_effects_of(after, before)
     cells = before.arm.cell, after.arm.cell
     effects = (*before.arm.model.effects, *after.arm.model.effects)
     not_compared = tuple(dict.fromkeys(e.label for e in effects if not is_comparable(e, *cells)))
     names = [name for name in both[0].arm.model.names if name in both[1].arm.model.names]
-    names = [name for name in names if name in UNITS or name.rpartition('.')[0] not in not_compared]
+    names = [n for n in names if n in UNITS or not (n.startswith(UNDETECTED) or n.rpartition('.')[0] in not_compared)]
     fits = [Fit.of(record) for record in both]
     state = fits[1].state
     scale = state.scale[[state.place(name) for name in names]]
     undetermined = [r.arm.undetermined[[r.arm.model.names.index(name) for name in names]] for r in both]
     hidden = np.concatenate(undetermined, axis=1)
-    parameters, s = _differences(both, fits, names, hidden)
+    parameters, s = _differences(both, fits, names, hidden, _by_undetected(*undetected, names))
     kept = null_space((hidden / scale[:, None]).T, rcond=1e-9).T if hidden.size else np.eye(len(names))
     difference = np.array([p.change for p in parameters]) / scale
     sizes, vectors = np.linalg.eigh(kept @ (s / np.outer(scale, scale)) @ kept.T)
@@ -328,12 +335,16 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
 
 
 def _differences(
-    both: tuple[CalibrationRecord, CalibrationRecord], fits: Sequence[Fit], names: Sequence[str], hidden: Floats
+    both: tuple[CalibrationRecord, CalibrationRecord],
+    fits: Sequence[Fit],
+    names: Sequence[str],
+    hidden: Floats,
+    by_undetected: Floats,
 ) -> tuple[tuple[ParameterChange, ...], Floats]:
     """Of values that both have, one by one, and S of them, SI, (p, p)."""
     places = [[record.place(name) for name in names] for record in both]
     covariances = [r.covariance[np.ix_(where, where)] for r, where in zip(both, places, strict=True)]
-    s = covariances[0] + covariances[1]
+    s = covariances[0] + covariances[1] + by_undetected @ by_undetected.T
     by_stated = [fit.by_stated(record) for fit, record in zip(fits, both, strict=True)]
     cells = [record.arm.cell for record in both]
     same = same_sources(*cells)
@@ -347,6 +358,22 @@ def _differences(
     units = [fits[1].state.units[place] for place in places[1]]
     values = (record.values[where].tolist() for record, where in zip(both, places, strict=True))
     return tuple(map(ParameterChange, names, units, *values, std.tolist())), s
+
+
+def _by_undetected(before: UndetectedErrors, after: UndetectedErrors, names: Sequence[str]) -> Floats:
+    """Changes of the difference of values by one standard deviation of each undetected effect, SI, (p, u).
+
+    The robot has the same ones in both calibrations, but other touches show other parts of them.
+    """
+    parts = [
+        dict(zip(one.columns, zip(one.size, one.at(names).T, strict=True), strict=True)) for one in (before, after)
+    ]
+    found = []
+    for column in parts[0].keys() | parts[1].keys():
+        (size, moved), (other_size, other) = (part.get(column, (0.0, np.zeros(len(names)))) for part in parts)
+        one = (size * other_size) ** 0.5
+        found.append(other * (one / other_size) - moved * (one / size) if one else moved + other)
+    return np.array(found).reshape(-1, len(names)).T
 
 
 def _evidence(root: Floats, difference: Floats, names: Sequence[str], fit: Fit, values: int) -> Evidence:

@@ -162,8 +162,8 @@ def _prior(record: CalibrationRecord, cell: Cell, names: Sequence[str]) -> tuple
     covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
     mean[places] = record.values[known]
     if record.arm.cell.discs == cell.discs:  # their undetected errors are what they were
-        part = record.undetected_of_objects()
-        covariance[: len(part), : len(part)] -= part
+        part = record.undetected.at(record.arm.model.names, some=False)
+        covariance[:own, :own] -= part @ part.T
     for name, std in stated_uncertainties(cell).items():
         if name in names[own:] and (place := own + names[own:].index(name)) not in places:
             covariance[place, place] = std**2

@@ -19,6 +19,7 @@ from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.calibration.result import UndetectedErrors
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
 from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
@@ -94,25 +95,25 @@ class CalibrationRecord:
             raise CalibrationFileError(where, f'is damaged or old: {reason:.200}', _REMEDY) from error
         return record
 
-    def undetected_of_objects(self) -> Floats:
-        """The part of the covariance that undetected errors of objects and sensor have, (12 + k, 12 + k)."""
-        part = self.document['covariance_with_cell'].get('undetected_objects')
-        size = len(self.arm.model.with_effects(self.arm.effects).names)
-        return np.zeros((size, size)) if part is None else stored_numbers(part, (size, size))
+    @cached_property
+    def undetected(self) -> UndetectedErrors:
+        """By how much undetected effects moved its estimates."""
+        part = self.document['covariance_with_cell'].get('undetected')
+        if part is None:
+            return UndetectedErrors()
+        rows, columns, of_robot = (tuple(part[key]) for key in ('rows', 'columns', 'of_robot'))
+        size, matrix = (
+            stored_numbers(part['size'], (len(columns),)),
+            stored_numbers(part['matrix'], (len(rows), len(columns))),
+        )
+        return UndetectedErrors(rows, columns, of_robot, size, matrix)
 
     def without_undetected(self) -> CalibrationRecord:
-        """The same without what undetected effects contribute: the robot has them at every calibration."""
-        model, part = self.arm.model, self.document['covariance_with_cell'].get('undetected')
-        if part is None:
-            return self
-        every, model = len(model.names), model.with_effects(self.arm.effects)
-        size, kept = len(model.names), np.array([k >= every or n in model.names for k, n in enumerate(self.names)])
-        covariance = self.covariance[np.ix_(kept, kept)]
-        covariance[:size, :size] -= stored_numbers(part, (size, size))
-        undetermined = self.arm.undetermined[kept[:every]]
-        arm = replace(self.arm, model=model, covariance=covariance[:size, :size], undetermined=undetermined)
-        names = tuple(name for name, keep in zip(self.names, kept, strict=True) if keep)
-        return replace(self, arm=arm, names=names, values=self.values[kept], covariance=covariance)
+        """The same without what undetected effects contribute to its covariance."""
+        size, moved = len(self.arm.model.names), self.undetected.at(self.arm.model.names)
+        covariance = self.covariance.copy()
+        covariance[:size, :size] -= moved @ moved.T
+        return replace(self, arm=replace(self.arm, covariance=covariance[:size, :size]), covariance=covariance)
 
     def planner(self, cell: Cell, touches: TouchSet | None) -> Planner:
         """What the touches to make next are planned by.

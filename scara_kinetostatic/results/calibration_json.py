@@ -8,7 +8,7 @@ import numpy as np
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
-from scara_kinetostatic.calibration.result import Calibration, joint_covariance, undetected_covariance
+from scara_kinetostatic.calibration.result import Calibration, UndetectedErrors, joint_covariance
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.diagnose import suspects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
@@ -162,11 +162,7 @@ def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
 def _covariance_with_cell(c: Calibration) -> Document:
     """What a later prediction needs: all values of the model and the errors of the cell description, SI units."""
     names, values, matrix = joint_covariance(c)
-    undetected = (
-        {'undetected': undetected_covariance(c), 'undetected_objects': undetected_covariance(c, of_robot=False)}
-        if c.has_undetected
-        else {}
-    )
+    undetected = {'undetected': UndetectedErrors.of(c)._asdict()} if c.random is not None else {}
     return {'names': names, 'values': values, 'matrix': matrix, **undetected}
 
 

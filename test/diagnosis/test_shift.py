@@ -113,3 +113,16 @@ def test_the_budget_adds_up_where_a_moment_was_found():
     assert extended is not None
     together = np.sum([part.covariance for part in extended.contributions], axis=0)
     np.testing.assert_allclose(np.diag(together)[:12], extended.std**2, rtol=1e-9)
+
+
+@pytest.mark.parametrize('noise', ['given', 'estimated'])
+def test_a_shift_after_few_touches_is_no_outlier(noise):
+    """The base model rejects the touches before it."""
+    values = (-1.7e-4, 11.5)
+    touches = simulate((effect('shift[joint1]'), values))
+    before = calibrate(touches, CELL if noise == 'given' else replace(CELL, noise=None))
+    assert not before.used.all()
+    found = diagnose(before)
+    assert [item.effect.label for item in found.found] == ['shift[joint1]']
+    assert found.extended is not None
+    assert found.extended.used.all()

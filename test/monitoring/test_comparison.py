@@ -13,11 +13,13 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.model.cell import Cell, Identification
+from scara_kinetostatic.model.cell import Cell, Identification, Noise, Uncertainty
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.comparison import Fit, compare, compare_records, extended
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import comparison_document, comparison_report
+from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report import as_text
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -173,3 +175,21 @@ def test_the_fit_is_known_again(before: CalibrationRecord) -> None:
     covariance = scale[:, None] * fit.knowledge[np.ix_(places, places)] * scale
     std = np.sqrt(np.diag(before.covariance))
     np.testing.assert_allclose(covariance / np.outer(std, std), before.covariance / np.outer(std, std), atol=1e-3)
+
+
+def test_a_robot_with_small_errors_is_unchanged_however_it_was_touched_and_named():
+    """An encoder gain that one calibration names and another one, of other touches, has among undetected effects."""
+    cell = replace(CELL, uncertainty=Uncertainty())
+    effect = find(cell, 'encoder_gain[joint1]')
+    robot = ExtendedModel(TRUTH, (effect,), ((4e-5,),))
+    plan = default_plan(cell, 12, preload=0.3)
+    chosen = np.random.default_rng(4).permutation(len(plan))
+    parts = chosen[:48], chosen[48:60]
+    made = [simulate_touches(cell, robot, plan.select(np.sort(part)), Noise(1e-5, 0.3), 3) for part in parts]
+    records = [CalibrationRecord.of_outcome(calibrate_touches(touches, cell)) for touches in made]
+    assert [bool(record.arm.effects) for record in records] == [True, False]
+    assert [bool(record.undetected.columns) for record in records] == [True, True]
+    found = compare(*records)
+    assert found.p_value > 0.01
+    assert found.only_before == (effect.label,)
+    assert max(abs(value.z) for value in found.parameters) < 4
