@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.kinetostatics import drag
 from scara_kinetostatic.model.outline import Outline, boundary, inside
 
@@ -25,6 +26,8 @@ Index = NDArray[np.intp]
 
 REACH_MARGIN = 0.03
 """Distance of the tip from the stretched and from the folded arm, m: the true arm may be shorter."""
+LIMIT_MARGIN = 0.02
+"""Distance of every planned joint angle from its limits, rad: what an error of the model changes in a contact."""
 BASE_MARGIN = 0.08
 """Distance of the tip from the first axis, m."""
 CLEARANCE = 0.018
@@ -156,7 +159,7 @@ def default_plan(
     every level.
 
     Points that the nominal arm reaches only nearly stretched, nearly folded or
-    close to its base are left out, and those before which another disc stands.
+    close to its base or the limits of its joints are left out, and those before which another disc stands.
 
     Args:
         cell: the cell; its nominal parameters decide on the reach.
@@ -193,13 +196,13 @@ def default_plan(
             raise CellError(
                 f'objects: {described.name}',
                 f'no point of the disc is within reach with a margin of {REACH_MARGIN * 1e3:.0f} mm',
-                'move the disc, or correct its centre and radius or the link lengths',
+                'move the disc, or correct its centre and radius, the link lengths or robot.limits',
             )
     return plan.select(reachable)
 
 
 def within_reach(cell: Cell, plan: Plan) -> Mask:
-    """Which touches the nominal arm reaches with a margin, free of the other discs, (m,)."""
+    """Which touches the nominal arm reaches with a margin, within its limits, free of the other discs, (m,)."""
     nominal = cell.nominal
     reachable = np.ones(len(plan), dtype=bool)
     for distance in (0.0, CLEARANCE):
@@ -207,6 +210,7 @@ def within_reach(cell: Cell, plan: Plan) -> Mask:
         radius = np.hypot(tip[:, 0] - nominal.x0, tip[:, 1] - nominal.y0)
         folded = max(abs(nominal.l1 - nominal.l2) + REACH_MARGIN, BASE_MARGIN)
         reachable &= (radius >= folded) & (radius <= nominal.l1 + nominal.l2 - REACH_MARGIN)
+        reachable &= cell.can_take(inverse(nominal, tip, plan.posture), LIMIT_MARGIN)
         apart = np.linalg.norm(tip[:, None] - cell.centers[None], axis=2) - cell.radii
         apart[np.arange(len(plan)), plan.disc] = np.inf
         for number in (k for k, disc in enumerate(cell.discs) if isinstance(disc, Outline)):

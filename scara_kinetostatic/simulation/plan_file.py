@@ -88,7 +88,7 @@ def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan:
         raise PlanError(
             f'{where}: touch {lost[0]}',
             f'the arm does not reach it with a margin of {1e3 * REACH_MARGIN:.0f} mm, or another disc stands before it',
-            'choose another angle_deg',
+            'choose another angle_deg or posture, or correct robot.limits',
         )
     return plan
 

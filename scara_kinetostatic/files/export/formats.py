@@ -101,9 +101,9 @@ def _stds(arm: CalibratedArm) -> tuple[str, ...]:
 
 
 def rigid_miss(arm: CalibratedArm) -> float:
-    """Largest displacement of the unloaded tip by effects that act on the robot, over all joint angles, m."""
-    angles = np.linspace(-np.pi, np.pi, 24)
-    joints = np.stack(np.meshgrid(angles, angles), axis=-1).reshape(-1, 2)
+    """Largest displacement of the unloaded tip by effects that act on the robot, over joint angles within limits, m."""
+    angles = (np.linspace(low, high, 24) for low, high in arm.cell.limits or [(-np.pi, np.pi)] * 2)
+    joints = np.stack(np.meshgrid(*angles), axis=-1).reshape(-1, 2)
     tip, _ = direct_kinetostatics(arm.model, joints, np.zeros_like(joints), arm.cell.gripper)
     miss = np.linalg.norm(tip - forward(arm.model.parameters, joints), axis=1)
     largest = float(np.nanmax(miss))
