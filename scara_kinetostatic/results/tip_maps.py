@@ -162,10 +162,8 @@ def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats, unit: str)
     grid = [np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y)]
     base, reach = np.array([p.x0, p.y0]) * _MILLI, NEARLY_STRETCHED * (p.l1 + p.l2) * _MILLI
     away = np.hypot(grid[0] - base[0], grid[1][:, None] - base[1])
-    axis_pairs = (places.x, places.y), (grid[0] / _MILLI, grid[1] / _MILLI)
-    coarse, fine = (
-        c.cell.can_take(inverse(p, np.stack(np.meshgrid(*xy), axis=-1), places.posture)) for xy in axis_pairs
-    )
+    fields = (places.x, places.y), (grid[0] / _MILLI, grid[1] / _MILLI)
+    coarse, fine = (c.cell.can_take(inverse(p, np.stack(np.meshgrid(*xy), axis=-1), places.posture)) for xy in fields)
     lost = np.kron(np.isnan(values) & coarse, np.ones((4, 4))) > 0  # beyond the reach as well, which is clipped
     shown = np.where((lost & (away < 0.9 * reach)) | ~fine, np.nan, _smooth(values))
     ends = np.nanmin(shown), np.nanmax(shown)
