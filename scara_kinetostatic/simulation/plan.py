@@ -190,7 +190,9 @@ def default_plan(
         force=np.array(levels, dtype=float)[(point + disc + side) % len(levels)],
         preload=np.where(_every_other(point, disc, side, len(levels)), preload, 0.0),
     )
-    reachable = within_reach(cell, plan)
+    tips = [plan.contact(cell) + distance * plan.normal(cell) for distance in (0.0, CLEARANCE)]
+    poses = inverse(cell.nominal, tips, plan.posture)
+    reachable = within_reach(cell, plan) & cell.can_take(poses, LIMIT_MARGIN).all(axis=0)
     for number, described in enumerate(cell.discs):
         if not np.any(reachable & (plan.disc == number)):
             raise CellError(
@@ -202,7 +204,7 @@ def default_plan(
 
 
 def within_reach(cell: Cell, plan: Plan) -> Mask:
-    """Which touches the nominal arm reaches with a margin, within its limits, free of the other discs, (m,)."""
+    """Which touches the nominal arm reaches with a margin, free of the other discs, (m,)."""
     nominal = cell.nominal
     reachable = np.ones(len(plan), dtype=bool)
     for distance in (0.0, CLEARANCE):
@@ -210,7 +212,6 @@ def within_reach(cell: Cell, plan: Plan) -> Mask:
         radius = np.hypot(tip[:, 0] - nominal.x0, tip[:, 1] - nominal.y0)
         folded = max(abs(nominal.l1 - nominal.l2) + REACH_MARGIN, BASE_MARGIN)
         reachable &= (radius >= folded) & (radius <= nominal.l1 + nominal.l2 - REACH_MARGIN)
-        reachable &= cell.can_take(inverse(nominal, tip, plan.posture), LIMIT_MARGIN)
         apart = np.linalg.norm(tip[:, None] - cell.centers[None], axis=2) - cell.radii
         apart[np.arange(len(plan)), plan.disc] = np.inf
         for number in (k for k, disc in enumerate(cell.discs) if isinstance(disc, Outline)):

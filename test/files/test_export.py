@@ -235,6 +235,9 @@ def test_limits_bound_corrections_and_what_a_rigid_arm_leaves_out(arm: Calibrate
         kept += [row] if limited.cell.can_take(pose) else []
     assert some == kept
     assert 0 < len(some) < 0.5 * len(every)
+    said = 'The limits of the joints are not checked: shoulder -0.5 to 2 rad, '
+    assert said in header_text(limited, facts(limited, 'header'))
+    assert said not in header_text(arm, facts(arm, 'header'))
     effect = find(arm.cell, 'encoder_gain[joint1]')
     size = len(NAMES) + 1
     bent = replace(

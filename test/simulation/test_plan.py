@@ -12,7 +12,7 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import CLEARANCE, LIMIT_MARGIN, REACH_MARGIN, Plan, default_plan
-from scara_kinetostatic.simulation.plan_file import dump_plan, load_plan, parse_plan
+from scara_kinetostatic.simulation.plan_file import PlanError, dump_plan, load_plan, parse_plan
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS)
 
@@ -62,6 +62,9 @@ def test_touches_beyond_the_limits_are_left_out():
         tip = plan.contact(cell) + distance * plan.normal()
         assert cell.can_take(inverse(cell.nominal, tip, plan.posture), LIMIT_MARGIN).all()
     assert 40 < len(plan) < 0.6 * len(free)
+    possible = cell.can_take(inverse(cell.nominal, free.contact(cell), free.posture))
+    with pytest.raises(PlanError, match=r'touch 0: the arm does not reach it .*robot\.limits'):
+        parse_plan(dump_plan(free.select(~possible), cell), cell)
     with pytest.raises(CellError, match=r'disc_1: no point of the disc is within reach .* robot\.limits'):
         default_plan(replace(CELL, limits=((0.0, 0.8), (0.0, 0.8))))
 

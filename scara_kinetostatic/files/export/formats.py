@@ -196,10 +196,13 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
+    pairs = zip(arm.cell.joint_names, arm.cell.limits or (), strict=False)
+    limits = ', '.join(f'{name} {low:g} to {high:g} rad' for name, (low, high) in pairs)
+    unchecked = escaping.comment(f'The limits of the joints are not checked: {limits}.')
     return render(
         Path(__file__).with_name('header.h.j2'),
         escape=False,
-        lines=facts.lines,
+        lines=(*facts.lines, unchecked) if limits else facts.lines,
         constants=_values(arm, facts),
         force_std=arm.noise.force_rms,
         force_growth=arm.noise.growth,
