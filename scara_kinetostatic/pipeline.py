@@ -218,6 +218,7 @@ def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Pat
 
     Raises:
         InputError: a mistake with which they have hardly anything to do with the cell.
+        CellError: the limits of the joints exclude all of them.
         UnsupportedDataError: there is none.
     """
     names, mistake = ', '.join(map(str, sources)), check_touches(detection.held, cell, origin=_origin(sources)).found
@@ -225,7 +226,22 @@ def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Pat
         raise mistake.error(names)
     if not len(detection.touches):
         raise _no_touches(detection, names)
+    _check_limits(detection.touches, cell)
     return detection.touches
+
+
+def _check_limits(touches: TouchSet, cell: Cell) -> None:
+    """Check that the limits of the joints do not exclude all touches.
+
+    Raises:
+        CellError: they do.
+    """
+    if cell.limits is None or cell.can_take(touches.joints).any():
+        return
+    pairs = zip(cell.joint_names, touches.joints.T, strict=True)
+    readings = ', '.join(f'{name} from {at.min():.3g} to {at.max():.3g}' for name, at in pairs)
+    problem = f'they exclude all {len(touches)} touches, {readings} rad'
+    raise CellError('robot.limits', problem, 'correct them: of the joint readings, in rad')
 
 
 def _origin(sources: Sequence[str | Path]) -> Origin:
@@ -245,6 +261,7 @@ def _calibrate_touches(
     """`calibrate_touches` without a name for the mistake behind a failure."""
     if not len(detection.touches):
         raise _no_touches(detection, names)
+    _check_limits(detection.touches, cell)
     if calibration is None:
         calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
     else:

@@ -321,12 +321,14 @@ GEOMETRY = 6
 def postures(evidence: Evidence) -> Iterator[Remark]:
     """An elbow posture that was not touched."""
     touched = np.unique(evidence.final.touches.posture[evidence.final.used])
-    if len(touched) == 1:
-        own, other = ('left', 'right') if touched[0] > 0 else ('right', 'left')
+    left, right = evidence.tip_uncertainty.alone
+    if len(touched) == 1 and (left, right)[int(touched[0] < 0)] < 1:  # the limits leave the other elbow some place
+        own, other, part = ('left', 'right', right) if touched[0] > 0 else ('right', 'left', left)
+        needed = f', and {100 * part:.0f} % of the {evidence.final.cell.region.title} need it' if part else ''
         yield Remark(
             Grade.CAUTION,
             f'all touches are with the elbow {own}: with the elbow {other} the result is an extrapolation that nothing '
-            'has checked',
+            f'has checked{needed}',
             f'use it with the elbow {own} only, or touch with the elbow {other}, too',
         )
 
@@ -356,7 +358,7 @@ def places(evidence: Evidence) -> Iterator[Remark]:
     first, second = (axis.ravel() for axis in np.meshgrid(*angles, indexing='ij'))
     postures = np.unique(c.touches.posture[c.used])
     joints = np.concatenate([np.stack([first, posture * second], axis=-1) for posture in postures])
-    joints = joints[c.cell.region.holds(forward(c.parameters, joints))]
+    joints = joints[c.cell.region.holds(forward(c.parameters, joints)) & c.cell.can_take(joints)]
     touched, std = float(np.median(_tip_std(c, c.touches.joints[c.used]))), _tip_std(c, joints)
     worst = int(np.argmax(std)) if len(std) else -1
     if touched > 0 and worst >= 0 and std[worst] > LIMITS.extrapolation * touched:

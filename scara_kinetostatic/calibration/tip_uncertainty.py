@@ -13,9 +13,9 @@ of the tip adds d - J δ.
 
 The **workspace** is where the calibrated arm reaches in the elbow postures that were touched, all round, up to
 `NEARLY_STRETCHED` of its length: without load, and under the mean force of the touches in 12 directions, of which the
-worst counts; where the cell has a region, the part that is in it. J is bounded everywhere: H̄ needs no inverse, unlike
-Ḡ where the arm is stretched. Places whose joint angles are not between those of the touches are extrapolated; the map
-says which.
+worst counts; where the cell has a region or limits of the joints, the poses that are in them, and where these ask for
+a posture that was not touched, that as well. J is bounded everywhere: H̄ needs no inverse, unlike Ḡ where the arm is
+stretched. Places whose joint angles are not between those of the touches are extrapolated; the map says which.
 
 The play of a joint without load is not part of it: this is a property of the arm, not of the calibration
 (`TipUncertainty.lost_motion`).
@@ -30,8 +30,9 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Region
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import (
     LoadedJoints,
@@ -49,6 +50,10 @@ COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""
 NEARLY_STRETCHED = 0.985
 """Of the arm's length: the workspace ends there, and as near to where the arm is folded."""
+POSTURES = (1, -1)
+"""Of the elbow: left and right."""
+_LEAST_SHARE = 0.01
+"""Of the places within reach: limits of the joints that leave less are a mistake."""
 
 
 class Poses(NamedTuple):
@@ -121,7 +126,8 @@ class TipUncertainty(NamedTuple):
         undetermined: part of the places where the data do not determine it, 0 to 1.
         lost_motion: the largest distance of the tip from the middle of the joints' dead bands without load, m; it is
             not contained.
-        maps: of each posture that was touched.
+        maps: of each posture.
+        alone: part of the places that the limits of the joints leave to the left posture alone, and to the right one.
     """
 
     median: float
@@ -132,6 +138,7 @@ class TipUncertainty(NamedTuple):
     undetermined: float
     lost_motion: float
     maps: tuple[UncertaintyMap, ...]
+    alone: tuple[float, float]
 
 
 class Workspace(NamedTuple):
@@ -140,8 +147,8 @@ class Workspace(NamedTuple):
     Attributes:
         x: of the columns of the grid, (k,), m.
         y: of its rows, (m,), m.
-        reached: which places of the grid the arm reaches, (m, k).
-        postures: that were touched.
+        reached: which places of the grid count in each of `POSTURES`, (2, m, k).
+        alone: part of the places that the limits of the joints leave to each of them alone.
         poses: P places posture by posture, each under all forces: (P · forces,).
         touched: whether a place is between the touches, (P,).
         derivative: of the tip by the values of the model, (P · forces, 2, 12 + k).
@@ -151,7 +158,7 @@ class Workspace(NamedTuple):
     x: Floats
     y: Floats
     reached: Mask
-    postures: tuple[int, ...]
+    alone: tuple[float, float]
     poses: Poses
     touched: Mask
     derivative: Floats
@@ -222,44 +229,62 @@ def _by_effects(c: Calibration, poses: Poses, links: Floats, torques: Floats) ->
     return np.stack(columns, axis=-1) if columns else np.zeros((n, 2, 0))
 
 
-def region_grid(p: Parameters, region: Region, count: int = 33) -> tuple[Floats, Floats, Floats, Mask]:
-    """The grid of the workspace: x and y of its columns and rows, (count,), m; its places; which the arm reaches.
+def possible_poses(p: Parameters, cell: Cell, places: Floats, reached: Mask) -> Mask:
+    """Which of the places (…, 2), m, that the arm reaches are in the region, and within the limits of the joints in
+    each of `POSTURES`, (2, …).
 
     Raises:
-        ParameterError: no place of the region is within reach.
+        ParameterError: no place of the region is within reach, or hardly one within the limits.
+    """
+    reached = reached & cell.region.holds(places)
+    if not reached.any():
+        raise cell.region.out_of_reach()
+    found = np.array([reached & cell.can_take(inverse(p, places, side)) for side in POSTURES])
+    share = float(found.any(axis=0).sum() / reached.sum())
+    if share < _LEAST_SHARE:
+        problem = f'they leave {100 * share:.1g} % of the {cell.region.title} within reach'
+        raise ParameterError('robot.limits', problem, 'correct them (rad), or the region')
+    return found
+
+
+def region_grid(p: Parameters, cell: Cell, count: int = 33) -> tuple[Floats, Floats, Floats, Mask]:
+    """The grid of the workspace: x and y of its columns and rows, (count,), m; its places; the `possible_poses` there.
+
+    Raises:
+        ParameterError: as `possible_poses`.
     """
     length, shortest = p.l1 + p.l2, abs(p.l1 - p.l2)
     reach, base = NEARLY_STRETCHED * length, np.array([p.x0, p.y0])
-    x, y = np.linspace(np.maximum(base - reach, region[::2]), np.minimum(base + reach, region[1::2]), count).T
+    low, high = cell.region[::2], cell.region[1::2]
+    x, y = np.linspace(np.maximum(base - reach, low), np.minimum(base + reach, high), count).T
     grid = np.stack(np.meshgrid(x, y), axis=-1)
     away = np.hypot(grid[..., 0] - p.x0, grid[..., 1] - p.y0)
     reached = (away <= reach * (1 + 1e-9)) & (away >= shortest + (1 - NEARLY_STRETCHED) * length)
-    reached &= region.holds(grid)
-    if not reached.any():
-        raise region.out_of_reach()
-    return x, y, grid, reached
+    return x, y, grid, possible_poses(p, cell, grid, reached)
 
 
 def workspace(c: Calibration) -> Workspace:
     """The workspace of a calibrated arm.
 
     Raises:
-        ParameterError: no place of the region of the cell is within reach.
+        ParameterError: as `possible_poses`.
     """
     p, touches = c.parameters, c.touches.select(c.used)
-    x, y, grid, reached = region_grid(p, c.cell.region)
-    postures = tuple(sign for sign in (1, -1) if np.any(touches.posture == sign))
-    joints = np.concatenate([inverse(p, grid[reached], sign) for sign in postures])
-    posture = np.repeat(postures, int(reached.sum()))
+    x, y, grid, possible = region_grid(p, c.cell)
+    alone = possible & ~possible[::-1]
+    reached = possible & (np.isin(POSTURES, touches.posture)[:, None, None] | alone)
+    joints = np.concatenate([inverse(p, grid[at], side) for side, at in zip(POSTURES, reached, strict=True)])
+    posture = np.repeat(POSTURES, reached.sum(axis=(1, 2)))
     touched = np.concatenate(
-        [_is_between(joints[posture == sign], touches.joints[touches.posture == sign]) for sign in postures]
+        [_is_between(joints[posture == sign], touches.joints[touches.posture == sign]) for sign in POSTURES]
     )
     forces = _forces(c, joints)
     each = np.arange(len(joints)).repeat(forces.shape[1])
     poses = Poses(joints[each], posture[each], forces.reshape(-1, 2))
     derivative = tip_derivative(c, poses)
     dependent = np.linalg.norm(derivative @ c.undetermined, axis=(1, 2))
-    return Workspace(x, y, reached, postures, poses, touched, derivative, dependent)
+    left, right = (alone.sum(axis=(1, 2)) / possible.any(axis=0).sum()).tolist()
+    return Workspace(x, y, reached, (left, right), poses, touched, derivative, dependent)
 
 
 def _forces(c: Calibration, joints: Floats) -> Floats:
@@ -281,7 +306,7 @@ def _forces(c: Calibration, joints: Floats) -> Floats:
 
 def _is_between(joints: Floats, touched: Floats) -> Mask:
     """Whether joint angles, (n, 2), are in the convex hull of those of touches, (m, 2); none where m is below 3."""
-    centre = touched.mean(axis=0)
+    centre = touched.sum(axis=0) / max(len(touched), 1)
     try:
         hull = ConvexHull(wrap(touched - centre))
     except (QhullError, ValueError):
@@ -309,6 +334,7 @@ def tip_uncertainty(c: Calibration, area: Workspace | None = None) -> TipUncerta
         undetermined=float(np.mean(~known)),
         lost_motion=_lost_motion(c, area),
         maps=_maps(area, expanded),
+        alone=area.alone,
     )
 
 
@@ -340,11 +366,7 @@ def _lost_motion(c: Calibration, area: Workspace) -> float:
 
 
 def _maps(area: Workspace, expanded: Floats) -> tuple[UncertaintyMap, ...]:
-    count = int(area.reached.sum())
-    found = []
-    for number, posture in enumerate(area.postures):
-        rows = slice(number * count, (number + 1) * count)
-        values, touched = np.full(area.reached.shape, np.nan), np.zeros(area.reached.shape, dtype=bool)
-        values[area.reached], touched[area.reached] = expanded[rows], area.touched[rows]
-        found.append(UncertaintyMap(posture, area.x, area.y, values, touched))
-    return tuple(found)
+    values, touched = np.full(area.reached.shape, np.nan), np.zeros(area.reached.shape, dtype=bool)
+    values[area.reached], touched[area.reached] = expanded, area.touched
+    maps = zip(POSTURES, values, touched, area.reached, strict=True)
+    return tuple(UncertaintyMap(side, area.x, area.y, u, between) for side, u, between, some in maps if some.any())

@@ -18,7 +18,8 @@ direction), and status, the last of these that applies:
   extrapolated  a force, an elbow or a time beyond those of the calibration
   undetermined  the calibration does not determine the uncertainty
   out_of_reach  no joint angles; they are nan
-The exit status is 3 where no pose is within reach.
+  beyond_limits of the joints, where the cell description states them
+The exit status is 3 where no pose is within reach and limits.
 
 Example:
   scara-kinetostatic compensate result/calibration.json poses.csv --out commands.csv
@@ -63,21 +64,24 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         InputError: the calibration or the table is wrong, or FILE.csv cannot be written.
-        UnsupportedDataError: no pose is within reach.
+        UnsupportedDataError: no pose is within reach and limits.
     """
     import numpy as np
 
     from scara_kinetostatic.errors import UnsupportedDataError
     from scara_kinetostatic.files.calibration_file import load_predictor
     from scara_kinetostatic.files.pose_table import POSES, load_pose_table
+    from scara_kinetostatic.model.arm import STATUSES
 
     check_file(args.out, [args.calibration, args.table], suffix='.csv')
     predictor = load_predictor(args.calibration)
     table = load_pose_table(args.table, POSES)
     sides = _sides(table, predictor)
     found = predictor.compensate(table.pair('x_m', 'y_m'), table.force, sides, metadata_of(table, sides))
-    if np.isnan(found.joints).all():
-        raise UnsupportedDataError(f'{args.table}: no pose is within reach of the arm', 'places are in m, base frame')
+    if np.isin(found.status, STATUSES[-2:]).all():
+        limits = ', and within robot.limits' * (STATUSES[-1] in found.status)
+        problem = f'{args.table}: no pose is within reach of the arm{limits}'
+        raise UnsupportedDataError(problem, 'places are in m, base frame')
     (q1, q2), (c1, c2) = found.joints.T, found.torques.T
     results = {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2, 'std_normal_m': found.std_normal}
     write(args.out, table, results | {'status': found.status}, predictor)

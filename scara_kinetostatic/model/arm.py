@@ -193,7 +193,7 @@ def _tool_angle(arm: CalibratedArm, joints: Floats) -> Floats:
 
 CHUNK = 4096
 """Poses that are worked out together: their derivatives fit into the cache."""
-STATUSES = ('ok', 'unloaded', 'extrapolated', 'undetermined', 'out_of_reach')
+STATUSES = ('ok', 'unloaded', 'extrapolated', 'undetermined', 'out_of_reach', 'beyond_limits')
 """Of a pose; the gravest that applies, which is the last."""
 
 
@@ -233,13 +233,14 @@ class JointAngles(NamedTuple):
     """Compensated joint angles with their uncertainty.
 
     Attributes:
-        joints: Q, (n, 2), rad; NaN where the place is out of reach.
+        joints: Q, (n, 2), rad, in the turn of the limits; NaN where the place is out of reach.
         torques: of the actuators, C, (n, 2), Nm.
         covariance: of Q by the uncertainty of the calibration, (n, 2, 2), rad²; NaN where the data do not determine
             it. Where not `loaded`, it contains the place in the dead band, g²/3 in its middle.
         loaded: whether the force and both joint torques exceed three times their standard uncertainty, (n,); where not,
             the backlash concerned is crossed continuously, and is in the middle of its dead band at zero.
-        status: of each, (n,): as that of `TipPosition`, and ``out_of_reach`` (no angles).
+        status: of each, (n,): as that of `TipPosition`, ``out_of_reach`` (no angles), and ``beyond_limits`` of the
+            joints, where the cell states some.
         std_normal: standard uncertainty of the tip's place at these joint angles along the force, (n,), m; without a
             force that in the worst direction.
 
@@ -354,7 +355,10 @@ class Predictor:
                 normal = np.sqrt(np.where(f.size > 0, along, largest))
             torques = np.array([found.loading.c1, found.loading.c2]).T
             loaded, status = self._status(found, f, spread, metadata.select(rows), posture[rows])
-            return JointAngles(found.joints, torques, covariance, loaded, status, normal)
+            joints = self.arm.cell.in_turn(found.joints)
+            beyond = np.isfinite(joints[:, 0]) & ~self.arm.cell.can_take(joints)
+            status = np.where(beyond, STATUSES[-1], status)
+            return JointAngles(joints, torques, covariance, loaded, status, normal)
 
         return JointAngles(*_in_chunks(some, len(tip)))
 
@@ -378,7 +382,7 @@ class Predictor:
         if self.nominal:
             beyond = undetermined = np.zeros_like(loaded)
         cases = np.isnan(found.joints[:, 0]), undetermined | np.isnan(found.tip[:, 0]), beyond, ~loaded
-        return loaded, np.select(cases, STATUSES[:0:-1], STATUSES[0])
+        return loaded, np.select(cases, STATUSES[-2:0:-1], STATUSES[0])
 
     @cached_property
     def depends_on_time(self) -> bool:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.kinematics import Gripper
+from scara_kinetostatic.model.kinematics import Gripper, wrap
 from scara_kinetostatic.model.kinematics import GripperSign as GripperSign
 from scara_kinetostatic.model.outline import (
     Outline,
@@ -545,6 +545,23 @@ class Cell:
         if self.noise is not None:
             self.noise.check()
             object.__setattr__(self, 'noise', self.noise.in_pairs)
+
+    def in_turn(self, joints: Floats) -> Floats:
+        """The same joint angles, (…, 2), rad, in the turn about the middle of the limits, where there are some."""
+        if self.limits is None:
+            return joints
+        middle = np.mean(self.limits, axis=1)
+        return middle + wrap(joints - middle)
+
+    def beyond_limits(self, joints: Floats, margin: float = 0.0) -> Mask:
+        """Whether each joint angle, (…, 2), rad, is beyond its limits less a margin in every turn, or no number."""
+        low, high = np.array(self.limits or [(-np.inf, np.inf)] * 2).T
+        joints = self.in_turn(joints)
+        return ~((joints >= low + margin) & (joints <= high - margin))
+
+    def can_take(self, joints: Floats, margin: float = 0.0) -> Mask:
+        """Whether the arm may be in poses (…, 2), rad, (…): within the limits, where the cell states some."""
+        return np.asarray(~self.beyond_limits(joints, margin).any(axis=-1))
 
     @property
     def gripper(self) -> Gripper:

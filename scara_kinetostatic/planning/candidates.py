@@ -35,6 +35,7 @@ that of the fit, or the noise of the force where that is larger. Averaged over r
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -136,7 +137,8 @@ def candidate_plan(
         CellError: a disc has no point within reach.
         UnsupportedDataError: every point is excluded by its line of force.
     """
-    points = default_plan(robot.cell, per_disc, levels[:1], postures)
+    cell = replace(robot.cell, limits=None) if keep else robot.cell  # `keep` knows them, and tells what they exclude
+    points = default_plan(cell, per_disc, levels[:1], postures)
     points = points.select(np.flatnonzero((exact_plan(robot, points).arms >= LEAST_ARM).all(axis=1)))
     if not len(points):
         raise UnsupportedDataError(

@@ -69,13 +69,13 @@ def tip_picture(design: Design) -> Markup:
     tip = loaded_tip(robot, workspace, q.load) if q.under_load else free_tip(robot, workspace)
     places = MICRO * tip_std(tip, design.row.prediction).places
     low, high = float(places.min()), float(places.max())
+    every = np.full(workspace.mask.shape, np.nan)
+    every[workspace.mask] = places
     for k, name in enumerate(('posture left', 'posture right')):
-        values = np.full(workspace.mask.shape, np.nan)
-        values[workspace.mask] = places[k]
         angle = np.append(workspace.angles, 2 * np.pi)
         x, y = (workspace.radii[:, None] * turn(angle) for turn in (np.cos, np.sin))
         base = (robot.cell.nominal.x0, robot.cell.nominal.y0)
-        values = np.concatenate([values, values[:, :1]], axis=1)
+        values = np.concatenate([every[k], every[k][:, :1]], axis=1)
         drawn = axes[k].pcolormesh(
             x + base[0], y + base[1], np.ma.masked_invalid(values), shading='gouraud', cmap=COLOURS, vmin=low,
             vmax=high, rasterized=True,

@@ -24,13 +24,11 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Disc
-from scara_kinetostatic.model.kinematics import forward, inverse, wrap
+from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.outline import Outline, inside
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN
+from scara_kinetostatic.simulation.plan import BASE_MARGIN, LIMIT_MARGIN, REACH_MARGIN
 
-LIMIT_MARGIN = 0.02
-"""Distance of every planned joint angle from its limits, rad: what an error of the model changes in a contact."""
 _STEP = 0.01
 """Distance of places at which the limits are checked along a move, m."""
 _AROUND = 10
@@ -161,13 +159,11 @@ class Space:
 
     def joints(self, poses: Poses) -> Floats:
         """Joint angles of the arm without a load, in the turn about the middle of the limits, (n, 2), rad."""
-        middle = self.limits.mean(axis=0)
-        return middle + wrap(inverse(self.parameters, poses.tip, poses.posture) - middle)
+        return self.cell.in_turn(inverse(self.parameters, poses.tip, poses.posture))
 
     def beyond_limits(self, poses: Poses) -> Mask:
         """Whether each joint is beyond its limits or the place out of reach, (n, 2)."""
-        joints = self.joints(poses)
-        return ~((joints >= self.limits[0]) & (joints <= self.limits[1]))
+        return self.cell.beyond_limits(self.joints(poses), LIMIT_MARGIN)
 
     def is_inside(self, tip: Floats, but: Indices | None = None) -> Mask:
         """Whether places (n, 2) are within an outline, (n,), other than that of an object, (n,)."""
@@ -215,9 +211,9 @@ class Space:
         part = np.linspace(0.0, 1.0, count)[:, None, None]
         places = (a.tip + part * (b - a.tip)).reshape(-1, 2)
         joints = self.joints(Poses(places, np.tile(a.posture, count))).reshape(count, -1, 2)
-        within = (joints >= self.limits[0]) & (joints <= self.limits[1])
+        within = self.cell.can_take(joints, LIMIT_MARGIN)
         one_turn = np.abs(np.diff(joints, axis=0)) < np.pi
-        return np.asarray(within.all(axis=(0, 2)) & one_turn.all(axis=(0, 2)))
+        return np.asarray(within.all(axis=0) & one_turn.all(axis=(0, 2)))
 
     def may_move(self, a: Poses, b: Floats) -> Mask:
         """Whether the tip may travel straight to places b, (n,), with the lift where there is one."""

@@ -41,11 +41,11 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
-from scara_kinetostatic.calibration.tip_uncertainty import region_grid
+from scara_kinetostatic.calibration.tip_uncertainty import POSTURES, possible_poses, region_grid
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, Noise, Plate
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -267,15 +267,12 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     )
 
 
-POSTURES = (1, -1)
-
-
 class Tip(NamedTuple):
     """Sensitivity of the tip to L̄ at every place of the workspace.
 
     Attributes:
-        derivative: T, (2 g, d, 2, 12), posture left first, d directions of the load (1 without load).
-        weight: share of the area that belongs to each place, (2 g,).
+        derivative: T, (g, d, 2, 12), posture left first, d directions of the load (1 without load).
+        weight: share of the area that belongs to each pose, (g,).
     """
 
     derivative: Floats
@@ -288,7 +285,7 @@ class TipStd(NamedTuple):
     Attributes:
         largest: m.
         rms: root of the mean square, weighted by area, m.
-        places: at each place for the worst direction of the load, (2, g), m, posture left first.
+        places: at each place for the worst direction of the load, (g,), m, posture left first.
     """
 
     largest: float
@@ -301,14 +298,16 @@ class Workspace:
     """The places at which the tip is evaluated.
 
     Attributes:
-        places: (g, 2), m, base frame.
+        places: (g, 2), m, base frame, posture left first.
+        posture: there, (g,).
         area: share of the area that belongs to each, (g,).
-        mask: which places of the polar grid are in the region, (radii, angles).
+        mask: which places of the polar grid these are in each posture, (2, radii, angles).
         radii: of the grid, m.
         angles: of the grid, rad.
     """
 
     places: Floats
+    posture: Indices
     area: Floats
     mask: NDArray[np.bool_]
     radii: Floats
@@ -322,7 +321,7 @@ def reach(robot: Robot) -> tuple[float, float]:
 
 
 def make_workspace(robot: Robot, radii: int = 8, angles: int = 36) -> Workspace:
-    """The polar grid over all that is within reach and in the region of the cell.
+    """The polar grid over all that is within reach, in the region of the cell and within the limits of the joints.
 
     Args:
         robot: the robot.
@@ -330,29 +329,24 @@ def make_workspace(robot: Robot, radii: int = 8, angles: int = 36) -> Workspace:
         angles: number of angles.
 
     Raises:
-        ParameterError: no place of the region is within reach.
+        ParameterError: as `possible_poses`.
     """
     nominal = robot.cell.nominal
     distance = np.linspace(*reach(robot), radii)
     angle = 2 * np.pi * np.arange(angles) / angles
     directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     grid = (nominal.x0, nominal.y0) + distance[:, None, None] * directions
-    mask = robot.cell.region.holds(grid)
-    if not mask.any():
-        raise robot.cell.region.out_of_reach()
-    area = np.broadcast_to(distance[:, None], mask.shape)[mask]
-    return Workspace(grid[mask], area / area.sum(), mask, distance, angle)
+    mask = possible_poses(nominal, robot.cell, grid, np.ones(grid.shape[:-1], dtype=bool))
+    side, radius, turn = np.nonzero(mask)
+    area = distance[radius] / distance[radius].sum()
+    return Workspace(grid[radius, turn], np.array(POSTURES)[side], area, mask, distance, angle)
 
 
 def free_tip(robot: Robot, workspace: Workspace) -> Tip:
     """The free tip: T = ∂H/∂L̄."""
-    blocks = [
-        kinematics.forward_by_parameters(
-            robot.parameters, kinematics.inverse(robot.parameters, workspace.places, posture)
-        )
-        for posture in POSTURES
-    ]
-    return Tip(np.concatenate(blocks)[:, None], np.tile(workspace.area, 2) / 2)
+    p = robot.parameters
+    derivative = kinematics.forward_by_parameters(p, kinematics.inverse(p, workspace.places, workspace.posture))
+    return Tip(derivative[:, None], workspace.area)
 
 
 def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int = 8) -> Tip:
@@ -366,13 +360,9 @@ def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int 
     """
     angle = 2 * np.pi * np.arange(directions) / directions
     force = load * np.tile(np.stack([np.cos(angle), np.sin(angle)], axis=-1), (len(workspace.places), 1))
-    places = np.repeat(workspace.places, directions, axis=0)
-    sign = robot.cell.gripper_sign
-    blocks = []
-    for posture in POSTURES:
-        derivative = loaded_tip_by_parameters(robot.parameters, places, force, posture, sign)
-        blocks.append(derivative.reshape(-1, directions, *derivative.shape[1:]))
-    return Tip(np.concatenate(blocks), np.tile(workspace.area, 2) / 2)
+    places, sides = np.repeat(workspace.places, directions, axis=0), np.repeat(workspace.posture, directions)
+    derivative = loaded_tip_by_parameters(robot.parameters, places, force, sides, robot.cell.gripper_sign)
+    return Tip(derivative.reshape(-1, directions, *derivative.shape[1:]), workspace.area)
 
 
 def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12) -> Tip:
@@ -388,23 +378,19 @@ def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12)
         directions: of the load, evenly around; the first direction of the result is that without a load.
 
     Raises:
-        ParameterError: no place of the region is within reach.
+        ParameterError: as `possible_poses`.
     """
-    _, _, grid, reached = region_grid(robot.parameters, robot.cell.region, count)
+    _, _, grid, possible = region_grid(robot.parameters, robot.cell, count)
     angle = 2 * np.pi * (np.arange(directions) + 0.5) / directions
     forces = np.concatenate([np.zeros((1, 2)), load * np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
-    places = np.repeat(grid[reached], len(forces), axis=0)
-    law, force = Law(robot.model, robot.cell.gripper), Force.of(np.tile(forces, (len(places) // len(forces), 1)))
-    blocks = []
-    for posture in POSTURES:
-        sides = np.full(len(places), posture)
-        links = kinematics.inverse(robot.parameters, places, sides)
-        found = tip_under_load(law, links, force, TouchMetadata.plain(len(places))._replace(posture=sides))
-        turns = tip_by_joints(found.loading, inverse_of_rows(found.loading, force))
-        derivative = tip_by_values(law, turns, found.loading, force, found.state)
-        blocks.append(derivative.reshape(-1, len(forces), *derivative.shape[1:]))
-    every = np.concatenate(blocks)
-    return Tip(every, np.full(len(every), 1 / len(every)))
+    side, row, column = np.nonzero(possible)
+    places, sides = np.repeat(grid[row, column], len(forces), axis=0), np.repeat(np.array(POSTURES)[side], len(forces))
+    law, force = Law(robot.model, robot.cell.gripper), Force.of(np.tile(forces, (len(side), 1)))
+    links = kinematics.inverse(robot.parameters, places, sides)
+    found = tip_under_load(law, links, force, TouchMetadata.plain(len(places))._replace(posture=sides))
+    turns = tip_by_joints(found.loading, inverse_of_rows(found.loading, force))
+    derivative = tip_by_values(law, turns, found.loading, force, found.state)
+    return Tip(derivative.reshape(-1, len(forces), *derivative.shape[1:]), np.full(len(side), 1 / len(side)))
 
 
 def tip_std(tip: Tip, prediction: Prediction) -> TipStd:
@@ -415,4 +401,4 @@ def tip_std(tip: Tip, prediction: Prediction) -> TipStd:
         variance = np.where(motion > 1e-6, np.inf, variance)  # m, well below any accuracy that is asked for
     places = variance.max(axis=1)
     mean = variance.mean(axis=1) @ tip.weight
-    return TipStd(float(np.sqrt(places.max())), float(np.sqrt(mean)), np.sqrt(places).reshape(2, -1))
+    return TipStd(float(np.sqrt(places.max())), float(np.sqrt(mean)), np.sqrt(places))

@@ -137,4 +137,7 @@ def tip_sentences(outcome: Outcome) -> list[str]:
         f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the {where}: {sizes}',
         f'Largest contribution there: {largest.title}, {100 * share:.0f} % of the variance.',
     ]
+    left, right = (round(100 * part) for part in tip.alone)
+    if left or right:
+        found.insert(1, f'Within robot.limits {left} % of its places need the elbow left, {right} % the elbow right.')
     return [*found, f'What would help most: {help_most}.'] if help_most else found

@@ -38,7 +38,7 @@ from scara_kinetostatic.report.figure import INK, PAPER, SERIES, WARN, Margins, 
 from scara_kinetostatic.report.quantities import micrometres
 
 _MILLI = 1e3
-_FADED = 'Faded: extrapolated, the joint angles are not between those of the touches.'
+_FADED = 'Faded: extrapolated, the joint angles are not between those of the touches. Blank: the arm cannot be there.'
 
 
 class Deviation(NamedTuple):
@@ -162,8 +162,10 @@ def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats, unit: str)
     grid = [np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y)]
     base, reach = np.array([p.x0, p.y0]) * _MILLI, NEARLY_STRETCHED * (p.l1 + p.l2) * _MILLI
     away = np.hypot(grid[0] - base[0], grid[1][:, None] - base[1])
-    lost = np.kron(np.isnan(values), np.ones((4, 4))) > 0  # beyond the reach as well, which is clipped
-    shown = np.where((lost & (away < 0.9 * reach)) | (away > 1.02 * reach), np.nan, _smooth(values))
+    fields = (places.x, places.y), (grid[0] / _MILLI, grid[1] / _MILLI)
+    coarse, fine = (c.cell.can_take(inverse(p, np.stack(np.meshgrid(*xy), axis=-1), places.posture)) for xy in fields)
+    lost = np.kron(np.isnan(values) & coarse, np.ones((4, 4))) > 0  # beyond the reach as well, which is clipped
+    shown = np.where((lost & (away < 0.9 * reach)) | ~fine, np.nan, _smooth(values))
     ends = np.nanmin(shown), np.nanmax(shown)
     height = 380.0 * np.ptp(places.y) / np.ptp(places.x) + 70.0
     figure, (axes,) = new_figure(450.0, height, margins=Margins(left=60, bottom=44, top=26))

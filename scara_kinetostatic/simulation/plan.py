@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.kinetostatics import drag
 from scara_kinetostatic.model.outline import Outline, boundary, inside
 
@@ -25,6 +26,8 @@ Index = NDArray[np.intp]
 
 REACH_MARGIN = 0.03
 """Distance of the tip from the stretched and from the folded arm, m: the true arm may be shorter."""
+LIMIT_MARGIN = 0.02
+"""Distance of every planned joint angle from its limits, rad: what an error of the model changes in a contact."""
 BASE_MARGIN = 0.08
 """Distance of the tip from the first axis, m."""
 CLEARANCE = 0.018
@@ -156,7 +159,7 @@ def default_plan(
     every level.
 
     Points that the nominal arm reaches only nearly stretched, nearly folded or
-    close to its base are left out, and those before which another disc stands.
+    close to its base or the limits of its joints are left out, and those before which another disc stands.
 
     Args:
         cell: the cell; its nominal parameters decide on the reach.
@@ -187,13 +190,15 @@ def default_plan(
         force=np.array(levels, dtype=float)[(point + disc + side) % len(levels)],
         preload=np.where(_every_other(point, disc, side, len(levels)), preload, 0.0),
     )
-    reachable = within_reach(cell, plan)
+    tips = [plan.contact(cell) + distance * plan.normal(cell) for distance in (0.0, CLEARANCE)]
+    poses = inverse(cell.nominal, tips, plan.posture)
+    reachable = within_reach(cell, plan) & cell.can_take(poses, LIMIT_MARGIN).all(axis=0)
     for number, described in enumerate(cell.discs):
         if not np.any(reachable & (plan.disc == number)):
             raise CellError(
                 f'objects: {described.name}',
                 f'no point of the disc is within reach with a margin of {REACH_MARGIN * 1e3:.0f} mm',
-                'move the disc, or correct its centre and radius or the link lengths',
+                'move the disc, or correct its centre and radius, the link lengths or robot.limits',
             )
     return plan.select(reachable)
 

@@ -33,6 +33,7 @@ import numpy as np
 from scara_kinetostatic.errors import InputError, ParameterError, did_you_mean
 from scara_kinetostatic.files.yaml_file import Section, Within, parse_yaml, read_text, shown
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, REACH_MARGIN, Plan, within_reach
@@ -83,12 +84,13 @@ def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan:
         angle, force = math.radians(entry.number('angle_deg')), entry.number('force', within=_FORCE)
         rows.append((names.index(name), angle, _posture(entry), force, preload or 0.0))
     plan = Plan(*(np.array(column) for column in zip(*rows, strict=True)))
-    lost = np.flatnonzero(~within_reach(cell, plan))
+    possible = cell.can_take(inverse(cell.nominal, plan.contact(cell), plan.posture))
+    lost = np.flatnonzero(~(within_reach(cell, plan) & possible))
     if len(lost):
         raise PlanError(
             f'{where}: touch {lost[0]}',
             f'the arm does not reach it with a margin of {1e3 * REACH_MARGIN:.0f} mm, or another disc stands before it',
-            'choose another angle_deg',
+            'choose another angle_deg or posture, or correct robot.limits',
         )
     return plan
 

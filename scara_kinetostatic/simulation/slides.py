@@ -268,12 +268,12 @@ class SlidingMotion:
         point, normal = slide.outline.at(track.place(travelled))
         distances = (self.tip_radius, self.tip_radius + self.timing.clearance)
         poses = [self._poses(number, point + distance * normal, -slide.force * normal) for distance in distances]
-        lost = ~np.isfinite(poses).all(axis=(0, 2))
+        lost = ~self.cell.can_take(np.array(poses)).all(axis=0)
         if lost.any():
             raise UnsupportedDataError(
                 f'slide {number}: the simulated robot does not reach it around ({point[lost][0][0]:.3f}, '
                 f'{point[lost][0][1]:.3f}) m',
-                'place the object elsewhere, or slide along a part of it',
+                'place the object elsewhere, slide along a part of it, or correct robot.limits',
             )
         path = np.unwrap(poses[0], axis=0)
         if np.abs(np.diff(path, axis=0)).max() > 0.5:

@@ -14,11 +14,12 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.objects import ObjectPosition, ObjectRadius
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.results import messages
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -82,6 +83,20 @@ def test_one_force_level_and_one_posture_are_an_extrapolation() -> None:
     found = calibrate_touches(touch(default_plan(PAPER_CELL, 16, postures=(1,))), PAPER_CELL).assessment
     assert found.grade is Grade.CAUTION
     assert 'with the elbow right the result is an extrapolation' in found.reasons[0]
+
+
+def test_only_poses_within_the_limits_count() -> None:
+    cell = replace(PAPER_CELL, region=Region(-0.35, 0.35, 0.2, 0.55), limits=((-0.5, 2.0), (-2.2, 2.2)))
+    plan = default_plan(cell, 30)
+    outcome = calibrate_touches(touch(plan, cell), cell)
+    left, right = np.round(100 * np.array(outcome.tip_uncertainty.alone))
+    sentence = f'Within robot.limits {left:.0f} % of its places need the elbow left, {right:.0f} % the elbow right.'
+    assert sentence in messages.tip_sentences(outcome)
+    found = calibrate_touches(touch(plan.select(plan.posture < 0), cell), cell).assessment
+    assert any('and 7' in text and '% of the region need it' in text for text in found.reasons)
+    other = replace(cell, limits=((-0.5, 2.0), (0.0, 2.2)))
+    found = calibrate_touches(touch(default_plan(other, 30), other), other).assessment
+    assert not any('elbow' in text for text in (*found.reasons, *found.actions))
 
 
 def test_touches_that_would_not_help_are_not_advised() -> None:

@@ -30,10 +30,11 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate, Region, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 
+Limits = tuple[tuple[float, float], tuple[float, float]]
 MEASURED = replace(
     PAPER_CELL,
     discs=tuple(disc._replace(center_std=1.5e-5, radius_std=5e-6) for disc in PAPER_CELL.discs),
@@ -134,6 +135,50 @@ def test_a_region_bounds_it_and_its_maps(measured: Calibration) -> None:
         assert (each.x[0], each.x[-1], each.y[0], each.y[-1]) == tuple(region)
     with pytest.raises(ParameterError, match='within reach'):
         workspace(replace(measured, cell=replace(measured.cell, region=Region(2.0, 3.0, 2.0, 3.0))))
+
+
+LIMITS = ((-0.5, 2.0), (-2.2, 2.2))
+REGION = Region(-0.35, 0.35, 0.2, 0.55)
+
+
+def test_it_is_over_poses_within_the_limits(measured: Calibration) -> None:
+    free = tip_uncertainty(replace(measured, cell=replace(measured.cell, region=REGION)))
+    assert free.at is not None
+    assert free.alone == (0, 0)
+    c = replace(measured, cell=replace(measured.cell, region=REGION, limits=LIMITS))
+    assert not c.cell.can_take(free.at.joints)
+    area, tip = workspace(c), tip_uncertainty(c)
+    assert c.cell.can_take(area.poses.joints).all()
+    assert tip.at is not None
+    assert c.cell.can_take(tip.at.joints)
+    assert tip.worst < free.worst
+    left, right = (np.isfinite(each.expanded) for each in tip.maps)
+    for every, each in zip(free.maps, (left, right), strict=True):
+        joints = inverse(c.parameters, np.stack(np.meshgrid(every.x, every.y), axis=-1), every.posture)
+        np.testing.assert_array_equal(each, np.isfinite(every.expanded) & c.cell.can_take(joints))
+    places = (left | right).sum()
+    assert tip.alone == pytest.approx(((left & ~right).sum() / places, (right & ~left).sum() / places))
+    assert tip.alone[0] > 0.5 > 0.01 > tip.alone[1]
+
+
+def test_an_elbow_without_touches_counts_where_the_limits_ask_for_it() -> None:
+    cell = replace(PAPER_CELL, region=REGION)
+    touches = sk.simulate(cell, PAPER_ACTUAL, per_disc=24)
+    right = calibrate(touches.select(touches.posture == -1), cell)
+    limited = replace(right, cell=replace(cell, limits=LIMITS))
+    tip, other = tip_uncertainty(limited), tip_uncertainty(right)
+    assert [each.posture for each in other.maps] == [-1]
+    alone, own = tip.maps
+    assert (alone.posture, own.posture, bool(alone.touched.any())) == (1, -1, False)
+    assert not (np.isfinite(alone.expanded) & np.isfinite(own.expanded)).any()
+    counted = np.isfinite(alone.expanded) | np.isfinite(own.expanded)
+    assert np.isfinite(alone.expanded).sum() / counted.sum() == pytest.approx(tip.alone[0])
+
+
+@pytest.mark.parametrize('limits', [((2.5, 2.6), (2.0, 2.2)), ((0.7, 0.75), (0.7, 0.8))])
+def test_limits_that_leave_hardly_a_place_are_a_mistake(measured: Calibration, limits: Limits) -> None:
+    with pytest.raises(ParameterError, match=r'robot\.limits: they leave 0.* % of the region within reach; correct'):
+        workspace(replace(measured, cell=replace(measured.cell, region=REGION, limits=limits)))
 
 
 def test_one_posture_has_one_map() -> None:

@@ -23,7 +23,8 @@ def folder(tmp_path_factory):
     """Of the paper's cell without its noise."""
     where = tmp_path_factory.mktemp('design')
     described = yaml.safe_load((ROOT / 'config' / 'cell.yaml').read_text())
-    (where / 'cell.yaml').write_text(yaml.safe_dump({k: v for k, v in described.items() if k != 'noise'}))
+    kept = {k: v for k, v in described.items() if k not in ('noise', 'region')}
+    (where / 'cell.yaml').write_text(yaml.safe_dump(kept))
     assert main(['design', '--cell', str(where / 'cell.yaml'), *_LAYOUT_EFFORT, '--out', str(where / 'out')]) == 0
     return where / 'out'
 

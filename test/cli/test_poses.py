@@ -65,6 +65,22 @@ def test_there_and_back(run: Run, result: Path) -> None:
     assert 'line 5: q1_rad: expected a number' in directly.err
 
 
+def test_poses_beyond_the_limits_are_marked(run: Run, recordings: Path) -> None:
+    limits = '  limits: {joint1: [1.3, 6.0], joint2: [-2.5, 2.5]}\n'
+    Path('cell.yaml').write_text((recordings / 'cell.yaml').read_text().replace('objects:', limits + 'objects:'))
+    Path('poses.csv').write_text(POSES)
+    found = run('compensate', 'cell.yaml', 'poses.csv', '--out', 'commands.csv')
+    assert '5 rows: 2 ok, 1 unloaded, 1 out_of_reach, 1 beyond_limits' in found.out
+    commands = rows('commands.csv')
+    assert [row['status'] for row in commands] == ['ok', 'beyond_limits', 'unloaded', 'out_of_reach', 'ok']
+    assert float(commands[1]['q1_rad']) < 1.3
+    assert 1.3 < float(commands[2]['q1_rad']) < 6.0  # in the turn of the limits
+    Path('poses.csv').write_text('x_m,y_m,fx_N,fy_N\n-0.2,0.35,-12.5,4.0\n')
+    refused = run('compensate', 'cell.yaml', 'poses.csv', '--out', 'commands.csv')
+    assert (refused.status, refused.err.count('\n')) == (3, 1)
+    assert 'poses.csv: no pose is within reach of the arm, and within robot.limits' in refused.err
+
+
 def test_rigid_and_nominal(run: Run, result: Path) -> None:
     Path('states.csv').write_text('q1_rad;q2_rad;fx_N;fy_N\n0,4;1,1;20;-30\n')
     tips = []

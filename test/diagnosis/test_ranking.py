@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -72,6 +73,11 @@ def test_discriminating_touches_are_those_where_rivals_differ():
     assert all(touch.in_std > 2 and touch.difference > 0 for touch in touches)
     assert all(a.in_std >= b.in_std for a, b in pairwise(touches))
     assert not discriminating_touches(fit, [rivals[0], rivals[0]])
+    limited = replace(fit, cell=replace(fit.cell, limits=((-0.5, 2.0), (0.0, 2.2))))
+    pool, *_ = _pool(limited)
+    assert limited.cell.can_take(pool.joints).all()
+    assert 0 < len(pool) < 0.5 * len(_pool(fit)[0])
+    assert all(touch.posture == 1 for touch in discriminating_touches(limited, rivals))
 
 
 @pytest.mark.parametrize('is_dragged', [False, True])

@@ -24,6 +24,7 @@ from scara_kinetostatic.files.export.formats import (
     dh_text,
     exported,
     header_text,
+    rigid_miss,
     urdf_text,
     xacro_text,
 )
@@ -221,3 +222,32 @@ def test_what_is_not_determined_or_unfit_is_said(arm: CalibratedArm) -> None:
     assert 'unfit for use' in unfit
     assert 'do not determine l1:' in rigid
     assert 'do not determine l1, p_ee:' in made.notes(is_rigid=False)[1]
+
+
+def test_limits_bound_corrections_and_what_a_rigid_arm_leaves_out(arm: CalibratedArm) -> None:
+    limits = ((-0.5, 2.0), (-1.5, 2.2))
+    limited = replace(arm, cell=replace(arm.cell, limits=limits))
+    grid = Grid(0.05, (30.0,))
+    every, some = (list(csv.DictReader(_rows(correction_file(one, (), grid).text))) for one in (arm, limited))
+    kept = []
+    for row in every:
+        pose = np.array([float(row[f'q{k}_nominal_rad']) + float(row[f'dq{k}_rad']) for k in (1, 2)])
+        kept += [row] if limited.cell.can_take(pose) else []
+    assert some == kept
+    assert 0 < len(some) < 0.5 * len(every)
+    said = 'The limits of the joints are not checked: shoulder -0.5 to 2 rad, '
+    assert said in header_text(limited, facts(limited, 'header'))
+    assert said not in header_text(arm, facts(arm, 'header'))
+    effect = find(arm.cell, 'encoder_gain[joint1]')
+    size = len(NAMES) + 1
+    bent = replace(
+        arm,
+        model=ExtendedModel(PAPER_ACTUAL, (effect,), ((1e-4,),)),
+        covariance=np.zeros((size, size)),
+        undetermined=np.zeros((size, 0)),
+    )
+    assert 0 < rigid_miss(replace(bent, cell=limited.cell)) < 0.7 * rigid_miss(bent)
+
+
+def _rows(text: str) -> list[str]:
+    return [line for line in text.splitlines() if not line.startswith('#')]

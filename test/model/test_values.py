@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
@@ -63,3 +65,14 @@ def test_metadata_carry_the_history():
     assert metadata.history.shape == (1, 3, 4)
     assert metadata.frame is SensorFrame.TOOL
     assert TouchMetadata.of(touches.replace(history=None)).history is None
+
+
+def test_a_pose_is_within_the_limits_in_any_turn():
+    cell = replace(PAPER_CELL, limits=((0.0, 5.0), (-2.2, 2.2)))
+    joints = np.array([[-2.0, 1.0], [5.5, 1.0], [1.0, -2.3], [np.nan, np.nan]])
+    np.testing.assert_allclose(cell.in_turn(joints)[0], [2 * np.pi - 2.0, 1.0])
+    assert cell.can_take(joints).tolist() == [True, False, False, False]
+    assert cell.beyond_limits(joints)[:3].tolist() == [[False, False], [True, False], [False, True]]
+    assert not cell.can_take(np.array([4.99, 1.0]), 0.02)
+    assert PAPER_CELL.can_take(joints).tolist() == [True, True, True, False]
+    assert PAPER_CELL.in_turn(joints) is joints

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from xml.etree import ElementTree
@@ -12,7 +13,8 @@ from xml.etree import ElementTree
 import scara_kinetostatic
 from scara_kinetostatic.bags import PYPI
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.cell import PAPER_CELL, Region
+from scara_kinetostatic.simulation.plan import default_plan
 
 ROOT = Path(__file__).parents[2]
 NAME = 'scara_kinetostatic'
@@ -75,5 +77,9 @@ def test_every_executable_exists() -> None:
         assert callable(getattr(import_module(f'{NAME}.{module}'), function))
 
 
-def test_the_example_cell_is_the_cell_that_the_nodes_take_by_themselves() -> None:
-    assert load_cell(ROOT / 'config' / 'cell.yaml') == PAPER_CELL
+def test_the_example_cell_is_the_cell_that_the_nodes_take_by_themselves_made_ready_for_planning() -> None:
+    cell = load_cell(ROOT / 'config' / 'cell.yaml')
+    assert replace(cell, limits=None, lift=None, region=Region()) == PAPER_CELL
+    assert None not in (cell.limits, cell.lift)
+    assert cell.region == Region(-0.35, 0.35, 0.20, 0.55)
+    assert len(default_plan(cell)) == len(default_plan(PAPER_CELL)) == 72

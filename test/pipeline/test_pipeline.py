@@ -11,7 +11,7 @@ from scara_kinetostatic import pipeline
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.registry import find
-from scara_kinetostatic.errors import InputError, UnsupportedDataError
+from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
@@ -121,3 +121,11 @@ def test_a_noise_above_every_force_is_named() -> None:
     touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL), Noise(1e-5, 0.3), 3)
     with pytest.raises(UnsupportedDataError, match='its direction is noise of 30 N'):
         calibrate_touches(touches, replace(CELL, noise=Noise(1e-3, 30.0)))
+
+
+def test_limits_that_exclude_all_touches_are_named(tmp_path):
+    cell = replace(CELL, limits=((-3.1, -2.9), (1.0, 1.1)))
+    touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL))
+    message = r'^robot\.limits: they exclude all 72 touches, joint1 from -3.* to 2.*, joint2 from .* rad; correct'
+    with pytest.raises(CellError, match=message):
+        calibrate_touches(touches, cell)

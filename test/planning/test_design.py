@@ -24,6 +24,7 @@ from scara_kinetostatic.planning.prediction import (
     loaded_tip,
     make_workspace,
     predict,
+    tip_in_use,
     tip_std,
 )
 from scara_kinetostatic.simulation.plan import default_plan
@@ -140,21 +141,18 @@ def test_one_disc_leaves_the_robot_free_to_turn_about_it():
 def test_derivative_of_the_tip(load):
     """At given joint angles and force, the tip moves by T ΔL̄: there, the moved robot reads the same angles."""
     workspace = make_workspace(ROBOT, radii=3, angles=4)
-    places, change = workspace.places, 1e-7 * np.linspace(-1, 1, 12)
+    places, side, change = workspace.places, workspace.posture, 1e-7 * np.linspace(-1, 1, 12)
     moved = Parameters.from_array(PAPER_ACTUAL.as_array() + change)
     if load is None:
         tip = free_tip(ROBOT, workspace).derivative[:, 0] @ change
-        joints = np.concatenate([kinematics.inverse(PAPER_ACTUAL, places, side) for side in (1, -1)])
-        expected = kinematics.forward(moved, joints) - np.tile(places, (2, 1))
+        expected = kinematics.forward(moved, kinematics.inverse(PAPER_ACTUAL, places, side)) - places
         np.testing.assert_allclose(tip, expected, atol=1e-12)
         return
     tip = loaded_tip(ROBOT, workspace, load, directions=1).derivative[:, 0] @ change
     force = np.tile([load, 0.0], (len(places), 1))
-    for k, side in enumerate((1, -1)):
-        step = tip[k * len(places) : (k + 1) * len(places)]
-        before, _ = inverse_kinetostatics(PAPER_ACTUAL, places, force, side, CELL.gripper)
-        after, _ = inverse_kinetostatics(moved, places + step, force, side, CELL.gripper)
-        np.testing.assert_allclose(after, before, atol=1e-10)
+    before, _ = inverse_kinetostatics(PAPER_ACTUAL, places, force, side, CELL.gripper)
+    after, _ = inverse_kinetostatics(moved, places + tip, force, side, CELL.gripper)
+    np.testing.assert_allclose(after, before, atol=1e-10)
 
 
 def test_error_on_touches_not_seen_is_that_of_calibrations():
@@ -178,6 +176,27 @@ def test_workspace_keeps_to_its_region_and_refuses_none():
     assert workspace.area.sum() == pytest.approx(1.0)
     with pytest.raises(ParameterError, match='within reach'):
         make_workspace(within(2.0, 3.0, 2.0, 3.0))
+
+
+def test_poses_of_workspace_and_tip_in_use_are_within_the_limits():
+    limits = ((-0.5, 2.0), (0.0, 2.2))
+    robot = replace(ROBOT, cell=replace(ROBOT.cell, limits=limits))
+    workspace, everywhere = make_workspace(robot), make_workspace(ROBOT)
+    joints = kinematics.inverse(robot.cell.nominal, workspace.places, workspace.posture)
+    assert robot.cell.can_take(joints).all()
+    assert (workspace.posture == 1).all()
+    assert workspace.area.sum() == pytest.approx(1.0)
+    in_reach = robot.cell.can_take(kinematics.inverse(ROBOT.cell.nominal, everywhere.places, everywhere.posture))
+    assert len(workspace.places) == in_reach.sum()
+    prediction = predict(robot, default_plan(CELL))
+    for tip, every in (
+        (free_tip(robot, workspace), free_tip(ROBOT, everywhere)),
+        (tip_in_use(robot, 30.0), tip_in_use(ROBOT, 30.0)),
+    ):
+        assert len(tip.derivative) == len(tip.weight) < 0.5 * len(every.derivative)
+        assert tip_std(tip, prediction).largest < tip_std(every, prediction).largest
+    with pytest.raises(ParameterError, match=r'robot\.limits: they leave 0.* % of the workspace within reach'):
+        make_workspace(replace(robot, cell=replace(robot.cell, limits=((0.0, 1e-3), (1.0, 1.001)))))
 
 
 def test_unreachable_touch_is_named():

@@ -21,11 +21,12 @@ from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.planning.motion import LIMIT_MARGIN, Edges, Poses, Space, shortest_order
+from scara_kinetostatic.planning.motion import Edges, Poses, Space, shortest_order
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import Robot, tip_in_use
 from scara_kinetostatic.planning.program import program
 from scara_kinetostatic.planning.search import largest_variance
+from scara_kinetostatic.simulation.plan import LIMIT_MARGIN
 from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -187,7 +188,7 @@ def test_the_tip_in_use_agrees_with_differences_of_the_model():
     tip = tip_in_use(robot, 30.0, 5, 4)
     turns = np.pi / 4 + np.pi / 2 * np.arange(4)
     force = np.concatenate([np.zeros((1, 2)), 30 * np.stack([np.cos(turns), np.sin(turns)], axis=-1)])
-    _, _, grid, reached = region_grid(PAPER_ACTUAL, CELL.region, 5)
+    _, _, grid, (reached, _) = region_grid(PAPER_ACTUAL, CELL, 5)
     places = np.repeat(grid[reached], 5, axis=0)
     load, joints = np.tile(force, (len(places) // 5, 1)), inverse(PAPER_ACTUAL, places, 1)
     for k, name in enumerate(NAMES):
@@ -305,6 +306,14 @@ def test_without_a_lift_an_open_outline_is_refused():
     with pytest.raises(CellError, match='behind an open outline'):
         planner_of(cell).accurate(9)
     assert len(planner_of(replace(cell, lift=LIFT)).accurate(9).plan) == 9
+
+
+def test_a_disc_beyond_the_limits_is_left_out_with_the_reason():
+    planned = planner_of(replace(CELL, limits=((-0.5, 2.0), (-2.2, 2.2)))).accurate(9)
+    assert any(text.startswith('disc_1: ') and 'beyond the limits of joint1' in text for text in planned.left_out)
+    near = planner_of(replace(CELL, limits=((-0.6, 0.3), (-2.2, 2.2)))).accurate(9)
+    assert 0 not in near.plan.disc
+    assert near.left_out[0].startswith('disc_1: ')
 
 
 def test_limits_are_needed_and_kept_with_a_margin():

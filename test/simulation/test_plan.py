@@ -11,8 +11,8 @@ from scara_kinetostatic.errors import CellError, InputError, ParameterError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-from scara_kinetostatic.simulation.plan import CLEARANCE, REACH_MARGIN, Plan, default_plan
-from scara_kinetostatic.simulation.plan_file import dump_plan, load_plan, parse_plan
+from scara_kinetostatic.simulation.plan import CLEARANCE, LIMIT_MARGIN, REACH_MARGIN, Plan, default_plan
+from scara_kinetostatic.simulation.plan_file import PlanError, dump_plan, load_plan, parse_plan
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS)
 
@@ -53,6 +53,20 @@ def test_points_behind_another_disc_are_left_out():
     plan = default_plan(close)
     assert not np.any((plan.disc == 0) & (np.abs(plan.angle) < 0.1))
     assert not np.any((plan.disc == 1) & (np.abs(plan.angle - np.pi) < 0.1))
+
+
+def test_touches_beyond_the_limits_are_left_out():
+    cell = replace(CELL, limits=((-0.5, 2.0), (-2.2, 2.2)))
+    plan, free = default_plan(cell, per_disc=24), default_plan(CELL, per_disc=24)
+    for distance in (0.0, CLEARANCE):
+        tip = plan.contact(cell) + distance * plan.normal()
+        assert cell.can_take(inverse(cell.nominal, tip, plan.posture), LIMIT_MARGIN).all()
+    assert 40 < len(plan) < 0.6 * len(free)
+    possible = cell.can_take(inverse(cell.nominal, free.contact(cell), free.posture))
+    with pytest.raises(PlanError, match=r'touch 0: the arm does not reach it .*robot\.limits'):
+        parse_plan(dump_plan(free.select(~possible), cell), cell)
+    with pytest.raises(CellError, match=r'disc_1: no point of the disc is within reach .* robot\.limits'):
+        default_plan(replace(CELL, limits=((0.0, 0.8), (0.0, 0.8))))
 
 
 def test_disc_without_reachable_point():

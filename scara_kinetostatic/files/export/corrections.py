@@ -38,7 +38,7 @@ class _Table(NamedTuple):
     Attributes:
         posture: +1 left, -1 right.
         nominal: joint angles of the nominal rigid arm, (p, 2), rad.
-        change: what to add, (p, f, 2), rad; NaN where one of the arms does not reach.
+        change: what to add, (p, f, 2), rad; NaN where one of the arms does not reach, or not within its limits.
         miss: error of the tip without it, (p, f), m.
         std: standard uncertainty of the tip, (p, f), m.
         status: (p, f).
@@ -69,8 +69,8 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> Corr
 
     A row has the place of the tip, the force, the elbow, the joint angles by the nominal rigid arm, the correction of
     each, the error of the tip without it, and the standard uncertainty of the tip along the force, in the worst
-    direction without one. Places out of reach of either arm are left out. The head states the error of the tip halfway
-    between places, by bilinear interpolation.
+    direction without one. Places out of reach of either arm, or beyond robot.limits, are left out. The head states the
+    error of the tip halfway between places, by bilinear interpolation.
 
     Raises:
         ParameterError: step or accuracy make more than `MOST_ROWS` rows.
@@ -87,7 +87,7 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> Corr
         places = _places(arm, step, cells)
         tables = [_table(arm, places, forces, posture) for posture in arm.used.postures]
         if not any(np.isfinite(table.change).all(axis=2).any() for table in tables):
-            problem = 'no place of the grid can be reached under these forces'
+            problem = 'no place of the grid can be reached under these forces, within robot.limits'
             raise UnsupportedDataError(problem, 'choose a smaller --step or smaller forces')
         errors = _errors_between(arm, step, cells, forces, tables)
         if grid.step or (len(errors) and np.quantile(errors, 0.95) <= grid.accuracy):
@@ -128,7 +128,8 @@ def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> 
     found = predictor.compensate(tip, force, np.full(len(tip), posture))
     miss = np.linalg.norm(predictor.locate(rigid, force).position - tip, axis=1)
     per_force = (miss.reshape(-1, count), found.std_normal.reshape(-1, count), found.status.reshape(-1, count))
-    return _Table(posture, nominal, wrap(found.joints - rigid).reshape(-1, count, 2), *per_force)
+    change = np.where(arm.cell.can_take(found.joints)[:, None], wrap(found.joints - rigid), np.nan)
+    return _Table(posture, nominal, change.reshape(-1, count, 2), *per_force)
 
 
 def _rows(table: _Table, places: Floats, forces: Floats) -> Iterator[tuple[object, ...]]:

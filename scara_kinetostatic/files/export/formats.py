@@ -101,9 +101,9 @@ def _stds(arm: CalibratedArm) -> tuple[str, ...]:
 
 
 def rigid_miss(arm: CalibratedArm) -> float:
-    """Largest displacement of the unloaded tip by effects that act on the robot, over all joint angles, m."""
-    angles = np.linspace(-np.pi, np.pi, 24)
-    joints = np.stack(np.meshgrid(angles, angles), axis=-1).reshape(-1, 2)
+    """Largest displacement of the unloaded tip by effects that act on the robot, over joint angles within limits, m."""
+    angles = (np.linspace(low, high, 24) for low, high in arm.cell.limits or [(-np.pi, np.pi)] * 2)
+    joints = np.stack(np.meshgrid(*angles), axis=-1).reshape(-1, 2)
     tip, _ = direct_kinetostatics(arm.model, joints, np.zeros_like(joints), arm.cell.gripper)
     miss = np.linalg.norm(tip - forward(arm.model.parameters, joints), axis=1)
     largest = float(np.nanmax(miss))
@@ -196,10 +196,13 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
+    pairs = zip(arm.cell.joint_names, arm.cell.limits or (), strict=False)
+    limits = ', '.join(f'{name} {low:g} to {high:g} rad' for name, (low, high) in pairs)
+    unchecked = escaping.comment(f'The limits of the joints are not checked: {limits}.')
     return render(
         Path(__file__).with_name('header.h.j2'),
         escape=False,
-        lines=facts.lines,
+        lines=(*facts.lines, unchecked) if limits else facts.lines,
         constants=_values(arm, facts),
         force_std=arm.noise.force_rms,
         force_growth=arm.noise.growth,
