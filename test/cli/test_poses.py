@@ -94,6 +94,22 @@ def test_columns_of_a_spreadsheet_stay_in_their_places(run: Run, result: Path) -
     assert (len(row), row[-1]) == (len(heading), 'ok')
 
 
+def test_stated_units_are_converted_and_results_are_in_si(run: Run, result: Path) -> None:
+    pairs = {
+        'compensate': ('x_m,y_m,fx_N,fy_N\n0.301,0.2,0.0,30.0\n', 'x_mm,y [um],fx_kN,fy_mN\n301,200000,0.0,30000\n'),
+        'locate': ('q1_rad,q2_rad,fx_N,fy_N\n0.4,1.1,20,-30\n', 'q1_mrad,q2_urad,fx_kN,fy_N\n400,1100000,0.02,-30\n'),
+    }
+    for verb, tables in pairs.items():
+        written = []
+        for text in tables:
+            Path('t.csv').write_text(text)
+            assert run(verb, result / 'calibration.json', 't.csv', '--out', 'x.csv').status == 0
+            written += rows('x.csv')
+        assert list(written[0]) == list(written[1])
+        for name, text in written[0].items():
+            assert name == 'status' or float(written[1][name]) == pytest.approx(float(text), rel=1e-9)
+
+
 def test_what_is_to_be_known_is_said(run: Run, result: Path) -> None:
     document = json.loads((result / 'calibration.json').read_text())
     document['assessment']['grade'], document['diagnosis']['verdict'] = 'unfit', 'unexplained'
@@ -114,8 +130,8 @@ def test_what_is_to_be_known_is_said(run: Run, result: Path) -> None:
     ('table', 'status', 'message'),
     [
         ('x_m,y_m,fx_N,fy_N\n9,9,0,0\n', 3, 'no pose is within reach'),
-        ('x_mm,y_mm,fx_N,fy_N\n300,200,0,0\n', 2, "the column 'x_mm' has the unit 'mm'; convert it to x_m"),
-        ('x_m,y_m,fx_N,fy_N\n300,200,0,0\n', 2, 'line 2: x_m: 300 is too large to be plausible; give lengths in m'),
+        ('x_N,y_mm,fx_N,fy_N\n300,200,0,0\n', 2, "the column 'x_N' has the unit 'N'; convert it to one of x_m, x_mm"),
+        ('x_m,y_m,fx_N,fy_N\n300,200,0,0\n', 2, 'line 2: x_m: 300 is too large to be plausible; name it x_mm'),
         ('x_m,y_m,fx_N,fy_N\n0.3,nan,0,0\n', 2, "line 2: y_m: expected a number, got 'nan'"),
         ('x_m,y_m,fx_N,fy_N\n0.3,0.2,0\n0.3,,0,0\n', 2, 'line 2: fy_N: expected a number, got nothing; also wrong'),
         ('x_m,y_m,fx_N,fy_N,elbow\n0.3,0.2,0,0,up\n', 2, 'elbow: expected left or right'),
