@@ -46,7 +46,7 @@ class TouchTable(NamedTuple):
     """The rows of a table of touches.
 
     Attributes:
-        joints: Q, (n, 2), rad.
+        joints: readings of the joints, (n, 2), rad.
         force: on the object, base frame, (n, 2), N.
         objects: name of the touched object, n of them; empty where the table does not say.
         time: since the first touch, (n,), s; 0 where unknown.
