@@ -504,9 +504,10 @@ def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
         return
     ratio = round(part + (0.0 if origin is Origin.ARRAYS else cell.coupling), 4)
     statement = f'the reading of joint 2 contains {ratio:g} of that of joint 1'
+    where, action = 'robot.coupling', f'set robot.coupling to {ratio:g}, better to the exact ratio of the drive'
     if abs(ratio - 1) < _LIMITS.least_coupling:
         ratio, statement = 1.0, 'joint 2 is measured from the base, not from link 1'
-    where, action = 'robot.coupling', f'set robot.coupling to {ratio:g}, better to the exact ratio of the drive'
+        action = 'set robot.coupling to 1'
     if origin is Origin.ARRAYS:
         where, action = 'joint angles', f'give q2 less {ratio:g} q1 for q2'
     yield _Candidate(where, statement, action, without(part), common=False)
