@@ -1,7 +1,8 @@
 """The functions of the Python interface, ``import scara_kinetostatic as sk``: plain NumPy arrays in and out.
 
 Joint angles, forces and places are arrays (n, 2), one row per touch or pose; one pair alone is taken as n = 1. Forces
-are those of the robot on the object. All SI units.
+are those of the robot on the object. Joint angles are Q of the model; `Cell.angles` and `Cell.readings` convert what
+the robot reports where its joints are coupled. All SI units.
 """
 
 from __future__ import annotations

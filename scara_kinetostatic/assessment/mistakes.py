@@ -29,6 +29,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
@@ -101,6 +102,8 @@ class _Limits:
     """Force above which the forces may be in mN, N."""
     largest_angle: float = 4 * np.pi
     """Joint angles beyond this are in degrees, rad."""
+    least_coupling: float = 0.02
+    """Less of joint 1's reading in that of joint 2 is the effect `joint_coupling`."""
     same_length: float = 1e-3
     """Lengths that differ by less than this are not worth swapping, m."""
 
@@ -481,8 +484,33 @@ def _candidates(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]
         if origin is Origin.RECORDING and number == 0:
             where, action = 'robot.joint_names', f'set robot.joint_names to [{", ".join(reversed(cell.joint_names))}]'
         yield _Candidate(where, statement, action, r._replace(joints=_applied(matrix, r.joints)), common=number < 4)
+    yield from _coupled(r, cell, origin)
     yield from _of_objects(r, cell)
     yield from _of_nominal(r)
+
+
+def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
+    """Joint 1 turns the reading of joint 2 as well, by the part with which the touches agree best."""
+
+    def without(part: float) -> _Reading:
+        return r._replace(joints=_applied((1, 0, -part, 1), r.joints))
+
+    def misfit(part: float) -> float:
+        return _fit(without(part)).misfit
+
+    near, step = min(np.linspace(-2.0, 2.0, 81).tolist(), key=misfit), 0.05
+    part = float(minimize_scalar(misfit, bounds=(near - step, near + step), method='bounded').x)
+    if abs(part) < _LIMITS.least_coupling:
+        return
+    ratio = round(part + (0.0 if origin is Origin.ARRAYS else cell.coupling), 4)
+    statement = f'the reading of joint 2 contains {ratio:g} of that of joint 1'
+    where, action = 'robot.coupling', f'set robot.coupling to {ratio:g}, better to the exact ratio of the drive'
+    if abs(ratio - 1) < _LIMITS.least_coupling:
+        ratio, statement = 1.0, 'joint 2 is measured from the base, not from link 1'
+        action = 'set robot.coupling to 1'
+    if origin is Origin.ARRAYS:
+        where, action = 'joint angles', f'give q2 less {ratio:g} q1 for q2'
+    yield _Candidate(where, statement, action, without(part), common=False)
 
 
 def _applied(matrix: tuple[float, ...], pairs: Floats) -> Floats:
@@ -505,7 +533,6 @@ _JOINTS = (
     ((-1, 0, 0, 1), 'joint 1 turns the other way', 'change the sign of q1'),
     ((1, 0, 0, -1), 'joint 2 turns the other way', 'change the sign of q2'),
     ((-1, 0, 0, -1), 'both joints turn the other way', 'change the signs of q1 and q2'),
-    ((1, 0, -1, 1), 'joint 2 is measured from the base, not from link 1', 'give q2 less q1 for q2'),
     ((0, -1, -1, 0), 'the joints are in the wrong order and turn the other way', 'exchange -q1 and -q2'),
 )
 """Changes of the joint angles by rows, with words for each."""

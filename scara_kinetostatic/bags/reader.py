@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -117,7 +118,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
             warnings.append(f'{names[0]}: {counted(int(moved.sum()))} while {where}')
         return Streams(
             str(path),
-            JointStream.of(*joints),
+            replace(JointStream.of(*joints), position=cell.angles(joints[1][:, :2])),
             WrenchStream(*wrench),
             warnings=tuple(map(one_line, warnings)),
             topics=names,

@@ -337,7 +337,7 @@ def _messages(streams: Streams, cell: Cell, with_cell: bool) -> Iterator[tuple[s
     """Topic, bytes and time, ns, of every message in the order of the stamps, the cell description first."""
     joints, wrench = streams.joints, streams.wrench
     stamp = np.concatenate([joints.stamp, wrench.stamp])
-    payloads = joint_state_messages(joints.stamp, joints.position, cell.joint_names)
+    payloads = joint_state_messages(joints.stamp, cell.readings(joints.position), cell.joint_names)
     payloads += wrench_messages(wrench.stamp, wrench.force, cell.sensor.frame.value)
     order = np.argsort(stamp, kind='stable')
     if with_cell:

@@ -8,7 +8,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import without_sources
 from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, estimate, fewest_touches
-from scara_kinetostatic.calibration.fit_point import base_force, fitted_surfaces, project
+from scara_kinetostatic.calibration.fit_point import base_force, fitted_surfaces, fitted_tips, project
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
@@ -147,6 +147,8 @@ def _settle_flanks(
     return touches.select(known), everything.select(known), found, unsettled
 
 
+_BOTH_EDGES = 1e-3
+"""Distance of the tip from both edges of an inner corner below which it may touch both, m."""
 _MOST_SETTLING = 6
 """Fits after the first at most, until every touch is of the edge or corner on which the fit places it."""
 
@@ -155,7 +157,7 @@ def _reassociate(
     touches: TouchSet, observations: Observations, cell: Cell, start: ExtendedModel, free: Indices, found: Estimation
 ) -> tuple[TouchSet, Observations, Estimation, list[Rejection]]:
     """Fit again with every touch on the edge or corner where the fit before places it; those that alternate are left
-    out.
+    out, and those in an inner corner, where the tip touches both edges.
     """
     seen, left_out = list[Indices](), list[Rejection]()
     for _ in range(_MOST_SETTLING):
@@ -164,18 +166,20 @@ def _reassociate(
         seen.append(observations.surface)
         surface = fitted_surfaces(observations, cell, found.fit.point)
         touches = touches.replace(surface=surface)
-        if (surface == observations.surface).all():
+        doubtful = cell.surfaces.touch_both(fitted_tips(observations, found.fit.point), _BOTH_EDGES)
+        if (surface == observations.surface).all() and not doubtful.any():
             break
         if any((surface == before).all() for before in seen):
-            alternates = surface != observations.surface
-            if (~alternates).sum() < fewest_touches(len(free)):
+            doubtful |= surface != observations.surface
+        if doubtful.any():
+            if (~doubtful).sum() < fewest_touches(len(free)):
                 continue  # until it is said
             names = [cell.discs[number].name for number in touches.disc]
             left_out += [
                 Rejection(int(touches.index[k]), f'between two edges of {names[k]}: touch it farther from the corner')
-                for k in np.flatnonzero(alternates)
+                for k in np.flatnonzero(doubtful)
             ]
-            touches, seen = touches.select(~alternates), []
+            touches, seen = touches.select(~doubtful), []
         fit = found.fit.point
         used = found.used if len(found.used) == len(touches) else np.ones(len(touches), dtype=bool)
         near = WarmStart(fit.model, found.noise, used, fit.errors)

@@ -247,15 +247,20 @@ def base_force(observations: Observations, model: ExtendedModel) -> Floats:
     return rotate(force, observations.joints.sum(axis=1) + model.parameters.theta1 + model.parameters.theta2)
 
 
-def fitted_surfaces(observations: Observations, cell: Cell, point: Point) -> Indices:
-    """Numbers of the surfaces on which a point of all touches has their tips, (n,)."""
-    o, state, p = observations, point.adjusted.state, point.parameters
-    assert o.metadata is not None
+def fitted_tips(observations: Observations, point: Point) -> Floats:
+    """The places of the tips at a point of all touches, (n, 2), m."""
+    state, p = point.adjusted.state, point.parameters
     unit = np.array([np.cos(state.direction), np.sin(state.direction)]).T
     tips = forward(p, np.array([state.link1, state.link2]).T)
-    force = base_force(o, point.model)
-    tips = tips + unit * o.gripper.stretch(p, state.magnitude)[:, None]
-    return settled_surfaces(cell, tips, force / np.hypot(*force.T)[:, None], o.metadata.disc)
+    return np.asarray(tips + unit * observations.gripper.stretch(p, state.magnitude)[:, None])
+
+
+def fitted_surfaces(observations: Observations, cell: Cell, point: Point) -> Indices:
+    """Numbers of the surfaces on which a point of all touches has their tips, (n,)."""
+    force, metadata = base_force(observations, point.model), observations.metadata
+    assert metadata is not None
+    tips = fitted_tips(observations, point)
+    return settled_surfaces(cell, tips, force / np.hypot(*force.T)[:, None], metadata.disc)
 
 
 def force_residual(observations: Observations, model: ExtendedModel) -> Floats:

@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         limits = ', and within robot.limits' * (STATUSES[-1] in found.status)
         problem = f'{args.table}: no pose is within reach of the arm{limits}'
         raise UnsupportedDataError(problem, 'places are in m, base frame')
-    (q1, q2), (c1, c2) = found.joints.T, found.torques.T
+    (q1, q2), (c1, c2) = predictor.arm.cell.readings(found.joints).T, found.torques.T
     results = {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2, 'std_normal_m': found.std_normal}
     write(args.out, table, results | {'status': found.status}, predictor)
     if table.elbows is None:

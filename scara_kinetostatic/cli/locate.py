@@ -60,8 +60,8 @@ def run(args: argparse.Namespace) -> int:
     check_file(args.out, [args.calibration, args.table], suffix='.csv')
     predictor = load_predictor(args.calibration, nominal=args.nominal, rigid=args.rigid)
     table = load_pose_table(args.table, STATES)
-    joints = table.pair('q1_rad', 'q2_rad')
-    force = _measured(table, predictor) if args.measured and not predictor.nominal else table.force
+    joints = predictor.arm.cell.angles(table.pair('q1_rad', 'q2_rad'))
+    force = _measured(table, joints, predictor) if args.measured and not predictor.nominal else table.force
     metadata = metadata_of(table, posture(predictor.law.model.parameters, joints))
     found = predictor.locate(joints, force, metadata)
     (x, y), (std_x, std_y) = found.position.T, np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)).T
@@ -72,9 +72,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _measured(table: PoseTable, predictor: Predictor) -> Floats:
+def _measured(table: PoseTable, joints: Floats, predictor: Predictor) -> Floats:
     """The true forces behind those of the table."""
     from scara_kinetostatic.model.arm import force_on_object, in_sensor_frame
 
-    joints = table.pair('q1_rad', 'q2_rad')
     return force_on_object(predictor.arm, in_sensor_frame(predictor.arm, table.force, joints), joints)

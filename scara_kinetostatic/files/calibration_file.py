@@ -306,7 +306,7 @@ def stored_cell(entry: Mapping[str, Any], where: str | Path) -> Cell:
     """
     model = {'gripper_sign': entry['gripper_sign'], 'gripper_excess': entry['gripper_excess']}
     robot = {'joint_names': entry['joint_names'], 'nominal': entry['nominal']}
-    robot |= {key: entry[key] for key in ('limits', 'lift', 'hold', 'moments') if key in entry}
+    robot |= {key: entry[key] for key in ('coupling', 'limits', 'lift', 'hold', 'moments') if key in entry}
     description = {'robot': robot, 'objects': entry['objects'], 'sensor': entry['sensor'], 'model': model}
     description |= {key: entry[key] for key in _VERBATIM if entry.get(key)}
     return read_cell(description, f'{where}: cell', check_layout=False)

@@ -63,6 +63,7 @@ _PLATE = _LENGTH._replace(most=0.02)
 """The same of the place of a plate: it is found by touch."""
 _ANGLE = Within(0.0, 0.2, 'it is in rad: 1.0e-3 for 0.06 deg', unit='rad')
 _PART = Within(0.0, 0.2, 'it is a part of 1: 0.005 for 0.5 %')
+_COUPLING = Within(-2.0, 2.0, 'it is a ratio of angles: 0.2105 for pulleys of 16 and 76 teeth')
 _TOLERANCE = Within(0.0, 5e-3, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')
 """Tolerances of the tip that are accepted: any calibration meets a larger one."""
 
@@ -117,7 +118,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
     top = Section(
         CellError, str(where), '', data, ('robot', 'objects'), (*optional, 'obstacles', 'touch', 'identification')
     )
-    robot = top.section('robot', ('nominal',), ('joint_names', 'moments', *_MOTION))
+    robot = top.section('robot', ('nominal',), ('joint_names', 'coupling', 'moments', *_MOTION))
     joint_names = _joint_names(robot)
     lift = _lift(robot, joint_names)
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
@@ -127,6 +128,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         nominal=base,
         discs=_discs(top, plates),
         joint_names=joint_names,
+        coupling=robot.optional('coupling', within=_COUPLING) or 0.0,
         sensor=_sensor(top.section('sensor', (), ('joint_states', 'wrench', 'frame', 'sign', 'time_offset'))),
         noise=_noise(top),
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
@@ -182,6 +184,7 @@ def cell_description(cell: Cell) -> dict[str, Any]:
     limits = dict(zip(cell.joint_names, map(list, cell.limits), strict=True)) if cell.limits else {}
     moments = {name: getattr(cell.nominal, name) for name in cell.nominal.names[len(NAMES) :]}
     motion = {
+        'coupling': cell.coupling,
         'moments': moments,
         'limits': limits,
         'lift': cell.lift._asdict() if cell.lift else {},

@@ -1,7 +1,8 @@
 """Columns of a CSV file, as spreadsheets save it: the one reader of every table.
 
 The heading is the first line that is neither empty nor a comment (`#`). It names each column with its unit:
-`force_N`, `force [N]` and `force (N)` are the same. Separators are comma, semicolon or tab; with the latter two,
+`force_N`, `force [N]` and `force (N)` are the same. The unit is any of the tables here, for every reader; values are
+converted to SI, and units of another quantity are refused. Separators are comma, semicolon or tab; with the latter two,
 numbers may have a decimal comma. A row that is wrong is an error with its line and column: nothing is dropped silently.
 
     table = load_table(path, 'force_N,displacement_mm')
@@ -43,6 +44,8 @@ ANGLE = {
 FORCE = {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}
 TORQUE = {'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3}
 TIME = {'s': 1.0, 'ms': 1e-3}
+SENSE_OR_ANGLE = {'': 1.0, **ANGLE}
+"""An angle whose heading may leave out the unit: its sign alone, ±1, or rad."""
 _LINE_ENDS = '\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029'
 _NUMBER = re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z')
 _HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
@@ -54,7 +57,7 @@ class Column(NamedTuple):
     Attributes:
         name: key of its values.
         words: what a heading may call it, in lower case, without the unit; the first one is used in messages.
-        units: factor to SI by unit; empty for a column without a unit.
+        units: factor to SI by unit; empty for a column without a unit. A key '' is that of a heading without one.
         required: whether the table must have it.
         blank: whether cells may be empty.
         largest: largest plausible size, SI.
@@ -76,7 +79,7 @@ class Column(NamedTuple):
     @property
     def headings(self) -> list[str]:
         """What a heading should be, one for each unit."""
-        return [f'{self.words[0]}_{unit}' for unit in self.units if unit.isascii()] or [self.words[0]]
+        return [f'{self.words[0]}_{unit}'.rstrip('_') for unit in self.units if unit.isascii()] or [self.words[0]]
 
 
 class Place(NamedTuple):
@@ -255,9 +258,9 @@ def _key(heading: str) -> str:
 
 
 def _factor(column: Column, unit: str) -> float | None:
-    """Of a heading's unit, if it is one of that column; in any case, where only one is known."""
-    only = next(iter(column.units)) if len(column.units) == 1 else ''
-    return column.units.get(only if unit.lower() == only.lower() else unit)
+    """Of a heading's unit, if it is one of that column; the SI unit in any case, as no prefix is mistaken for it."""
+    is_si = unit.lower() in (known.lower() for known, factor in column.units.items() if factor == 1)
+    return column.units.get(unit, 1.0 if is_si else None)
 
 
 def load_table(path: Path, example: str) -> Table:

@@ -2,8 +2,7 @@
 
 `compensate` reads `x_m, y_m, fx_N, fy_N` and optional `elbow` (``left`` or ``right``), `locate` reads
 `q1_rad, q2_rad, fx_N, fy_N`; both may have `time_s`, and `approach1, approach2`, as a table of touches. Other columns
-are handed on as they are, unless a result has their name; numbers that are read, with a decimal
-point.
+are handed on as they are, unless a result has their name; numbers that are read, with a decimal point and in SI units.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.atomic import write_texts
 from scara_kinetostatic.files.columns import Column, load_table, one_of, plain
 from scara_kinetostatic.files.escaping import csv_cell
@@ -24,7 +24,8 @@ from scara_kinetostatic.files.touch_table import APPROACH, FORCE, JOINTS, TIME
 from scara_kinetostatic.model.arrays import Floats
 
 _PLACE = tuple(
-    Column(f'{axis}_m', (axis,), {'m': 1.0}, required=True, largest=100.0, hint='give lengths in m') for axis in 'xy'
+    Column(f'{axis}_m', (axis,), columns.LENGTH, True, largest=100.0, hint=f'name it {axis}_mm where it is in mm')
+    for axis in 'xy'
 )
 POSES = (*_PLACE, *FORCE)
 STATES = (*JOINTS, *FORCE)
@@ -39,8 +40,9 @@ class PoseTable:
         source: the file.
         values: the numbers by column, (n,) each.
         elbows: of each row, ``left`` or ``right``; None where the table does not say.
-        heading: names of all its columns, in their order, without those that are empty throughout.
-        cells: text of all cells, row by row; numbers that were read have a decimal point.
+        heading: names of all its columns, in their order, without those that are empty throughout; of those that were
+            converted, that of the SI unit.
+        cells: text of all cells, row by row; numbers that were read have a decimal point, and are in SI units.
     """
 
     source: Path
@@ -106,15 +108,18 @@ def load_pose_table(path: Path, needed: Sequence[Column]) -> PoseTable:
     numbers, others = table.read(places)
     width = len(table.heading)
     texts = [[*cells[:width], *[''] * (width - len(cells))] for _, cells in table.rows]
-    for name in numbers:
-        for row in texts:
-            row[places[name].number] = plain(row[places[name].number]).replace(',', '.')
-    kept = [k for k, heading in enumerate(table.heading) if heading or any(row[k].strip() for row in texts)]
+    headings = list(table.heading)
+    for name, values in numbers.items():
+        _, k, factor = places[name]
+        headings[k] = headings[k] if factor == 1 else name
+        for row, value in zip(texts, values.tolist(), strict=True):
+            row[k] = plain(row[k]).replace(',', '.') if factor == 1 else f'{value:.15g}'
+    kept = [k for k, heading in enumerate(headings) if heading or any(row[k].strip() for row in texts)]
     return PoseTable(
         path,
         numbers,
         tuple(others['elbow']) if 'elbow' in others else None,
-        tuple(table.heading[k] for k in kept),
+        tuple(headings[k] for k in kept),
         tuple(tuple(row[k] for k in kept) for row in texts),
     )
 

@@ -23,18 +23,19 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.columns import Column, Table, load_table
 from scara_kinetostatic.model.arrays import Floats
 
 SUFFIX = '.csv'
 EXAMPLE = 'q1_rad,q2_rad,fx_N,fy_N'
 JOINTS = tuple(
-    Column(f'{q}_rad', (q,), {'rad': 1.0}, required=True, largest=30.0, hint='give joint angles in rad, not in degrees')
+    Column(f'{q}_rad', (q,), columns.ANGLE, required=True, largest=30.0, hint=f'name it {q}_deg where it is in degrees')
     for q in ('q1', 'q2')
 )
-FORCE = tuple(Column(f'{f}_N', (f,), {'N': 1.0}, required=True, largest=1e5) for f in ('fx', 'fy'))
-TIME = Column('time_s', ('time',), {'s': 1.0}, largest=1e12)
-APPROACH = tuple(Column(name, (name,), largest=30.0) for name in ('approach1', 'approach2'))
+FORCE = tuple(Column(f'{f}_N', (f,), columns.FORCE, required=True, largest=1e5) for f in ('fx', 'fy'))
+TIME = Column('time_s', ('time',), columns.TIME, largest=1e12)
+APPROACH = tuple(Column(name, (name,), columns.SENSE_OR_ANGLE, largest=30.0) for name in ('approach1', 'approach2'))
 _BLANK = tuple(column._replace(blank=True) for column in (TIME, *APPROACH))
 _COLUMNS = (*JOINTS, *FORCE, *_BLANK, Column('object', ('object',), parse=str.strip))
 LARGEST = {column.name: column.largest for column in _COLUMNS}
@@ -45,7 +46,7 @@ class TouchTable(NamedTuple):
     """The rows of a table of touches.
 
     Attributes:
-        joints: Q, (n, 2), rad.
+        joints: readings of the joints, (n, 2), rad.
         force: on the object, base frame, (n, 2), N.
         objects: name of the touched object, n of them; empty where the table does not say.
         time: since the first touch, (n,), s; 0 where unknown.

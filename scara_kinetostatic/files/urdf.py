@@ -19,6 +19,7 @@ from typing import NamedTuple
 from markupsafe import Markup
 
 from scara_kinetostatic.files.template import render
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import Parameters
 
 BASE_FRAME = 'base_link'
@@ -47,12 +48,12 @@ class Arm(NamedTuple):
     colour: Colour = NOMINAL_COLOUR
 
 
-def arm_urdf(name: str, joint_names: Sequence[str], arms: Sequence[Arm], comment: str = '') -> str:
+def arm_urdf(name: str, cell: Cell, arms: Sequence[Arm], comment: str = '') -> str:
     """The text of a URDF, from the template `arm.urdf.j2`.
 
     Args:
         name: of the robot.
-        joint_names: of q1 and q2 in `JointState`.
+        cell: names of q1 and q2 in `JointState`, and their coupling: a joint that mimics q1 then turns q2 back.
         arms: the joints of the first have these names; those of the others mimic them.
         comment: XML to stand before the robot.
     """
@@ -67,12 +68,13 @@ def arm_urdf(name: str, joint_names: Sequence[str], arms: Sequence[Arm], comment
         for number, arm in enumerate(arms)
     ]
     template, head = Path(__file__).with_name('arm.urdf.j2'), Markup(comment)
-    return render(template, name=name, joints=joint_names, arms=described, quarter=pi / 2, comment=head)
+    names = cell.joint_names
+    return render(template, name=name, joints=names, back=-cell.coupling, arms=described, quarter=pi / 2, comment=head)
 
 
-def side_by_side(name: str, joint_names: Sequence[str], nominal: Parameters, calibrated: Parameters | None) -> str:
+def side_by_side(name: str, cell: Cell, calibrated: Parameters | None) -> str:
     """The text of a URDF of the nominal arm and, where there is one, the calibrated arm."""
-    arms = [Arm(nominal)]
+    arms = [Arm(cell.nominal)]
     if calibrated is not None:
         arms.append(Arm(calibrated, CALIBRATED, CALIBRATED_COLOUR))
-    return arm_urdf(name, joint_names, arms)
+    return arm_urdf(name, cell, arms)

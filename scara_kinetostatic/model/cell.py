@@ -472,6 +472,7 @@ class Cell:
         nominal: L̄n, with gravity in the plane of the arm.
         discs: the calibration objects, at least one: discs and outlines.
         joint_names: names of q1 and q2 in `JointState`.
+        coupling: the part of joint 1's reading that is contained in that of joint 2: the elbow's motor is in the base.
         sensor: topics, frame and sign of the sensor.
         noise: None where it is to be estimated from the residuals.
         gripper_sign: sign of (7).
@@ -482,7 +483,7 @@ class Cell:
         tolerance: largest expanded uncertainty (k = 2) of the tip that the use allows, m; None where none is stated.
         tip_radius: of the tip, m; contained in the radii of the discs. None where it is not stated.
         region: where the uncertainty of the tip has to hold.
-        limits: lower and upper one of each joint, rad, (2, 2); None where they are not stated.
+        limits: lower and upper one of each joint's angle Q, rad, (2, 2); None where they are not stated.
         lift: the joint that raises the tip; None where there is none.
         hold: other joints of the controller, by name, and the position that they keep.
         obstacles: corners of what the tip must not meet beside the discs, m, base frame.
@@ -517,6 +518,7 @@ class Cell:
     hold: Mapping[str, float] = field(default_factory=dict)
     obstacles: tuple[tuple[tuple[float, float], ...], ...] = ()
     touch: TouchMotion = field(default_factory=TouchMotion)
+    coupling: float = 0.0
 
     def __post_init__(self) -> None:
         plates = {plate.name for plate in self.plates}
@@ -595,6 +597,18 @@ class Cell:
         placed = max(disc.center_std + disc.radius_std for disc in self.discs)
         return placed + max((plate.center_std for plate in self.plates), default=0.0)
 
+    def angles(self, readings: Floats) -> Floats:
+        """Q of the model from what the robot reports as its joints, (…, 2), rad.
+
+        Everything outside, messages, recordings, tables and exported files, has readings; inside are angles. The angle
+        of joint 2 is its reading less `coupling` times that of joint 1.
+        """
+        return _coupled(readings, -self.coupling)
+
+    def readings(self, angles: Floats) -> Floats:
+        """What the robot reports, and is commanded to, at Q of the model, (…, 2), rad; of differences alike."""
+        return _coupled(angles, self.coupling)
+
     @property
     def other_joints(self) -> tuple[str, ...]:
         """Names of the controller's joints beside the two: the lift, then those to be held."""
@@ -613,9 +627,16 @@ class Cell:
         return ''
 
 
+@np.errstate(invalid='ignore')  # readings may be infinite
+def _coupled(joints: Floats, part: float) -> Floats:
+    """A part of joint 1 added to joint 2, (…, 2); joints as they are without one."""
+    return np.stack([joints[..., 0], joints[..., 1] + part * joints[..., 0]], axis=-1) if part else joints
+
+
 def different_parts(one: Cell, other: Cell) -> list[str]:
     """Sections of the cell file in which two descriptions differ, discs by name."""
-    parts = [] if one.nominal == other.nominal and one.joint_names == other.joint_names else ['robot']
+    robots = [(cell.nominal, cell.joint_names, cell.coupling) for cell in (one, other)]
+    parts = [] if robots[0] == robots[1] else ['robot']
     discs, others = ({disc.name: disc for disc in cell.discs} for cell in (one, other))
     parts += sorted(name for name in discs.keys() | others.keys() if discs.get(name) != others.get(name))
     sensors = [(cell.sensor.topics, cell.sensor[2:]) for cell in (one, other)]  # relative or in the root namespace

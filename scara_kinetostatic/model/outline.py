@@ -2,7 +2,8 @@
 
 An outline is a polygon whose corners are rounded by `corner_radius`, closed and counter-clockwise, or open. The tip
 touches it from the right-hand side of the direction of travel, the outside. The centre of the tip is then on the
-outline grown by the tip's radius: straight segments and arcs, tangent-continuous.
+outline grown by the tip's radius: straight segments and arcs, tangent-continuous but at inner corners into which the
+tip does not reach: there the path is bent where the two grown edges meet, and the tip touches both.
 
 **One equation for all.** The tip on a circle obeys H + (r + γ) n - S_c = 0 (11). A straight edge with outward normal N
 and tangent T is a disc that may slide along T: only the part along N of the vector from its centre to the tip counts,
@@ -179,6 +180,21 @@ class Surfaces(NamedTuple):
         away = np.where(self.radii < 0, -1.0, 1.0) * np.hypot(*off.transpose(2, 0, 1))
         return np.where(self.is_edge, (off * self.normals).sum(axis=-1), away) - self.radii
 
+    @property
+    def inner_corners(self) -> tuple[Indices, Indices]:
+        """Both edges of each inner corner into which the tip does not reach, (c,) each."""
+        begins, ends = (self.at(np.full(len(self.radii), part))[0] for part in (-1.0, 1.0))
+        is_last = np.append(np.diff(self.object) != 0, True)
+        after = np.where(is_last, np.searchsorted(self.object, self.object), np.arange(len(is_last)) + 1)
+        (x, y), (u, v) = self.tangents.T, self.tangents[after].T
+        meet = (x * v - y * u < -_STRAIGHT) & (np.hypot(*(ends - begins[after]).T) < 1e-9)
+        return np.flatnonzero(meet), after[meet]
+
+    def touch_both(self, tips: Floats, within: float) -> Mask:
+        """Which places of the tip (n, 2), m, are within a distance of both edges of an inner corner, m."""
+        away = self.distances(tips)
+        return np.any(np.maximum(*(away[:, edges] for edges in self.inner_corners)) < within, axis=1)
+
     def places(self, object: Indices, angle: Floats) -> tuple[Indices, Floats]:
         """Surface and part of it, -1 to 1, of places along objects, (m,) each.
 
@@ -235,7 +251,7 @@ def known_surfaces(objects: tuple[object, ...], tip_radius: float | None) -> Sur
 
 def _elements(outline: Outline, tip_radius: float) -> list[tuple[complex, float, complex, complex, float]]:
     """Centre, radius, tangent, normal and half of each edge and rounded corner, in the order of travel."""
-    point, tangent, length, turn, cut = _polygon(outline)
+    point, tangent, length, turn, cut = _polygon(outline, tip_radius)
     rows: list[tuple[complex, float, complex, complex, float]] = []
     for k in range(len(tangent)):
         normal = -1j * tangent[k]
@@ -243,7 +259,8 @@ def _elements(outline: Outline, tip_radius: float) -> list[tuple[complex, float,
         middle = (begin + end) / 2 + (tip_radius - EDGE_RADIUS) * normal
         rows.append((middle, EDGE_RADIUS, tangent[k], normal, abs(end - begin) / 2))
         angle = turn[k + 1]
-        if abs(angle) > _STRAIGHT and (k + 1 < len(tangent) or not outline.is_open):
+        reached = angle > 0 or outline.corner_radius > tip_radius
+        if abs(angle) > _STRAIGHT and reached and (k + 1 < len(tangent) or not outline.is_open):
             sense = np.sign(angle)
             center = end - sense * outline.corner_radius * normal
             rows.append(
@@ -256,9 +273,9 @@ _STRAIGHT = 1e-9
 """Angle below which an outline does not turn at a corner, rad."""
 
 
-def _polygon(outline: Outline) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+def _polygon(outline: Outline, tip_radius: float = 0.0) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Corners and, of each edge, unit tangent and length; where each edge begins and after the last: the angle by which
-    the outline turns, and what its rounding takes of the edge.
+    the outline turns, and what its rounding takes of the edge, or of an inner corner the tip that does not reach in.
     """
     point = np.array([complex(*corner) for corner in outline.corners])
     edge = np.diff(point) if outline.is_open else np.roll(point, -1) - point
@@ -269,7 +286,8 @@ def _polygon(outline: Outline) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     turn[1:-1] = np.angle(tangent[1:] * tangent[:-1].conj())
     if not outline.is_open:
         turn[0] = turn[-1] = np.angle(tangent[0] * tangent[-1].conj())
-    return point, tangent, length, turn, outline.corner_radius * np.tan(np.abs(turn) / 2)
+    radius = np.where(turn < 0, max(outline.corner_radius, tip_radius), outline.corner_radius)
+    return point, tangent, length, turn, radius * np.tan(np.abs(turn) / 2)
 
 
 def outline_problem(outline: Outline, tip_radius: float) -> tuple[str, str] | None:
@@ -290,16 +308,14 @@ def outline_problem(outline: Outline, tip_radius: float) -> tuple[str, str] | No
         return 'the outline crosses itself', 'give its corners in order, counter-clockwise'
     if not outline.is_open and (point.conj() * np.roll(point, -1)).imag.sum() < 0:
         return 'the outline runs clockwise', 'reverse the order of its corners'
-    if (inner := np.flatnonzero(turn < -_STRAIGHT)).size and outline.corner_radius <= tip_radius:
-        problem = f'inner corner {int(inner[0]) % len(point)} is sharper than the tip of {tip_radius:g} m reaches round'
-        return problem, 'give a corner_radius larger than the tip, or several open outlines'
     if (short := np.flatnonzero(cut[:-1] + cut[1:] >= length)).size:
         problem = f'corner_radius {outline.corner_radius:g} m is larger than edge {int(short[0])} allows'
         return problem, 'it is in m'
-    grown = surfaces_of([outline], tip_radius)
+    cut, grown = _polygon(outline, tip_radius)[-1], surfaces_of([outline], tip_radius)
     places = np.concatenate([grown.at(np.full(len(grown.radii), part))[0] for part in np.linspace(-1, 1, 21)])
     bare = surfaces_of([outline], 0.0)
-    if bare.select(bare.is_edge).distances(places).min() < tip_radius * (1 - 1e-6) - 1e-12:
+    nearest = bare.select(bare.is_edge).distances(places).min()
+    if nearest < tip_radius * (1 - 1e-6) - 1e-12 or (cut[:-1] + cut[1:] >= length).any():
         return f'the tip of {tip_radius:g} m does not fit between its sides', 'give the part that it reaches, open'
     return None
 

@@ -302,8 +302,10 @@ class FollowedArm(FollowedCalibration[CalibratedArm]):
             problem = 'is unfit for use'
             raise ParameterError('the calibration', problem, 'take_unfit:=true takes it all the same')
         own, other = self.cell, arm.cell
-        if own.joint_names != other.joint_names or own.sensor[2:] != other.sensor[2:]:
-            problem = f'is of another robot: joints {" ".join(other.joint_names)}, sensor {other.sensor.frame.value}'
+        robots = [(cell.joint_names, cell.coupling, cell.sensor[2:]) for cell in (own, other)]
+        if robots[0] != robots[1]:
+            joints = f'{" ".join(other.joint_names)} (coupling {other.coupling:g})'
+            problem = f'is of another robot: joints {joints}, sensor {other.sensor.frame.value}'
             raise InputError('the calibration', problem, 'give that of this cell')
         check_same_identification(own, other, 'the cell in use', 'the calibration')
 

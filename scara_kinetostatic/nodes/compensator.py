@@ -74,7 +74,8 @@ class Answer(NamedTuple):
     """How the controller brings the tip to a wanted place under a force.
 
     Attributes:
-        joints: Q, rad, without a turn more than the present ones need, then the positions of the other joints.
+        joints: readings of the two joints, rad, without a turn more than the present ones need, then the positions of
+            the other joints.
         torques: C, Nm.
         std_normal: standard uncertainty of the place along the force, m.
         status: as of `JointAngles`.
@@ -211,7 +212,7 @@ class FollowedTip:
                 raise InputError('the wanted pose', problem, 'wish for another, or the other elbow')
         others = self._others | dict(cell.hold)
         return Answer(
-            [*angles.tolist(), *(others[name] for name in cell.other_joints)],
+            [*cell.readings(angles).tolist(), *(others[name] for name in cell.other_joints)],
             found.torques[0].tolist(),
             float(found.std_normal[0]),
             str(found.status[0]),

@@ -321,7 +321,8 @@ class ContactSimulator(CellNode):
         else:
             streams = simulate_streams(self._cell, self._truth, self._plan, **given, repeated=self._passes > 0)
         self._passes += 1
-        return Playback(streams, start)
+        read = replace(streams.joints, position=self._cell.readings(streams.joints.position))
+        return Playback(replace(streams, joints=read), start)
 
     def _tick(self) -> None:
         if self._last_tick is None:

@@ -333,6 +333,8 @@ class CellStreams:
                     if not self._judges:
                         raise UnusableMessageError(moved)
                     self._moved = moved
+                q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
+                sample = sample._replace(first=q1, second=q2)
             else:
                 sample = wrench_sample(message, self.frame.turn(message))
         except UnusableMessageError as error:

@@ -18,6 +18,7 @@ from math import atan2
 from time import monotonic
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -114,7 +115,8 @@ class Visualizer(CellNode):
             sample = joint_sample(message, self._cell.joint_names)
         except UnusableMessageError:  # the collector says so
             return
-        self._joints = sample.first, sample.second
+        q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
+        self._joints = q1, q2
 
     def _note_touch(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -155,7 +157,7 @@ class Visualizer(CellNode):
 
     def _describe(self, calibrated: Parameters | None) -> None:
         """Publishes the URDF."""
-        self._untold = side_by_side('scara', self._cell.joint_names, self._cell.nominal, calibrated)
+        self._untold = side_by_side('scara', self._cell, calibrated)
         self._description.publish(String(data=self._untold))
 
     def _tell_frames(self) -> None:

@@ -141,8 +141,8 @@ def next_files(planner: Planner, planned: PlannedTouches) -> dict[str, str]:
         'force_N': [f'{force:g}' for force in plan.force],
         **pairs('x_m y_m', contact),
         **pairs('approach_x_m approach_y_m', planned.approach.tip),
-        **pairs('q1_rad q2_rad', at.hold),
-        **pairs('approach_q1_rad approach_q2_rad', at.approach),
+        **pairs('q1_rad q2_rad', cell.readings(at.hold)),
+        **pairs('approach_q1_rad approach_q2_rad', cell.readings(at.approach)),
         'reason': [csv_cell(reason) for reason in planned.reasons],
     }
     moves = {
@@ -150,7 +150,7 @@ def next_files(planner: Planner, planned: PlannedTouches) -> dict[str, str]:
         'touch': [str(step.touch) for step in steps],
         'kind': [step.kind for step in steps],
         **pairs('x_m y_m', np.array([step.tip for step in steps])),
-        **pairs('q1_rad q2_rad', np.array([step.joints for step in steps])),
+        **pairs('q1_rad q2_rad', cell.readings(np.array([step.joints for step in steps]))),
         'lift_m': ['' if step.lift is None else f'{step.lift:g}' for step in steps],
         'speed_m_s': [f'{step.speed:.4g}' for step in steps],
         'until_force_N': ['' if step.until is None else f'{step.until:g}' for step in steps],

@@ -157,7 +157,7 @@ def residual_table(outcome: Outcome) -> str:
     """
     base, final = outcome.calibration, outcome.final
     reasons = {item.index: item.reason for item in outcome.rejected}
-    touches = base.touches
+    touches, readings = base.touches, base.cell.readings(base.touches.joints)
     index = sorted({*touches.index.tolist(), *reasons})
     names = [disc.name for disc in base.cell.discs]
     place = {number: k for k, number in enumerate(touches.index.tolist())}
@@ -172,8 +172,8 @@ def residual_table(outcome: Outcome) -> str:
         'object': column([csv_cell(names[disc]) for disc in touches.disc]),
         'posture': column(['left' if side > 0 else 'right' for side in touches.posture]),
         'time_s': column(touches.time),
-        'q1_rad': column(touches.joints[:, 0]),
-        'q2_rad': column(touches.joints[:, 1]),
+        'q1_rad': column(readings[:, 0]),
+        'q2_rad': column(readings[:, 1]),
         'fx_N': column(base.force[:, 0]),
         'fy_N': column(base.force[:, 1]),
     }

@@ -40,7 +40,7 @@ class Command(NamedTuple):
     Attributes:
         names: of the joints.
         times: from now on, (k,), s.
-        positions: at these times, (k, j), rad and m.
+        positions: readings at these times, (k, j), rad and m.
     """
 
     names: tuple[str, ...]
@@ -214,4 +214,4 @@ class Commander:
         self.joints, self.lift = at[0], float(at[1])
         lifts = [lift[:, None]] if self._cell.lift is not None else []
         held = np.tile(list(self._cell.hold.values()), (len(times), 1))
-        return Command(self._names, times, np.hstack([joints, *lifts, held]))
+        return Command(self._names, times, np.hstack([self._cell.readings(joints), *lifts, held]))

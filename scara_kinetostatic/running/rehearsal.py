@@ -80,7 +80,8 @@ class Rehearsal:
         stamp = _EPOCH + round(1e9 * reading.time)
         runner, senses = self.runner, self.runner.senses
         if reading.joints is not None:
-            joints, others = np.array(reading.joints[:2]), reading.joints[2:]
+            joints, others = self.cell.angles(np.array(reading.joints[:2])), reading.joints[2:]
+            angles = joints.tolist()
             moved = [
                 f'expected {name} at {wanted:g}, got {at:.3g}'
                 for (name, wanted), at in zip(
@@ -88,11 +89,11 @@ class Rehearsal:
                 )
                 if abs(at - wanted) > 1e-3
             ]
-            senses.add_joints(self.time, reading.time, reading.joints[:2], others[0] if self.cell.lift else None)
+            senses.add_joints(self.time, reading.time, angles, others[0] if self.cell.lift else None)
             if moved:
                 senses.refuse(moved[0], moved=True)
             else:
-                self._detector.add_joint_state(stamp, reading.joints[:2], _EPOCH + round(1e9 * self.time))
+                self._detector.add_joint_state(stamp, angles, _EPOCH + round(1e9 * self.time))
             if self._before is not None:
                 self.fastest = max(self.fastest, float(np.abs(joints - self._before).max()) / self._period)
             self._before = joints

@@ -486,6 +486,7 @@ class Plant:
             raise ParameterError(where, 'expected time_from_start to grow from point to point')
         order = [list(names).index(name) for name in self.names]
         points = [[float(row[k]) for k in order] for row in positions]
+        points = [[*self.cell.angles(np.array(row[:2])).tolist(), *row[2:]] for row in points]
         for row in points:
             for name, value, (low, high) in zip(self.names, row, self._limits, strict=True):
                 if not low - 1e-9 <= value <= high + 1e-9:
@@ -557,7 +558,8 @@ class Plant:
             error = [
                 level * self._error[k] + s.joint_noise * noise[k] for k, level in enumerate(self._noise.joint_levels)
             ]
-            read = [body.joints[0] + error[0], body.joints[1] + error[1], *self._position[2:]]
+            angles = np.array([body.joints[0] + error[0], body.joints[1] + error[1]])
+            read = [*self.cell.readings(angles).tolist(), *self._position[2:]]
             joints = tuple(round(each / s.resolution) * s.resolution if s.resolution else each for each in read)
         wrench: tuple[float, float] | None = None
         if self.fault is not Fault.SILENT_WRENCH:

@@ -39,6 +39,7 @@ class AssociationSettings:
             that is more.
         miss_medians: see there.
         fewest_for_fit: touches needed for the fit of the geometry.
+        inner_corner: a rejected touch at most so far from both edges of an inner corner is taken for one of both, m.
         largest_friction_angle: accepted angle between the force and the normal of the disc (friction, noise), rad.
     """
 
@@ -49,6 +50,7 @@ class AssociationSettings:
     largest_miss_fitted: float = 0.03
     miss_medians: float = 6.0
     fewest_for_fit: int = 8
+    inner_corner: float = 0.01
     largest_friction_angle: float = 0.35
 
 
@@ -63,16 +65,20 @@ class Association(NamedTuple):
         posture: +1 or -1, (n,).
         miss: |m| of that disc, less what an oblique force explains (`SETTINGS.largest_friction_angle`), (n,), m.
         known: whether the touch belongs to the disc, (n,).
+        both: whether it is in an inner corner, into which the tip does not reach, (n,).
     """
 
     disc: NDArray[np.intp]
     posture: NDArray[np.intp]
     miss: Floats
     known: NDArray[np.bool_]
+    both: NDArray[np.bool_]
 
     def reason(self, number: int, cell: Cell) -> str:
         """Why a touch that is not known is rejected."""
         nearest = cell.discs[int(self.disc[number])].name
+        if self.both[number]:
+            return f'in an inner corner of {nearest!r} the tip touches both edges: touch it farther from the corner'
         return f'no object there; the nearest, {nearest!r}, is {1e3 * self.miss[number]:.0f} mm away'
 
 
@@ -84,16 +90,17 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
         force: F on the object, in the frame of the sensor, (n, 2), N.
         cell: nominal parameters, discs, frame of the sensor.
     """
-    fitted = _fit_geometry(joints, force, cell)
+    fitted, used = _fit_geometry(joints, force, cell), cell.nominal
     disc, miss = _nearest_disc(cell.nominal, joints, force, cell)
     known = miss <= SETTINGS.largest_miss_nominal
     if len(joints) >= SETTINGS.fewest_for_fit:
         fitted_disc, fitted_miss = _nearest_disc(fitted, joints, force, cell)
         close = fitted_miss <= SETTINGS.largest_miss_fitted
         if np.sum(close) >= max(SETTINGS.fewest_for_fit, len(joints) / 2):
-            disc, miss = fitted_disc, fitted_miss
+            disc, miss, used = fitted_disc, fitted_miss, fitted
             known = miss <= max(SETTINGS.largest_miss_fitted, SETTINGS.miss_medians * float(np.median(miss)))
-    return Association(disc, posture(cell.nominal, joints), miss, known)
+    both = cell.surfaces.touch_both(forward(used, joints), SETTINGS.inner_corner)
+    return Association(disc, posture(cell.nominal, joints), miss, known, both)
 
 
 def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[Floats, Floats]:

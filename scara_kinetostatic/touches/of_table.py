@@ -33,24 +33,26 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
     Raises:
         RecordingError: a row names an object that the cell does not have.
     """
-    cell = in_base_frame(cell)
+    cell, joints, approach = in_base_frame(cell), cell.angles(table.joints), table.approach
+    if press_of(approach).any():  # of senses alone that of joint 2 is taken as it is
+        approach = cell.angles(approach)
     names = [disc.name for disc in cell.discs]
     for line, name in zip(table.lines, table.objects, strict=True):
         if name and name not in names:
             problem = f'line {line}: the cell has no object {name!r}'
             raise RecordingError(table.source, problem, f'its objects are {", ".join(names)}')
-    association = associate(table.joints, table.force, cell)
+    association = associate(joints, table.force, cell)
     named = np.array([bool(name) for name in table.objects])
     given = np.array([names.index(name) if name else 0 for name in table.objects], dtype=np.intp)
     disc, known = np.where(named, given, association.disc), named | association.known
     touches = TouchSet(
-        joints=table.joints,
+        joints=joints,
         force=table.force,
         disc=disc,
-        posture=posture(cell.nominal, table.joints),
+        posture=posture(cell.nominal, joints),
         time=table.time,
-        approach=table.approach,
-        press=press_of(table.approach),
+        approach=approach,
+        press=press_of(approach),
         order=order_of_time(table.time),
     )
     found = Detection.of(touches)

@@ -31,7 +31,7 @@ from scara_kinetostatic.model.cell import Cell, SensorFrame
 
 @dataclass(frozen=True)
 class JointStream:
-    """Joint angles as they came.
+    """Joint angles as they came, but for a coupling of the joints (`Cell.angles`).
 
     Attributes:
         stamp: header stamps, (n,), ns.

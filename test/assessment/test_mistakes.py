@@ -122,6 +122,23 @@ def test_a_mistake_of_the_touches_is_named(touches, robot, statement):
         raise mistake.error('touches.csv')
 
 
+@pytest.mark.parametrize(
+    ('robot', 'part', 'stated'), [('paper', 16 / 76, 0.0), ('short', -0.35, 0.0), ('paper', 0.0, 0.1)]
+)
+def test_a_coupling_of_the_joints_is_named_with_its_ratio(touches, robot, part, stated):
+    cell, right = replace(ROBOTS[robot][0], coupling=stated), touches[robot]
+    reported = replace(cell, coupling=part).readings(right.joints)
+    given = right.replace(joints=cell.angles(reported))
+    mistake = find_mistake(given, cell, origin=Origin.RECORDING)
+    assert (mistake.where, mistake.in_cell, mistake.is_gross) == ('robot.coupling', True, True)
+    assert mistake.statement.startswith('the reading of joint 2 contains ')
+    assert float(mistake.statement.split()[6]) == pytest.approx(part, abs=1e-4)
+    assert f'set robot.coupling to {mistake.statement.split()[6]}' in mistake.action
+    of_arrays = find_mistake(given, cell)
+    assert not of_arrays.in_cell
+    assert float(of_arrays.action.split()[3]) == pytest.approx(part - stated, abs=1e-4)
+
+
 @pytest.mark.parametrize(('robot', 'length'), [('paper', 3e-3), ('short', 1e-2)])
 def test_a_forgotten_tip_is_named(touches, robot, length):
     cell = ROBOTS[robot][0]

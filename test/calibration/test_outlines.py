@@ -14,11 +14,13 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.simulation.commanded import ModelBody
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
+from scara_kinetostatic.touches.association import associate
 
 ELL, BLOCK, EDGE, DISC = (OBJECTS[name] for name in ('ell', 'block', 'edge', 'disc'))
 TRUTH = Parameters(0.0025, -0.002, 0.004, 0.3312, -0.003, 0.3285, 1.3e-5, 2e-5, 3e-5, 5e-5, 1e-4, 1.5e-4)
@@ -52,6 +54,43 @@ def test_a_touch_starts_on_a_wrong_edge_and_is_put_right():
     c = sk.calibrate(touches, cell)
     assert (c.touches.surface == plan.surface(cell)).all()
     assert not c.rejected
+
+
+def _sharp():
+    """The cell of the L with a sharp inner corner, and a disc."""
+    return cell_with(ell=ELL.replace('corner_radius: 0.008', 'corner_radius: 0.001'), disc=DISC)
+
+
+def test_an_inner_corner_sharper_than_the_tip_gives_back_the_robot():
+    cell = _sharp()
+    plan = default_plan(cell, 48, preload=0.3)
+    one, other = cell.surfaces.inner_corners
+    assert {*one.tolist(), *other.tolist()} <= {*plan.surface(cell).tolist()}, 'both edges are touched'
+    assert not cell.surfaces.touch_both(plan.contact(cell), 5e-3).any()
+    c = sk.calibrate(simulate_touches(cell, TRUTH, plan, Noise(0, 0)), cell)
+    np.testing.assert_allclose(c.parameters.as_array(), TRUTH.as_array(), atol=1e-12)
+    assert not c.rejected
+
+
+def test_touches_of_both_edges_of_an_inner_corner_are_left_out_with_the_reason():
+    cell = _sharp()
+    touches = simulate_touches(cell, TRUTH, default_plan(cell, 24, preload=0.3), None, 1)
+    one, other = (edges[0] for edges in cell.surfaces.inner_corners)
+    corner = cell.surfaces.at(np.ones(len(cell.surfaces.radii)))[0][one]
+    normals = cell.surfaces.normals[[one, other]]
+    shares = np.array([[1.0, 0.2], [0.5, 0.5], [0.1, 1.0]])
+    force = -30.0 * shares @ normals
+    joints = inverse_kinetostatics(TRUTH, np.tile(corner, (3, 1)), force, np.ones(3, dtype=int), cell.gripper)[0]
+    both = np.vstack([touches.joints, joints]), np.vstack([touches.force, force])
+    found = associate(*both, cell)
+    assert np.flatnonzero(~found.known).tolist() == [len(touches) + 1]
+    assert found.reason(len(touches) + 1, cell).startswith("in an inner corner of 'ell' the tip touches both edges")
+    known = sk.make_touches(both[0][found.known], both[1][found.known], cell)
+    c = sk.calibrate(known, cell)
+    assert [each.index for each in c.rejected] == [len(touches), len(touches) + 1]
+    assert {each.reason for each in c.rejected} == {'between two edges of ell: touch it farther from the corner'}
+    alone = sk.calibrate(touches, cell)
+    np.testing.assert_allclose(c.parameters.as_array(), alone.parameters.as_array(), atol=1e-9)
 
 
 def test_touches_that_alternate_between_surfaces_are_refused(monkeypatch):

@@ -11,6 +11,9 @@ import pytest
 from cli.command import Run
 
 from scara_kinetostatic.cli.main import main
+from scara_kinetostatic.files.calibration_file import load_calibration
+from scara_kinetostatic.interface import compensate
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 
 POSES = """\
 x_m,y_m,fx_N,fy_N,elbow,id
@@ -110,6 +113,50 @@ def test_columns_of_a_spreadsheet_stay_in_their_places(run: Run, result: Path) -
     assert (len(row), row[-1]) == (len(heading), 'ok')
 
 
+def test_stated_units_are_converted_and_results_are_in_si(run: Run, result: Path) -> None:
+    pairs = {
+        'compensate': ('x_m,y_m,fx_N,fy_N\n0.301,0.2,0.0,30.0\n', 'x_mm,y [um],fx_kN,fy_mN\n301,200000,0.0,30000\n'),
+        'locate': ('q1_rad,q2_rad,fx_N,fy_N\n0.4,1.1,20,-30\n', 'q1_mrad,q2_urad,fx_kN,fy_N\n400,1100000,0.02,-30\n'),
+    }
+    for verb, tables in pairs.items():
+        written = []
+        for text in tables:
+            Path('t.csv').write_text(text)
+            assert run(verb, result / 'calibration.json', 't.csv', '--out', 'x.csv').status == 0
+            written += rows('x.csv')
+        assert list(written[0]) == list(written[1])
+        for name, text in written[0].items():
+            assert name == 'status' or float(written[1][name]) == pytest.approx(float(text), rel=1e-9)
+
+
+def test_a_coupled_drive_reports_and_is_commanded_in_its_own_angles(
+    run: Run, recordings: Path, without_page: None
+) -> None:
+    plain = (recordings / 'cell.yaml').read_text()
+    Path('cell.yaml').write_text(plain.replace('[joint1, joint2]', '[joint1, joint2]\n  coupling: 0.25'))
+    small = ['--per-disc', '6', '--joint-rate', '40', '--wrench-rate', '40', '--plain']
+    assert run('simulate', '--cell', 'cell.yaml', '--out', 'bag', *small).status == 0
+    for source, out in (('bag', 'result'), ('result/residuals.csv', 'again')):
+        assert run('calibrate', source, '--cell', 'cell.yaml', '--out', out).status == 0
+        values = json.loads(Path(out, 'calibration.json').read_text())['parameters']
+        assert all(
+            abs(values[name]['value'] - getattr(PAPER_ACTUAL, name)) < 4.5 * values[name]['std'] for name in NAMES
+        )
+    wrong = run('calibrate', 'bag', '--cell', recordings / 'cell.yaml', '--out', 'wrong')
+    assert wrong.status == 2
+    assert 'robot.coupling: the reading of joint 2 contains 0.25 of that of joint 1' in wrong.err
+    Path('poses.csv').write_text('x_m,y_m,fx_N,fy_N\n-0.2,0.35,-12.5,4\n')
+    assert run('compensate', 'result/calibration.json', 'poses.csv', '--out', 'commands.csv').status == 0
+    (command,) = rows('commands.csv')
+    q1, q2 = float(command['q1_rad']), float(command['q2_rad'])
+    ((angle1, angle2),) = compensate(load_calibration('result/calibration.json'), [-0.2, 0.35], [-12.5, 4.0]).joints
+    assert (q1, q2) == pytest.approx((angle1, angle2 + 0.25 * angle1), abs=1e-12)
+    Path('states.csv').write_text(f'q1_rad,q2_rad,fx_N,fy_N\n{q1!r},{q2!r},-12.5,4\n')
+    assert run('locate', 'result/calibration.json', 'states.csv', '--out', 'places.csv').status == 0
+    (place,) = rows('places.csv')
+    assert (float(place['x_m']), float(place['y_m'])) == pytest.approx((-0.2, 0.35), abs=1e-12)
+
+
 def test_what_is_to_be_known_is_said(run: Run, result: Path) -> None:
     document = json.loads((result / 'calibration.json').read_text())
     document['assessment']['grade'], document['diagnosis']['verdict'] = 'unfit', 'unexplained'
@@ -130,8 +177,8 @@ def test_what_is_to_be_known_is_said(run: Run, result: Path) -> None:
     ('table', 'status', 'message'),
     [
         ('x_m,y_m,fx_N,fy_N\n9,9,0,0\n', 3, 'no pose is within reach'),
-        ('x_mm,y_mm,fx_N,fy_N\n300,200,0,0\n', 2, "the column 'x_mm' has the unit 'mm'; convert it to x_m"),
-        ('x_m,y_m,fx_N,fy_N\n300,200,0,0\n', 2, 'line 2: x_m: 300 is too large to be plausible; give lengths in m'),
+        ('x_N,y_mm,fx_N,fy_N\n300,200,0,0\n', 2, "the column 'x_N' has the unit 'N'; convert it to one of x_m, x_mm"),
+        ('x_m,y_m,fx_N,fy_N\n300,200,0,0\n', 2, 'line 2: x_m: 300 is too large to be plausible; name it x_mm'),
         ('x_m,y_m,fx_N,fy_N\n0.3,nan,0,0\n', 2, "line 2: y_m: expected a number, got 'nan'"),
         ('x_m,y_m,fx_N,fy_N\n0.3,0.2,0\n0.3,,0,0\n', 2, 'line 2: fy_N: expected a number, got nothing; also wrong'),
         ('x_m,y_m,fx_N,fy_N,elbow\n0.3,0.2,0,0,up\n', 2, 'elbow: expected left or right'),

@@ -111,3 +111,12 @@ def test_every_page_is_in_a_table_of_contents() -> None:
             entries = block.split('```')[0].splitlines()
             listed |= {(page.parent / entry).with_suffix('.md') for entry in entries if entry and entry[0] != ':'}
     assert listed == set(pages()) - {DOCS / 'index.md'}
+
+
+def test_figures_are_stated_to_be_of_the_version_at_hand() -> None:
+    """A page that states with which version it was measured states this one, and none names a commit."""
+    texts = [path.read_text(encoding='utf-8') for path in (ROOT / 'README.md', *sorted(DOCS.rglob('*.md')))]
+    stated = [version for text in texts for version in re.findall(r'\bwith version (\d[\w.]*\d)', text)]
+    assert stated and set(stated) == {sk.__version__}
+    assert re.search(rf'measured with version {re.escape(sk.__version__)}\b', (DOCS / 'figures.md').read_text('utf-8'))
+    assert not any(re.search(r'\bcommit\b', text) for text in texts)

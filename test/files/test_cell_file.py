@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scara_kinetostatic.errors import CellError
+from scara_kinetostatic.files.calibration_file import cell_entry, stored_cell
 from scara_kinetostatic.files.cell_file import dump_cell, load_cell, parse_cell
 from scara_kinetostatic.model.cell import (
     PAPER_CELL,
@@ -179,6 +180,14 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
         (changed('[0.20, 0.40]', '[0.01, 0.01]'), "disc 'disc_2' covers the base"),
         (changed('[joint1, joint2]', '[joint1, joint1]'), "both joints are named 'joint1'"),
         (changed('[joint1, joint2]', '[joint1]'), 'robot.joint_names: expected the two names'),
+        (
+            changed('[joint1, joint2]', '[joint1, joint2]\n  coupling: belt'),
+            "robot.coupling: expected a number, got 'belt'",
+        ),
+        (
+            changed('[joint1, joint2]', '[joint1, joint2]\n  coupling: 4.75'),
+            'robot.coupling: expected -2 to 2, got 4.75; it is a',
+        ),
         (changed('[joint1, joint2]', '[1, 2]'), 'robot.joint_names.q1: expected a string, got 1'),
         (changed('/wrench ', '/joint_states '), 'both topics are named /joint_states'),
         (changed('/wrench ', '/my wrench '), "'/my wrench' is not a topic name"),
@@ -251,6 +260,18 @@ def test_files_that_cannot_be_read(tmp_path: Path, make, expected: str) -> None:
 def test_a_path_that_cannot_be_one() -> None:
     with pytest.raises(CellError):
         load_cell('a\0b')
+
+
+def test_a_coupling_of_the_joints_is_read_written_and_compared() -> None:
+    cell = parse_cell(changed('[joint1, joint2]', '[joint1, joint2]\n  coupling: 0.25'))
+    assert cell.coupling == 0.25
+    assert parse_cell(dump_cell(cell)) == cell
+    assert different_parts(cell, parse_cell(CONTRACT)) == ['robot']
+    assert stored_cell(cell_entry(cell), 'x') == cell
+    readings = np.array([[1.0, 2.0], [-0.4, 0.1]])
+    np.testing.assert_allclose(cell.angles(readings), [[1.0, 1.75], [-0.4, 0.2]], rtol=1e-15)
+    np.testing.assert_allclose(cell.readings(cell.angles(readings)), readings, rtol=1e-15)
+    np.testing.assert_array_equal(cell.angles(readings[0]), [1.0, 1.75])
 
 
 def test_general_gripper_survives_a_round_trip():

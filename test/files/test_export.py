@@ -46,7 +46,8 @@ int main(void)
     double q[2], f[2], tip[2], back[2], torque[2];
     while (scanf("%lf %lf %lf %lf", &q[0], &q[1], &f[0], &f[1]) == 4) {
         int status = scara_locate(q, f, tip);
-        status += scara_compensate(tip, f, sin(q[1] + SCARA_THETA2) > 0 ? SCARA_LEFT : SCARA_RIGHT, back, torque);
+        int elbow = sin(q[1] - SCARA_COUPLING * q[0] + SCARA_THETA2) > 0 ? SCARA_LEFT : SCARA_RIGHT;
+        status += scara_compensate(tip, f, elbow, back, torque);
         printf("%d %.17g %.17g %.17g ", status, tip[0], tip[1], back[0]);
         printf("%.17g %.17g %.17g\\n", back[1], torque[0], torque[1]);
     }
@@ -73,15 +74,21 @@ def facts(arm: CalibratedArm, kind: str) -> ExportFacts:
 def check_tree(text: str, arm: CalibratedArm) -> None:
     robot = ElementTree.fromstring(text)
     for q in JOINTS:
-        at = pose(robot, TOOL_FRAME, dict(zip(arm.cell.joint_names, q.tolist(), strict=True)))
+        at = pose(robot, TOOL_FRAME, dict(zip(arm.cell.joint_names, arm.cell.readings(q).tolist(), strict=True)))
         np.testing.assert_allclose(at[:2, 3], forward(arm.model.parameters, q), rtol=0, atol=1e-12)
 
 
-def test_urdf(arm: CalibratedArm) -> None:
-    check_tree(urdf_text(arm, facts(arm, 'urdf')), arm)
+@pytest.fixture(params=[0.0, 16 / 76], ids=['', 'coupled'])
+def coupled(request: pytest.FixtureRequest, arm: CalibratedArm) -> CalibratedArm:
+    return replace(arm, cell=replace(arm.cell, coupling=request.param))
 
 
-def test_xacro(arm: CalibratedArm, tmp_path: Path) -> None:
+def test_urdf(coupled: CalibratedArm) -> None:
+    check_tree(urdf_text(coupled, facts(coupled, 'urdf')), coupled)
+
+
+def test_xacro(coupled: CalibratedArm, tmp_path: Path) -> None:
+    arm = coupled
     text = xacro_text(arm, facts(arm, 'xacro'))
     assert ElementTree.fromstring(text).tag == 'robot'
     xacro = pytest.importorskip('xacro')
@@ -95,7 +102,9 @@ def test_xacro(arm: CalibratedArm, tmp_path: Path) -> None:
     tree = ElementTree.fromstring(
         xacro.process_file(str(tmp_path / 'two.xacro'), mappings={'standalone': 'false'}).toprettyxml()
     )
-    assert [link.attrib['name'] for link in tree.iterfind('link')] == ['world', 'a_link1', 'a_link2', 'a_tool0']
+    assert [link.attrib['name'] for link in tree.iterfind('link')] == [
+        'world', 'a_link1', 'a_link2', 'a_tool0', *(['a_coupling'] if arm.cell.coupling else [])
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize('convention', ['standard', 'modified'])
@@ -116,12 +125,14 @@ def test_dh(arm: CalibratedArm, convention: str) -> None:
         np.testing.assert_allclose(at, forward(arm.model.parameters, q), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize('sign', GripperSign)
-def test_the_header_gives_the_tip_and_the_joint_angles(sign: GripperSign, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('sign', 'coupling'), [*((sign, 0.0) for sign in GripperSign), (GripperSign.PHYSICAL, 16 / 76)]
+)
+def test_the_header_gives_the_tip_and_the_joint_angles(sign: GripperSign, coupling: float, tmp_path: Path) -> None:
     compiler = shutil.which('cc')
     if compiler is None:
         pytest.skip('there is no C compiler')
-    arm = arm_of(gripper_sign=sign)
+    arm = arm_of(gripper_sign=sign, coupling=coupling)
     (tmp_path / 'arm.h').write_text(header_text(arm, facts(arm, 'header')))
     (tmp_path / 'main.c').write_text(PROGRAM)
     options = ['-std=c99', '-Wall', '-Wextra', '-pedantic', '-Werror']
@@ -129,7 +140,7 @@ def test_the_header_gives_the_tip_and_the_joint_angles(sign: GripperSign, tmp_pa
     force = np.random.default_rng(1).uniform(-40, 40, JOINTS.shape)
     force[:3] = 0
     force[3:12] *= np.geomspace(1e-3, 0.1, 9)[:, None]  # within the dead bands
-    given = '\n'.join(' '.join(map(repr, row)) for row in np.hstack([JOINTS, force]).tolist())
+    given = '\n'.join(' '.join(map(repr, row)) for row in np.hstack([arm.cell.readings(JOINTS), force]).tolist())
     done = subprocess.run([tmp_path / 'main'], input=given, capture_output=True, text=True, check=True)
     found = np.array([[float(word) for word in line.split()] for line in done.stdout.splitlines()])
     assert not found[:, 0].any()
@@ -139,12 +150,12 @@ def test_the_header_gives_the_tip_and_the_joint_angles(sign: GripperSign, tmp_pa
     np.testing.assert_allclose(found[:, 1:3], tip.position, rtol=0, atol=1e-12)
     posture = np.where(np.sin(JOINTS[:, 1] + arm.model.parameters.theta2) > 0, 1, -1)
     angles = predictor.compensate(tip.position, force, posture)
-    assert np.abs((found[:, 3:5] - angles.joints + np.pi) % (2 * np.pi) - np.pi).max() < 1e-11
+    assert np.abs((arm.cell.angles(found[:, 3:5]) - angles.joints + np.pi) % (2 * np.pi) - np.pi).max() < 1e-11
     np.testing.assert_allclose(found[:, 5:], angles.torques, rtol=0, atol=1e-9)
 
 
-def test_the_corrections_bring_the_nominal_arm_to_the_place(arm: CalibratedArm) -> None:
-    arm = replace(arm, model=ExtendedModel(PAPER_ACTUAL))
+def test_the_corrections_bring_the_nominal_arm_to_the_place(coupled: CalibratedArm) -> None:
+    arm = replace(coupled, model=ExtendedModel(PAPER_ACTUAL))
     text = correction_file(arm, facts(arm, 'csv').lines, Grid(0.2, (0.0, 30.0))).text
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
     assert {row['elbow'] for row in rows} == {'left', 'right'} and len(rows) > 100
@@ -153,11 +164,12 @@ def test_the_corrections_bring_the_nominal_arm_to_the_place(arm: CalibratedArm) 
         return np.array([[float(row[name]) for name in names] for row in rows])
 
     tip, force = column('x_m', 'y_m'), column('fx_N', 'fy_N')
-    joints = column('q1_nominal_rad', 'q2_nominal_rad') + column('dq1_rad', 'dq2_rad')
+    start = column('q1_nominal_rad', 'q2_nominal_rad')
+    joints = arm.cell.angles(start + column('dq1_rad', 'dq2_rad'))
     loaded = np.array([row['status'] == 'ok' for row in rows])
     found, _ = direct_kinetostatics(arm.model, joints, force, arm.cell.gripper)
     np.testing.assert_allclose(found[loaded], tip[loaded], rtol=0, atol=1e-9)
-    nominal, _ = direct_kinetostatics(arm.model, column('q1_nominal_rad', 'q2_nominal_rad'), force, arm.cell.gripper)
+    nominal, _ = direct_kinetostatics(arm.model, arm.cell.angles(start), force, arm.cell.gripper)
     assert loaded.sum() > 50
     miss = np.linalg.norm(nominal - tip, axis=1)
     np.testing.assert_allclose(miss[loaded], column('miss_m')[loaded, 0], rtol=0, atol=2e-5)  # in the dead bands

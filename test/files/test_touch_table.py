@@ -52,7 +52,7 @@ def test_a_word_more_makes_another_column_and_another_unit_is_refused():
     table = parse(HEADING + ',fx_calibrated_N', ROW + ',1')
     np.testing.assert_array_equal(table.force, [[-10, 0.25]])
     assert table.notes == ("the column 'fx_calibrated_N' is unknown and not used",)
-    with pytest.raises(RecordingError, match="the column 'time_ns' has the unit 'ns'; convert it to time_s"):
+    with pytest.raises(RecordingError, match="the column 'time_ns' has the unit 'ns'; convert it to one of time_s"):
         parse(HEADING + ',time_ns', ROW + ',1')
 
 
@@ -70,6 +70,8 @@ def test_rows_without_angles_and_force_are_noted_and_not_used():
         'q1_rad\tq2_rad\tfx_N\tfy_N\r\n0,5\t1.5\t-1,0e1\t,25\r\n',
         'Q1_RAD, Q2_rad ,"fx_N",FY_n\n 0.5 ,"1.5",\N{MINUS SIGN}10,+.25\n',
         'q1 [rad],q2 (rad),fx [N],fy N\n0.5,1.5,-10.,25e-2\n',
+        'q1_mrad,q2_urad,fx_kN,fy_mN\n500,1500000,-0.01,250\n',
+        'q1 [°],q2_deg,fx (kN),fy_N\n28.64788975654116,85.94366926962348,-1e-2,0.25\n',
     ],
 )
 def test_ways_of_writing_the_same(text, tmp_path):
@@ -82,6 +84,12 @@ def test_ways_of_writing_the_same(text, tmp_path):
         np.testing.assert_allclose([*table.joints[0], *table.force[0]], [0.5, 1.5, -10, 0.25], rtol=1e-15)
 
 
+def test_times_and_last_movements_are_converted_too():
+    table = parse(HEADING + ',time_ms,approach1_mrad,approach2_deg', ROW + ',0,2,-180', ROW + ',1500,-2,180')
+    np.testing.assert_allclose(table.time, [0, 1.5])
+    np.testing.assert_allclose(table.approach, [[2e-3, -np.pi], [-2e-3, np.pi]])
+
+
 @pytest.mark.parametrize(
     ('lines', 'message'),
     [
@@ -92,23 +100,25 @@ def test_ways_of_writing_the_same(text, tmp_path):
         ([ROW, ROW], 'expected a heading in the first line, got numbers'),
         (['q1_rad,q2_rad,fx_N', '1,2,3'], "there is no column 'fy_N', got q1_rad, q2_rad, fx_N; name them q1_rad,"),
         (['a,b', '1,2'], "there is no column 'q1_rad', got a, b"),
-        (['q1_deg,q2_deg,fx_N,fy_N', ROW], "the column 'q1_deg' has the unit 'deg'; convert it to q1_rad"),
-        (['q1,q2,fx_N,fy_N', ROW], "the column 'q1' has no unit; call it q1_rad"),
-        (['q1_rad,q2_rad,fx_kN,fy_N', ROW], "the column 'fx_kN' has the unit 'kN'; convert it to fx_N"),
-        ([HEADING + ',time_ms', ROW + ',1'], "the column 'time_ms' has the unit 'ms'; convert it to time_s"),
+        (['q1_mm,q2_deg,fx_N,fy_N', ROW], "the column 'q1_mm' has the unit 'mm'; convert it to one of q1_rad"),
+        (['q1,q2,fx_N,fy_N', ROW], "the column 'q1' has no unit; call it one of q1_rad, q1_mrad, q1_urad, q1_deg"),
+        (['q1_rad,q2_rad,fx_MN,fy_N', ROW], "the column 'fx_MN' has the unit 'MN'; convert it to one of fx_N, fx_kN,"),
+        ([HEADING + ',time_rad', ROW + ',1'], "the column 'time_rad' has the unit 'rad'; convert it to one of time_s,"),
+        ([HEADING + ',approach1_mm', ROW + ',1'], "the column 'approach1_mm' has the unit 'mm'; convert it to one of"),
+        ([HEADING + ',q1_deg', ROW + ',1'], "two columns of q1_rad, 'q1_rad' and 'q1_deg'; leave one out"),
         ([HEADING + ',q1_rad', ROW + ',1'], "two columns of q1_rad, 'q1_rad' and 'q1_rad'; leave one out"),
         ([HEADING + ',object,Object', ROW + ',a,b'], "two columns of object, 'object' and 'Object'"),
         ([HEADING + ',approach1', ROW + ',1'], 'there is one of approach1 and approach2; give both, or none'),
         ([HEADING, ROW, '1,2,x,4'], "line 3: fx_N: expected a number, got 'x'"),
         ([HEADING, '1,2,,4'], 'line 2: fx_N: expected a number, got nothing'),
         ([HEADING + ',object', ',,,,a'], 'no row has a number in q1_rad,q2_rad,fx_N,fy_N'),
-        (['q1_N,q2_rad,fx_N,fy_N', ROW], "the column 'q1_N' has the unit 'N'; convert it to q1_rad"),
+        (['q1_N,q2_rad,fx_N,fy_N', ROW], "the column 'q1_N' has the unit 'N'; convert it to one of q1_rad"),
         ([HEADING, '1,2,3'], 'line 2: fy_N: expected a number, got nothing'),
         ([HEADING, 'nan,2,3,4'], "line 2: q1_rad: expected a number, got 'nan'"),
         ([HEADING, '1,inf,3,4'], "line 2: q2_rad: expected a number, got 'inf'"),
         ([HEADING, '1,1e400,3,4'], 'line 2: q2_rad: 1e400 is too large to be plausible'),
         ([HEADING, '1,2,3,4,5'], 'line 2: expected 4 columns, got 5 (a decimal comma needs semicolons'),
-        ([HEADING, '25,117,3,4'], 'line 2: q2_rad: 117 is too large to be plausible; give joint angles in rad, not in'),
+        ([HEADING, '25,117,3,4'], 'line 2: q2_rad: 117 is too large to be plausible; name it q2_deg'),
         ([HEADING, '1,2,1e9,4'], 'line 2: fx_N: 1e9 is too large to be plausible; check the unit'),
         ([HEADING, 'a,2,3,4', ROW, 'b,1,1,1', '1,1,1,c'], "line 2: q1_rad: expected a number, got 'a'; also"),
         ([HEADING + ',time_s', ROW + ',1', ROW + ','], 'time_s: some cells are empty; give the time of every touch'),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -9,10 +10,12 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.files.urdf import CALIBRATED, TOOL_FRAME, Arm, arm_urdf, side_by_side
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 
 JOINTS = ('shoulder', 'elbow & more')
+CELL = replace(PAPER_CELL, joint_names=JOINTS)
 
 
 def numbers(element: Element, name: str) -> list[float]:
@@ -31,20 +34,21 @@ def pose(robot: Element, frame: str, angles: dict[str, float]) -> np.ndarray:
     assert roll == pitch == 0
     if joint.attrib['type'] != 'fixed':
         assert numbers(joint.find('axis'), 'xyz') == [0, 0, 1]  # type: ignore[arg-type]
-        yaw += angles[joint.attrib['name'] if mimic is None else mimic.attrib['joint']]
+        factor = 1.0 if mimic is None else float(mimic.attrib.get('multiplier', 1))
+        yaw += factor * angles[joint.attrib['name'] if mimic is None else mimic.attrib['joint']]
     step = np.eye(4)
     step[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     step[:3, 3] = numbers(origin, 'xyz')
     return pose(robot, joint.find('parent').attrib['link'], angles) @ step  # type: ignore[union-attr,no-any-return]
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_the_tip_is_that_of_the_rigid_arm(seed: int) -> None:
-    random = np.random.default_rng(seed)
+@pytest.mark.parametrize(('seed', 'coupling'), [(0, 0.0), (1, 0.0), (2, 0.0), (3, 16 / 76), (4, -1.0)])
+def test_the_tip_is_that_of_the_rigid_arm(seed: int, coupling: float) -> None:
+    cell, random = replace(CELL, coupling=coupling), np.random.default_rng(seed)
     parameters = PAPER_ACTUAL.replace(theta1=random.uniform(-3, 3), theta2=random.uniform(-3, 3), l2=0.1 + seed)
-    robot = ElementTree.fromstring(side_by_side('arm', JOINTS, PAPER_NOMINAL, parameters))
+    robot = ElementTree.fromstring(side_by_side('arm', cell, parameters))
     for q in random.uniform(-np.pi, np.pi, (20, 2)):
-        angles = dict(zip(JOINTS, q.tolist(), strict=True))
+        angles = dict(zip(JOINTS, cell.readings(q).tolist(), strict=True))
         for prefix, arm in (('', PAPER_NOMINAL), (CALIBRATED, parameters)):
             at = pose(robot, prefix + TOOL_FRAME, angles)
             np.testing.assert_allclose(at[:3, 3], [*forward(arm, q), 0], rtol=0, atol=1e-12)
@@ -53,7 +57,7 @@ def test_the_tip_is_that_of_the_rigid_arm(seed: int) -> None:
 
 
 def test_it_is_one_tree_with_names_of_its_own() -> None:
-    robot = ElementTree.fromstring(side_by_side('arm', JOINTS, PAPER_NOMINAL, PAPER_ACTUAL))
+    robot = ElementTree.fromstring(side_by_side('arm', CELL, PAPER_ACTUAL))
     links = [link.attrib['name'] for link in robot.iterfind('link')]
     joints = [joint.attrib['name'] for joint in robot.iterfind('joint')]
     children = [joint.attrib['link'] for joint in robot.iterfind('joint/child')]
@@ -63,6 +67,6 @@ def test_it_is_one_tree_with_names_of_its_own() -> None:
 
 
 def test_a_single_arm_has_no_mimicking_joint() -> None:
-    text = arm_urdf('arm', JOINTS, [Arm(PAPER_ACTUAL)])
+    text = arm_urdf('arm', CELL, [Arm(PAPER_NOMINAL)])
     assert 'mimic' not in text and CALIBRATED not in text
-    assert side_by_side('arm', JOINTS, PAPER_ACTUAL, None) == text
+    assert side_by_side('arm', CELL, None) == text

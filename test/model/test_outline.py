@@ -14,6 +14,7 @@ from scara_kinetostatic.model.touch_equations import Edges, State
 
 SQUARE = Outline('square', ((0.0, 0.3), (0.1, 0.3), (0.1, 0.4), (0.0, 0.4)), 0.002)
 ELL = Outline('ell', ((0.0, 0.0), (0.2, 0.0), (0.2, 0.07), (0.08, 0.07), (0.08, 0.18), (0.0, 0.18)), 0.008)
+BAR = Outline('bar', ((0.3, 0.0), (0.3, 0.1), (0.2, 0.2)), is_open=True)
 ARM = Parameters(0.002, -0.001, 0.01, 0.33, -0.02, 0.32, 1.3e-5, 2e-5, 3e-5, 5e-5, 1e-4, 1.5e-4)
 TIP = 0.005
 CELL = """
@@ -40,6 +41,25 @@ def test_the_grown_outline_is_tangent_continuous_and_a_tip_away(outline):
         place, _ = surfaces.at(part * ones)
         np.testing.assert_allclose(bare.distances(place).min(axis=1), TIP, atol=1e-12)
         np.testing.assert_allclose(surfaces.distances(place).min(axis=1), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize('radius', [0.0, 0.003, TIP])
+@pytest.mark.parametrize('is_open', [False, True])
+def test_an_inner_corner_sharper_than_the_tip_is_where_two_edges_meet(radius, is_open):
+    outline = ELL._replace(corner_radius=radius, is_open=is_open)
+    assert outline_problem(outline, TIP) is None
+    surfaces = surfaces_of([SQUARE, outline, BAR], TIP)
+    (one,), (other,) = surfaces.inner_corners
+    assert surfaces.object[one] == surfaces.object[other] == 1
+    corner = surfaces.at(np.ones(len(surfaces.radii)))[0][one]
+    np.testing.assert_allclose(corner, [0.08 + TIP, 0.07 + TIP], atol=1e-12)
+    np.testing.assert_allclose(surfaces.at(-np.ones(len(surfaces.radii)))[0][other], corner, atol=1e-12)
+    assert surfaces.is_edge[[one, other]].all()
+    line = boundary(surfaces.select(surfaces.object == 1))
+    np.testing.assert_allclose(surfaces_of([outline], 0.0).distances(line).min(axis=1), TIP, atol=1e-12)
+    near = np.array([[0.0, 0.0], [4e-4, -4e-4], [0.0, 2e-3], [2e-3, 0.0]]) + corner
+    assert surfaces.touch_both(near, 1e-3).tolist() == [True, True, False, False]
+    assert not surfaces_of([SQUARE, ELL], TIP).touch_both(near, 1e-3).any()
 
 
 def test_a_whole_turn_goes_once_round():
@@ -133,7 +153,11 @@ def test_derivatives_at_edges_are_those_of_differences():
         ('outline: [[0.1, 0.4], [0.2, 0.4], [0.2, 0.3], [0.1, 0.3]]', 'clockwise'),
         ('outline: [[0.1, 0.3], [0.2, 0.4], [0.2, 0.3], [0.1, 0.4]]', 'crosses itself'),
         ('outline: [[0.1, 0.3], [0.2, 0.3], [0.2, 0.4], [0.1, 0.4]], corner_radius: 0.06', 'larger than edge'),
-        ('outline: [[0.1, 0.3], [0.3, 0.3], [0.3, 0.34], [0.2, 0.34], [0.2, 0.4], [0.1, 0.4]]', 'sharper than the tip'),
+        (
+            'outline: [[0.1, 0.3], [0.2, 0.3], [0.2, 0.4], [0.154, 0.4], [0.154, 0.35], [0.146, 0.35], [0.146, 0.4], '
+            '[0.1, 0.4]]',
+            'the tip of 0.005 m does not fit between its sides',
+        ),
         ('outline: [[0.1, 0.3], [0.1, 0.3], [0.2, 0.4]]', 'twice'),
         ('outline: [[0.1, 0.3], [0.2, 0.3]]', '3 to 50 corners'),
         ('outline: [[100.0, 300.0], [200.0, 300.0], [200.0, 400.0]]', 'm'),

@@ -193,6 +193,21 @@ def test_a_wanted_pose_and_force_are_answered(bench: Callable[..., Bench], arm: 
     assert duration.sec + 1e-9 * duration.nanosec == pytest.approx(expected, abs=1e-6)
 
 
+def test_a_coupled_drive_is_heard_and_answered_in_its_own_angles(
+    bench: Callable[..., Bench], arm: CalibratedArm
+) -> None:
+    b = bench(cell=replace(CELL, coupling=0.25))
+    reported = JOINTS[0], JOINTS[1] + 0.25 * JOINTS[0]
+    b.wait(lambda: b.poses, lambda: b.move(reported))
+    place, expected = b.poses[-1].pose.pose.position, OnlineArm(arm).locate(*JOINTS, *FORCE)
+    assert (place.x, place.y) == pytest.approx((expected.x, expected.y), abs=1e-9)
+    answer = b.answer(lambda second: b.ask((0.3, 0.2), (0.0, 30.0), second=second), 7, lambda: b.move(reported))
+    ((q1, q2),) = sk.compensate(arm, [0.3, 0.2], [0.0, 30.0], 'left').joints
+    wanted = pytest.approx((q1, q2 + 0.25 * q1), abs=1e-9)
+    assert (float(answer['q1_rad']), float(answer['q2_rad'])) == wanted
+    assert b.trajectories[-1].points[0].positions.tolist() == wanted
+
+
 @pytest.mark.parametrize(
     ('wish', 'said'),
     [

@@ -78,6 +78,16 @@ def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
     assert phases.index('travel') < phases.index('approach') < phases.index('press') < phases.index('hold')
 
 
+def test_a_coupled_drive_is_commanded_in_its_own_angles() -> None:
+    runs = [rehearsal(replace(CELL, coupling=part)) for part in (0.0, 16 / 76)]
+    commands = [[command for _ in range(2500) if (command := one.step())] for one in runs]
+    assert len(commands[0]) == len(commands[1]) > 100
+    for plain, coupled in zip(*commands, strict=True):
+        expected = plain.positions + [0.0, 16 / 76] * plain.positions[:, :1]
+        np.testing.assert_allclose(coupled.positions, expected, rtol=0, atol=1e-6)
+    assert runs[1].plant.body.joints == pytest.approx(runs[0].plant.body.joints, abs=1e-6)
+
+
 def test_enough_is_said_of_all_touches_that_were_made() -> None:
     one = Rehearsal(CELL, Plant(CELL, ModelBody(CELL, TRUTH), seed=1), calibrating=20.0)
     campaign, made = one.runner.campaign, list[int]()

@@ -178,6 +178,15 @@ def test_the_lift_and_held_joints_are_commanded_and_reported() -> None:
     assert last.joints == pytest.approx([*at.body.joints, 0.01, 0.4], abs=1e-6)
 
 
+def test_a_coupled_drive_is_commanded_and_reports_in_its_own_angles() -> None:
+    at = plant(replace(CELL, coupling=0.25))
+    q1, q2 = at.body.joints
+    assert at.step(STEP).joints == pytest.approx([q1, q2 + 0.25 * q1], abs=1e-6)
+    last = go(at, [q1 + 0.1, q2 + 0.25 * q1])[-1]
+    assert at.body.joints == pytest.approx([q1 + 0.1, q2 - 0.025], abs=1e-6)
+    assert last.joints == pytest.approx([q1 + 0.1, q2 + 0.25 * q1], abs=1e-6)
+
+
 def test_raised_the_tip_passes_over_a_disc_lowered_onto_it_the_drives_stop() -> None:
     at, inside = plant(LIFTED), beside(LIFTED.discs[0], 0.1)
     assert not any(reading.touched for reading in go(at, [*inside, 0.02, 0.5], 2.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -114,8 +115,10 @@ def test_what_drives_is_seen() -> None:
     one = record(torque())
     assert what_drives([one]) == what_drives([record(np.tile(torque(), 5))]) == LOAD
     assert what_drives([loops(0)]) == what_drives([loops(100)]) == what_drives([loops(100, 5e4)]) == MOTION
+    assert what_drives([one, loops(0)]) == what_drives([loops(0), one]) == LOAD
+    assert what_drives([one, replace(loops(0), driven_by=MOTION)]) == MOTION
     with pytest.raises(InputError, match=r'loops\.csv: driven by its motion, but 0\.csv by its load'):
-        what_drives([one, loops(0)])
+        what_drives([replace(one, driven_by=LOAD), replace(loops(0), driven_by=MOTION)])
 
 
 def test_parts_and_noise() -> None:

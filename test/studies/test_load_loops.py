@@ -10,12 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scara_kinetostatic.errors import InputError, UnsupportedDataError
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.report import as_text
 from scara_kinetostatic.studies.hysteresis.document import hysteresis_document
 from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.model_selection import LoadStudy, Selection, predict_records, select_model
+from scara_kinetostatic.studies.hysteresis.model_selection import (
+    LoadStudy,
+    Selection,
+    analyse,
+    predict_records,
+    select_model,
+)
 from scara_kinetostatic.studies.hysteresis.record import LOAD, Record, load_record, what_drives
-from scara_kinetostatic.studies.hysteresis.report import verdict
+from scara_kinetostatic.studies.hysteresis.report import hysteresis_report, record_errors, verdict
 
 C, MU, COMPLIANCE, HALF_GAP = 2.0, 0.3, 3e-3, 15e-3
 LOOPS = (4.0, 4.0, 4.0, 25.0, 25.0, 25.0)
@@ -45,6 +52,14 @@ def gear(seed: int = 0, c: float = C, mu: float = MU, noise: float = 3e-4) -> Re
     gap = spring / np.hypot(spring, 0.5) if c else np.sign(load)
     angle = 0.1 + COMPLIANCE * spring + HALF_GAP * gap + noise * random.standard_normal(len(load))
     return Record(f'{seed}.csv', 0.06 * np.arange(len(load)), load, angle, driven_by=LOAD)
+
+
+def rested(one: Record, samples: int = 200) -> Record:
+    """The same after a rest."""
+    random = np.random.default_rng(9)
+    still = one.response[0] + 3e-4 * random.standard_normal(samples)
+    load = np.concatenate([np.zeros(samples), one.load])
+    return replace(one, time=0.06 * np.arange(len(load)), load=load, response=np.concatenate([still, one.response]))
 
 
 @pytest.fixture(scope='module')
@@ -94,7 +109,6 @@ def test_what_is_refused() -> None:
     one = gear()
     ramp = replace(one, load=np.linspace(0.0, 25.0, len(one)), response=np.linspace(0.0, 0.1, len(one)))
     swapped = replace(one, load=one.response, response=one.load)
-    rested = replace(one, load=np.concatenate([np.zeros(200), one.load[:-200]]), driven_by='')
     for record, message in (
         (ramp, 'reverses 0 times; loops need 5 reversals'),
         (swapped, 'the angle runs ahead of the torque, as if the joint gave out energy; check whether the two columns'),
@@ -103,8 +117,24 @@ def test_what_is_refused() -> None:
             UnsupportedDataError, match=re.escape(f'0.csv: {message}') if record is swapped else message
         ):
             LoadPath(record)
-    with pytest.raises(InputError, match=r'it is at rest at first, unlike 0\.csv'):
-        LoadStudy([one, replace(rested, source='rested.csv')])
+
+
+@pytest.mark.parametrize('place', [0, 2])
+def test_records_in_loops_and_from_rest_are_taken_together(place: int) -> None:
+    records = [gear(seed) for seed in range(3)]
+    records[place] = rested(records[place])
+    assert [each.is_at_rest_first for each in records] == [k == place for k in range(3)]
+    (found,) = analyse(records, what_drives(records))
+    assert (found.verdict, found.final.law.name) == ('explained', 'load_friction')
+    for name, true in (('friction', C), ('friction_ratio', MU), ('compliance', COMPLIANCE), ('half_gap', HALF_GAP)):
+        assert found.final.parameters[name].value == pytest.approx(true, rel=0.05)
+    assert max(record_errors(found, found.final)) < 2 * 3e-4
+    for each in found.dependence_before:
+        assert [bool(np.isnan(p)) for p in each.by_record] == [k == place for k in range(3)]
+    said = ' '.join(as_text(hysteresis_report([found])).split())
+    assert 'Of a record that begins at rest: after the unloading' in said
+    alone = select_model(LoadStudy([each for k, each in enumerate(records) if k != place]))
+    assert found.final.along[place - 1].state == pytest.approx(alone.final.along[place - 1].state, abs=0.02)
 
 
 def test_a_column_of_commands_says_what_drives(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse, wrap
 
 MOST_ROWS = 1_000_000
@@ -100,7 +101,7 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> Corr
         f'# Places {step:g} m apart; {between}.',
         'x_m,y_m,fx_N,fy_N,elbow,q1_nominal_rad,q2_nominal_rad,dq1_rad,dq2_rad,miss_m,std_normal_m,status',
     ]
-    rows = (_row(row) for table in tables for row in _rows(table, places, forces))
+    rows = (_row(row) for table in tables for row in _rows(arm.cell, table, places, forces))
     return CorrectionFile(
         '\n'.join([*lines, *rows]) + '\n',
         tuple(filter(None, (f'places {step:g} m apart; {between}', _beyond(arm, grid)))),
@@ -132,13 +133,14 @@ def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> 
     return _Table(posture, nominal, change.reshape(-1, count, 2), *per_force)
 
 
-def _rows(table: _Table, places: Floats, forces: Floats) -> Iterator[tuple[object, ...]]:
+def _rows(cell: Cell, table: _Table, places: Floats, forces: Floats) -> Iterator[tuple[object, ...]]:
+    nominal, change = cell.readings(table.nominal), cell.readings(table.change)
     for k, j in np.argwhere(np.isfinite(table.change).all(axis=2)).tolist():
         std = table.std[k, j]
         elbow = 'left' if table.posture > 0 else 'right'
         yield (
-            *places[k].tolist(), *forces[j].tolist(), elbow, *table.nominal[k].tolist(),
-            *table.change[k, j].tolist(), float(table.miss[k, j]), float(std) if np.isfinite(std) else '',
+            *places[k].tolist(), *forces[j].tolist(), elbow, *nominal[k].tolist(),
+            *change[k, j].tolist(), float(table.miss[k, j]), float(std) if np.isfinite(std) else '',
             str(table.status[k, j]),
         )  # fmt: skip
 

@@ -113,7 +113,7 @@ def rigid_miss(arm: CalibratedArm) -> float:
 def urdf_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     """The URDF: its tip `tool0` is at H(L̄, Q) for the joint angles Q that the robot reports."""
     arms = [Arm(arm.model.parameters, colour=CALIBRATED_COLOUR)]
-    return arm_urdf(_name(arm), arm.cell.joint_names, arms, _comment(facts))
+    return arm_urdf(_name(arm), arm.cell, arms, _comment(facts))
 
 
 def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
@@ -127,6 +127,7 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         name=escaping.xacro(_name(arm)),
         properties=[row for row in _values(arm, facts) if row[0] in RIGID],
         joints=[escaping.xacro(name) for name in arm.cell.joint_names],
+        back=-arm.cell.coupling,
     )
 
 
@@ -171,6 +172,7 @@ def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
     lines = [
         *(f'# {line}' for line in facts.lines),
         f'# {convention} convention: {formula}; x_m and y_m of base and tool are translations.',
+        *([f'# q of {j2} is its reading less {arm.cell.coupling!r} times that of {j1}.'] if arm.cell.coupling else []),
         'row,joint_name,x_m,y_m,theta_offset_rad,d_m,a_m,alpha_rad',
         *(','.join(part if isinstance(part, str) else repr(part) for part in row) for row in rows),
     ]
@@ -204,6 +206,7 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         escape=False,
         lines=(*facts.lines, unchecked) if limits else facts.lines,
         constants=_values(arm, facts),
+        coupling=arm.cell.coupling,
         force_std=arm.noise.force_rms,
         force_growth=arm.noise.growth,
         compliance_sign='-' if arm.cell.gripper_sign is GripperSign.PHYSICAL else '+',

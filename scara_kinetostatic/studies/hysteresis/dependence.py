@@ -86,22 +86,24 @@ def p_independent(found: Sequence[Dependence]) -> float:
     return min(1.0, len(found) * min(each.p_value for each in found))
 
 
-def loop_dependences(motions: Sequence[Motion], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
+def loop_dependences(motions: Sequence[Motion | None], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
     """Dependence on all variables of loops, in decreasing order of the explained share.
 
     Args:
-        motions: the records.
+        motions: the records; None for one that is not in loops, which does not count.
         residuals: of each, (n,); the first sweep does not count.
     """
     records = list(zip(motions, residuals, strict=True))
-    squares = np.array([float((residual[motion.scored] ** 2).sum()) for motion, residual in records])
+    squares = np.array([float((r[motion.scored] ** 2).sum()) if motion else 0.0 for motion, r in records])
+    driven_by = next(motion.driven_by for motion in motions if motion)
     weights = squares / squares.sum() if squares.any() else np.ones(len(squares)) / len(squares)
     found = []
     for variable in _OF_LOOPS:
-        name = variable.replace('driver', _DRIVER[motions[0].driven_by])
-        shares, p_values, detectable = zip(*(_on_variable(*each, variable) for each in records), strict=True)
-        by_record = p_values if motions[0].driven_by == LOAD else ()
-        found.append(Dependence(name, float(weights @ shares), _fisher(p_values), by_record, min(detectable)))
+        name = variable.replace('driver', _DRIVER[driven_by])
+        tested = (_on_variable(motion, r, variable) if motion else (0.0, np.nan, 1.0) for motion, r in records)
+        shares, p_values, detectable = zip(*tested, strict=True)
+        by_record, finite = p_values if driven_by == LOAD else (), [p for p in p_values if np.isfinite(p)]
+        found.append(Dependence(name, float(weights @ shares), _fisher(finite), by_record, min(detectable)))
     return _by_share(found)
 
 

@@ -261,13 +261,14 @@ def fit_load(records: Sequence[Moments], warm_start: Fit | None = None, near: bo
     problem = _LoadProblem(law, records, size)
     if warm_start is not None and near:
         return problem.fitted(_best(problem, [problem.scaled(warm_start)]))
-    states, starts = np.array(_states(law, records[0].path)), []
+    states, starts = [_states(law, each.path) for each in records], []
+    begins = sorted({tuple(round(part * (len(each) - 1)) for each in states) for part in (0.0, 0.5, 1.0)})
     for number, shape in enumerate(_shapes(law, size)):
         grids = [each.grid[number] for each in records]
-        begins = sorted({0, len(states) // 2, len(states) - 1})
         found = [_alternate(grids, begin) for begin in begins]
         square, picked = found[_first_least([square for square, _ in found])]
-        starts.append(Fit(law, dict(shape), states[picked], square))
+        begin_at = np.array([each[pick] for each, pick in zip(states, picked, strict=True)])
+        starts.append(Fit(law, dict(shape), begin_at, square))
     starts.sort(key=lambda start: round(start.square, 12))
     followed = [warm_start, starts[0]] if warm_start else starts[:2]
     return problem.fitted(_best(problem, [problem.scaled(start) for start in followed]))
@@ -281,9 +282,9 @@ def _amplitudes(gram: Floats) -> Floats:
     return np.asarray(nnls(root.T, np.linalg.solve(root, gram[:wide, wide] / scale))[0] / scale)
 
 
-def _alternate(grids: Sequence[Floats], begin: int) -> tuple[float, list[int]]:
+def _alternate(grids: Sequence[Floats], begin: Sequence[int]) -> tuple[float, list[int]]:
     """Sum of squares, as a share of that of the response, and indices of the states at one shape."""
-    picked = [begin] * len(grids)
+    picked = list(begin)
     whole = sum(float(grid[0, -1, -1]) for grid in grids)
     for _ in range(12):
         total = np.sum([grid[pick] for grid, pick in zip(grids, picked, strict=True)], axis=0)

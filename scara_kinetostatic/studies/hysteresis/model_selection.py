@@ -153,10 +153,12 @@ class MotionStudy:
         return [candidate.along[0].residual[self.motion.scored]]
 
 
-def _p_better(motions: Sequence[Motion], one: Candidate, other: Candidate, rows: Sequence[Mask]) -> float:
+def _p_better(motions: Sequence[Motion | None], one: Candidate, other: Candidate, rows: Sequence[Mask]) -> float:
     """p-value of one law predicting no better than another, from the mean squares of the rows of each sweep."""
     ratios = []
     for k, (motion, which) in enumerate(zip(motions, rows, strict=True)):
+        if motion is None:
+            continue
         size = np.bincount(motion.sweep[which], minlength=motion.sweeps)
         squares = [
             np.bincount(motion.sweep[which], each.held_out[k].residual[which] ** 2, motion.sweeps)
@@ -175,6 +177,8 @@ class LoadStudy:
         records: the records.
         paths: of each record, as measured.
         judged: the samples for the errors, of each path: after unloading, or the later half of a single record.
+        motions: of each record in loops, else None.
+        in_loops: whether there are any: what is tested sweep by sweep is tested in these.
         direction: +1 or -1: sign of the response to a positive load.
         laws: compared with law (6).
 
@@ -194,12 +198,8 @@ class LoadStudy:
             path.direction = self.direction
         check_sense(self.blocks)
         self.is_single = len(records) == 1
-        self.in_loops = not records[0].is_at_rest_first
-        for record in records:
-            if record.is_at_rest_first == self.in_loops:
-                problem = f'it is {"at rest" if self.in_loops else "not at rest"} at first, unlike {records[0].source}'
-                raise RecordingError(record.source, problem, 'give records of one kind')
-        self.motions = [cut_at_reversals(record, LOAD) for record in records] if self.in_loops else []
+        self.motions = [None if each.is_at_rest_first else cut_at_reversals(each, LOAD) for each in records]
+        self.in_loops = any(motion is not None for motion in self.motions)
         self.judged = tuple(~path.earlier if self.is_single else ~path.known for path in self.paths)
         self.laws: tuple[Law, ...] = ()
 
@@ -256,6 +256,7 @@ class LoadStudy:
         if not (self.is_single and self.in_loops):
             return candidate
         (motion,), (block,), whole = self.motions, self.blocks, candidate.whole
+        assert motion is not None
         sweep = motion.sweep[: len(block.time) * block.block : block.block]
         several = [
             fit_load([Moments(candidate.law, block, sweep != each, self.size)], whole, near=True).values
@@ -274,9 +275,8 @@ class LoadStudy:
     def p_better(self, one: Candidate, other: Candidate) -> float:
         """p-value of one law predicting no better; from rest to rest by Pitman and Morgan's test."""
         if self.in_loops:
-            rows = (
-                [motion.scored for motion in self.motions] if self.is_single else [~path.known for path in self.paths]
-            )
+            pairs = zip(self.motions, self.paths, strict=True)
+            rows = [motion.scored if motion and self.is_single else ~path.known for motion, path in pairs]
             return _p_better(self.motions, one, other, rows)
         rows = [~path.earlier if self.is_single else ~path.rest for path in self.paths]
         compared = [self.is_single or not self._is_extrapolated(path) for path in self.paths]

@@ -318,22 +318,22 @@ def check_alike(records: Sequence[Record]) -> None:
 
 
 def what_drives(records: Sequence[Record]) -> str:
-    """What drives the records, as they look: `LOAD` or `MOTION`.
+    """What drives the records, as their columns say, else as they look: `LOAD` or `MOTION`.
+
+    Loops look driven by their motion; beside a record whose load comes on from rest their load drives them as well.
 
     Raises:
-        ParameterError: the records are of both kinds.
+        ParameterError: the columns of one record say the load, those of another one the motion.
     """
-    kinds = [_drives(each) for each in records]
-    for each, kind in zip(records, kinds, strict=True):
-        if kind != kinds[0]:
-            problem = f'driven by its {kind}, but {records[0].source} by its {kinds[0]}'
-            raise ParameterError(each.source, problem, 'give records of one kind, or say which by --driven')
-    return kinds[0]
+    stated = {each.driven_by: each.source for each in records if each.driven_by}
+    if len(stated) > 1:
+        problem = f'driven by its motion, but {stated[LOAD]} by its load'
+        raise ParameterError(stated[MOTION], problem, 'give records of one kind, or say which by --driven')
+    kinds = stated or {_drives(each) for each in records}
+    return LOAD if LOAD in kinds else MOTION
 
 
 def _drives(record: Record) -> str:
-    if record.driven_by:
-        return record.driven_by
     if not is_at_rest_first(record.load):
         return MOTION
     if not _has_full_loops(record):

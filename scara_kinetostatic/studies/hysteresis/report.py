@@ -96,6 +96,9 @@ _BY_LOOPS = _BY_LOAD._replace(
     errors='Errors: rms of the {response} after the first third of the samples. Held out: predicted with the '
     'parameters of the other records; zero and state of friction from the first third.',
 )
+_FROM_REST = (
+    'Of a record that begins at rest: after the unloading, with the zero of its rest; tests are those of the loops.'
+)
 _BY_ONE_LOAD = _BY_LOAD._replace(
     held_out='The later half predicted from the earlier half, the error',
     uncertainty='one record gives none',
@@ -112,6 +115,8 @@ def _words(selection: Selection) -> _Words:
             if selection.study.in_loops
             else _BY_ONE_LOAD
         )
+    if selection.study.in_loops and not all(selection.study.motions):
+        return _BY_LOOPS._replace(errors=f'{_BY_LOOPS.errors} {_FROM_REST}')
     return _BY_LOOPS if selection.study.in_loops else _BY_LOAD
 
 
