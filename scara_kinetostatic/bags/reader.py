@@ -230,8 +230,9 @@ def _nothing_usable(
         return RecordingError(path, problem, _suggestion(topics, msgtype, topic))
     if all(item.encoding != 'cdr' for item in here):
         return RecordingError(path, f'topic {topic} is serialized as {here[0].encoding!r}, expected cdr', 'convert it')
-    if samples.names and not any(name in samples.names for name in cell.joint_names):
-        problem = f'topic {topic} has no joints {" and ".join(cell.joint_names)}, only {_some(sorted(samples.names))}'
+    if samples.names and (missing := [name for name in cell.joint_names if name not in samples.names]):
+        absent = f'joint{"s" * (len(missing) > 1)} {" and ".join(missing)}'
+        problem = f'topic {topic} has no {absent}, only {_some(sorted(samples.names))}'
         return RecordingError(path, problem, 'put the right names into robot.joint_names of the cell description')
     if samples.dropped:
         reasons = ', '.join(f'{number} {why}' for why, number in samples.dropped.most_common())
