@@ -174,6 +174,12 @@ class Decoder:
             good[where] = True
         self._parts.append((stamp[good], batch.log_time[good], frame[good], values[good]))
 
+    def force_ranges(self) -> Floats:
+        """Ranges of fx, fy and fz of wrenches as they came, from their 1st to their 99th percentile, (3,), N."""
+        values = np.concatenate([np.zeros((0, 3)), *(part[-1] for part in self._parts)])
+        some = values[np.isfinite(values).all(axis=1)][:: 1 + len(values) // 20_000]
+        return np.asarray(np.ptp(np.percentile(some, [1, 99], axis=0), axis=0)) if len(some) else np.zeros(3)
+
     def samples(self, turns: Mapping[str, Floats] | None = None) -> Samples:
         """Everything decoded so far.
 

@@ -18,17 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.contacts import Contacts
-from scara_kinetostatic.touches.signals import (
-    Signals,
-    Topic,
-    median,
-    robust_mean,
-    rounded_down,
-    runs,
-    steps_of_mean,
-    white_noise,
-)
+from scara_kinetostatic.touches.signals import Signals, Topic, median, robust_mean, runs, steps_of_mean, white_noise
 from scara_kinetostatic.touches.tare import Tare, tare_before
 
 _BEGIN_OMITTED, _END_OMITTED = 0.25, 0.1

@@ -251,11 +251,6 @@ def robust_mean(values: Floats) -> tuple[Floats, Floats]:
     return center + mean, scatter
 
 
-def rounded_down(seconds: float) -> str:
-    """A time below a limit, s: not rounded up to it."""
-    return f'{int(100 * seconds) / 100:.2f}'
-
-
 def runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """First and last index of every run of True."""
     edges = np.diff(np.concatenate([[0], mask.view(np.int8), [0]]))

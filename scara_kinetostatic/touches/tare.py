@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.signals import (
     SMOOTHING,
     Signals,
@@ -23,7 +24,6 @@ from scara_kinetostatic.touches.signals import (
     median_of_three,
     moving_mean,
     robust_mean,
-    rounded_down,
     steps_of_mean,
     white_noise,
 )

@@ -10,9 +10,9 @@ import pytest
 from touches.scenes import CELL, START, Scene
 
 from scara_kinetostatic.model.cell import Lift
+from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.online import OnlineDetector
-from scara_kinetostatic.touches.signals import rounded_down
 
 
 def only_rejection(scene, **how):
