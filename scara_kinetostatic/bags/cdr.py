@@ -164,10 +164,11 @@ class Decoder:
         for fields, rows, where in self._same_layout(batch):
             stamp[where] = _column(rows, 4, '<i4').astype(np.int64) * 1_000_000_000 + _column(rows, 8, '<u4')
             there = fields.names[: fields.numbers]
-            used = {k: there.index(name) for k, name in enumerate(self._wanted) if name in there}
-            for column, number in (used if self._joint_names else dict(enumerate(range(3)))).items():
+            used = [(k, there.index(name)) for k, name in enumerate(self._wanted) if name in there]
+            for column, number in used if self._joint_names else [(0, 0), (1, 1), (2, 2)]:
                 found = _column(rows, fields.begin + 8 * number, '<f8')
-                values[where, column] = np.where(np.isnan(found), np.inf, found) if column < 2 else found
+                is_angle = self._joint_names and column < 2  # where NaN is one that the message does not have
+                values[where, column] = np.where(np.isnan(found), np.inf, found) if is_angle else found
             if fields.frame_id not in self.frame_ids:
                 self.frame_ids.append(fields.frame_id)
             frame[where] = self.frame_ids.index(fields.frame_id)
@@ -204,21 +205,15 @@ class Decoder:
     def _joined(self, parts: Samples) -> Samples:
         """The samples of messages of which some have only a part of the joints."""
         join, found, dropped = JointParts(self._wanted), [], parts.dropped.copy()
-        rows = zip(parts.stamp.tolist(), parts.log_time.tolist(), parts.values.tolist(), strict=True)
-        for stamp, received, values in rows:
+        for stamp, received, values in zip(*(column.tolist() for column in parts[:3]), strict=True):
             try:
                 sample = join.add(stamp, received, values)
+                found += [(sample[0], received, sample[1])] if sample else []
             except UnjoinedError as error:
                 dropped[f'where {error}'] += 1
-            else:
-                found += [(sample[0], received, sample[1])] if sample else []
-        stamps, log_times, positions = zip(*found, strict=True) if found else ((), (), ())
-        return parts._replace(
-            stamp=np.array(stamps, dtype=np.int64),
-            log_time=np.array(log_times, dtype=np.int64),
-            values=np.array(positions).reshape(-1, len(self._wanted)),
-            dropped=dropped,
-        )
+        values = np.array([values for *_, values in found]).reshape(-1, len(self._wanted))
+        times = np.array([times for *times, _ in found], dtype=np.int64).reshape(-1, 2)
+        return parts._replace(stamp=times[:, 0], log_time=times[:, 1], values=values, dropped=dropped)
 
     def _same_layout(self, batch: Batch) -> Iterator[tuple[Fields, NDArray[np.uint8], NDArray[np.intp]]]:
         """Messages that share a layout, as a matrix of bytes, with their places in the batch."""
@@ -259,7 +254,7 @@ class Decoder:
             self._names.update(fields.names)
         if self._joint_names and set(self._wanted).isdisjoint(fields.names):
             return fields, f'without {" and ".join(self._joint_names)}'
-        if set(self._wanted) & set(fields.names[fields.numbers :]):
+        if set(self._joint_names or ()) & set(fields.names[fields.numbers :]):
             return fields, 'without positions'
         return fields, ''
 

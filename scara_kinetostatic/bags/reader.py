@@ -239,8 +239,7 @@ def _nothing_usable(
     if all(item.encoding != 'cdr' for item in here):
         return RecordingError(path, f'topic {topic} is serialized as {here[0].encoding!r}, expected cdr', 'convert it')
     if samples.names and (missing := [name for name in cell.joint_names if name not in samples.names]):
-        absent = f'joint{"s" * (len(missing) > 1)} {" and ".join(missing)}'
-        problem = f'topic {topic} has no {absent}, only {_some(sorted(samples.names))}'
+        problem = f'topic {topic} does not have {" and ".join(missing)}, only {_some(sorted(samples.names))}'
         return RecordingError(path, problem, 'put the right names into robot.joint_names of the cell description')
     if samples.dropped:
         reasons = ', '.join(f'{number} {why}' for why, number in samples.dropped.most_common())
@@ -258,12 +257,10 @@ def _check_axes(path: str | Path, topic: str, ranges: Floats, cell: Cell) -> Non
     if idle and ranges[2] > max(2 * CONTACT_FORCE, _CARRIES * ranges.max()):
         carry = ' and '.join(name for name in ('fx', 'fy', 'fz') if name not in idle)
         problem = (
-            f'the force of contact is in {carry} of {topic}, none in {" and ".join(idle)}: the sensor lies on its side'
+            f'{topic} has the force of contact in {carry}, none in {" and ".join(idle)}: the sensor lies on its side'
         )
-        frame = NAMES[cell.sensor.frame][0]
-        raise RecordingError(
-            path, problem, f'record how it is mounted in {frame} on /tf_static, or have the driver turn the forces'
-        )
+        where = f'record how it is mounted in {NAMES[cell.sensor.frame][0]} on /tf_static'
+        raise RecordingError(path, problem, f'{where}, or have the driver turn the forces')
 
 
 def _missing(path: str | Path, topic: str, msgtype: str, topics: list[Topic]) -> RecordingError:

@@ -196,10 +196,7 @@ class JointReader:
             sample = self.parts.add(stamp, received or time_ns(), values)
         except UnjoinedError as error:
             raise UnusableMessageError(str(error)) from error
-        if sample is None:
-            return None
-        q1, q2, *others = sample[1]
-        return Sample(sample[0], q1, q2, tuple(others))
+        return sample and Sample(sample[0], sample[1][0], sample[1][1], tuple(sample[1][2:]))
 
 
 def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = None) -> Sample:

@@ -73,14 +73,13 @@ class JointParts:
         if received - self._heard[1 - k] > SECOND:
             raise UnjoinedError(f'{self.awaited} is silent')
         if all(self._waiting) and (apart := abs(self._lag[0] - self._lag[1])) > TOLERANCE:
-            names = ' and '.join(self._names[:2])
-            raise UnjoinedError(f'the clocks of {names} differ by {apart / SECOND:.1g} s, or one comes late')
+            differ = f'{" and ".join(self._names[:2])} differ by {apart / SECOND:.1g} s'
+            raise UnjoinedError(f'the clocks of {differ}, or one comes late')
         common = min(each[-1][0] if each else time for each in self._waiting)
         if not all(self._is_new) or any(each[0][0] > common for each in self._waiting):
             return None
         self._is_new = [False, False]
-        angles = [_reading(each, common) for each in self._waiting]
-        return (common if stamp else 0), [*angles, *self._others]
+        return (common if stamp else 0), [*(_reading(each, common) for each in self._waiting), *self._others]
 
 
 def _reading(waiting: deque[tuple[int, float]], time: int) -> float:

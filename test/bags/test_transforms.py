@@ -81,10 +81,10 @@ def on_axes(messages: list[Message], turn: list[list[float]]) -> list[Message]:
 @pytest.mark.parametrize(
     ('turn', 'said'),
     [
-        ([[1, 0, 0], [0, 0, 1], [0, 1, 0]], 'the force of contact is in fx and fz of /wrench, none in fy'),
-        ([[1, 0, 0], [0, 0, -1], [0, -1, 0]], 'the force of contact is in fx and fz of /wrench, none in fy'),
-        ([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], 'the force of contact is in fy and fz of /wrench, none in fx'),
-        ([[1, 0, 0], [0, 0.03, 1], [0, 1, -0.03]], 'the force of contact is in fx and fz of /wrench, none in fy'),
+        ([[1, 0, 0], [0, 0, 1], [0, 1, 0]], '/wrench has the force of contact in fx and fz, none in fy'),
+        ([[1, 0, 0], [0, 0, -1], [0, -1, 0]], '/wrench has the force of contact in fx and fz, none in fy'),
+        ([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], '/wrench has the force of contact in fy and fz, none in fx'),
+        ([[1, 0, 0], [0, 0.03, 1], [0, 1, -0.03]], '/wrench has the force of contact in fx and fz, none in fy'),
     ],
 )
 def test_a_sensor_that_lies_on_its_side_is_named(
