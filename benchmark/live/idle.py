@@ -25,7 +25,7 @@ from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.collector import POLL
-from scara_kinetostatic.nodes.conversion import joint_sample, wrench_sample
+from scara_kinetostatic.nodes.conversion import JointReader, wrench_sample
 from scara_kinetostatic.nodes.session import Session
 from scara_kinetostatic.nodes.streams import Stream
 from scara_kinetostatic.simulation.plan import default_plan
@@ -58,10 +58,9 @@ class Feed:
 
     def take(self, streams: Streams) -> None:
         """Takes both streams in, in the order of their stamps."""
+        reader = JointReader(PAPER_CELL.joint_names)
         for stamp, stream, message in _messages(streams):
-            sample = (
-                joint_sample(message, PAPER_CELL.joint_names) if stream is Stream.JOINTS else wrench_sample(message)
-            )
+            sample = reader.sample(message, stamp) if stream is Stream.JOINTS else wrench_sample(message)
             self._session.take(stream, message, stamp, sample)
             if stamp > self._looked + POLL * SECOND:
                 self._looked = stamp

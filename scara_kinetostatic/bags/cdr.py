@@ -27,6 +27,7 @@ from rosbags.typesys.store import Typestore
 
 from scara_kinetostatic.bags.messages import JOINT_STATE, LARGEST_MESSAGE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.touches.joint_parts import JointParts, UnjoinedError
 from scara_kinetostatic.touches.streams import FixedTransform
 
 _LARGEST_VALUE = 1e9
@@ -124,8 +125,8 @@ class Samples(NamedTuple):
     Attributes:
         stamp: header stamps, (n,), ns.
         log_time: when each was recorded, (n,), ns.
-        values: q1, q2, rad, and other joints, NaN where a message has none of a name, (n, 2 + h); or fx, fy, (n, 2), N.
-        dropped: number of messages without a sample, by reason.
+        values: q1, q2, rad, and other joints, NaN where none was heard of, (n, 2 + h); or fx, fy, (n, 2), N.
+        dropped: number of messages that were of no use, by reason.
         names: for joint states, the joint names in messages without q1 or q2.
     """
 
@@ -148,7 +149,7 @@ class Decoder:
     """
 
     def __init__(self, joint_names: tuple[str, str] | None = None, others: Sequence[str] = ()) -> None:
-        self._joint_names, self._others = joint_names, others
+        self._joint_names, self._wanted = joint_names, (*(joint_names or ()), *others)
         self.frame_ids: list[str] = []
         self._parts: list[tuple[NDArray[Any], ...]] = []
         self._dropped: Counter[str] = Counter()
@@ -158,21 +159,27 @@ class Decoder:
         """Adds the messages of a batch."""
         count = len(batch.start)
         stamp, frame = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int32)
-        values = np.full((count, 2 + len(self._others) if self._joint_names else 3), np.nan)
+        values = np.full((count, len(self._wanted) or 3), np.nan)
         good = np.zeros(count, dtype=bool)
         for fields, rows, where in self._same_layout(batch):
             stamp[where] = _column(rows, 4, '<i4').astype(np.int64) * 1_000_000_000 + _column(rows, 8, '<u4')
-            used = [fields.names.index(name) for name in self._joint_names] if self._joint_names else range(3)
-            for column, number in enumerate(used):
-                values[where, column] = _column(rows, fields.begin + 8 * number, '<f8')
+            there = fields.names[: fields.numbers]
+            used = [(k, there.index(name)) for k, name in enumerate(self._wanted) if name in there]
+            for column, number in used if self._joint_names else [(0, 0), (1, 1), (2, 2)]:
+                found = _column(rows, fields.begin + 8 * number, '<f8')
+                is_angle = self._joint_names and column < 2  # where NaN is one that the message does not have
+                values[where, column] = np.where(np.isnan(found), np.inf, found) if is_angle else found
             if fields.frame_id not in self.frame_ids:
                 self.frame_ids.append(fields.frame_id)
             frame[where] = self.frame_ids.index(fields.frame_id)
             good[where] = True
-            for column, name in enumerate(self._others, 2):
-                if name in fields.names[: fields.numbers]:
-                    values[where, column] = _column(rows, fields.begin + 8 * fields.names.index(name), '<f8')
         self._parts.append((stamp[good], batch.log_time[good], frame[good], values[good]))
+
+    def force_ranges(self) -> Floats:
+        """Ranges of fx, fy and fz of wrenches as they came, from their 1st to their 99th percentile, (3,), N."""
+        values = np.concatenate([np.zeros((0, 3)), *(part[-1] for part in self._parts)])
+        some = values[np.isfinite(values).all(axis=1)][:: 1 + len(values) // 20_000]
+        return np.asarray(np.ptp(np.percentile(some, [1, 99], axis=0), axis=0)) if len(some) else np.zeros(3)
 
     def samples(self, turns: Mapping[str, Floats] | None = None) -> Samples:
         """Everything decoded so far.
@@ -188,9 +195,25 @@ class Decoder:
         for frame_id, turn in (turns or {}).items():
             same = frame == self.frame_ids.index(frame_id)
             values[same] = all_values[same] @ turn.T
-        finite = np.all(np.abs(values[:, :2]) < _LARGEST_VALUE, axis=1)  # false for NaN, too
+        absent = np.isnan(values[:, :2]) & bool(self._joint_names)
+        finite = np.all((np.abs(values[:, :2]) < _LARGEST_VALUE) | absent, axis=1)
         dropped = self._dropped + Counter({'with values that are not finite': int(np.sum(~finite))})
-        return Samples(stamp[finite], log_time[finite], values[finite], dropped, frozenset(self._names))
+        found = Samples(stamp[finite], log_time[finite], values[finite], dropped, frozenset(self._names))
+        missing = np.isnan(found.values)
+        return self._joined(found) if (missing != missing[:1]).any() or missing[:, :2].any() else found
+
+    def _joined(self, parts: Samples) -> Samples:
+        """The samples of messages of which some have only a part of the joints."""
+        join, found, dropped = JointParts(self._wanted), [], parts.dropped.copy()
+        for stamp, received, values in zip(*(column.tolist() for column in parts[:3]), strict=True):
+            try:
+                sample = join.add(stamp, received, values)
+                found += [(sample[0], received, sample[1])] if sample else []
+            except UnjoinedError as error:
+                dropped[f'where {error}'] += 1
+        values = np.array([values for *_, values in found]).reshape(-1, len(self._wanted))
+        times = np.array([times for *times, _ in found], dtype=np.int64).reshape(-1, 2)
+        return parts._replace(stamp=times[:, 0], log_time=times[:, 1], values=values, dropped=dropped)
 
     def _same_layout(self, batch: Batch) -> Iterator[tuple[Fields, NDArray[np.uint8], NDArray[np.intp]]]:
         """Messages that share a layout, as a matrix of bytes, with their places in the batch."""
@@ -229,8 +252,9 @@ class Decoder:
             return Fields('', (), 0, 0, len(message)), str(error)
         if self._joint_names and not set(self._joint_names) <= set(fields.names):
             self._names.update(fields.names)
+        if self._joint_names and set(self._wanted).isdisjoint(fields.names):
             return fields, f'without {" and ".join(self._joint_names)}'
-        if self._joint_names and max(map(fields.names.index, self._joint_names)) >= fields.numbers:
+        if set(self._joint_names or ()) & set(fields.names[fields.numbers :]):
             return fields, 'without positions'
         return fields, ''
 

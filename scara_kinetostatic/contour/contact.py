@@ -76,7 +76,7 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     previous, own = -np.inf, zero
     for k, (begin, end) in enumerate(zip(contacts.begin, contacts.end, strict=True)):
         tare = tare_before(signals, begin, previous)
-        own = zero if tare is None else tare.force
+        own = zero if isinstance(tare, str) else tare.force
         force[number == k] -= own
         previous = end
     size = np.hypot(*force.T)

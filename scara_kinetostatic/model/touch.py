@@ -214,7 +214,7 @@ class Rejection:
         index: number of the touch.
         reason: why, one clause.
         kind: of the reason, for programs: ``no object``, ``gap``, ``frozen``, ``no hold``, ``unsteady``, ``no tare``,
-            ``request``; empty where none is stated.
+            ``sampling``, ``request``; empty where none is stated.
     """
 
     index: int

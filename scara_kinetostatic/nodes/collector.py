@@ -185,8 +185,8 @@ class Collector(CellNode):
         return sum(monitor.lost for monitor in self._streams.monitors.values())
 
     def _heard(self) -> list[tuple[int, int]]:
-        """Of each topic the messages so far, and those that could not be used."""
-        return [(monitor.count, monitor.unusable) for monitor in self._streams.monitors.values()]
+        """Of each topic the messages so far, and those that gave no sample."""
+        return [(each.count, each.unusable + each.parts) for each in self._streams.monitors.values()]
 
     def _silent(self) -> list[str]:
         """The topics that had messages since the recording began, but none that can be used."""

@@ -10,6 +10,7 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import cos, nan, sin
+from time import time_ns
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.markers import Primitive, Shape
+from scara_kinetostatic.touches.joint_parts import JointParts, UnjoinedError
 
 NANOSECONDS = 1_000_000_000
 _PLAIN = b'\0\1'
@@ -36,7 +38,7 @@ _PLAIN = b'\0\1'
 
 class Sample(NamedTuple):
     """Two numbers with the stamp of their header: q1, q2 in rad, or fx, fy in N; and positions of other joints, NaN
-    where the message has none.
+    where none is known.
     """
 
     stamp_ns: int
@@ -154,38 +156,47 @@ def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, floa
     return message
 
 
-def joint_sample(serialized: bytes, names: Sequence[str], others: Sequence[str] = ()) -> Sample:
-    """Both joint angles, found by name, and the positions of other joints.
+class JointReader:
+    """Takes the joint states of one topic apart, and joins those that come in parts.
 
     Args:
-        serialized: a `JointState` as it came over the wire.
         names: of q1 and q2.
         others: names of other joints.
 
-    Raises:
-        UnusableMessageError: q1 or q2 is missing, or has no position, or none that is a finite number.
+    Attributes:
+        parts: what joins them.
     """
-    fields, angles = _fields(joint_fields, serialized)
-    if any(name not in fields.names[: fields.numbers] for name in names):
-        raise UnusableMessageError(
-            f'expected positions of {" and ".join(names)}, got {fields.numbers} positions of '
-            f'{" ".join(fields.names) or "no joints"}'
-        )
-    first, second = (angles[fields.names.index(name)] for name in names)
-    there = fields.names[: fields.numbers]
-    found = tuple(angles[there.index(name)] if name in there else nan for name in others)
-    return _finite(Sample(_stamp(serialized), first, second, found))
 
+    def __init__(self, names: Sequence[str], others: Sequence[str] = ()) -> None:
+        self._names, self._needed = (*names, *others), frozenset(names)
+        self.parts = JointParts(self._names)
 
-def joint_position(serialized: bytes, name: str) -> float | None:
-    """Position of one joint; None where the message has none.
+    def sample(self, serialized: bytes, received: int = 0) -> Sample | None:
+        """Both joint angles, found by name, and the positions of other joints; None where more is to come.
 
-    Raises:
-        UnusableMessageError: the message cannot be read.
-    """
-    fields, positions = _fields(joint_fields, serialized)
-    names = fields.names[: fields.numbers]
-    return positions[names.index(name)] if name in names else None
+        Args:
+            serialized: a `JointState` as it came over the wire.
+            received: when it came, ns; 0: now.
+
+        Raises:
+            UnusableMessageError: it has no position of such a joint, none that is a finite number, or does not fit
+                those of the other joints.
+        """
+        fields, positions = _fields(joint_fields, serialized)
+        found = dict(zip(fields.names, positions, strict=False))
+        values = [found.get(name, nan) for name in self._names]
+        if found.keys().isdisjoint(self._names) or not self._needed.isdisjoint(fields.names[fields.numbers :]):
+            raise UnusableMessageError(
+                f'expected positions of {" and ".join(self._names[:2])}, got {fields.numbers} positions of '
+                f'{" ".join(fields.names) or "no joints"}'
+            )
+        q1, q2 = (found.get(name, 0.0) for name in self._names[:2])
+        stamp = _finite(Sample(_stamp(serialized), q1, q2)).stamp_ns
+        try:
+            sample = self.parts.add(stamp, received or time_ns(), values)
+        except UnjoinedError as error:
+            raise UnusableMessageError(str(error)) from error
+        return sample and Sample(sample[0], sample[1][0], sample[1][1], tuple(sample[1][2:]))
 
 
 def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = None) -> Sample:

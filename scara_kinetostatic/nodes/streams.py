@@ -25,7 +25,7 @@ from sensor_msgs.msg import JointState
 from scara_kinetostatic.bags.cdr import decode_transforms
 from scara_kinetostatic.bags.messages import TF_STATIC
 from scara_kinetostatic.model.cell import Cell, SensorFrame
-from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, frame_of, joint_sample, wrench_sample
+from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
 from scara_kinetostatic.touches.streams import INTERLEAVED, WrenchFrame, is_interleaved
 
 try:
@@ -67,8 +67,10 @@ class StreamMonitor:
         publishers: full names of the nodes that publish it, one for each publisher.
         count: messages so far.
         unusable: messages so far that did not hold what is needed.
+        parts: messages so far that gave no sample yet, as joint states that come in parts.
         lost: messages so far that were published but not received.
-        refusal: why the last message that could not be used could not; or empty.
+        refusal: why the last message could not be used; empty where it could.
+        has_moved: whether because a joint that is to be held is elsewhere.
         problem: of the messages until the last report; empty where usable ones came: where several drivers publish
             joint states on one topic, good and unusable ones alternate.
     """
@@ -76,16 +78,17 @@ class StreamMonitor:
     def __init__(self, topic: str, with_joints: bool = False) -> None:
         self.topic, self.problem = topic, ''
         self.publishers: list[str] = []
-        self.count = self.unusable = self.lost = 0
+        self.count = self.unusable = self.parts = self.lost = 0
         self._with_joints, self._values = with_joints, list[tuple[float, float]]()
-        self.refusal = self._mixed = ''
+        self.refusal, self.has_moved, self._mixed = '', False, ''
         self._stamp, self._stamped, self._constant = -1, monotonic(), False
         self._number = 0
-        self._reported, self._others = (monotonic(), 0, 0, 0), 0
+        self._reported, self._others, self._parted = (monotonic(), 0, 0, 0, 0), 0, 0
 
     def accept(self, stamp: int, values: tuple[float, float] = (0.0, 0.0)) -> None:
         """Notes a usable message with its stamp, ns, and its numbers."""
         self.count += 1
+        self.refusal, self.has_moved = '', False
         if self._with_joints and len(self._values) < 5000:  # between two reports
             self._values.append(values)
         now = monotonic()
@@ -93,11 +96,17 @@ class StreamMonitor:
             self._stamp, self._stamped = stamp, now
         self._constant = now - self._stamped > 1.0
 
-    def refuse(self, problem: str) -> None:
+    def note_part(self, awaited: str) -> None:
+        """Notes a message that gives no sample before another joint is heard of."""
+        self.count += 1
+        self.parts += 1
+        self.refusal = self.refusal if self.has_moved else f'nothing yet of {awaited}'
+
+    def refuse(self, problem: str, *, has_moved: bool = False) -> None:
         """Notes a message that cannot be used."""
         self.count += 1
         self.unusable += 1
-        self.refusal = problem
+        self.refusal, self.has_moved = problem, has_moved
 
     def follow(self, number: int | None, publishers: Callable[[], int]) -> None:
         """Counts the messages missing before one, also those that newer ones displaced from the queue.
@@ -119,12 +128,12 @@ class StreamMonitor:
             expected: whether there ought to be messages.
         """
         since, *before = self._reported
-        self._reported = now, *totals = monotonic(), self.count, self.unusable, self.lost
-        count, self._others, lost = (total - former for total, former in zip(totals, before, strict=True))
-        if count > self._others:
+        self._reported = now, *totals = monotonic(), self.count, self.unusable, self.lost, self.parts
+        count, self._others, lost, self._parted = (total - former for total, former in zip(totals, before, strict=True))
+        if count > self._others + self._parted:
             constant = 'the header stamps do not change: the times of reception are used'
             self.problem = constant if self._constant else ''
-        elif count:
+        elif self._others:
             self.problem = self.refusal
         self._mixed = INTERLEAVED if is_interleaved(np.array(self._values).reshape(-1, 2)) else ''
         self._values.clear()
@@ -144,11 +153,11 @@ class StreamMonitor:
     def mixture(self) -> str:
         """That messages of several robots mix, by the publishers or by the numbers; empty if they do not.
 
-        A publisher whose messages cannot be used, of other joints, is no trouble.
+        A publisher whose messages cannot be used, of other joints, is no trouble, nor are several with parts.
         """
         if self._mixed:
             return f'{self.topic}: {self._mixed}'
-        if len(self.publishers) <= (2 if self._others else 1):
+        if self.parts or len(self.publishers) <= (2 if self._others else 1):
             return ''
         several = f'{len(self.publishers)} publishers ({", ".join(sorted(self.publishers))})'
         return f'{self.topic}: {several}, whose messages mix: give each cell a namespace'
@@ -302,6 +311,7 @@ class CellStreams:
     def __init__(self, node: Node, cell: Cell, turned: Callable[[bytes, bool], None], judges: bool = False) -> None:
         self._node, self._cell, self._topics, self._judges = node, cell, cell.sensor[:2], judges
         self._moved = ''  # since the last examination
+        self._joints = JointReader(cell.joint_names, cell.other_joints)
         self.frame = FrameCheck(node, cell.sensor.frame, turned)
         self.monitors = {
             stream: StreamMonitor(node.resolve_topic_name(topic), stream is Stream.JOINTS)
@@ -314,33 +324,45 @@ class CellStreams:
 
         Args:
             take: called with the stream, each message as its bytes, when it was received (ns, 0 where unknown), and its
-                sample; None where it cannot be used.
+                sample; None where it gives none.
         """
 
         def receive(stream: Stream) -> Callable[[bytes, int], None]:
-            return lambda message, received: take(stream, message, received, self.sample(stream, message))
+            return lambda message, received: take(stream, message, received, self.sample(stream, message, received))
 
         for topic, (stream, monitor) in zip(self._topics, self.monitors.items(), strict=True):
             kind = JointState if stream is Stream.JOINTS else WrenchStamped
             self._subscriptions.append(StreamSubscription(self._node, kind, topic, monitor, receive(stream)))
 
-    def sample(self, stream: Stream, message: bytes) -> Sample | None:
-        """The numbers of a message, which is counted; None where it cannot be used."""
+    def sample(self, stream: Stream, message: bytes, received: int = 0) -> Sample | None:
+        """The numbers of a message, which is counted; None where it cannot be used, or more has to come.
+
+        Args:
+            stream: where it came from.
+            message: as its bytes.
+            received: when it came, ns; 0: now.
+        """
+        monitor = self.monitors[stream]
         try:
             if stream is Stream.JOINTS:
-                sample = joint_sample(message, self._cell.joint_names, self._cell.other_joints)
-                if self._cell.hold and (moved := self._cell.moved_joint(np.array(sample.others))):
-                    if not self._judges:
-                        raise UnusableMessageError(moved)
-                    self._moved = moved
-                q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
-                sample = sample._replace(first=q1, second=q2)
+                sample = self._joints.sample(message, received)
+                if sample is not None:
+                    q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
+                    sample = sample._replace(first=q1, second=q2)
             else:
                 sample = wrench_sample(message, self.frame.turn(message))
         except UnusableMessageError as error:
-            self.monitors[stream].refuse(str(error))
+            monitor.refuse(str(error))
             return None
-        self.monitors[stream].accept(sample.stamp_ns, sample[1:3])
+        if sample is None:
+            monitor.note_part(self._joints.parts.awaited)
+            return None
+        if sample.others and (moved := self._cell.moved_joint(np.array(sample.others))):
+            if not self._judges:
+                monitor.refuse(moved, has_moved=True)
+                return None
+            self._moved = moved
+        monitor.accept(sample.stamp_ns, sample[1:3])
         return sample
 
     def look_at_publishers(self) -> None:

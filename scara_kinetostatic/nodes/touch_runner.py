@@ -21,6 +21,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
 from importlib import import_module
+from math import isnan
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from threading import Thread
@@ -39,14 +40,7 @@ from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_a
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
-from scara_kinetostatic.nodes.conversion import (
-    Sample,
-    UnusableMessageError,
-    joint_position,
-    joint_sample,
-    joint_trajectory,
-    pose_stamped,
-)
+from scara_kinetostatic.nodes.conversion import Sample, joint_trajectory, pose_stamped
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import Session
@@ -256,25 +250,14 @@ class TouchRunner(CellNode):
                 self._lose_recording(error)
         senses, now = self._runner.senses, 1e-9 * self._time()
         if sample is None:
-            self._refuse(stream, message)
+            monitor = self._streams.monitors[stream]
+            senses.refuse(monitor.refusal, moved=monitor.has_moved)
         elif stream is Stream.JOINTS:
-            lift = self._cell.lift
-            place = None if lift is None else joint_position(message, lift.joint)
-            senses.add_joints(now, 1e-9 * sample.stamp_ns, sample[1:3], place)
+            lift = sample.others[0] if self._cell.lift and not isnan(sample.others[0]) else None
+            senses.add_joints(now, 1e-9 * sample.stamp_ns, sample[1:3], lift)
         else:
             senses.add_force(now, 1e-9 * sample.stamp_ns, sample[1:3])
             self._tick()
-
-    def _refuse(self, stream: Stream, message: bytes) -> None:
-        """A message that cannot be used; where only a held joint is elsewhere, that joint has moved."""
-        moved = False
-        if stream is Stream.JOINTS and self._cell.hold:
-            try:
-                joint_sample(message, self._cell.joint_names)
-                moved = True
-            except UnusableMessageError:
-                pass
-        self._runner.senses.refuse(self._streams.monitors[stream].refusal, moved=moved)
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:
         if self._session is not None:

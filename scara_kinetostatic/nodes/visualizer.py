@@ -14,6 +14,7 @@ A result that the calibrator does not publish, as it is unfit, changes neither t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from math import atan2
 from time import monotonic
 from typing import Any
@@ -34,8 +35,9 @@ from scara_kinetostatic.files.urdf import BASE_FRAME, CALIBRATED_COLOUR, NOMINAL
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import CellNode, stored_document
-from scara_kinetostatic.nodes.conversion import UnusableMessageError, joint_sample, marker_array
+from scara_kinetostatic.nodes.conversion import JointReader, UnusableMessageError, marker_array
 from scara_kinetostatic.nodes.declare import Range, cell_or_example
+from scara_kinetostatic.nodes.runtime import waiting
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
 from scara_kinetostatic.report.markers import (
     Primitive,
@@ -78,8 +80,10 @@ class Visualizer(CellNode):
         self._description = self.create_publisher(String, 'robot_description', LATCHED)
         self._frames = self.create_client(SetParameters, 'robot_state_publisher/set_parameters')
         self._untold = ''
-        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # matches every publisher
-        self.create_subscription(JointState, self._cell.sensor.joint_states, self._note_joints, newest, raw=True)
+        newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)  # matches every publisher
+        topic = self._cell.sensor.joint_states
+        self._joint_states = self.create_subscription(JointState, topic, self._note_joints, newest, raw=True)
+        self._reader = JointReader(self._cell.joint_names)
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
         self._next_touch: PoseStamped | None = None
@@ -111,12 +115,11 @@ class Visualizer(CellNode):
         self._changed = True
 
     def _note_joints(self, message: bytes) -> None:
-        try:
-            sample = joint_sample(message, self._cell.joint_names)
-        except UnusableMessageError:  # the collector says so
-            return
-        q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
-        self._joints = q1, q2
+        for each in (message, *waiting(self._joint_states)):  # of several publishers, each with a part of the joints
+            with suppress(UnusableMessageError):  # the collector says so
+                if sample := self._reader.sample(each):
+                    q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
+                    self._joints = q1, q2
 
     def _note_touch(self, message: DiagnosticArray) -> None:
         for status in message.status:

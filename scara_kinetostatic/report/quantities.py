@@ -110,3 +110,8 @@ def p_equals(p_value: float) -> str:
 def count(number: int, thing: str, things: str = '') -> str:
     """`1 touch`, `2 touches`."""
     return f'{number} {thing if number == 1 else things or thing + "s"}'
+
+
+def rounded_down(seconds: float) -> str:
+    """A time below a limit, s: not rounded up to it."""
+    return f'{int(100 * seconds) / 100:.2f}'

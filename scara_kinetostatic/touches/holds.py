@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.contacts import Contacts
 from scara_kinetostatic.touches.signals import Signals, Topic, median, robust_mean, runs, steps_of_mean, white_noise
-from scara_kinetostatic.touches.tare import AFTER_CONTACT, SHORTEST_FREE, Tare, tare_before
+from scara_kinetostatic.touches.tare import Tare, tare_before
 
 _BEGIN_OMITTED, _END_OMITTED = 0.25, 0.1
 """Parts of a hold, less half of `SETTINGS.shortest_hold`, that are not averaged: at first the force may creep."""
@@ -63,6 +64,7 @@ class HoldSettings:
         motion_before: joint readings that have not changed from this long before a contact on are frozen, s.
         fewest_frozen: so many equal readings are not yet frozen.
         shortest_named: a hold must last for this, s, to be named in the reason.
+        fewest_samples: of the slower topic under load, needed to find a hold: means of 2.5 samples before and after.
     """
 
     shortest_hold: float = 0.2
@@ -91,6 +93,7 @@ class HoldSettings:
     motion_before: float = 0.1
     fewest_frozen: int = 5
     shortest_named: float = 0.05
+    fewest_samples: int = 10
 
 
 SETTINGS = HoldSettings()
@@ -165,20 +168,27 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
     loaded = np.flatnonzero(load >= s.loaded * load.max())
     span = slice(int(loaded[0]), int(loaded[-1]) + 1)
     under_load = joints.value[joints.stretch(time[span][0], time[span][-1])]
-    if (lasting := float(time[span][-1] - time[span][0])) < s.shortest_hold:
+    lasting, slow = float(time[span][-1] - time[span][0]), max(joints, wrench, key=lambda topic: topic.period)
+    samples = len(slow.during(np.array([[time[span][0], np.nextafter(time[span][-1], np.inf)]])))
+    if samples < s.fewest_samples and lasting + 2 * slow.period >= s.shortest_hold:
+        how_many = f'{samples} of {s.fewest_samples} samples needed for a hold in the {lasting:.2f} s under load'
+        return [], Defect('sampling', f'{slow.name} is sampled too slowly: {how_many}')
+    if lasting < s.shortest_hold:
         return [], _too_short(lasting, 'under load for')
     is_moving = at_rest[span].mean() <= 0.5 and len(under_load)
     if is_moving and np.ptp(under_load, axis=0).max() > s.farthest_joint + s.softest * np.ptp(load[span]):
         return [], Defect('slides', 'the tip slides: the joints keep moving during the contact')
     if len(found) == 1 and found[0].duration > s.shortest_named:
         return [], _too_short(found[0].duration)
-    part = 100 * float(steady[span].mean())
-    return [], Defect('unsteady', f'no steady force: it is steady during only {part:.0f} % of the contact')
+    if (part := float(at_rest[span].mean())) < float(steady[span].mean()):
+        return [], Defect('unsteady', f'the joints do not rest: they do during only {int(100 * part)} % of the contact')
+    part = float(steady[span].mean())
+    return [], Defect('unsteady', f'no steady force: it is steady during only {int(100 * part)} % of the contact')
 
 
 def _too_short(lasting: float, how: str = 'at rest for') -> Defect:
     expected = f'expected {SETTINGS.shortest_hold} s at rest'
-    return Defect('short hold', f'hold too short: {how} {lasting:.2f} s, {expected}')
+    return Defect('short hold', f'hold too short: {how} {rounded_down(lasting)} s, {expected}')
 
 
 def _step_std(noise: float, topic: Topic, window: float) -> float:
@@ -275,10 +285,8 @@ def _all_candidates(signals: Signals, contacts: Contacts) -> list[TouchCandidate
     previous = -np.inf
     for begin, end in zip(contacts.begin.tolist(), contacts.end.tolist(), strict=True):
         tare = tare_before(signals, begin, previous)
-        if tare is None:
-            free = max(0.0, begin - max(previous + AFTER_CONTACT, float(signals.wrench.time[0])))
-            reason = f'no free motion before it: {free:.2f} s, expected {SHORTEST_FREE} s or more for the force zero'
-            found.append(TouchCandidate((begin, end), None, None, Defect('no tare', reason)))
+        if isinstance(tare, str):
+            found.append(TouchCandidate((begin, end), None, None, Defect('no tare', tare)))
         else:
             found += _candidates_of_contact(signals, tare, begin, end)
         previous = end

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.signals import (
     SMOOTHING,
     Signals,
@@ -47,6 +48,7 @@ class TareSettings:
         smallest_deviation: smallest deviation from the zero that marks the begin of a contact, N, for sensors
             without noise.
         onset_sigmas: the same as a multiple of the standard deviation of the smoothed force.
+        fewest_samples: samples of the force needed for a zero.
     """
 
     grid: float = 0.025
@@ -57,6 +59,7 @@ class TareSettings:
     before_contact: float = 0.02
     smallest_deviation: float = 1e-3
     onset_sigmas: float = 4.0
+    fewest_samples: int = 5
 
 
 SETTINGS = TareSettings()
@@ -79,7 +82,7 @@ class Tare(NamedTuple):
     contact: float
 
 
-def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | None:
+def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | str:
     """The zero of a contact.
 
     Args:
@@ -88,14 +91,19 @@ def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | N
         previous_end: time of the last sample of the previous contact, s, or -inf.
 
     Returns:
-        The zero; None where the free motion before the contact is too short.
+        The zero; why there is none where the free motion before the contact is too short, or sampled too slowly.
     """
-    wrench = signals.wrench
+    wrench, fewest = signals.wrench, SETTINGS.fewest_samples
     earliest = max(previous_end + AFTER_CONTACT, begin - SETTINGS.longest_free)
     free = wrench.stretch(earliest, begin)
     time, force = wrench.time[free], wrench.value[free]
-    if len(time) < 5 or begin - max(earliest, time[0]) < SHORTEST_FREE:
-        return None
+    lasting = begin - (float(time[0]) if len(time) >= fewest else max(earliest, float(wrench.time[0])))
+    if lasting < SHORTEST_FREE:
+        expected = f'expected {SHORTEST_FREE} s or more for the force zero'
+        return f'no free motion before it: {rounded_down(max(lasting, 0.0))} s, {expected}'
+    if len(time) < fewest:
+        samples = f'{len(time)} of {fewest} samples needed for the force zero'
+        return f'{wrench.name} is sampled too slowly: {samples} in the {lasting:.2f} s of free motion before it'
     noise = white_noise(force)
     contact = _first_contact(time, signals.filtered.value[free], noise, wrench.period)
     before = time < contact - SETTINGS.before_contact

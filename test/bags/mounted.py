@@ -23,11 +23,13 @@ TOOL_CELL = Cell(
 )
 
 
-def transform_message(parent: str, child: str, angle: float) -> bytes:
-    """A `TFMessage` with one transform, turned about z, degrees."""
+def transform_message(parent: str, child: str, angle: float, about_x: tuple[float, float] | None = None) -> bytes:
+    """A `TFMessage` with one transform, turned about z, degrees; or about x, by x and w of its quaternion."""
     types = STORE.types
     stamp = types['builtin_interfaces/msg/Time'](0, 0)
     rotation = types['geometry_msgs/msg/Quaternion'](0.0, 0.0, sin(radians(angle) / 2), cos(radians(angle) / 2))
+    if about_x:
+        rotation = types['geometry_msgs/msg/Quaternion'](about_x[0], 0.0, 0.0, about_x[1])
     transform = types['geometry_msgs/msg/Transform'](types['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.1), rotation)
     stamped = types['geometry_msgs/msg/TransformStamped'](types['std_msgs/msg/Header'](stamp, parent), child, transform)
     return bytes(STORE.serialize_cdr(types[TF_MESSAGE]([stamped]), TF_MESSAGE))

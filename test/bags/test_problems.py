@@ -192,7 +192,7 @@ def test_other_joints(tmp_path: Path, streams: Streams) -> None:
     items = joint_messages(streams, names=('shoulder', 'elbow'))
     write_mcap(tmp_path / 'a.mcap', [*items, *force_messages(streams)])
     message = refused(tmp_path / 'a.mcap')
-    assert 'has no joints joint1 and joint2, only elbow, shoulder' in message
+    assert 'does not have joint1 and joint2, only elbow, shoulder' in message
     assert 'robot.joint_names' in message
 
 
@@ -205,12 +205,6 @@ def test_names_that_would_disturb_a_terminal(tmp_path: Path, streams: Streams) -
     assert refused(tmp_path / 'b.mcap').isprintable()
 
 
-def test_joints_in_separate_messages(tmp_path: Path, streams: Streams) -> None:
-    items = joint_messages(streams, names=('joint1', 'other'))
-    write_mcap(tmp_path / 'a.mcap', [*items, *force_messages(streams)])
-    assert 'no message of /joint_states can be used: 300 without joint1 and joint2' in refused(tmp_path / 'a.mcap')
-
-
 def joint_state(stamp: int, names: list[str], position: list[float]) -> Message:
     header = STORE.types['std_msgs/msg/Header'](
         stamp=STORE.types['builtin_interfaces/msg/Time'](sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id='x'
@@ -220,6 +214,44 @@ def joint_state(stamp: int, names: list[str], position: list[float]) -> Message:
         header=header, name=names, position=np.array(position, dtype=float), velocity=none, effort=none
     )
     return Message('/joint_states', JOINT_STATE, stamp, bytes(STORE.serialize_cdr(message, JOINT_STATE)))
+
+
+def parts(streams: Streams, late: int = 4_000_000, lag: int = 0) -> list[Message]:
+    """The joint states by two publishers, with joint 1 and with joint 2 later, ns, whose clock is ahead, ns."""
+    stamp, (q1, q2) = streams.joints.stamp, streams.joints.position.T
+    then = stamp + late
+    first = [
+        joint_state(*row) for row in zip(stamp.tolist(), [['joint1']] * len(q1), q1[:, None].tolist(), strict=True)
+    ]
+    angles = np.interp(then - stamp[0], stamp - stamp[0], q2)[:, None].tolist()
+    other = [joint_state(at + lag, ['joint2', 'lift'], [*q, 0.0]) for at, q in zip(then.tolist(), angles, strict=True)]
+    other = [item._replace(log_time=at) for item, at in zip(other, then.tolist(), strict=True)]
+    return sorted([*first, *other], key=lambda item: item.log_time)
+
+
+def test_joints_in_separate_messages_are_joined(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    write_mcap(tmp_path / 'a.mcap', sorted([*parts(streams), *force_messages(streams)], key=lambda item: item.log_time))
+    read = read_streams(tmp_path / 'a.mcap', cell)
+    assert read.warnings == ()
+    assert len(read.joints.stamp) == len(streams.joints.stamp) - 1
+    time, begun = read.joints.stamp - streams.joints.stamp[0], streams.joints.stamp - streams.joints.stamp[0]
+    np.testing.assert_array_equal(time, 4_000_000 + 12_500_000 * np.arange(299))
+    for column in (0, 1):
+        expected = np.interp(time, begun, streams.joints.position[:, column])
+        np.testing.assert_allclose(read.joints.position[:, column], expected, atol=1e-12)
+
+
+def test_joints_that_cannot_be_joined(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    items = [*parts(streams, lag=700_000_000), *force_messages(streams)]
+    write_mcap(tmp_path / 'a.mcap', items)
+    assert 'the clocks of joint1 and joint2 differ by 0.7 s, or one comes late' in refused(tmp_path / 'a.mcap')
+    write_mcap(tmp_path / 'b.mcap', [*joint_messages(streams, names=('joint1', 'x')), *force_messages(streams)])
+    assert 'does not have joint2, only joint1, x' in refused(tmp_path / 'b.mcap')
+    begun = int(streams.joints.stamp[0])
+    falling_silent = [item for item in parts(streams) if b'joint2' not in item.payload or item.log_time < begun + 10**9]
+    write_mcap(tmp_path / 'c.mcap', [*falling_silent, *force_messages(streams)])
+    (warning,) = read_streams(tmp_path / 'c.mcap', cell).warnings
+    assert warning == '/joint_states: 140 messages where joint2 is silent dropped'
 
 
 def test_what_cannot_be_used_is_dropped_and_counted(tmp_path: Path, cell: Cell, streams: Streams) -> None:

@@ -10,10 +10,11 @@ import pytest
 from bags.forms import CELL, Message, write_mcap
 from bags.mounted import ANGLE, TOOL_CELL, mounted_messages, mounted_streams, transform_message, transforms
 
-from scara_kinetostatic.bags.cdr import decode_transforms
+from scara_kinetostatic.bags.cdr import decode_transforms, wrench_fields
 from scara_kinetostatic.bags.messages import TF_MESSAGE, TF_STATIC
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import BagWriter
+from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
@@ -63,6 +64,56 @@ def test_a_frame_id_that_contradicts_is_said_and_not_turned(tmp_path: Path, stre
     read = read_streams(tmp_path / 'bag.mcap', base)
     assert read.turned == ''
     assert any("frame_id 'sensor' is fixed to tool0" in text for text in read.warnings)
+
+
+def on_axes(messages: list[Message], turn: list[list[float]]) -> list[Message]:
+    """The same with the wrenches' forces (fx, fy, fz) turned by a matrix."""
+    made = []
+    for item in messages:
+        if item.topic == '/wrench':
+            begin = wrench_fields(item.payload).begin
+            force = np.frombuffer(item.payload, '<f8', 3, begin) @ np.transpose(turn)
+            item = item._replace(payload=item.payload[:begin] + force.tobytes() + item.payload[begin + 24 :])
+        made.append(item)
+    return made
+
+
+@pytest.mark.parametrize(
+    ('turn', 'said'),
+    [
+        ([[1, 0, 0], [0, 0, 1], [0, 1, 0]], '/wrench has the force of contact in fx and fz, none in fy'),
+        ([[1, 0, 0], [0, 0, -1], [0, -1, 0]], '/wrench has the force of contact in fx and fz, none in fy'),
+        ([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], '/wrench has the force of contact in fy and fz, none in fx'),
+        ([[1, 0, 0], [0, 0.03, 1], [0, 1, -0.03]], '/wrench has the force of contact in fx and fz, none in fy'),
+    ],
+)
+def test_a_sensor_that_lies_on_its_side_is_named(
+    tmp_path: Path, streams: Streams, turn: list[list[float]], said: str
+) -> None:
+    write_mcap(tmp_path / 'bag.mcap', on_axes(mounted_messages(streams), turn))
+    with pytest.raises(RecordingError, match=said) as caught:
+        read_streams(tmp_path / 'bag.mcap', TOOL_CELL)
+    assert 'record how it is mounted in tool0 on /tf_static' in str(caught.value)
+
+
+def test_some_force_along_z_is_no_mistake(tmp_path: Path, streams: Streams) -> None:
+    write_mcap(tmp_path / 'bag.mcap', on_axes(mounted_messages(streams), [[1, 0, 0], [0, 1, 0], [0.4, 0.4, 0]]))
+    assert read_streams(tmp_path / 'bag.mcap', TOOL_CELL).warnings == ()
+    free = [[0.01, 0, 0], [0, 0.01, 0], [0.03, 0.03, 0]]  # nothing is touched
+    write_mcap(tmp_path / 'free.mcap', on_axes(mounted_messages(streams), free))
+    assert read_streams(tmp_path / 'free.mcap', TOOL_CELL).warnings == ()
+
+
+def test_a_sensor_on_its_side_whose_mounting_is_recorded_calibrates(tmp_path: Path, streams: Streams) -> None:
+    half = np.sqrt(0.5)
+    side = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]  # of forces in the mount, which is turned about x by 90 degrees
+    messages = on_axes(mounted_messages(streams), side)
+    mounting = transforms(messages[0].log_time)
+    mounting[1] = mounting[1]._replace(payload=transform_message('mount', 'upright', 90))
+    lying = transform_message('upright', 'sensor', 0, about_x=(half, half))
+    write_mcap(tmp_path / 'bag.mcap', [*mounting, mounting[1]._replace(payload=lying), *messages])
+    read = read_streams(tmp_path / 'bag.mcap', TOOL_CELL)
+    np.testing.assert_allclose(read.wrench.force, streams.wrench.force, atol=1e-9)
 
 
 def test_the_writer_keeps_transforms(tmp_path: Path, streams: Streams) -> None:

@@ -107,7 +107,7 @@ def test_an_oval_tip_is_a_backlash_that_differs_along_and_across_link_2():
     at, values = SCENE.touch_state, np.array([4e-5, -3e-5])
     tip, gap = TipShape(lobes=2).shift(at, values).place, AnisotropicBacklash().shift(at, -values).place
     assert np.abs((tip * at.normal).sum(axis=1)).max() > 4e-5
-    np.testing.assert_allclose((tip * at.normal).sum(axis=1), (gap * at.normal).sum(axis=1), rtol=0, atol=1e-18)
+    np.testing.assert_allclose((tip * at.normal).sum(axis=1), (gap * at.normal).sum(axis=1), rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize('joint', [0, 1])

@@ -81,7 +81,7 @@ def test_ways_of_writing_the_same(text, tmp_path):
         path = tmp_path / 'touches.csv'
         path.write_text(text, encoding=encoding)
         table = load_touch_table(path)
-        np.testing.assert_allclose([*table.joints[0], *table.force[0]], [0.5, 1.5, -10, 0.25], rtol=1e-15)
+        np.testing.assert_allclose([*table.joints[0], *table.force[0]], [0.5, 1.5, -10, 0.25], rtol=1e-12)
 
 
 def test_times_and_last_movements_are_converted_too():

@@ -79,10 +79,13 @@ def test_every_message_of_a_fast_stream_is_recorded(spin: Callable[..., Node], t
     assert len(streams.joints.stamp) == len(streams.wrench.stamp) == 1000
 
 
+@pytest.mark.parametrize('parts', [1, 3])
 def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_recording(
-    spin: Callable[..., Node], tmp_path: Path
+    spin: Callable[..., Node], tmp_path: Path, parts: int
 ) -> None:
-    """The wrist stands elsewhere in the third of five touches, and between others."""
+    """The wrist stands elsewhere in the third of five touches, and between others; joints come in one message or in
+    several.
+    """
     cell = replace(
         CELL,
         sensor=Sensor('joint_states', 'wrench', time_offset=0.0),
@@ -105,14 +108,17 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
     for stamp, (q1, q2) in zip(streams.joints.stamp.tolist(), streams.joints.position.tolist(), strict=True):
         time = 1e-9 * (stamp - START)
         wrist = 0.6 if begin < time < end or end + 0.5 < time < end + 0.8 else 0.5
-        message = JointState(name=['joint3', 'joint1', 'joint4', 'joint2'], position=[0.0, q1, wrist, q2])
-        message.header.stamp = conversion.stamp_of(stamp)
-        joints.publish(message)
+        names, position = ['joint3', 'joint1', 'joint4', 'joint2'], [0.0, q1, wrist, q2]
+        for part in range(parts):
+            message = JointState(name=names[part::parts], position=position[part::parts])
+            message.header.stamp = conversion.stamp_of(stamp)
+            joints.publish(message)
     for stamp, (x, y) in zip(streams.wrench.stamp.tolist(), streams.wrench.force.tolist(), strict=True):
         force.publish(conversion.wrench((stamp, x, y), 'base'))
-    counts = len(streams.joints.stamp), len(streams.wrench.stamp)
+    counts = parts * len(streams.joints.stamp), len(streams.wrench.stamp)
     monitors = collector._streams.monitors.values()
     assert eventually(lambda: tuple(monitor.count for monitor in monitors) == counts)
+    assert [monitor.unusable for monitor in monitors] == [0, 0]
     reason = 'joint4 is at 0.6, expected 0.5 (robot.hold)'
     assert eventually(lambda: any(reason in message for message in said))
     answer = collector._end()

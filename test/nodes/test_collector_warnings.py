@@ -156,6 +156,31 @@ def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none() ->
     assert '3 publishers' in monitor.mixture()
 
 
+def test_publishers_of_parts_do_not_mix_and_a_silent_joint_is_named() -> None:
+    monitor = StreamMonitor('/joint_states', with_joints=True)
+    monitor.publishers = ['/shoulder', '/elbow', '/gripper']
+    for number in range(50):
+        monitor.note_part('joint2')
+        monitor.accept(number)
+        monitor.refuse('expected positions of joint1 and joint2')
+    assert not any(monitor.report()[0])
+    monitor.note_part('joint2')
+    monitor.refuse('joint2 is silent')
+    assert monitor.report()[0] == ['/joint_states: joint2 is silent', '']
+    assert (monitor.count, monitor.unusable, monitor.parts) == (152, 51, 51)
+
+
+def test_a_held_joint_that_has_moved_is_known_until_a_message_can_be_used() -> None:
+    monitor = StreamMonitor('/joint_states')
+    monitor.refuse('joint4 is at 0.6', has_moved=True)
+    monitor.note_part('joint2')
+    assert (monitor.refusal, monitor.has_moved) == ('joint4 is at 0.6', True)
+    monitor.accept(1)
+    assert (monitor.refusal, monitor.has_moved) == ('', False)
+    monitor.note_part('joint2')
+    assert (monitor.refusal, monitor.has_moved) == ('nothing yet of joint2', False)
+
+
 def test_two_robots_by_way_of_one_publisher_are_seen() -> None:
     monitor = StreamMonitor('/joint_states', with_joints=True)
     for number in range(200):

@@ -90,6 +90,11 @@ class Bench:
             self.force.publish(wrench((self.stamp, *force), 'base'))
         self.joints.publish(joint_state((self.stamp, *joints), CELL.joint_names))
 
+    def move_joint(self, angle: float) -> None:
+        """Joint 1 alone."""
+        self.stamp += 1_000_000
+        self.joints.publish(joint_state((self.stamp, angle), CELL.joint_names[:1]))
+
     def want(self, x: float, y: float, frame: str = 'base_link', second: int = 0) -> None:
         message = PoseStamped()
         message.header.frame_id, message.header.stamp.sec = frame, second
@@ -168,6 +173,23 @@ def test_the_tip_under_load_with_its_covariance(bench: Callable[..., Bench], arm
     free = b.tare.call_async(Trigger.Request())
     b.wait(free.done, lambda: b.move(force=(0.0, 0.0)))
     b.wait(b.says('following the tip', b'\0'), b.move)
+
+
+def test_joint_angles_in_parts_are_joined(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
+    b, late = bench(), 400_000
+
+    def move() -> None:
+        b.stamp += 1_000_000
+        b.force.publish(wrench((b.stamp, *FORCE), 'base'))
+        for joint, name in enumerate(CELL.joint_names):
+            b.joints.publish(joint_state((b.stamp + joint * late, JOINTS[joint]), [name]))
+
+    b.wait(lambda: b.poses, move)
+    expected, place = OnlineArm(arm).locate(*JOINTS, *FORCE), b.poses[-1].pose.pose.position
+    assert (place.x, place.y) == pytest.approx((expected.x, expected.y), abs=1e-9)
+    assert b.poses[-1].header.stamp.nanosec % 1_000_000 in (0, late)
+    b.wait(b.says('the force is not tared', WARN), move)
+    b.wait(b.says('joint2 is silent', WARN), lambda: b.move_joint(JOINTS[0]))
 
 
 def test_a_wanted_pose_and_force_are_answered(bench: Callable[..., Bench], arm: CalibratedArm) -> None:

@@ -14,7 +14,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from scara_kinetostatic.nodes import conversion
-from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, frame_of, joint_sample, wrench_sample
+from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
 
 NAMES = ('joint1', 'joint2')
 STAMP = 1_700_000_000_123_456_789
@@ -44,7 +44,7 @@ def test_a_wrench(frame: str) -> None:
     ],
 )
 def test_joint_angles_by_name(frame: str, names: list[str], position: list[float]) -> None:
-    assert joint_sample(joints(names, position, frame), NAMES) == Sample(STAMP, 0.25, -0.5)
+    assert JointReader(NAMES).sample(joints(names, position, frame)) == Sample(STAMP, 0.25, -0.5)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_joint_angles_by_name(frame: str, names: list[str], position: list[float
 )
 def test_joint_states_that_cannot_be_used(names: list[str], position: list[float], said: str) -> None:
     with pytest.raises(UnusableMessageError, match=said):
-        joint_sample(joints(names, position), NAMES)
+        JointReader(NAMES).sample(joints(names, position))
 
 
 def test_a_message_that_is_cut_off() -> None:
@@ -67,24 +67,26 @@ def test_a_message_that_is_cut_off() -> None:
     needed = len(whole) - 4 - 4 - 2 * 8 - 8
     for length in range(4, needed):
         with pytest.raises(UnusableMessageError):
-            joint_sample(whole[:length], NAMES)
+            JointReader(NAMES).sample(whole[:length])
     whole = bytes(serialize_message(WrenchStamped()))
     for length in range(4, len(whole)):
         with pytest.raises(UnusableMessageError, match='cut off'):
             wrench_sample(whole[:length])
     with pytest.raises(UnusableMessageError):
-        joint_sample(b'\0\1\0\0' + b'\xff' * 60, NAMES)
+        JointReader(NAMES).sample(b'\0\1\0\0' + b'\xff' * 60)
 
 
 def test_times_before_1970() -> None:
     message = JointState(name=list(NAMES), position=[1.0, 2.0])
     message.header.stamp.sec, message.header.stamp.nanosec = -1, 5
-    assert joint_sample(bytes(serialize_message(message)), NAMES).stamp_ns == -999_999_995
+    sample = JointReader(NAMES).sample(bytes(serialize_message(message)))
+    assert sample == Sample(-999_999_995, 1.0, 2.0)
 
 
 def test_other_joints_are_found_by_name() -> None:
     message = joints([*NAMES, 'wrist'], [0.25, -0.5, 0.3])
-    sample = joint_sample(message, NAMES, ('lift', 'wrist'))
+    sample = JointReader(NAMES, ('lift', 'wrist')).sample(message)
+    assert sample is not None
     assert sample[1:3] == (0.25, -0.5)
     assert np.isnan(sample.others[0])
     assert sample.others[1] == 0.3

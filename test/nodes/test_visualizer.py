@@ -85,7 +85,8 @@ def test_it_shows_touches_arm_and_result(cell: Cell, grown: Any, tmp_path: Path)
 
     joints = cell.node.create_publisher(JointState, 'joint_states', RELIABLE_STREAM)
     cell.wait(joints.get_subscription_count)
-    joints.publish(conversion.joint_state((0, 0.3, 0.9), ('joint1', 'joint2')))
+    for name, angle in (('joint1', 0.3), ('joint2', 0.9)):  # of two drivers
+        joints.publish(conversion.joint_state((7, angle), (name,)))
     cell.wait(lambda: 'visualizer/arm' in cell.heard)
     (links,) = (item for item in cell.heard['visualizer/arm'].markers if item.type == Marker.LINE_STRIP)
     assert (links.points[2].x, links.points[2].y) == pytest.approx(tuple(forward(PAPER_CELL.nominal, (0.3, 0.9))))

@@ -50,7 +50,7 @@ def test_objects_are_where_the_cell_says() -> None:
 
 def test_the_arm_ends_at_the_tip() -> None:
     (links,) = of('nominal', arm_markers('nominal', PAPER_NOMINAL, (0.3, 0.9), UNUSED), Shape.STRIP)
-    np.testing.assert_allclose(links.points[-1][:2], forward(PAPER_NOMINAL, (0.3, 0.9)), atol=1e-15)
+    np.testing.assert_allclose(links.points[-1][:2], forward(PAPER_NOMINAL, (0.3, 0.9)), atol=1e-12)
     lengths = np.linalg.norm(np.diff(links.points, axis=0), axis=1)
     np.testing.assert_allclose(lengths, [PAPER_NOMINAL.l1, PAPER_NOMINAL.l2])
 

@@ -44,8 +44,8 @@ def read(folder: Path, text: str, **options: str) -> Record:
 )
 def test_units(tmp_path: Path, heading: str, response: float, load: float, units: tuple[str, str]) -> None:
     found = read(tmp_path, f'{heading}\n0,0.25,-1.5\n1,0.5,2\n')
-    np.testing.assert_allclose(found.response, [0.25 * response, 0.5 * response], rtol=1e-15)
-    np.testing.assert_allclose(found.load, [-1.5 * load, 2 * load], rtol=1e-15)
+    np.testing.assert_allclose(found.response, [0.25 * response, 0.5 * response], rtol=1e-12)
+    np.testing.assert_allclose(found.load, [-1.5 * load, 2 * load], rtol=1e-12)
     assert (found.unit('m'), found.load_unit) == units
     assert found.unit('m/N') == '/'.join(units)
     assert found.time.tolist() == [0.0, 1.0]

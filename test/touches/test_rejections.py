@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from touches.scenes import CELL, START, Scene
 
 from scara_kinetostatic.model.cell import Lift
+from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.online import OnlineDetector
 
@@ -144,6 +146,44 @@ def test_begins_in_contact():
     assert detection.found == 9
     assert [rejection.index for rejection in detection.rejected] == [0]
     assert detection.rejected[0].reason.startswith('no free motion before it')
+
+
+@pytest.mark.parametrize(
+    ('rates', 'free', 'said'),
+    [
+        ((500.0, 10.0), 0.3, r'/wrench is sampled too slowly: (\d) of 5 samples needed for the force zero in the'),
+        ((500.0, 10.0), 1.0, r'/wrench is sampled too slowly: (\d) of 10 samples needed for a hold in the'),
+        ((10.0, 500.0), 1.0, r'/joint_states is sampled too slowly: (\d) of 10 samples needed for a hold in the'),
+    ],
+)
+def test_topics_that_are_sampled_too_slowly(rates, free, said):
+    scene = Scene()
+    for number in range(9):
+        disc, degrees, posture = number % 3, 45 * number + 20, (1, -1)[number % 2]
+        scene.go(scene.pose(disc, degrees, posture=posture)[0], free).press(disc, degrees, 25.0, posture=posture)
+        scene.go(scene.pose(disc, degrees, posture=posture)[0], 0.1)
+    reasons = [each.reason for each in find_touches(scene.streams(rates=rates), CELL).rejected]
+    found = [match for reason in reasons if (match := re.match(said, reason))]
+    assert 2 * len(found) > len(reasons) >= 5
+    assert all(int(match[1]) < 10 for match in found)
+
+
+def test_what_is_too_little_is_never_rounded_up_to_enough():
+    scene = Scene().touches(8).touch(0, 30, 25.0, hold=0.1)
+    (least,) = re.findall(r'for (0\.\d\d) s, expected 0.2 s', only_rejection(scene))
+    assert float(least) < 0.2
+    assert (rounded_down(0.1999), rounded_down(0.0999)) == ('0.19', '0.09')
+
+
+def test_joints_that_do_not_rest_are_not_called_a_force_that_is_not_steady():
+    scene = Scene().touches(8)
+    scene.approach(0, 30)
+    joints, load = scene.pose(0, 30, 25.0)
+    scene.go(joints, 0.3, load)
+    for number in range(12):
+        scene.go(joints + 3e-3 * (-1) ** number, 0.1, load)
+    scene.retract(0, 30)
+    assert only_rejection(scene).startswith('the joints do not rest: they do during only ')
 
 
 @pytest.mark.parametrize('center', [(-0.05, 0.5), (0.25, 0.15)])

@@ -54,24 +54,24 @@ def test_a_force_is_turned_into_the_parent() -> None:
     """x of a sensor mounted at 90 degrees is y of the tool."""
     turn = tree(SensorFrame.TOOL, ('left/tool0', 'left/sensor', about_z(90))).turn('/left/sensor')
     assert turn is not None
-    np.testing.assert_allclose(turn @ [1.0, 0.0, 5.0], [0.0, 1.0], atol=1e-15)
-    np.testing.assert_allclose(turn @ [0.0, 1.0, 5.0], [-1.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(turn @ [1.0, 0.0, 5.0], [0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(turn @ [0.0, 1.0, 5.0], [-1.0, 0.0], atol=1e-12)
 
 
 def test_the_tree_may_stand_upside_down() -> None:
     turn = tree(SensorFrame.BASE, ('sensor', 'base_link', about_z(-30))).turn('sensor')
     other = tree(SensorFrame.BASE, ('base_link', 'sensor', about_z(30))).turn('sensor')
     assert turn is not None
-    np.testing.assert_allclose(turn, other, atol=1e-15)
+    np.testing.assert_allclose(turn, other, atol=1e-12)
 
 
 def test_a_sensor_mounted_upside_down_or_on_its_side() -> None:
     down = tree(SensorFrame.TOOL, ('tool0', 'sensor', UPSIDE_DOWN)).turn('sensor')
     assert down is not None
-    np.testing.assert_allclose(down @ [3.0, 4.0, 5.0], [3.0, -4.0], atol=1e-15)
+    np.testing.assert_allclose(down @ [3.0, 4.0, 5.0], [3.0, -4.0], atol=1e-12)
     side = tree(SensorFrame.TOOL, ('tool0', 'sensor', (0.0, sin(np.pi / 4), 0.0, cos(np.pi / 4)))).turn('sensor')
     assert side is not None
-    np.testing.assert_allclose(side @ [3.0, 4.0, 5.0], [5.0, 4.0], atol=1e-15)
+    np.testing.assert_allclose(side @ [3.0, 4.0, 5.0], [5.0, 4.0], atol=1e-12)
 
 
 def test_turns_add_up_along_the_tree() -> None:
@@ -79,7 +79,7 @@ def test_turns_add_up_along_the_tree() -> None:
     turn = tool.turn('sensor')
     assert turn is not None
     x, y = cos(radians(30)), sin(radians(30))
-    np.testing.assert_allclose(turn @ [1.0, 2.0, 0.0], [x + 2 * y, y - 2 * x], atol=1e-15)
+    np.testing.assert_allclose(turn @ [1.0, 2.0, 0.0], [x + 2 * y, y - 2 * x], atol=1e-12)
 
 
 def test_the_frame_of_the_description_counts_before_others_of_the_same_side() -> None:

@@ -1,0 +1,90 @@
+"""Joint states that come in parts, joined: messages with some of the joints each, from several publishers.
+
+As soon as q1 and q2 both have news there is a sample, at the earlier of their latest stamps: one of them was measured
+there, the other is interpolated between its neighbours. So each sample has something new of both, there are as many as
+of the slower joint, and none bridges the silence of one. Other joints, as of a lift, count as they were last heard. A
+message with both angles stays as it came.
+
+The messages of a recording and those that a node hears go through this one code, in the order of arrival.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from math import isnan, nan
+
+from scara_kinetostatic.touches.clock import SECOND, TOLERANCE
+
+_MOST = 5000
+"""Readings of a joint that wait for the other: 5 s at 1 kHz."""
+
+
+class UnjoinedError(Exception):
+    """A message that does not fit those of the other joints; the text says why."""
+
+
+class JointParts:
+    """Joins the joint states of one topic.
+
+    Args:
+        names: of q1, q2 and the other joints.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = names
+        self._waiting = tuple(deque[tuple[int, float]](maxlen=_MOST) for _ in range(2))
+        self._others = [nan] * (len(names) - 2)
+        self._heard, self._lag, self._is_new = list[int](), [0, 0], [False, False]
+
+    @property
+    def awaited(self) -> str:
+        """Name of q1 or q2, whichever was heard of longer ago."""
+        return self._names[int(self._heard[1] < self._heard[0])]
+
+    def add(self, stamp: int, received: int, values: Sequence[float]) -> tuple[int, list[float]] | None:
+        """One message.
+
+        Args:
+            stamp: of its header, ns; where it is 0 the time of reception counts.
+            received: when it came, ns.
+            values: q1, q2, rad, and the other joints; NaN where the message has none.
+
+        Returns:
+            Stamp and values of a sample; None where one of the two angles is still to come.
+
+        Raises:
+            UnjoinedError: the stamps of a joint do not increase, one is silent, or their clocks differ.
+        """
+        self._others = [old if isnan(new) else new for old, new in zip(self._others, values[2:], strict=True)]
+        self._heard = self._heard or [received, received]
+        time, here = stamp or received, [k for k in (0, 1) if not isnan(values[k])]
+        for k in here:
+            self._heard[k], self._lag[k] = received, time - received
+        if len(here) != 1:
+            return (stamp, [*values[:2], *self._others]) if here else None
+        this, (k,) = self._waiting[here[0]], here
+        self._is_new[k] = not this or time > this[-1][0]
+        if not self._is_new[k]:
+            this.clear()  # a clock that was set back begins anew
+        this.append((time, values[k]))
+        if not self._is_new[k]:
+            raise UnjoinedError(f'the stamps of {self._names[k]} do not increase')
+        if received - self._heard[1 - k] > SECOND:
+            raise UnjoinedError(f'{self.awaited} is silent')
+        if all(self._waiting) and (apart := abs(self._lag[0] - self._lag[1])) > TOLERANCE:
+            differ = f'{" and ".join(self._names[:2])} differ by {apart / SECOND:.1g} s'
+            raise UnjoinedError(f'the clocks of {differ}, or one comes late')
+        common = min(each[-1][0] if each else time for each in self._waiting)
+        if not all(self._is_new) or any(each[0][0] > common for each in self._waiting):
+            return None
+        self._is_new = [False, False]
+        return (common if stamp else 0), [*(_reading(each, common) for each in self._waiting), *self._others]
+
+
+def _reading(waiting: deque[tuple[int, float]], time: int) -> float:
+    """The angle at a time between the first and the last of them, rad; what is older is dropped."""
+    while len(waiting) > 1 and waiting[1][0] <= time:
+        waiting.popleft()
+    (before, angle), (after, other) = waiting[0], waiting[min(1, len(waiting) - 1)]
+    return angle + (other - angle) * (time - before) / max(after - before, 1)
