@@ -362,7 +362,8 @@ def _figures(judged: Sequence[dict[str, Any]]) -> str:
     )
     return (
         f'ellipse holds in {100 * c.mean():.0f} %, in {LEAST_PLACES:.0%} of the places for '
-        f'{100 * np.mean(c >= LEAST_PLACES):.0f} %; tip off {1e6 * np.median(error):.1f}, worst {1e6 * error.max():.0f}, '
+        f'{100 * np.mean(c >= LEAST_PLACES):.0f} %; tip off {1e6 * np.median(error):.1f}, worst '
+        f'{1e6 * error.max():.0f}, '
         f'stated {1e6 * np.median(stated):.1f} µm, ratio {np.median(ratio):.2f}, above {LARGEST_RATIO:g} in '
         f'{100 * np.mean(ratio > LARGEST_RATIO):.1f} %; over noise alone {np.nanmedian(over):.2f}'
     )
