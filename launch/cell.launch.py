@@ -180,7 +180,7 @@ class CellNodes:
     def _robot_state_publisher(self) -> Node:
         """Publishes the frames of the nominal arm; the visualizer hands it the calibrated one."""
         cell = self._cell
-        urdf = side_by_side('scara', cell.joint_names, cell.nominal, None)
+        urdf = side_by_side('scara', cell, None)
         values = {'robot_description': ParameterValue(urdf, value_type=str), 'frame_prefix': self._prefix}
         name = 'robot_state_publisher'
         return self._any_node(

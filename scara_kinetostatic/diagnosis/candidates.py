@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -138,6 +139,9 @@ def gather(
             if (place := _rounded(finer.trials[k], scan.effect)) not in distinct:
                 distinct[place] = finer.candidate(problem, k)
         found += distinct.values()
+        if usual := scan.effect.usual_trials(problem.touch_state):
+            few = scan_trials(problem, scan.effect, usual, len(usual))
+            found += [item for item in map(partial(few.candidate, problem), range(len(usual))) if item.unit.size]
         if scan.effect.label in fitted:
             found.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
     labels = {candidate.effect.label for candidate in found}

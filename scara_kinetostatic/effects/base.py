@@ -186,6 +186,10 @@ class Effect(EffectLaw):
         """Values of its parameters, (k,) each, with whose derivatives it may be there in these touches undetected."""
         return (np.array(self.start),)
 
+    def usual_trials(self, at: TouchState) -> Sequence[Trial]:
+        """The few trials that are likelier beforehand than all others of the grid."""
+        return ()
+
     def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
         """Further trials, up to `width` steps on both sides of one of `trials`, where these are a grid."""
         return ()

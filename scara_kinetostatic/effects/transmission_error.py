@@ -62,6 +62,10 @@ class TransmissionError(EffectOfJoint):
         angle = at.joints[:, self.joint]
         return self._at(angle, frequencies(angle))
 
+    def usual_trials(self, at: TouchState) -> Sequence[Trial]:
+        """Once and twice a turn: eccentric and oval wheels."""
+        return self._at(at.joints[:, self.joint], np.array(_TYPICAL_CYCLES[:2]))
+
     def forms(self, at: TouchState) -> Sequence[Floats]:
         """A cosine and a sine of each of some frequencies: eccentric, oval and bent wheels, teeth."""
         return [np.array([0.0, phase, cycles]) for cycles in _TYPICAL_CYCLES for phase in (0.0, np.pi / 2)]
