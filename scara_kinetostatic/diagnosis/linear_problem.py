@@ -65,6 +65,8 @@ ROUNDING = 1e-8
 """Mean square of a whitened residual below which it is rounding error."""
 
 
+_OBJECT_ERRORS = ('object_', 'plate_')
+"""Beginning of the labels of wrong places and sizes."""
 _MOST = 8000
 """Touches that a diagnosis uses at most; the fit uses all."""
 
@@ -121,6 +123,11 @@ class Problem(NamedTuple):
     def is_declared(self, effect: Effect) -> bool:
         """Whether an effect is the error of something whose uncertainty is declared: it is then larger than stated."""
         return (effect.declared_as or effect.label) in self.declared
+
+    def is_stated(self, effect: Effect) -> bool:
+        """Whether it is the error of something declared or, beside declared objects, of one that is stated as exact."""
+        others = self.declared if effect.name.startswith(_OBJECT_ERRORS) else ()
+        return self.is_declared(effect) or any(label.startswith(_OBJECT_ERRORS) for label in others)
 
     def columns(self, *trials: Trial) -> Floats:
         """X of trials side by side, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""

@@ -149,7 +149,7 @@ class _SubsetScorer:
         self.total = float(problem.left @ problem.left)
         self.touches = len(problem.left) // 2
         self.effects = np.unique([c.effect.label for c in candidates], return_inverse=True)[1]
-        labels, number = {c.effect.label for c in candidates if problem.is_declared(c.effect)}, candidate_set.number
+        labels, number = {c.effect.label for c in candidates if problem.is_stated(c.effect)}, candidate_set.number
         self.declared = np.array([c.effect.label in labels for c in candidates], dtype=bool)
         self.penalties = np.array(
             [self._penalty(c, number, 0.0 if c.effect.is_physical else CREDIBLE) for c in candidates]

@@ -68,3 +68,16 @@ def test_a_plate_of_one_disc_is_named_with_it() -> None:
     effect = find(plated('disc_3'), 'object_position[disc_3]')
     assert effect.title == 'disc_3 or its plate a is not where the cell description says'
     assert find(plated('disc_1', 'disc_2'), 'object_position[disc_1]').title.startswith('disc_1 is not')
+
+
+def test_what_is_stated_as_exact_can_be_wrong() -> None:
+    """An exact plate of two discs, or an exact disc, beside discs that are declared."""
+    for exact in ('plate_position[a]', 'object_position[disc_3]'):
+        cell = plated('disc_1', 'disc_2') if exact.startswith('plate') else plated()
+        discs = [d._replace(center_std=0.0) if f'object_position[{d.name}]' == exact else d for d in cell.discs]
+        cell = replace(cell, discs=tuple(discs), plates=(Plate('a', 0.0, 0.3),))
+        truth = ExtendedModel(PAPER_ACTUAL, (find(cell, exact),), ((1.1e-4, -4e-5),))
+        touches = simulate_touches(cell, truth, default_plan(cell, 12, preload=0.3), Noise(1e-5, 0.3), 3)
+        found = calibrate_touches(touches, cell)
+        assert exact in {item.effect.label for item in found.diagnosis.found}
+        assert np.abs((found.final.parameters.as_array() - PAPER_ACTUAL.as_array()) / found.final.std).max() < 4
