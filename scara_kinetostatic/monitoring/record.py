@@ -90,6 +90,7 @@ class CalibrationRecord:
                 raise ValueError('fit: expected an enlargement from 1 on and degrees of freedom')
             if not len(record.touches):
                 raise ValueError('there is no used touch')
+            _ = record.undetected
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             reason = f'there is no {error}' if isinstance(error, KeyError) else f'{error}'
             raise CalibrationFileError(where, f'is damaged or old: {reason:.200}', _REMEDY) from error
