@@ -128,17 +128,12 @@ def gather(
             found.append(Candidate(effect, trials[0], unit, 1))
         else:
             unidentifiable.append(Unidentifiable(effect, part))
-    alone = [scan.candidate(problem, k) for scan, k in (_best_trial(problem, scan) for scan in scans)]
-    partners = sorted(found + alone, key=lambda c: -explained(problem, c))[: 12 if together else 0]
-    for scan, first in zip(scans, alone, strict=True):
-        # each trial once; steps within four touches are compared as one: the fit refines the moment
-        distinct = {_rounded(first.trial, scan.effect): first}
-        for finer, k in (
-            _best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect
-        ):
-            if (place := _rounded(finer.trials[k], scan.effect)) not in distinct:
-                distinct[place] = finer.candidate(problem, k)
-        found += distinct.values()
+    grids = [_Grid(problem, scan) for scan in scans]
+    alone = [grid.best() for grid in grids]
+    partners = sorted([*found, *filter(None, alone)], key=lambda c: -explained(problem, c))[: 12 if together else 0]
+    for scan, grid, first in zip(scans, grids, alone, strict=True):
+        beside = [grid.best(partner.unit) for partner in partners if partner.effect != scan.effect]
+        found += [candidate for candidate in (first, *beside) if candidate is not None]
         if usual := scan.effect.usual_trials(problem.touch_state):
             few = scan_trials(problem, scan.effect, usual, len(usual))
             found += [item for item in map(partial(few.candidate, problem), range(len(usual))) if item.unit.size]
@@ -162,44 +157,39 @@ def explained(problem: Problem, candidate: Candidate) -> float:
     return float(np.sum((candidate.unit.T @ problem.left) ** 2))
 
 
-def _rounded(trial: Trial, effect: Effect) -> str:
-    """The place of a trial; trials of the same one are the same."""
-    return f'{trial.place / 4.0:.0f}' if effect.is_stepwise else f'{trial.place:.3g}'
+class _Grid:
+    """A scan of which the best trials are taken, each once."""
 
+    def __init__(self, problem: Problem, scan: Scan) -> None:
+        self._problem, self._scan, self._taken = problem, scan, set[int]()
 
-def _best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> tuple[Scan, int]:
-    """The trial that explains most, by itself or beside an orthonormal basis (2n, r), refined on finer grids."""
-    gained = gains(problem, scan, beside)
-    return _refined(problem, scan, int(np.argmax(gained)), gained, beside)
+    def best(self, beside: Floats | None = None) -> Candidate | None:
+        """The trial that explains most, by itself or beside an orthonormal basis (2n, r); None where it was taken.
 
-
-def _refined(problem: Problem, scan: Scan, k: int, gained: Floats, beside: Floats | None = None) -> tuple[Scan, int]:
-    """The best trial near one of a grid.
-
-    It is looked for on ever finer grids, until a step changes what is explained by less than 0.3 of the residual
-    variance.
-
-    Args:
-        problem: the touches.
-        scan: the grid.
-        k: the trial of the grid.
-        gained: decrease of the sum of squares by each.
-        beside: orthonormal basis beside which it is compared, (2n, r); None for none.
-    """
-    taken = 0.0 if beside is None else float(np.sum((beside.T @ problem.left) ** 2))
-    total, most, width = float(problem.left @ problem.left) - taken, float(gained[k]), 1.0
-    for _ in range(4):
-        finer = scan.effect.finer(problem.touch_state, scan.trials[k], width)
-        if not finer:
-            break
-        scan = scan_trials(problem, scan.effect, finer, scan.tried)
+        It is looked for on ever finer grids, until a step changes what is explained by less than 0.3 of the residual
+        variance. Steps within four touches count as one: the fit refines the moment.
+        """
+        problem, scan = self._problem, self._scan
         gained = gains(problem, scan, beside)
-        k, before = int(np.argmax(gained)), most
-        most = float(gained[k])
-        if most - before < 0.3 * max(total - most, 0.0) / problem.freedoms:
-            break
-        width *= 2 / (len(finer) - 1)
-    return scan, k
+        k = int(np.argmax(gained))
+        place = round(scan.trials[k].place / 4.0) if scan.effect.is_stepwise else k
+        if place in self._taken:
+            return None
+        self._taken.add(place)
+        known = 0.0 if beside is None else float(np.sum((beside.T @ problem.left) ** 2))
+        total, most, width = float(problem.left @ problem.left) - known, float(gained[k]), 1.0
+        for _ in range(4):
+            finer = scan.effect.finer(problem.touch_state, scan.trials[k], width)
+            if not finer:
+                break
+            scan = scan_trials(problem, scan.effect, finer, scan.tried)
+            gained = gains(problem, scan, beside)
+            k, before = int(np.argmax(gained)), most
+            most = float(gained[k])
+            if most - before < 0.3 * max(total - most, 0.0) / problem.freedoms:
+                break
+            width *= 2 / (len(finer) - 1)
+        return scan.candidate(problem, k)
 
 
 def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:

@@ -38,12 +38,15 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 from scara_kinetostatic.diagnosis.mixed_model import MixedModel, fit_mixed
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets
 from scara_kinetostatic.diagnosis.noise_structure import fit_with_off_normal
-from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
 _MOST_IN_UNION = 5
 """Effects of several credible sets that are named together at most; of more, those of the best sets."""
+_PEAKS = 8
+"""Places of a grid about which a frequency or a friction is compared."""
 _MOST_RIVALS = 4
 """Credible sets whose predictions are compared at most."""
 
@@ -274,7 +277,7 @@ def _with_off_normal_forces(c: Calibration, known: Sequence[Effect]) -> list[Sea
 
 
 class Moment(NamedTuple):
-    """The place of one effect of a fit on its grid: the moment of a stepwise one, the friction of one that slips.
+    """The place of one effect of a fit on its grid: a moment, a frequency, a friction.
 
     Attributes:
         effect: the effect.
@@ -288,34 +291,45 @@ class Moment(NamedTuple):
 
 
 def moments(fit: Calibration) -> tuple[Moment, ...]:
-    """When the stepwise effects of a fit begin or end, and the friction of those that slip, on which the fit depends
-    in kinks.
+    """When the stepwise effects of a fit begin or end, and the frequency or friction of others, on which it depends in
+    waves and kinks.
 
-    All places of the grid are compared in the linear problem at the fit: with χ²_k the least sum of squares with the
-    place k, in units of s², its weight is exp(-χ²_k/2), as all are equally likely before.
+    Places of the grid are compared in the linear problem at the fit, moments near that of the fit, others about the
+    likeliest of all: with χ²_k the least sum of squares with the place k, in units of s², its weight is exp(-χ²_k/2),
+    as all are equally likely before.
     """
     named = fitted_effects(fit)
     if not any(effect.grid_parameter for effect, _, _ in named):
         return ()
     problem, found = pose_problem(fit), []
     candidates = [as_fitted(problem, effect, values, 1) for effect, values, _ in named]
+    scale = max(1.0 if problem.noise_given else 0.0, fit.reduced_chi_square, 1e-300)
     for number, (effect, values, _) in enumerate(named):
-        trials = effect.trials(problem.touch_state, problem.force) if effect.grid_parameter else ()
-        if len(trials) < 2 or (not effect.is_stepwise and effect.finer(problem.touch_state, trials[0], 1.0)):
+        at = problem.touch_state
+        trials = effect.trials(at, problem.force) if effect.grid_parameter else ()
+        if len(trials) < 2:
             continue
-        nearest = min(trials, key=lambda trial: abs(trial.place - values[effect.grid_parameter_index]))
-        trials = effect.finer(problem.touch_state, nearest, 3.0) or trials
         others = [item.unit for k, item in enumerate(candidates) if k != number and item.unit.size]
         beside = orthonormal(np.concatenate(others, axis=1)) if others else None
-        gained = gains(problem, scan_trials(problem, effect, trials, len(trials)), beside)
-        scale = max(1.0 if problem.noise_given else 0.0, fit.reduced_chi_square, 1e-300)
-        places = np.array([trial.place for trial in trials])
-        weight = np.exp((gained - gained.max()) / (2 * scale))
+
+        def gained(some: Sequence[Trial], effect: Effect = effect, beside: Floats | None = beside) -> Floats:
+            return gains(problem, scan_trials(problem, effect, some, len(some)), beside)
+
+        if effect.is_stepwise:
+            nearest = [int(np.argmin([abs(t.place - values[effect.grid_parameter_index]) for t in trials]))]
+        else:
+            nearest = np.argsort(-gained(trials))[:_PEAKS].tolist()
+        width = 3.0 if effect.is_stepwise else 1.0
+        trials = [trial for k in nearest for trial in effect.finer(at, trials[k], width)] or trials
+        gain, places = gained(trials), np.array([trial.place for trial in trials])
+        weight = np.exp((gain - gain.max()) / (2 * scale))
         weight /= weight.sum()
         if effect.is_stepwise:
             found.append(_moment(fit, problem, effect, places, weight))
         else:
-            found.append(Moment(effect, '', float(np.sqrt(weight @ (places - weight @ places) ** 2))))
+            found.append(
+                Moment(effect, '', float(np.sqrt(weight @ (places - values[effect.grid_parameter_index]) ** 2)))
+            )
     return tuple(found)
 
 

@@ -82,16 +82,28 @@ class JointSlip(EffectOfJoint):
         history, load = self._loads(at)
         if not history.shape[1]:
             return (Trial(self.turned(np.zeros(len(load))), values=partial(np.append, values=1.0)),)
+        return self._at(history, load, self._grid(load))
+
+    def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
+        """Values about that of a trial, `width` steps of the grid on both sides, none beyond it."""
+        history, load = self._loads(at)
         grid = self._grid(load)
-        return [
-            Trial(self.turned(slipped), values=partial(np.append, values=friction), place=friction)
-            for slipped, friction in zip(self._slipped(history, load, grid[:, None]).value, grid.tolist(), strict=True)
-        ]
+        places = trial.place * (grid[1] / grid[0]) ** np.linspace(-width, width, 13)
+        return self._at(history, load, np.clip(places, grid[0], grid[-1]))
 
     def forms(self, at: TouchState) -> Sequence[Floats]:
         """With half of a typical friction more, and less."""
         friction = self.typical[1]
         return np.array([0.0, friction / 2]), np.array([0.0, 1.5 * friction])
+
+    def _at(self, history: Floats, load: Floats, friction: Floats) -> Sequence[Trial]:
+        """A trial for each value of the friction."""
+        return [
+            Trial(self.turned(slipped), values=partial(np.append, values=place), place=place)
+            for slipped, place in zip(
+                self._slipped(history, load, friction[:, None]).value, friction.tolist(), strict=True
+            )
+        ]
 
     def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
         """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""
