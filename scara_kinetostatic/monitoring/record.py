@@ -90,7 +90,8 @@ class CalibrationRecord:
                 raise ValueError('fit: expected an enlargement from 1 on and degrees of freedom')
             if not len(record.touches):
                 raise ValueError('there is no used touch')
-            _ = record.undetected
+            if (np.diag(record.without_undetected().covariance) < -1e-2 * np.diag(record.covariance)).any():
+                raise ValueError('covariance_with_cell: undetected effects exceed it')
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             reason = f'there is no {error}' if isinstance(error, KeyError) else f'{error}'
             raise CalibrationFileError(where, f'is damaged or old: {reason:.200}', _REMEDY) from error
@@ -102,12 +103,16 @@ class CalibrationRecord:
         part = self.document['covariance_with_cell'].get('undetected')
         if part is None:
             return UndetectedErrors()
+        if not isinstance(part, dict):
+            raise ValueError('covariance_with_cell: an earlier version wrote it')
         rows, columns, of_robot = (tuple(part[key]) for key in ('rows', 'columns', 'of_robot'))
-        size, matrix = (
-            stored_numbers(part['size'], (len(columns),)),
-            stored_numbers(part['matrix'], (len(rows), len(columns))),
-        )
-        return UndetectedErrors(rows, columns, of_robot, size, matrix)
+        matrix = stored_numbers(part['matrix'], (len(rows), len(columns)))
+        found = UndetectedErrors(rows, columns, of_robot, stored_numbers(part['size'], (len(columns),)), matrix)
+        if not (
+            all(isinstance(text, str) for text in columns) and len(of_robot) == len(columns) and (found.size > 0).all()
+        ):
+            raise ValueError('covariance_with_cell: undetected effects without a name or a size')
+        return found
 
     def without_undetected(self) -> CalibrationRecord:
         """The same without what undetected effects contribute to its covariance."""

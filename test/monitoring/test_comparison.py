@@ -193,3 +193,23 @@ def test_a_robot_with_small_errors_is_unchanged_however_it_was_touched_and_named
     assert found.p_value > 0.01
     assert found.only_before == (effect.label,)
     assert max(abs(value.z) for value in found.parameters) < 4
+
+
+@pytest.mark.parametrize(('key', 'value'), [('size', [-1.0]), ('of_robot', []), ('columns', [3]), ('matrix', [[1.0]])])
+def test_damaged_undetected_effects_are_refused(before: CalibrationRecord, key: str, value: object) -> None:
+    entry = before.document['covariance_with_cell']
+    names = before.arm.model.names
+    right = {'rows': list(names), 'columns': ['a'], 'of_robot': [True], 'size': [1.0], 'matrix': [[0.0]] * len(names)}
+    good, bad = (
+        replace(before, document={**before.document, 'covariance_with_cell': {**entry, 'undetected': part}})
+        for part in (right, right | {key: value})
+    )
+    assert good.undetected.columns == ('a',)
+    with pytest.raises(ValueError):
+        _ = bad.undetected
+
+
+def test_undetected_effects_of_an_earlier_version_are_refused(before: CalibrationRecord) -> None:
+    entry = {**before.document['covariance_with_cell'], 'undetected': [[0.0]]}
+    with pytest.raises(ValueError, match='an earlier version'):
+        _ = replace(before, document={**before.document, 'covariance_with_cell': entry}).undetected
