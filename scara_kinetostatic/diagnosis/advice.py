@@ -76,12 +76,20 @@ def unexplained(c: Calibration, dependences: Sequence[Dependence]) -> str:
     )
 
 
-def many_small(p_value: float) -> str:
-    """Message where the base model is incomplete, but no error stands out of the others."""
-    return (
+def many_small(p_value: float, suspected: Sequence[Found]) -> str:
+    """Message where the base model is incomplete, but no error stands out of the others, with what is known of those
+    that are estimated beyond their typical size.
+    """
+    text = (
         f'the base model alone does not explain the touches (p = {p_value:.1g}); small errors of usual kinds do, none '
         'of which stands out: they are in the estimate and in its uncertainty'
     )
+    known = []
+    for item in suspected[:_MOST_NAMES]:
+        value = max(item.values, key=lambda one: abs(one.value) / one.std)
+        size, std = quantity(abs(value.value), value.unit), quantity(value.std, value.unit)
+        known.append(f'{item.effect.title} ({value.name} {"−" * (value.value < 0)}{size} ± {std})')
+    return joined(text, f'suspected, beyond their typical size: {"; ".join(known)}' if known else '')
 
 
 def gross(suspected: Sequence[Found]) -> str:

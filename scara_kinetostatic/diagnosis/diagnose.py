@@ -171,7 +171,7 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     # noise stated too small is no model error
     refitted = found.fit if found.fit.random is not None and (fit.dependences or not alarm) else None
     if not alarm or (after.p_value >= SIGNIFICANCE and fit.dependences and not found.is_unpredictable and not gross):
-        many = advice.many_small(p_value) if alarm else ''
+        many = advice.many_small(p_value, suspects(found.fit)) if alarm else ''
         verdict = Diagnosis('none', p_value, ranking=ranking, refitted=refitted, advice=many)
         return replace(verdict, remaining_p_value=after.p_value if alarm else p_value), found.deviance
     return Diagnosis(
