@@ -248,6 +248,9 @@ def test_joints_that_cannot_be_joined(tmp_path: Path, cell: Cell, streams: Strea
     write_mcap(tmp_path / 'b.mcap', [*joint_messages(streams, names=('joint1', 'x')), *force_messages(streams)])
     assert 'does not have joint2, only joint1, x' in refused(tmp_path / 'b.mcap')
     begun = int(streams.joints.stamp[0])
+    lacking = [joint_state(begun, ['joint1', 'joint2'], [1.0]), *joint_messages(streams, names=('joint2', 'x'))]
+    write_mcap(tmp_path / 'd.mcap', [*lacking, *force_messages(streams)])
+    assert ', 1 without positions; check what publishes the topic' in refused(tmp_path / 'd.mcap')
     falling_silent = [item for item in parts(streams) if b'joint2' not in item.payload or item.log_time < begun + 10**9]
     write_mcap(tmp_path / 'c.mcap', [*falling_silent, *force_messages(streams)])
     (warning,) = read_streams(tmp_path / 'c.mcap', cell).warnings
