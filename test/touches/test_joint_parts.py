@@ -66,6 +66,17 @@ def test_other_joints_count_as_they_were_last_heard() -> None:
     assert join.add(T0 + 2, T0 + 2, [0.1, 0.2, nan]) == (T0 + 2, [0.1, 0.2, 0.02])
 
 
+def test_another_joint_that_fell_silent_is_unknown_after_a_second() -> None:
+    join = JointParts((*NAMES, 'lift'))
+    join.add(T0, T0, [nan, nan, 0.02])
+    for ms, known in ((500, True), (1000, True), (1001, False)):
+        both = join.add(T0, T0 + ms * MS, [0.1, 0.2, nan])
+        assert both is not None
+        assert isnan(both[1][2]) != known
+    join.add(T0, T0 + 1002 * MS, [nan, nan, 0.03])
+    assert join.add(T0, T0 + 1003 * MS, [0.1, 0.2, nan]) == (T0, [0.1, 0.2, 0.03])
+
+
 def test_a_silent_joint_is_named_and_its_silence_is_not_bridged() -> None:
     join, found = JointParts(NAMES), []
     heard_again = T0 + 3000 * MS
