@@ -208,7 +208,7 @@ class Decoder:
         for stamp, received, values in zip(*(column.tolist() for column in parts[:3]), strict=True):
             try:
                 sample = join.add(stamp, received, values)
-                found += [(sample[0], received, sample[1])] if sample else []
+                found += [sample] if sample else []
             except UnjoinedError as error:
                 dropped[f'where {error}'] += 1
         values = np.array([values for *_, values in found]).reshape(-1, len(self._wanted))

@@ -241,6 +241,17 @@ def test_joints_in_separate_messages_are_joined(tmp_path: Path, cell: Cell, stre
         np.testing.assert_allclose(read.joints.position[:, column], expected, atol=1e-12)
 
 
+def test_parts_without_stamps_are_dated_by_their_reception(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    bare = [item._replace(payload=item.payload[:4] + bytes(8) + item.payload[12:]) for item in parts(streams)]
+    write_mcap(tmp_path / 'a.mcap', sorted([*bare, *force_messages(streams)], key=lambda item: item.log_time))
+    read = read_streams(tmp_path / 'a.mcap', cell)
+    time, begun = (stamp - streams.joints.stamp[0] for stamp in (read.joints.stamp, streams.joints.stamp))
+    assert len(time) == len(begun) - 1
+    for column in (0, 1):
+        expected = np.interp(time, begun, streams.joints.position[:, column])
+        np.testing.assert_allclose(read.joints.position[:, column], expected, atol=1e-12)
+
+
 def test_joints_that_cannot_be_joined(tmp_path: Path, cell: Cell, streams: Streams) -> None:
     items = [*parts(streams, lag=700_000_000), *force_messages(streams)]
     write_mcap(tmp_path / 'a.mcap', items)
