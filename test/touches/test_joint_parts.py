@@ -98,9 +98,9 @@ def test_stamps_of_one_joint_alone_are_said() -> None:
     join = JointParts(NAMES)
     assert join.add(T0, T0 + MS, part(0, T0)) is None
     for time in (T0 + 2 * MS, T0 + 4 * MS):
-        with pytest.raises(UnjoinedError, match='^joint2 is not stamped, joint1 is$'):
+        with pytest.raises(UnjoinedError, match='joint2 is not stamped, joint1 is'):
             join.add(0, time, part(1, time))
-        with pytest.raises(UnjoinedError, match='^joint2 is not stamped, joint1 is$'):
+        with pytest.raises(UnjoinedError, match='joint2 is not stamped, joint1 is'):
             join.add(time + MS, time + MS, part(0, time + MS))
 
 
