@@ -163,6 +163,7 @@ def test_publishers_of_parts_do_not_mix_and_a_silent_joint_is_named() -> None:
         monitor.note_part('joint2')
         monitor.accept(number)
         monitor.refuse('expected positions of joint1 and joint2')
+    assert monitor.mixture() == ''  # before the first report
     assert not any(monitor.report()[0])
     monitor.note_part('joint2')
     monitor.refuse('joint2 is silent')
