@@ -127,7 +127,7 @@ class Samples(NamedTuple):
         log_time: when each was recorded, (n,), ns.
         values: q1, q2, rad, and other joints, NaN where none was heard of, (n, 2 + h); or fx, fy, (n, 2), N.
         dropped: number of messages that were of no use, by reason.
-        names: for joint states, the joint names in messages without q1 or q2.
+        names: for joint states, the names of all joints in the messages.
     """
 
     stamp: NDArray[np.int64]
@@ -208,7 +208,7 @@ class Decoder:
         for stamp, received, values in zip(*(column.tolist() for column in parts[:3]), strict=True):
             try:
                 sample = join.add(stamp, received, values)
-                found += [(sample[0], received, sample[1])] if sample else []
+                found += [sample] if sample else []
             except UnjoinedError as error:
                 dropped[f'where {error}'] += 1
         values = np.array([values for *_, values in found]).reshape(-1, len(self._wanted))
@@ -250,7 +250,7 @@ class Decoder:
             fields = joint_fields(message) if self._joint_names else wrench_fields(message)
         except ValueError as error:
             return Fields('', (), 0, 0, len(message)), str(error)
-        if self._joint_names and not set(self._joint_names) <= set(fields.names):
+        if self._joint_names:
             self._names.update(fields.names)
         if self._joint_names and set(self._wanted).isdisjoint(fields.names):
             return fields, f'without {" and ".join(self._joint_names)}'

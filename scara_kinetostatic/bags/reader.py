@@ -40,14 +40,11 @@ from scara_kinetostatic.bags.sources import open_recording
 from scara_kinetostatic.errors import CellError, InputError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.files.touch_table import is_touch_table
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
 from scara_kinetostatic.touches import clock
 from scara_kinetostatic.touches.clock import counted
-from scara_kinetostatic.touches.contacts import CONTACT_FORCE
 from scara_kinetostatic.touches.streams import (
     INTERLEAVED,
-    NAMES,
     JointStream,
     Streams,
     WrenchFrame,
@@ -57,9 +54,6 @@ from scara_kinetostatic.touches.streams import (
 
 _MOST_TRANSFORMS = 1000
 """Messages on `/tf_static` that are read: a driver that sends them in every cycle says nothing new."""
-_CARRIES, _IDLE = 0.3, 0.1
-"""An axis carries the force of contact if its range is at least so large a part of the largest, and does not below so
-small a part of that of fz."""
 _JSON = 100
 """Messages on `/tf_static` and of discarded touches cost as much as so many others."""
 
@@ -107,8 +101,6 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         turns = {name: turn for name in frame_ids if (turn := contents.frame.turn(name)) is not None}
         joint_decoder, wrench_decoder = contents.decoders.values()
         streams = {names[0]: joint_decoder.samples(), names[1]: wrench_decoder.samples(turns)}
-        if not turns:
-            _check_axes(path, names[1], wrench_decoder.force_ranges(), cell)
         warnings = list(contents.source.warnings)
         for (topic, samples), msgtype in zip(streams.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
             if len(samples.stamp) == 0:
@@ -131,6 +123,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
             warnings=tuple(map(one_line, warnings)),
             topics=names,
             discarded=tuple(item.received if valid.by_log_time else item.stamp for item in contents.discarded),
+            force_ranges=None if turns else wrench_decoder.force_ranges(),
             turned=one_line('; '.join(map(contents.frame.description, turns))),
         )
 
@@ -246,22 +239,6 @@ def _nothing_usable(
         reasons = ', '.join(f'{number} {why}' for why, number in samples.dropped.most_common())
         return RecordingError(path, f'no message of {topic} can be used: {reasons}', 'check what publishes the topic')
     return RecordingError(path, f'topic {topic} has no messages', 'record while the driver publishes')
-
-
-def _check_axes(path: str | Path, topic: str, ranges: Floats, cell: Cell) -> None:
-    """Check that the axes in the plane, fx and fy, carry the force of contact, by the ranges of fx, fy and fz, (3,), N.
-
-    Raises:
-        RecordingError: fz does, and one of them does not.
-    """
-    idle = [name for name, one in zip(('fx', 'fy'), ranges, strict=False) if one < _IDLE * ranges[2]]
-    if idle and ranges[2] > max(2 * CONTACT_FORCE, _CARRIES * ranges.max()):
-        carry = ' and '.join(name for name in ('fx', 'fy', 'fz') if name not in idle)
-        problem = (
-            f'{topic} has the force of contact in {carry}, none in {" and ".join(idle)}: the sensor lies on its side'
-        )
-        where = f'record how it is mounted in {NAMES[cell.sensor.frame][0]} on /tf_static'
-        raise RecordingError(path, problem, f'{where}, or have the driver turn the forces')
 
 
 def _missing(path: str | Path, topic: str, msgtype: str, topics: list[Topic]) -> RecordingError:

@@ -196,7 +196,7 @@ class JointReader:
             sample = self.parts.add(stamp, received or time_ns(), values)
         except UnjoinedError as error:
             raise UnusableMessageError(str(error)) from error
-        return sample and Sample(sample[0], sample[1][0], sample[1][1], tuple(sample[1][2:]))
+        return sample and Sample(sample[0], sample[2][0], sample[2][1], tuple(sample[2][2:]))
 
 
 def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = None) -> Sample:

@@ -157,7 +157,8 @@ class StreamMonitor:
         """
         if self._mixed:
             return f'{self.topic}: {self._mixed}'
-        if self.parts or len(self.publishers) <= (2 if self._others else 1):
+        parted = self._parted or self.parts > self._reported[-1]
+        if parted or len(self.publishers) <= (2 if self._others else 1):
             return ''
         several = f'{len(self.publishers)} publishers ({", ".join(sorted(self.publishers))})'
         return f'{self.topic}: {several}, whose messages mix: give each cell a namespace'

@@ -44,7 +44,7 @@ class Senses:
     """
 
     def __init__(self, cell: Cell) -> None:
-        self._topics = cell.sensor.topics
+        self._topics, self._lift = cell.sensor.topics, cell.lift
         self._joints: deque[tuple[float, float, float]] = deque(maxlen=1000)
         self._forces: deque[tuple[float, float, float]] = deque(maxlen=1000)
         self._fastest = [np.inf, np.inf]
@@ -109,6 +109,8 @@ class Senses:
                 return f'{topic}: messages come {LATE} s late'
         if self._moved:
             return f'a joint has moved that must not: {self._moved}'
+        if self._lift is not None and self._joints and self.lift is None:
+            return f'{self._topics[0]} has no position of {self._lift.joint} (robot.lift)'
         if self._varies and self._frozen > _FROZEN:
             return f'{self._topics[1]}: the same reading {self._frozen} times; the sensor is frozen'
         return ''

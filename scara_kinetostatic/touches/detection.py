@@ -14,18 +14,22 @@ from functools import cached_property
 
 import numpy as np
 
+from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.arrays import Indices
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.touch import Rejection, TouchSet, stacked_histories
 from scara_kinetostatic.touches.association import associate
-from scara_kinetostatic.touches.contacts import find_contacts
+from scara_kinetostatic.touches.contacts import CONTACT_FORCE, find_contacts
 from scara_kinetostatic.touches.holds import Defect, TouchCandidate, find_candidates
 from scara_kinetostatic.touches.load_history import LoadMemory, approach_of_hold, load_history, resolution
 from scara_kinetostatic.touches.signals import Signals, as_signals
-from scara_kinetostatic.touches.streams import Streams
+from scara_kinetostatic.touches.streams import NAMES, Streams
 
 DISCARDED = 'discarded while recording'
 """Reason of a touch that was accepted and then discarded."""
+_CARRIES, _IDLE = 0.3, 0.1
+"""An axis carries the force of contact if its range is at least so large a part of the largest, and does not where its
+range and all touches are below so small a part of that of fz."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +144,9 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
 
     Returns:
         Accepted and rejected touches; `found` is 0 where there is no contact at all.
+
+    Raises:
+        RecordingError: no touch has a force along one of the axes in the plane, which fz has.
     """
     signals = as_signals(streams, cell)
     if signals is None:
@@ -148,6 +155,7 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
     candidates, weak = find_candidates(signals, contacts)
     candidates = _with_moved_joints(candidates, streams, signals.start, cell)
     held = _held_touches(signals, candidates, cell)
+    _check_axes(streams, held, cell)
     spans = [(c.hold.begin, c.hold.end) if c.hold else c.contact for c in candidates]
     before, memories = load_history(signals, candidates, cell, earlier)
     states = [[] if candidates[k].defect else [turn.state for turn in before.get(k, ())] for k in held.index.tolist()]
@@ -162,6 +170,24 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
         memories=memories,
     )
     return _without_discarded(detection, streams.discarded) if streams.discarded else detection
+
+
+def _check_axes(streams: Streams, held: TouchSet, cell: Cell) -> None:
+    """Check that the axes in the plane, fx and fy, carry the force of contact.
+
+    Raises:
+        RecordingError: fz does, and one of them does not, in any touch.
+    """
+    if streams.force_ranges is None:
+        return
+    *plane, z = np.maximum(streams.force_ranges, [*np.abs(held.force).max(axis=0, initial=0.0), 0.0]).tolist()
+    idle = [name for name, one in zip(('fx', 'fy'), plane, strict=True) if one < _IDLE * z]
+    if idle and z > max(2 * CONTACT_FORCE, _CARRIES * max(plane)):
+        topic, carry = (streams.topics or cell.sensor.topics)[1], [n for n in ('fx', 'fy', 'fz') if n not in idle]
+        problem = f'{topic} has the force of contact in {" and ".join(carry)}, none in {" and ".join(idle)}'
+        where = f'record how it is mounted in {NAMES[cell.sensor.frame][0]} on /tf_static'
+        remedy = f'{where}, or have the driver turn the forces'
+        raise RecordingError(streams.source, f'{problem}: the sensor lies on its side', remedy)
 
 
 def _with_moved_joints(

@@ -2,8 +2,8 @@
 
 As soon as q1 and q2 both have news there is a sample, at the earlier of their latest stamps: one of them was measured
 there, the other is interpolated between its neighbours. So each sample has something new of both, there are as many as
-of the slower joint, and none bridges the silence of one. Other joints, as of a lift, count as they were last heard. A
-message with both angles stays as it came.
+of the slower joint, and none bridges the silence of one. Other joints, as of a lift, count as they were last heard,
+for one second. A message with both angles stays as it came.
 
 The messages of a recording and those that a node hears go through this one code, in the order of arrival.
 """
@@ -34,15 +34,16 @@ class JointParts:
     def __init__(self, names: Sequence[str]) -> None:
         self._names = names
         self._waiting = tuple(deque[tuple[int, float]](maxlen=_MOST) for _ in range(2))
-        self._others = [nan] * (len(names) - 2)
+        self._others = [(0, nan)] * (len(names) - 2)  # when it was received, ns, and the position
         self._heard, self._lag, self._is_new = list[int](), [0, 0], [False, False]
+        self._stamped = list[bool]()
 
     @property
     def awaited(self) -> str:
         """Name of q1 or q2, whichever was heard of longer ago."""
         return self._names[int(self._heard[1] < self._heard[0])]
 
-    def add(self, stamp: int, received: int, values: Sequence[float]) -> tuple[int, list[float]] | None:
+    def add(self, stamp: int, received: int, values: Sequence[float]) -> tuple[int, int, list[float]] | None:
         """One message.
 
         Args:
@@ -51,19 +52,28 @@ class JointParts:
             values: q1, q2, rad, and the other joints; NaN where the message has none.
 
         Returns:
-            Stamp and values of a sample; None where one of the two angles is still to come.
+            Stamp of a sample, when it was received, ns, and its values; None where one of the two angles is still to
+            come. Without stamps, it was received when the earlier of the two was.
 
         Raises:
-            UnjoinedError: the stamps of a joint do not increase, one is silent, or their clocks differ.
+            UnjoinedError: the stamps of a joint do not increase, one is silent, their clocks differ, or only one has
+                stamps.
         """
-        self._others = [old if isnan(new) else new for old, new in zip(self._others, values[2:], strict=True)]
+        news = zip(self._others, values[2:], strict=True)
+        self._others = [old if isnan(new) else (received, new) for old, new in news]
+        others = [nan if received - heard > SECOND else position for heard, position in self._others]
         self._heard = self._heard or [received, received]
         time, here = stamp or received, [k for k in (0, 1) if not isnan(values[k])]
         for k in here:
             self._heard[k], self._lag[k] = received, time - received
         if len(here) != 1:
-            return (stamp, [*values[:2], *self._others]) if here else None
+            return (stamp, received, [*values[:2], *others]) if here else None
         this, (k,) = self._waiting[here[0]], here
+        self._stamped = self._stamped or [stamp > 0] * 2
+        self._stamped[k] = stamp > 0
+        if sum(self._stamped) == 1:
+            without = self._stamped.index(False)
+            raise UnjoinedError(f'{self._names[without]} is not stamped, {self._names[1 - without]} is')
         self._is_new[k] = not this or time > this[-1][0]
         if not self._is_new[k]:
             this.clear()  # a clock that was set back begins anew
@@ -79,7 +89,8 @@ class JointParts:
         if not all(self._is_new) or any(each[0][0] > common for each in self._waiting):
             return None
         self._is_new = [False, False]
-        return (common if stamp else 0), [*(_reading(each, common) for each in self._waiting), *self._others]
+        times = (common, received) if stamp else (0, common)
+        return *times, [*(_reading(each, common) for each in self._waiting), *others]
 
 
 def _reading(waiting: deque[tuple[int, float]], time: int) -> float:

@@ -84,6 +84,7 @@ class Streams:
         topics: the names of both, where they are not those of the cell description.
         discarded: touches that were discarded while recording, each by a stamp within its hold, ns.
         turned: how the forces were turned by their `frame_id`; empty where they were not.
+        force_ranges: of fx, fy and fz as they came, without spikes, (3,), N; None where turned or unknown.
     """
 
     source: str
@@ -93,6 +94,7 @@ class Streams:
     topics: tuple[str, str] | None = None
     discarded: tuple[int, ...] = ()
     turned: str = ''
+    force_ranges: Floats | None = None
 
 
 INTERLEAVED = 'the joint angles jump back and forth: messages of two robots on one topic'

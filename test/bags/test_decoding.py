@@ -166,7 +166,7 @@ def test_why_messages_are_dropped() -> None:
         'with values that are not finite': 2,
         'in an encoding other than plain CDR': 1,
     }
-    assert samples.names == {'q1', 'gripper'}
+    assert samples.names == {'q1', 'q2', 'gripper', 'x'}
 
 
 def test_other_joints_are_columns_of_their_own() -> None:

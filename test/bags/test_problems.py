@@ -241,6 +241,17 @@ def test_joints_in_separate_messages_are_joined(tmp_path: Path, cell: Cell, stre
         np.testing.assert_allclose(read.joints.position[:, column], expected, atol=1e-12)
 
 
+def test_parts_without_stamps_are_dated_by_their_reception(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    bare = [item._replace(payload=item.payload[:4] + bytes(8) + item.payload[12:]) for item in parts(streams)]
+    write_mcap(tmp_path / 'a.mcap', sorted([*bare, *force_messages(streams)], key=lambda item: item.log_time))
+    read = read_streams(tmp_path / 'a.mcap', cell)
+    time, begun = (stamp - streams.joints.stamp[0] for stamp in (read.joints.stamp, streams.joints.stamp))
+    assert len(time) == len(begun) - 1
+    for column in (0, 1):
+        expected = np.interp(time, begun, streams.joints.position[:, column])
+        np.testing.assert_allclose(read.joints.position[:, column], expected, atol=1e-12)
+
+
 def test_joints_that_cannot_be_joined(tmp_path: Path, cell: Cell, streams: Streams) -> None:
     items = [*parts(streams, lag=700_000_000), *force_messages(streams)]
     write_mcap(tmp_path / 'a.mcap', items)
@@ -248,6 +259,9 @@ def test_joints_that_cannot_be_joined(tmp_path: Path, cell: Cell, streams: Strea
     write_mcap(tmp_path / 'b.mcap', [*joint_messages(streams, names=('joint1', 'x')), *force_messages(streams)])
     assert 'does not have joint2, only joint1, x' in refused(tmp_path / 'b.mcap')
     begun = int(streams.joints.stamp[0])
+    lacking = [joint_state(begun, ['joint1', 'joint2'], [1.0]), *joint_messages(streams, names=('joint2', 'x'))]
+    write_mcap(tmp_path / 'd.mcap', [*lacking, *force_messages(streams)])
+    assert ', 1 without positions; check what publishes the topic' in refused(tmp_path / 'd.mcap')
     falling_silent = [item for item in parts(streams) if b'joint2' not in item.payload or item.log_time < begun + 10**9]
     write_mcap(tmp_path / 'c.mcap', [*falling_silent, *force_messages(streams)])
     (warning,) = read_streams(tmp_path / 'c.mcap', cell).warnings

@@ -18,7 +18,8 @@ from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.touches.streams import Streams
+from scara_kinetostatic.touches.detection import find_touches
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 
 @pytest.fixture(scope='module')
@@ -92,7 +93,7 @@ def test_a_sensor_that_lies_on_its_side_is_named(
 ) -> None:
     write_mcap(tmp_path / 'bag.mcap', on_axes(mounted_messages(streams), turn))
     with pytest.raises(RecordingError, match=said) as caught:
-        read_streams(tmp_path / 'bag.mcap', TOOL_CELL)
+        find_touches(read_streams(tmp_path / 'bag.mcap', TOOL_CELL), TOOL_CELL)
     assert 'record how it is mounted in tool0 on /tf_static' in str(caught.value)
 
 
@@ -101,7 +102,38 @@ def test_some_force_along_z_is_no_mistake(tmp_path: Path, streams: Streams) -> N
     assert read_streams(tmp_path / 'bag.mcap', TOOL_CELL).warnings == ()
     free = [[0.01, 0, 0], [0, 0.01, 0], [0.03, 0.03, 0]]  # nothing is touched
     write_mcap(tmp_path / 'free.mcap', on_axes(mounted_messages(streams), free))
-    assert read_streams(tmp_path / 'free.mcap', TOOL_CELL).warnings == ()
+    read = read_streams(tmp_path / 'free.mcap', TOOL_CELL)
+    assert read.warnings == ()
+    assert find_touches(read, TOOL_CELL).found == 0
+
+
+def test_a_slow_change_of_fz_long_before_a_few_touches_is_no_mistake(tmp_path: Path, streams: Streams) -> None:
+    """Nearly all of the time nothing is touched: fx and fy are noise, and fz warms up."""
+    joints, wrench, rest = streams.joints, streams.wrench, 10_000_000 * np.arange(-20_000, 0)
+    few, first = wrench.stamp < wrench.stamp[0] + 6 * 10**9, joints.stamp < joints.stamp[0] + 6 * 10**9
+    noise = np.random.default_rng(1).normal(0.0, 0.05, (len(rest), 2))
+    waiting = Streams(
+        'waiting',
+        JointStream(
+            np.concatenate([joints.stamp[0] + rest, joints.stamp[first]]),
+            np.concatenate([np.tile(joints.position[0], (len(rest), 1)), joints.position[first]]),
+        ),
+        WrenchStream(
+            np.concatenate([wrench.stamp[0] + rest, wrench.stamp[few]]), np.concatenate([noise, wrench.force[few]])
+        ),
+    )
+    messages = mounted_messages(waiting)
+    for number in range(6000):
+        item = messages[number]
+        if item.topic == '/wrench':
+            at = wrench_fields(item.payload).begin + 16
+            payload = item.payload[:at] + np.float64(-15.0).tobytes() + item.payload[at + 8 :]
+            messages[number] = item._replace(payload=payload)
+    write_mcap(tmp_path / 'bag.mcap', messages)
+    read = read_streams(tmp_path / 'bag.mcap', TOOL_CELL)
+    assert read.force_ranges is not None
+    assert read.force_ranges[2] > 10 * max(read.force_ranges[:2])
+    assert len(find_touches(read, TOOL_CELL).held) == 2
 
 
 def test_a_sensor_on_its_side_whose_mounting_is_recorded_calibrates(tmp_path: Path, streams: Streams) -> None:

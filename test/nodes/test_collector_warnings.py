@@ -163,11 +163,14 @@ def test_publishers_of_parts_do_not_mix_and_a_silent_joint_is_named() -> None:
         monitor.note_part('joint2')
         monitor.accept(number)
         monitor.refuse('expected positions of joint1 and joint2')
+    assert monitor.mixture() == ''  # before the first report
     assert not any(monitor.report()[0])
     monitor.note_part('joint2')
     monitor.refuse('joint2 is silent')
     assert monitor.report()[0] == ['/joint_states: joint2 is silent', '']
     assert (monitor.count, monitor.unusable, monitor.parts) == (152, 51, 51)
+    monitor.accept(50)
+    assert '3 publishers' in monitor.report()[0][-1]  # no parts since the last report
 
 
 def test_a_held_joint_that_has_moved_is_known_until_a_message_can_be_used() -> None:

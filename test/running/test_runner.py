@@ -197,6 +197,17 @@ def test_a_lift_that_does_not_lift() -> None:
     assert one.fastest < 0.02  # the arm has not moved
 
 
+def test_a_lift_whose_position_is_no_longer_known() -> None:
+    one = rehearsal(replace(CELL, lift=LIFT))
+    until_phase(one, 'travel')
+    add = one.runner.senses.add_joints
+    one.runner.senses.add_joints = lambda now, stamp, joints, lift=None: add(now, stamp, joints)  # type: ignore
+    began = one.time
+    one.run(lambda at: at.runner.end is not None, 10.0)
+    assert '/joint_states has no position of joint3 (robot.lift)' in one.runner.status.text
+    assert one.time - began < 1.0
+
+
 def test_an_object_in_the_way() -> None:
     discs = (*CELL.discs, *(Disc(f'box_{k}', 0.9 * x, 0.9 * y, 0.02) for k, (x, y) in enumerate(RING)))
     one = rehearsal(true=replace(CELL, discs=discs))
