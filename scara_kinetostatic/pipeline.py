@@ -16,6 +16,7 @@ from scara_kinetostatic.bags.reader import other_descriptions, read_streams, rec
 from scara_kinetostatic.calibration.calibrate import calibrate, check_units, fixed_effects, fixed_values, parse_fixed
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration, held_out_force_error
+from scara_kinetostatic.calibration.tip_uncertainty import LEAST_WITHIN
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
@@ -218,7 +219,7 @@ def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Pat
 
     Raises:
         InputError: a mistake with which they have hardly anything to do with the cell.
-        CellError: the limits of the joints exclude all of them.
+        CellError: the limits of the joints exclude all of them, or nearly all.
         UnsupportedDataError: there is none.
     """
     names, mistake = ', '.join(map(str, sources)), check_touches(detection.held, cell, origin=_origin(sources)).found
@@ -231,17 +232,20 @@ def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Pat
 
 
 def _check_limits(touches: TouchSet, cell: Cell) -> None:
-    """Check that the limits of the joints do not exclude all touches.
+    """Check that the limits of the joints do not exclude all touches, or nearly all.
 
     Raises:
         CellError: they do.
     """
-    if cell.limits is None or cell.can_take(touches.joints).any():
+    beyond = int((~cell.can_take(touches.joints)).sum())
+    if beyond <= (1 - LEAST_WITHIN) * len(touches):
         return
     pairs = zip(cell.joint_names, touches.joints.T, strict=True)
-    readings = ', '.join(f'{name} from {at.min():.3g} to {at.max():.3g}' for name, at in pairs)
-    problem = f'they exclude all {len(touches)} touches, {readings} rad'
-    raise CellError('robot.limits', problem, 'correct them: of the joint readings, in rad')
+    angles = ', '.join(f'{name} from {at.min():.3g} to {at.max():.3g}' for name, at in pairs)
+    number = 'all' if beyond == len(touches) else f'{beyond} of'
+    problem = f'they exclude {number} {len(touches)} touches, {angles} rad'
+    less = ', readings less the coupling' if cell.coupling else ''
+    raise CellError('robot.limits', problem, f'correct them: of the joint angles{less}, in rad')
 
 
 def _origin(sources: Sequence[str | Path]) -> Origin:

@@ -324,7 +324,8 @@ def postures(evidence: Evidence) -> Iterator[Remark]:
     left, right = evidence.tip_uncertainty.alone
     if len(touched) == 1 and (left, right)[int(touched[0] < 0)] < 1:  # the limits leave the other elbow some place
         own, other, part = ('left', 'right', right) if touched[0] > 0 else ('right', 'left', left)
-        needed = f', and {100 * part:.0f} % of the {evidence.final.cell.region.title} need it' if part else ''
+        of = f'the places of the {evidence.final.cell.region.title} that the arm can take'
+        needed = f', and {100 * part:.0f} % of {of} need it' if part else ''
         yield Remark(
             Grade.CAUTION,
             f'all touches are with the elbow {own}: with the elbow {other} the result is an extrapolation that nothing '

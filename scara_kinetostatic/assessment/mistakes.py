@@ -508,6 +508,8 @@ def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
     if abs(ratio - 1) < _LIMITS.least_coupling:
         ratio, statement = 1.0, 'joint 2 is measured from the base, not from link 1'
         action = 'set robot.coupling to 1'
+    if abs(ratio) < _LIMITS.least_coupling:
+        statement, action = 'the reading of joint 2 does not contain that of joint 1', 'leave out robot.coupling'
     if origin is Origin.ARRAYS:
         where, action = 'joint angles', f'give q2 less {ratio:g} q1 for q2'
     yield _Candidate(where, statement, action, without(part), common=False)

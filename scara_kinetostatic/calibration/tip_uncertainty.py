@@ -52,8 +52,8 @@ NEARLY_STRETCHED = 0.985
 """Of the arm's length: the workspace ends there, and as near to where the arm is folded."""
 POSTURES = (1, -1)
 """Of the elbow: left and right."""
-_LEAST_SHARE = 0.01
-"""Of the places within reach: limits of the joints that leave less are a mistake."""
+LEAST_WITHIN = 0.1
+"""Of the places within reach, or of the touches: limits of the joints that leave less are a mistake."""
 
 
 class Poses(NamedTuple):
@@ -234,15 +234,15 @@ def possible_poses(p: Parameters, cell: Cell, places: Floats, reached: Mask) -> 
     each of `POSTURES`, (2, …).
 
     Raises:
-        ParameterError: no place of the region is within reach, or hardly one within the limits.
+        ParameterError: no place of the region is within reach, or less than a tenth within the limits.
     """
     reached = reached & cell.region.holds(places)
     if not reached.any():
         raise cell.region.out_of_reach()
     found = np.array([reached & cell.can_take(inverse(p, places, side)) for side in POSTURES])
     share = float(found.any(axis=0).sum() / reached.sum())
-    if share < _LEAST_SHARE:
-        problem = f'they leave {100 * share:.1g} % of the {cell.region.title} within reach'
+    if share < LEAST_WITHIN:
+        problem = f'they leave {100 * share:.2g} % of the {cell.region.title} within reach'
         raise ParameterError('robot.limits', problem, 'correct them (rad), or the region')
     return found
 

@@ -77,11 +77,12 @@ def run(args: argparse.Namespace) -> int:
     predictor = load_predictor(args.calibration)
     table = load_pose_table(args.table, POSES)
     sides = _sides(table, predictor)
-    found = predictor.compensate(table.pair('x_m', 'y_m'), table.force, sides, metadata_of(table, sides))
+    found = predictor.compensate(table.pair('x_m', 'y_m'), table.force, sides, metadata_of(table, sides, predictor))
     if np.isin(found.status, STATUSES[-2:]).all():
-        limits = ', and within robot.limits' * (STATUSES[-1] in found.status)
-        problem = f'{args.table}: no pose is within reach of the arm{limits}'
-        raise UnsupportedDataError(problem, 'places are in m, base frame')
+        limits, remedy = '', 'check the unit in the headings; places are in the base frame'
+        if STATUSES[-1] in found.status:
+            limits, remedy = ', and within robot.limits', 'choose other places, or the other elbow'
+        raise UnsupportedDataError(f'{args.table}: no pose is within reach of the arm{limits}', remedy)
     (q1, q2), (c1, c2) = predictor.arm.cell.readings(found.joints).T, found.torques.T
     results = {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2, 'std_normal_m': found.std_normal}
     write(args.out, table, results | {'status': found.status}, predictor)
@@ -101,14 +102,17 @@ def _sides(table: PoseTable, predictor: Predictor) -> Indices:
     return np.full(len(table), side, dtype=np.intp)
 
 
-def metadata_of(table: PoseTable, sides: Indices) -> TouchMetadata:
+def metadata_of(table: PoseTable, sides: Indices, predictor: Predictor) -> TouchMetadata:
     """What effects need to know of the rows."""
     from scara_kinetostatic.model.effect_law import TouchMetadata
+    from scara_kinetostatic.touches.of_table import approach_of
 
     metadata = TouchMetadata.plain(len(table))._replace(posture=sides)
     if table.time is not None:
         metadata = metadata._replace(time=table.time)
-    return metadata if table.approach is None else metadata._replace(approach=table.approach)
+    if table.approach is not None:
+        metadata = metadata._replace(approach=approach_of(table.approach, predictor.arm.cell))
+    return metadata
 
 
 def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predictor: Predictor) -> None:

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     table = load_pose_table(args.table, STATES)
     joints = predictor.arm.cell.angles(table.pair('q1_rad', 'q2_rad'))
     force = _measured(table, joints, predictor) if args.measured and not predictor.nominal else table.force
-    metadata = metadata_of(table, posture(predictor.law.model.parameters, joints))
+    metadata = metadata_of(table, posture(predictor.law.model.parameters, joints), predictor)
     found = predictor.locate(joints, force, metadata)
     (x, y), (std_x, std_y) = found.position.T, np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)).T
     results = {'x_m': x, 'y_m': y, 'std_x_m': std_x, 'std_y_m': std_y, 'cov_xy_m2': found.covariance[:, 0, 1]}

@@ -61,7 +61,7 @@ class Column(NamedTuple):
         required: whether the table must have it.
         blank: whether cells may be empty.
         largest: largest plausible size, SI.
-        hint: the likeliest mistake behind a larger one.
+        hint: the likeliest mistake behind a larger one under a heading in the SI unit.
         positive: whether numbers must be above 0.
         parse: reads a cell of a column that holds no numbers; raises ValueError.
     """
@@ -210,7 +210,8 @@ class Table:
                 return column.parse(cell)
             value = _number(cell, self.decimal_comma) * place.factor
             if not abs(value) <= column.largest:
-                raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; {column.hint}')
+                hint = column.hint if place.factor == 1 else 'check the unit'
+                raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; {hint}')
             if column.positive and value <= 0:
                 raise ValueError(f'expected a number above 0, got {cell.strip()[:40]}')
         except ValueError as error:

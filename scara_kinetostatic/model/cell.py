@@ -549,11 +549,12 @@ class Cell:
             object.__setattr__(self, 'noise', self.noise.in_pairs)
 
     def in_turn(self, joints: Floats) -> Floats:
-        """The same joint angles, (…, 2), rad, in the turn about the middle of the limits, where there are some."""
+        """The same joint angles, (…, 2), rad: those beyond the limits in the turn about the middle of these."""
         if self.limits is None:
             return joints
-        middle = np.mean(self.limits, axis=1)
-        return middle + wrap(joints - middle)
+        low, high = np.array(self.limits).T
+        middle = (low + high) / 2
+        return np.where((joints >= low) & (joints <= high), joints, middle + wrap(joints - middle))
 
     def beyond_limits(self, joints: Floats, margin: float = 0.0) -> Mask:
         """Whether each joint angle, (…, 2), rad, is beyond its limits less a margin in every turn, or no number."""

@@ -204,8 +204,7 @@ class FollowedTip:
         low, high = np.full(2, -np.inf), np.full(2, np.inf)
         if cell.limits is not None:
             low, high = np.array(cell.limits).T
-        angles = _in_turn(found.joints[0], present)
-        angles = np.where((angles >= low) & (angles <= high), angles, cell.in_turn(angles))
+        angles = cell.in_turn(_in_turn(found.joints[0], present))
         for name, at, least, most in zip(cell.joint_names, angles, low, high, strict=True):
             if not least <= at <= most:
                 problem = f'{wanted} needs {name} at {at:.4g}, its limits are {least:.4g} and {most:.4g} rad'

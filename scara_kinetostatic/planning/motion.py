@@ -158,7 +158,7 @@ class Space:
         return self.parameters.l1 + self.parameters.l2 - REACH_MARGIN
 
     def joints(self, poses: Poses) -> Floats:
-        """Joint angles of the arm without a load, in the turn about the middle of the limits, (n, 2), rad."""
+        """Joint angles of the arm without a load, in the turn of the limits, (n, 2), rad."""
         return self.cell.in_turn(inverse(self.parameters, poses.tip, poses.posture))
 
     def beyond_limits(self, poses: Poses) -> Mask:

@@ -139,5 +139,6 @@ def tip_sentences(outcome: Outcome) -> list[str]:
     ]
     left, right = (round(100 * part) for part in tip.alone)
     if left or right:
-        found.insert(1, f'Within robot.limits {left} % of its places need the elbow left, {right} % the elbow right.')
+        of = f'the places of the {where} that the arm can take'
+        found.insert(1, f'Within robot.limits {left} % of {of} need the elbow left, {right} % the elbow right.')
     return [*found, f'What would help most: {help_most}.'] if help_most else found

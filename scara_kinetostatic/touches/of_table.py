@@ -33,9 +33,7 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
     Raises:
         RecordingError: a row names an object that the cell does not have.
     """
-    cell, joints, approach = in_base_frame(cell), cell.angles(table.joints), table.approach
-    if press_of(approach).any():  # of senses alone that of joint 2 is taken as it is
-        approach = cell.angles(approach)
+    cell, joints, approach = in_base_frame(cell), cell.angles(table.joints), approach_of(table.approach, cell)
     names = [disc.name for disc in cell.discs]
     for line, name in zip(table.lines, table.objects, strict=True):
         if name and name not in names:
@@ -61,6 +59,11 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
         for one in found.episodes
     )
     return replace(found, episodes=episodes, warnings=table.notes)
+
+
+def approach_of(readings: Floats, cell: Cell) -> Floats:
+    """The last movements of the angles of a coupled arm; of senses, ±1, alone that of joint 2 is taken as it is."""
+    return cell.angles(readings) if press_of(readings).any() else readings
 
 
 def press_of(approach: Floats) -> Floats:

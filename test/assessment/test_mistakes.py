@@ -123,7 +123,7 @@ def test_a_mistake_of_the_touches_is_named(touches, robot, statement):
 
 
 @pytest.mark.parametrize(
-    ('robot', 'part', 'stated'), [('paper', 16 / 76, 0.0), ('short', -0.35, 0.0), ('paper', 0.0, 0.1)]
+    ('robot', 'part', 'stated'), [('paper', 16 / 76, 0.0), ('short', -0.35, 0.0), ('paper', 0.3, 0.1)]
 )
 def test_a_coupling_of_the_joints_is_named_with_its_ratio(touches, robot, part, stated):
     cell, right = replace(ROBOTS[robot][0], coupling=stated), touches[robot]
@@ -137,6 +137,14 @@ def test_a_coupling_of_the_joints_is_named_with_its_ratio(touches, robot, part, 
     of_arrays = find_mistake(given, cell)
     assert not of_arrays.in_cell
     assert float(of_arrays.action.split()[3]) == pytest.approx(part - stated, abs=1e-4)
+
+
+@pytest.mark.parametrize('robot', ['paper', 'short'])
+def test_a_coupling_where_there_is_none_is_to_be_left_out(touches, robot):
+    cell, right = replace(ROBOTS[robot][0], coupling=0.1), touches[robot]
+    mistake = find_mistake(right.replace(joints=cell.angles(right.joints)), cell, origin=Origin.RECORDING)
+    assert (mistake.where, mistake.action) == ('robot.coupling', 'leave out robot.coupling')
+    assert mistake.statement == 'the reading of joint 2 does not contain that of joint 1'
 
 
 @pytest.mark.parametrize(('robot', 'length'), [('paper', 3e-3), ('short', 1e-2)])

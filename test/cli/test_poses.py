@@ -10,10 +10,15 @@ import numpy as np
 import pytest
 from cli.command import Run
 
+from scara_kinetostatic.cli.compensate import metadata_of
 from scara_kinetostatic.cli.main import main
-from scara_kinetostatic.files.calibration_file import load_calibration
+from scara_kinetostatic.files.calibration_file import load_calibration, load_predictor
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.files.pose_table import STATES, load_pose_table
+from scara_kinetostatic.files.touch_table import load_touch_table
 from scara_kinetostatic.interface import compensate
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
+from scara_kinetostatic.touches.of_table import touches_of_table
 
 POSES = """\
 x_m,y_m,fx_N,fy_N,elbow,id
@@ -81,7 +86,7 @@ def test_poses_beyond_the_limits_are_marked(run: Run, recordings: Path) -> None:
     Path('poses.csv').write_text('x_m,y_m,fx_N,fy_N\n-0.2,0.35,-12.5,4.0\n')
     refused = run('compensate', 'cell.yaml', 'poses.csv', '--out', 'commands.csv')
     assert (refused.status, refused.err.count('\n')) == (3, 1)
-    assert 'poses.csv: no pose is within reach of the arm, and within robot.limits' in refused.err
+    assert 'reach of the arm, and within robot.limits; choose other places, or the other elbow\n' in refused.err
 
 
 def test_rigid_and_nominal(run: Run, result: Path) -> None:
@@ -157,6 +162,20 @@ def test_a_coupled_drive_reports_and_is_commanded_in_its_own_angles(
     assert (float(place['x_m']), float(place['y_m'])) == pytest.approx((-0.2, 0.35), abs=1e-12)
 
 
+@pytest.mark.parametrize(('given', 'taken'), [('1e-3,1e-4', (1e-3, -1.5e-4)), ('1,-1', (1.0, -1.0))])
+def test_the_last_movements_of_a_coupled_drive_are_those_of_its_angles(
+    recordings: Path, tmp_path: Path, given: str, taken: tuple[float, float]
+) -> None:
+    plain, cell = (recordings / 'cell.yaml').read_text(), tmp_path / 'cell.yaml'
+    cell.write_text(plain.replace('[joint1, joint2]', '[joint1, joint2]\n  coupling: 0.25'))
+    table = tmp_path / 'states.csv'
+    table.write_text(f'q1_rad,q2_rad,fx_N,fy_N,approach1,approach2\n0.4,1.1,20,-30,{given}\n')
+    state = metadata_of(load_pose_table(table, STATES), np.ones(1, dtype=np.intp), load_predictor(cell))
+    np.testing.assert_allclose(state.approach, [taken], rtol=1e-12)
+    touch = touches_of_table(load_touch_table(table), load_cell(cell)).held
+    np.testing.assert_allclose(touch.approach, [taken], rtol=1e-12)
+
+
 def test_what_is_to_be_known_is_said(run: Run, result: Path) -> None:
     document = json.loads((result / 'calibration.json').read_text())
     document['assessment']['grade'], document['diagnosis']['verdict'] = 'unfit', 'unexplained'
@@ -176,7 +195,8 @@ def test_what_is_to_be_known_is_said(run: Run, result: Path) -> None:
 @pytest.mark.parametrize(
     ('table', 'status', 'message'),
     [
-        ('x_m,y_m,fx_N,fy_N\n9,9,0,0\n', 3, 'no pose is within reach'),
+        ('x_m,y_m,fx_N,fy_N\n9,9,0,0\n', 3, 'no pose is within reach of the arm; check the unit in the heading'),
+        ('x_mm,y_mm,fx_N,fy_N\n9e3,9,0,0\n', 3, 'no pose is within reach of the arm; check the unit in the heading'),
         ('x_N,y_mm,fx_N,fy_N\n300,200,0,0\n', 2, "the column 'x_N' has the unit 'N'; convert it to one of x_m, x_mm"),
         ('x_m,y_m,fx_N,fy_N\n300,200,0,0\n', 2, 'line 2: x_m: 300 is too large to be plausible; name it x_mm'),
         ('x_m,y_m,fx_N,fy_N\n0.3,nan,0,0\n', 2, "line 2: y_m: expected a number, got 'nan'"),

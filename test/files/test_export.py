@@ -261,5 +261,23 @@ def test_limits_bound_corrections_and_what_a_rigid_arm_leaves_out(arm: Calibrate
     assert 0 < rigid_miss(replace(bent, cell=limited.cell)) < 0.7 * rigid_miss(bent)
 
 
+@pytest.mark.parametrize('limits', [((1.0, 5.5), (-2.2, 2.2)), ((-3.1, 3.1), (-2.2, 2.2))])
+def test_the_corrections_command_angles_within_the_limits(
+    arm: CalibratedArm, limits: tuple[tuple[float, float], tuple[float, float]]
+) -> None:
+    limited = replace(arm, cell=replace(arm.cell, limits=limits, coupling=0.2))
+    rows = list(csv.DictReader(_rows(correction_file(limited, (), Grid(0.05, (0.0, 30.0))).text)))
+    both = [
+        [[float(row[f'{name}{k}{end}_rad']) for k in (1, 2)] for row in rows]
+        for name, end in (('q', '_nominal'), ('dq', ''))
+    ]
+    commands, nominal = limited.cell.angles(np.sum(both, axis=0)), limited.cell.angles(np.array(both[0]))
+    low, high = np.array(limits).T
+    assert ((commands >= low - 1e-8) & (commands <= high + 1e-8)).all()
+    assert commands[:, 0].max() > 3.0
+    tip = np.array([[float(row[name]) for name in ('x_m', 'y_m')] for row in rows])
+    np.testing.assert_allclose(forward(limited.cell.nominal, nominal), tip, rtol=0, atol=1e-9)
+
+
 def _rows(text: str) -> list[str]:
     return [line for line in text.splitlines() if not line.startswith('#')]

@@ -76,3 +76,7 @@ def test_a_pose_is_within_the_limits_in_any_turn():
     assert not cell.can_take(np.array([4.99, 1.0]), 0.02)
     assert PAPER_CELL.can_take(joints).tolist() == [True, True, True, False]
     assert PAPER_CELL.in_turn(joints) is joints
+    wide = replace(PAPER_CELL, limits=((-1.0, 5.5), (-4.0, 4.0)))
+    given = np.array([[-0.95, 3.5], [5.4, -3.5], [-1.1, 4.1]])
+    np.testing.assert_array_equal(wide.in_turn(given)[:2], given[:2])  # they are within
+    np.testing.assert_allclose(wide.in_turn(given)[2], given[2] + [2 * np.pi, -2 * np.pi])

@@ -15,9 +15,10 @@ from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataErro
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches
+from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches, usable_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
+from scara_kinetostatic.touches.detection import Detection
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 
@@ -126,6 +127,19 @@ def test_a_noise_above_every_force_is_named() -> None:
 def test_limits_that_exclude_all_touches_are_named(tmp_path):
     cell = replace(CELL, limits=((-3.1, -2.9), (1.0, 1.1)))
     touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL))
-    message = r'^robot\.limits: they exclude all 72 touches, joint1 from -3.* to 2.*, joint2 from .* rad; correct'
-    with pytest.raises(CellError, match=message):
+    message = (
+        r'^robot\.limits: they exclude all 72 touches, joint1 from -3.* to 2.*, joint2 from .* rad; correct them: of '
+    )
+    with pytest.raises(CellError, match=message + 'the joint angles, in rad$'):
         calibrate_touches(touches, cell)
+    with pytest.raises(CellError, match=message + 'the joint angles, readings less the coupling, in rad$'):
+        calibrate_touches(touches, replace(cell, coupling=0.1))
+
+
+def test_limits_that_exclude_nearly_all_touches_are_named():
+    touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL))
+    low, *_, seventh, eighth = np.sort(touches.joints[:, 0])[:8].tolist()
+    tenth, less = (replace(CELL, limits=((low, high), (-3.1, 3.1))) for high in (eighth, seventh))
+    assert len(usable_touches(Detection.of(touches), tenth, ['touches'])) == 72
+    with pytest.raises(CellError, match=r'^robot\.limits: they exclude 65 of 72 touches, joint1 from '):
+        usable_touches(Detection.of(touches), less, ['touches'])

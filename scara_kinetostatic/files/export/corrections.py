@@ -38,7 +38,7 @@ class _Table(NamedTuple):
 
     Attributes:
         posture: +1 left, -1 right.
-        nominal: joint angles of the nominal rigid arm, (p, 2), rad.
+        nominal: joint angles of the nominal rigid arm, in the turn of the commands, (p, f, 2), rad.
         change: what to add, (p, f, 2), rad; NaN where one of the arms does not reach, or not within its limits.
         miss: error of the tip without it, (p, f), m.
         std: standard uncertainty of the tip, (p, f), m.
@@ -124,13 +124,12 @@ def _row(values: tuple[object, ...]) -> str:
 def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> _Table:
     count = len(forces)
     tip, force = np.repeat(places, count, axis=0), np.tile(forces, (len(places), 1))
-    nominal, predictor = inverse(arm.cell.nominal, places, posture), Predictor(arm)
-    rigid = np.repeat(nominal, count, axis=0)
+    rigid, predictor = np.repeat(inverse(arm.cell.nominal, places, posture), count, axis=0), Predictor(arm)
     found = predictor.compensate(tip, force, np.full(len(tip), posture))
     miss = np.linalg.norm(predictor.locate(rigid, force).position - tip, axis=1)
     per_force = (miss.reshape(-1, count), found.std_normal.reshape(-1, count), found.status.reshape(-1, count))
     change = np.where(arm.cell.can_take(found.joints)[:, None], wrap(found.joints - rigid), np.nan)
-    return _Table(posture, nominal, change.reshape(-1, count, 2), *per_force)
+    return _Table(posture, (found.joints - change).reshape(-1, count, 2), change.reshape(-1, count, 2), *per_force)
 
 
 def _rows(cell: Cell, table: _Table, places: Floats, forces: Floats) -> Iterator[tuple[object, ...]]:
@@ -139,7 +138,7 @@ def _rows(cell: Cell, table: _Table, places: Floats, forces: Floats) -> Iterator
         std = table.std[k, j]
         elbow = 'left' if table.posture > 0 else 'right'
         yield (
-            *places[k].tolist(), *forces[j].tolist(), elbow, *nominal[k].tolist(),
+            *places[k].tolist(), *forces[j].tolist(), elbow, *nominal[k, j].tolist(),
             *change[k, j].tolist(), float(table.miss[k, j]), float(std) if np.isfinite(std) else '',
             str(table.status[k, j]),
         )  # fmt: skip
