@@ -70,6 +70,8 @@ _LEAST_GAIN = 0.01
 """Smallest decrease of the variance for which a touch is exchanged."""
 _CALIBRATED = 3e-3
 """Clearance beside three standard deviations of tip and discs where the arm is calibrated, m."""
+_DOUBT = 1e-3
+"""How far before its place a contact may come beside them, m."""
 _SLIPS = 0.2
 """Part of a radius by which a press may drag the tip aside, beyond the end of an edge."""
 _SAME_PLACE = np.deg2rad(10)
@@ -229,10 +231,17 @@ class Planner:
     def space(self) -> Space:
         """Where the tip may be: it keeps the clearance of the cell until the model is good enough to keep less."""
         cell = self.arm.cell
-        clearance = cell.touch.clearance
-        if self.now is not None:
-            clearance = min(clearance, _CALIBRATED + 3 * (self.now / COVERAGE_FACTOR + cell.surface_std))
-        return Space(cell, self.arm.model.parameters, clearance)
+        return Space(cell, self.arm.model.parameters, min(cell.touch.clearance, _CALIBRATED + self._off))
+
+    @property
+    def _off(self) -> float:
+        """Three standard deviations of tip and discs, m."""
+        return np.inf if self.now is None else 3 * (self.now / COVERAGE_FACTOR + self.arm.cell.surface_std)
+
+    @property
+    def doubt(self) -> float:
+        """How far before its place a contact may come, m: half of what is searched, less where the arm is known."""
+        return min(0.5 * self.arm.cell.touch.search, _DOUBT + self._off)
 
     @cached_property
     def roadmap(self) -> Roadmap:

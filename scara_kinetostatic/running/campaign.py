@@ -256,14 +256,17 @@ class Campaign:
             return End(0, f'touches are not the limit: {limit}')
         return None
 
-    def choose(self, joints: Floats) -> tuple[Target, Poses] | End | None:
+    def choose(self, joints: Floats, interrupted: Target | None = None) -> tuple[Target, Poses] | End | None:
         """The touch to make next and the way to where it begins; None while nothing is planned.
 
         Args:
             joints: where the robot stands, (2,), rad.
+            interrupted: the touch to make, where there is one.
         """
         if self.accepted >= self._most or (self._waits and self.is_busy):
             return None  # the last calibration is being made, or one of a touch more than those that were enough
+        if interrupted is not None:
+            self._targets.insert(0, interrupted)
         if not self._targets:
             if self._job is None and self.accepted >= FIRST:
                 self._order()
@@ -279,7 +282,7 @@ class Campaign:
         start, problem = clear_start(planner, here)
         if start is None:
             return End(1, problem)
-        tries = [target for target in self._targets if target.attempts] or self._targets
+        tries = [interrupted] if interrupted else [each for each in self._targets if each.attempts] or self._targets
         stops = [planner.approach(target.plan) for target in tries]
         every = Poses(
             np.concatenate([start.tip[-1:], *(stop.tip for stop in stops)]),

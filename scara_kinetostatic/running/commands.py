@@ -1,7 +1,8 @@
-"""Commands to the robot's joints: short pieces of a track, checked at the one place where they are made.
+"""Commands to the robot's joints: pieces of a track, checked at the one place where they are made.
 
-A command says where the joints are to be at some times from now on, `AHEAD` at most, and replaces the one before. Where
-no further one comes, the robot stands at its end. The joints of a command are those of the cell, then the lift, then
+A command says where the joints are to be at some times from now on, and how fast, and replaces the one before. It ends
+at rest: where no further one comes, the robot stands there. One command is a whole way through free space; towards a
+contact and in it, it ends within `AHEAD_OF_CONTACT`. The joints of a command are those of the cell, then the lift, then
 the held ones.
 """
 
@@ -16,18 +17,16 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import Parameters
 
-AHEAD = 0.2
-"""No motion is commanded farther ahead, s."""
 AHEAD_OF_CONTACT = 0.1
-"""The same towards a contact and in it, s."""
+"""No motion is commanded farther ahead towards a contact and in it, s."""
 PERIOD = 0.02
-"""Time between two commands, s."""
-ACCELERATION = 0.5
+"""Time between two commands that are streamed, s."""
+ACCELERATION = 1.0
 """Of the tip at the ends of a track and at its corners, m/s²."""
 _CORNER = 0.02
-"""Speed at a corner, m/s: with a lag of 50 ms the tip cuts it by less than 1 mm."""
-_POINTS = 4
-"""Points of a command."""
+"""Speed at a corner, m/s: with a lag of 50 ms the tip cuts it by less than 1 mm; a blunt one is passed faster."""
+_APART = 0.025
+"""Time between two points of a command, s."""
 _TWICE = 0.05
 """Angle that counts as much as a metre of the way, rad/m: far less than the joints turn on it."""
 _FASTER = 1.25
@@ -35,17 +34,20 @@ _FASTER = 1.25
 
 
 class Command(NamedTuple):
-    """Positions of the joints to come.
+    """Motion of the joints to come.
 
     Attributes:
         names: of the joints.
         times: from now on, (k,), s.
         positions: readings at these times, (k, j), rad and m.
+        velocities: their rates then, (k, j), rad/s and m/s, 0 at the end; (k, 0) where it is straight between the
+            points: a spline would swing beyond the place where it stops.
     """
 
     names: tuple[str, ...]
     times: Floats
     positions: Floats
+    velocities: Floats
 
 
 class Fault(Exception):  # noqa: N818
@@ -54,11 +56,12 @@ class Fault(Exception):  # noqa: N818
     Args:
         reason: the sentence.
         may_retract: whether the robot may go back along the way it came.
+        passes: whether the cause may pass by itself, so that it pays to wait.
     """
 
-    def __init__(self, reason: str, *, may_retract: bool = True) -> None:
+    def __init__(self, reason: str, *, may_retract: bool = True, passes: bool = False) -> None:
         super().__init__(reason)
-        self.may_retract = may_retract
+        self.may_retract, self.passes = may_retract, passes
 
 
 class Track(NamedTuple):
@@ -69,15 +72,17 @@ class Track(NamedTuple):
         lift: its position, (n,), m; 0 without one.
         at: length of the way to each, (n,), m.
         corners: lengths at which the direction changes, first and last point included, (c,), m.
+        slow: speed there, (c,), m/s.
     """
 
     joints: Floats
     lift: Floats
     at: Floats
     corners: Floats
+    slow: Floats
 
     @classmethod
-    def of(cls, joints: Floats, lift: Floats, parameters: Parameters) -> Track:
+    def of(cls, joints: Floats, lift: Floats, parameters: Parameters, lift_weight: float = 1.0) -> Track:
         """The way through n points.
 
         Its length is that of the tip, or of a joint's turn at the length of link 2, or of the lift, whatever is
@@ -87,16 +92,20 @@ class Track(NamedTuple):
             joints: Q, (n, 2), rad.
             lift: its position, (n,), m.
             parameters: of the arm.
+            lift_weight: length per length of the lift: where it may only move that much slower.
         """
         moved = np.hypot(*np.diff(forward(parameters, joints), axis=0).T)
         turned = parameters.l2 * np.abs(np.diff(joints, axis=0)).max(axis=1)
-        step = np.maximum.reduce([moved, turned, np.abs(np.diff(lift))])
+        step = np.maximum.reduce([moved, turned, lift_weight * np.abs(np.diff(lift))])
         keep = np.append(True, step > 1e-9)
         joints, lift, at = joints[keep], lift[keep], np.append(0.0, np.cumsum(step[step > 1e-9]))
         steps = np.column_stack([np.diff(joints, axis=0), np.diff(lift)])
         units = steps / np.linalg.norm(steps, axis=1)[:, None]
-        turns = (units[1:] * units[:-1]).sum(axis=1) < np.cos(0.15)
-        return cls(joints, lift, at, np.concatenate([[0.0], at[1:-1][turns], at[-1:]]))
+        turn = np.arccos(np.clip((units[1:] * units[:-1]).sum(axis=1), -1.0, 1.0))
+        corners, angles = at[1:-1][turn > 0.15], turn[turn > 0.15]
+        slow = _CORNER / np.minimum(2 * np.sin(angles / 2), 1.0)
+        ends = np.full(1, _CORNER)
+        return cls(joints, lift, at, np.concatenate([[0.0], corners, at[-1:]]), np.concatenate([ends, slow, ends]))
 
     @property
     def length(self) -> float:
@@ -134,43 +143,51 @@ class Motion:
         speed: of the tip, m/s.
         at: where it begins, m.
         ramps: whether it starts and stops, and passes corners, with `ACCELERATION`; slow ones need not.
+        slow: length from which on it is slower, m, and the speed there, m/s.
 
     Attributes:
         at: where it is, m.
-        speed: as given.
+        sent: to where it is commanded, m; None before the first command.
     """
 
-    def __init__(self, track: Track, speed: float, at: float = 0.0, *, ramps: bool = True) -> None:
-        self.track, self.at, self.speed = track, at, speed
-        self._now, self._ramps = 0.0, ramps
+    def __init__(
+        self, track: Track, speed: float, at: float = 0.0, *, ramps: bool = True, slow: tuple[float, float] | None = None
+    ) -> None:
+        self.track, self.at, self.sent = track, at, None
+        self._speed, self._now, self._ramps, self._slow = speed, 0.0, ramps, slow or (np.inf, speed)
+
+    @property
+    def speed(self) -> float:
+        """Largest speed where it is, m/s."""
+        return self._slow[1] if self.at > self._slow[0] else self._speed
 
     def advance(self, elapsed: float, goal: float) -> None:
         """Goes on for some time towards a length of the track."""
         self.at, self._now = self._after(self.at, self._now, elapsed, goal)
 
-    def points(self, ahead: float, goal: float) -> tuple[Floats, Floats, Floats]:
-        """Times, Q and lift of the motion to come."""
-        times, lengths = ahead * np.arange(1, _POINTS + 1) / _POINTS, []
-        at, now = self.at, self._now
-        for _ in times:
-            at, now = self._after(at, now, ahead / _POINTS, goal)
+    def points(self, goal: float, ahead: float = np.inf) -> tuple[Floats, Floats, Floats]:
+        """Times, Q and lift of the motion to come, to a length of the track or for so long."""
+        lengths, at, now = list[float](), self.at, self._now
+        while not lengths or (at != goal and len(lengths) * _APART < ahead - 1e-9):
+            at, now = self._after(at, now, _APART, goal)
             lengths.append(at)
-        return (times, *self.track.place(np.array(lengths)))
+        self.sent = at
+        return (_APART * np.arange(1, len(lengths) + 1), *self.track.place(np.array(lengths)))
 
     def _after(self, at: float, now: float, elapsed: float, goal: float) -> tuple[float, float]:
         """Length and speed after some time."""
         left = goal - at
-        speed = self.speed
+        speed = most = self._slow[1] if at + 1e-9 * np.sign(left) > self._slow[0] else self._speed
+        within = self._slow[0] - at if (at - self._slow[0]) * (goal - self._slow[0]) < 0 else left
         if self._ramps:
-            corner = np.append(self.track.corners, goal)
-            ahead = (corner - at) * np.sign(left)
-            near = float(np.min(ahead[ahead > 1e-6], initial=abs(left)))
-            behind = float(np.min(-ahead[ahead <= 1e-6], initial=1.0))
-            slow = [np.sqrt(_CORNER**2 + 2 * ACCELERATION * d) for d in (near, behind)]
-            speed = min(speed, now + ACCELERATION * elapsed, *slow)
-            speed = max(speed, min(self.speed, _CORNER))
-        step = min(speed * elapsed, abs(left))
-        return at + float(np.copysign(step, left)), 0.0 if step == abs(left) else speed
+            ahead = (np.append(self.track.corners, goal) - at) * np.sign(left)
+            there = np.append(self.track.slow, _CORNER)
+            near, behind = ahead > 1e-6, (ahead <= 1e-6) & (ahead > -1.0)
+            limits = np.sqrt(there**2 + 2 * ACCELERATION * np.abs(ahead))[near | behind]
+            speed = min(most, now + ACCELERATION * elapsed, float(limits.min(initial=np.inf)))
+            speed = max(speed, min(most, _CORNER))
+        step = min(speed * elapsed, abs(within))
+        return (goal, 0.0) if step == abs(left) else (at + float(np.copysign(step, left)), speed)
 
 
 class Commander:
@@ -192,26 +209,31 @@ class Commander:
         self.joints: Floats | None = None
         self.lift = 0.0 if cell.lift is None else cell.lift.down
 
-    def command(self, at: tuple[Floats, float], points: tuple[Floats, Floats, Floats]) -> Command:
+    def command(
+        self, at: tuple[Floats, float], points: tuple[Floats, Floats, Floats], *, is_free: bool = False
+    ) -> Command:
         """Checks where the joints are to be, and says it.
 
         Args:
             at: Q and lift that hold now.
-            points: times, Q and lift to come.
+            points: times, Q and lift to come, evenly spaced in time.
+            is_free: whether all of them are far from a contact: they are then passed smoothly.
 
         Raises:
-            Fault: a point is beyond the limits of a joint, too far ahead, or too fast.
+            Fault: a point is beyond the limits of a joint, or too fast.
         """
         times, joints, lift = points
         if not np.isfinite(joints).all() or not ((joints >= self._limits[0]) & (joints <= self._limits[1])).all():
             raise Fault('a motion beyond the limits of the joints was planned; nothing was commanded')
-        if times[-1] > AHEAD + 1e-9:
-            raise Fault('a motion too far ahead was planned; nothing was commanded')
         tip = forward(self._cell.nominal, np.vstack([at[0], joints]))
         speed = np.hypot(*np.diff(tip, axis=0).T) / np.diff(np.append(0.0, times))
         if speed.max() > _FASTER * self._cell.touch.speed:
             raise Fault(f'a motion of {1e3 * speed.max():.0f} mm/s was planned; nothing was commanded')
         self.joints, self.lift = at[0], float(at[1])
-        lifts = [lift[:, None]] if self._cell.lift is not None else []
-        held = np.tile(list(self._cell.hold.values()), (len(times), 1))
-        return Command(self._names, times, np.hstack([self._cell.readings(joints), *lifts, held]))
+        lifts = [np.append(at[1], lift)[:, None]] if self._cell.lift is not None else []
+        held = np.tile(list(self._cell.hold.values()), (len(times) + 1, 1))
+        every = np.hstack([self._cell.readings(np.vstack([at[0], joints])), *lifts, held])
+        velocities = np.zeros((len(times), len(self._names) if is_free else 0))
+        if is_free:  # of the curve through the points; it ends at rest
+            velocities[:-1] = (every[2:] - every[:-2]) / (2 * times[0])
+        return Command(self._names, times, every[1:], velocities)

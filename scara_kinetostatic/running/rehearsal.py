@@ -33,6 +33,7 @@ class Rehearsal:
         rate: samples of both sensors per second.
         planner: to begin with.
         calibrating: simulated time that a calibration takes, s.
+        patience: of the runner, s.
 
     Attributes:
         runner: the runner.
@@ -50,10 +51,11 @@ class Rehearsal:
         rate: float = 250.0,
         planner: Planner | None = None,
         calibrating: float = 4.0,
+        patience: float = 0.0,
     ) -> None:
         self.cell, self.plant = cell, plant
         self._detector = OnlineDetector(cell)
-        self.runner = Runner(cell, most, self._detector.poll, self._work, planner)
+        self.runner = Runner(cell, most, self._detector.poll, self._work, planner, patience)
         self.history: list[tuple[float, Status]] = []
         self.contacts: list[tuple[str, str]] = []
         self.fastest = 0.0
@@ -110,7 +112,7 @@ class Rehearsal:
         command = runner.tick(self.time)
         if command is not None:
             with suppress(ParameterError):  # its drives have stopped
-                self.plant.command(command.names, command.times.tolist(), command.positions.tolist())
+                self.plant.command(command.names, *(part.tolist() for part in command[1:]))
         if not self.history or self.history[-1][1] is not runner.status:
             self.history.append((self.time, runner.status))
         return command

@@ -1,9 +1,9 @@
 """The run: a robot that touches, judges and goes on by itself. Samples come in, commands go out; no ROS.
 
-Every touch: travel to where the approach begins; take the zero of the force; approach slowly until the force says
-contact; press in steps to the force that is wanted, dragging the tip aside (`kinetostatics.press_aside`); hold; retract
-to where the approach began; wait for the judgement of the collector's own detection. The script of it is a generator
-that is resumed with every `tick`.
+Every touch: travel to where the approach begins, with one command; take the zero of the force; approach slowly until
+the force says contact; press in steps to the force that is wanted, dragging the tip aside (`kinetostatics.press_aside`);
+hold; retract to where the approach began; wait for the judgement of the collector's own detection. The script of it is
+a generator that is resumed with every `tick`.
 
 **Speeds in contact.** From a force to its effect on the robot `DELAY` goes by. With the compliance c of arm and tip
 along the normal, the force grows by speed · `DELAY` / c meanwhile: the approach is so slow that this stays below what
@@ -11,7 +11,9 @@ is missing to the wanted force.
 
 **What stops it**: silent, late or frozen sensors, a force where none must be, more than `touch.max_force`, no contact,
 a robot that is not where it was commanded to be, a joint that moved which must not. It stops, retracts along the way it
-came where that is safe, and says why.
+came where that is safe, and says why. Where the cause may pass by itself, as silent sensors or a robot that stands on
+its way, it stands still instead, for `patience` at most, then retracts and begins the touch again. A robot that is late
+on its way, as a controller that scales the speed makes it, is waited for as long as it moves.
 """
 
 from __future__ import annotations
@@ -32,7 +34,6 @@ from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
 from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker
 from scara_kinetostatic.running.commands import (
-    AHEAD,
     AHEAD_OF_CONTACT,
     PERIOD,
     Command,
@@ -56,8 +57,12 @@ _LEAST_SPEED = 3e-4
 """Towards a contact, m/s."""
 _OFF_TRACK, _OFF_APPROACH = 0.02, 2e-3
 """How far the joints may be off their way in travel and towards a contact, rad."""
-_LATE, _BEHIND, _PATIENCE = 0.15, 2e-4, 0.3
-"""How far the robot may be behind, s and m together; farther, its way waits for it, and so long at most, s."""
+_LATE, _BEHIND, _STANDS = 0.15, 2e-4, 0.3
+"""How far the robot may be behind, s and m together; farther, its way waits for it, unless it stands so long, s."""
+_ARRIVED = 1e-3
+"""The same at the end of a way, m."""
+_QUIET = 0.5
+"""So long all must be well before it goes on after an interruption, s; that of a touch is then judged within twice."""
 _LARGEST_ZERO = 0.5
 """Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
 _LIFT_SPEED = 0.05
@@ -66,6 +71,10 @@ _HALT = 0.05
 """Time within which it stops, s."""
 _BACK = 0.02
 """How far it goes back after a contact on the way, m."""
+_FAST, _MET = 0.02, 1.0
+"""Towards a contact, as far as none can be expected, m/s, and the part of the largest force with which one is met."""
+_CLEAR = 5e-4
+"""How far from the surface it is before it retracts fast, m."""
 _WAIT = 0.12
 """Between a motion in contact and the measurement of the force, s: less than what would be a hold."""
 _JUDGED = 6.0
@@ -79,7 +88,7 @@ class Status(NamedTuple):
 
     Attributes:
         phase: ``idle``, ``travel``, ``approach``, ``press``, ``hold``, ``retract``, ``judge``, ``plan``, ``paused``,
-            ``stopped`` or ``done``.
+            ``waiting``, ``stopped`` or ``done``.
         text: one sentence.
         is_fault: whether it stopped because something is wrong.
         values: by name.
@@ -100,9 +109,12 @@ class Runner:
         detect: returns the touches found since the last call.
         work: does the calibrations aside.
         planner: to begin with; None for the nominal arm.
+        patience: how long it waits in a touch for what may pass by itself, s.
 
     Attributes:
         senses: takes the samples.
+        streams: whether motions towards a contact and in it are streamed; else there are as few commands as safety
+            needs.
         status: how it is.
         target: the touch that is being made; None between touches.
         end: why it ended, and the exit status; None while it runs.
@@ -113,9 +125,15 @@ class Runner:
     """
 
     def __init__(
-        self, cell: Cell, most: int, detect: Callable[[], Detection], work: Worker, planner: Planner | None = None
+        self,
+        cell: Cell,
+        most: int,
+        detect: Callable[[], Detection],
+        work: Worker,
+        planner: Planner | None = None,
+        patience: float = 0.0,
     ) -> None:
-        self.cell, self.senses = cell, Senses(cell)
+        self.cell, self.senses, self.streams, self._patience = cell, Senses(cell), True, patience
         self.campaign = Campaign(cell, most, planner, work)
         self._detect, self._commander = detect, Commander(cell)
         self.status = Status('idle', 'not started')
@@ -125,9 +143,10 @@ class Runner:
         self._elapsed = 0.0
         self._command: Command | None = None
         self._motion: Motion | None = None
-        self._contact = False
+        self._contact, self._surface = False, 0.0
         self._steepest, self._last_force = 0.0, (0.0, 0.0)
-        self._is_behind, self._behind_since = False, np.inf
+        self._is_behind, self._near, self._seen, self._seen_at = False, 0.0, 0.0, -np.inf
+        self._waits_until, self._disturbed = np.inf, -np.inf
         self._script: Iterator[None] | None = None
         self._paused = False
 
@@ -148,10 +167,11 @@ class Runner:
         if self.end is None:
             self._give_up(Fault(reason), is_fault=False)
 
-    def fail(self, reason: str, *, may_retract: bool = True) -> None:
-        """Something outside is wrong: stops, and retracts where it may."""
-        if self.end is None:
-            self._give_up(Fault(reason, may_retract=may_retract))
+    def fail(self, reason: str, *, may_retract: bool = True, passes: bool = False) -> None:
+        """Something outside is wrong: stops, and retracts where it may, or waits where it may pass by itself."""
+        self._disturbed = self._now
+        if self.end is None and not (passes and self.status.phase == 'waiting'):
+            self._interrupt(Fault(reason, may_retract=may_retract, passes=passes))
 
     def revoke(self, reason: str) -> None:
         """The tolerance is not reached after all."""
@@ -186,7 +206,7 @@ class Runner:
             self._script = None
         except Fault as fault:
             if self.end is None:
-                self._give_up(fault)
+                self._interrupt(fault)
             else:  # while retracting: it stands
                 self._script = None
             return self._stand()
@@ -203,8 +223,12 @@ class Runner:
         return self._commander.command((joints, lift), points)
 
     def _halt_motion(self, motion: Motion) -> None:
-        joints, lift = motion.track.place(np.array([motion.at]))
-        self._command = self._halt(joints[0], float(lift[0]))
+        """Stops a motion where it is; where the robot is late, there."""
+        if abs(self._near - motion.at) > 1.5 * _BEHIND:
+            motion.at = self._near
+        if motion.sent != motion.at:
+            joints, lift = motion.track.place(np.array([motion.at]))
+            self._command, motion.sent = self._halt(joints[0], float(lift[0])), motion.at
 
     def _stand(self) -> Command | None:
         """Stops where the robot is; where that is not known, where it is to be."""
@@ -218,14 +242,29 @@ class Runner:
         except Fault:
             return None
 
-    def _move(self, motion: Motion, goal: float, ahead: float) -> None:
-        """Advances a motion, and commands the next piece of it where that is due."""
+    def _move(self, motion: Motion, goal: float, until: float | None = None, *, is_free: bool = False) -> None:
+        """Advances a motion, and commands what comes of it where that is due.
+
+        Args:
+            motion: to advance.
+            goal: to which length of its track.
+            until: where motions are not streamed: to where one command may lead, and `AHEAD_OF_CONTACT` farther; None:
+                to the goal.
+            is_free: whether all of it is far from a contact: it is one command.
+        """
         goal = motion.at if self._is_behind else goal
         motion.advance(self._elapsed, goal)
-        if self._now - self._sent >= PERIOD - 1e-9:
-            joints, lift = motion.track.place(np.array([motion.at]))
-            points = motion.points(ahead, goal)
-            self._command = self._commander.command((joints[0], float(lift[0])), points)
+        joints, lift = motion.track.place(np.array([motion.at]))
+        self._commander.joints, self._commander.lift = here = joints[0], float(lift[0])
+        if self.streams and not is_free:
+            due, end, ahead = self._now - self._sent >= PERIOD - 1e-9, goal, AHEAD_OF_CONTACT
+        else:
+            reach = AHEAD_OF_CONTACT * motion.speed
+            end = goal if until is None else min(goal, max(motion.at, until) + reach)
+            due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.5 * reach)
+            due, ahead = due and not self._is_behind, np.inf
+        if due:
+            self._command = self._commander.command(here, motion.points(end, ahead), is_free=is_free)
             self._sent = self._now
 
     def _check(self, off_track: float) -> None:
@@ -247,20 +286,30 @@ class Runner:
     def _check_place(self, off_track: float) -> None:
         """Check that the robot is on its track, and not far from where it is to be; where it stands, there."""
         joints, lift, motion = self.senses.joints, self.senses.lift, self._motion
+        near = behind = 0.0
         if motion is None:
             at = self._commander.joints
-            away, behind = 0.0 if at is None else float(np.abs(joints - at).max()), 0.0
+            away = 0.0 if at is None else float(np.abs(joints - at).max())
             if at is not None and lift is not None:
                 away = max(away, abs(lift - self._commander.lift))
         else:
             near, away = motion.track.nearest(joints, lift, motion.at)
             behind = abs(motion.at - near)
-        self._is_behind = motion is not None and behind > _LATE * motion.speed + _BEHIND
-        self._behind_since = self._behind_since if self._is_behind else self._now
-        if away > off_track or self._now - self._behind_since > _PATIENCE:
-            how = f'{1e3 * away:.1f} mrad off its way' if away > off_track else f'{1e3 * behind:.1f} mm behind'
-            text = f'the robot is {how}: it does not follow, or is moved by something else'
+            if motion.sent is not None and behind > _BEHIND and (near - motion.at) * (motion.sent - near) > 0:
+                motion.at, behind = near, 0.0  # this machine was busy: the robot went on
+        self._near, self._is_behind = near, motion is not None and behind > self._lateness(motion)
+        if not self._is_behind or abs(near - self._seen) > _BEHIND:
+            self._seen, self._seen_at = near, self._now
+        if away > off_track:
+            text = f'the robot is {1e3 * away:.1f} mrad off its way: it does not follow, or is moved by something else'
             raise Fault(text, may_retract=False)
+        if self._now - self._seen_at > _STANDS:
+            text = f'the robot stands {1e3 * behind:.1f} mm behind: it does not follow'
+            raise Fault(text, may_retract=False, passes=True)
+
+    def _lateness(self, motion: Motion) -> float:
+        """How far the robot may be behind, m."""
+        return _ARRIVED if motion.at in (0.0, motion.track.length) else _LATE * motion.speed + _BEHIND
 
     # The run
 
@@ -290,6 +339,10 @@ class Runner:
 
     def _run(self) -> Iterator[None]:
         yield from self._begin()
+        yield from self._go_on()
+
+    def _go_on(self) -> Iterator[None]:
+        """Touch by touch; first the one that was interrupted."""
         while True:
             if (end := self.campaign.poll()) is not None:
                 yield from self._finish(end)
@@ -299,11 +352,12 @@ class Runner:
                 self._check(_OFF_TRACK)
                 yield
                 continue
-            chosen = self.campaign.choose(self._here())
+            chosen = self.campaign.choose(self._here(), self.target)
             if isinstance(chosen, End):
                 yield from self._finish(chosen)
                 return
             if chosen is None:
+                self.target = None
                 self._say('plan', 'calibrating and planning the next touches')
                 self._check(_OFF_TRACK)
                 yield
@@ -312,7 +366,7 @@ class Runner:
             yield from self._travel(self.target, way)
             yield from self._touch(self.target)
             yield from self._judgement(self.target)
-            self.target = None
+            self.target, self._waits_until = None, np.inf
 
     def _here(self) -> Floats:
         """Q where the robot is told to be; at first where it is."""
@@ -341,6 +395,12 @@ class Runner:
             raise Fault('the robot stands beyond robot.limits: move it', may_retract=False)
         if cell.lift is not None and self.senses.lift is not None:
             self._commander.lift = self.senses.lift
+        self._command = self._halt(self.senses.joints, self._commander.lift)  # a controller that refuses says so now
+        began = self._now
+        while self._now - began < 0.2:
+            yield
+            self._check(_OFF_TRACK)
+        if cell.lift is not None:
             yield from self._raise(cell.lift.up)
 
     def _raise(self, goal: float) -> Iterator[None]:
@@ -396,7 +456,7 @@ class Runner:
                 if pausing:
                     self._say('travel', what)
                 pausing = False
-                self._move(motion, track.length, AHEAD)
+                self._move(motion, track.length, is_free=True)
             yield
         yield from self._stopped()
         self._motion = None
@@ -405,9 +465,11 @@ class Runner:
         """Waits until the joints stand where they were commanded to be."""
         began = self._now
         while self._now - began < 0.1 or not self.senses.stands(self._now):
+            self._check(_OFF_TRACK)
+            if self._is_behind:
+                began = self._now
             if self._now - began > 2.0:
                 raise Fault('the joints do not come to rest', may_retract=False)
-            self._check(_OFF_TRACK)
             yield
 
     def _travel(self, target: Target, way: Poses) -> Iterator[None]:
@@ -415,8 +477,6 @@ class Runner:
         planner, cell, name = self._planner, self.cell, self.campaign.name(target)
         text = f'next: {name}, {target.reason}'
         self._say('travel', text)
-        if cell.lift is not None:
-            yield from self._raise(cell.lift.up)
         self.senses.tare(self._now)
         corners = joint_angles(planner, way)
         pieces = [self._here()[None]]
@@ -431,18 +491,23 @@ class Runner:
             else:
                 part = np.linspace(0.0, 1.0, 20)[1:, None]
                 pieces.append(before + part * (after - before))
-        joints = np.concatenate(pieces)
-        track = Track.of(joints, np.full(len(joints), self._commander.lift), self._parameters)
-        yield from self._follow(track, self._travel_speed(), text)
-        if cell.lift is not None:
-            yield from self._raise(cell.lift.down)
+        joints, weight = np.concatenate(pieces), 1.0
+        lift = np.full(len(joints), self._commander.lift)
+        is_low_clear = len(set(way.posture.tolist())) == 1 and planner.space.is_clear(way.tip[:-1], way.tip[1:]).all()
+        rises = cell.lift is not None and not (is_low_clear and self._commander.lift == cell.lift.down)
+        speed = self._travel_speed(raised=rises)
+        if cell.lift is not None and rises:  # raised first, lowered last
+            joints = np.concatenate([joints[:1], joints, joints[-1:]])
+            lift = np.concatenate([lift[:1], np.full(len(lift), cell.lift.up), [cell.lift.down]])
+            weight = max(speed / _LIFT_SPEED, 1.0)
+        yield from self._follow(Track.of(joints, lift, self._parameters, weight), speed, text)
 
-    def _travel_speed(self) -> float:
+    def _travel_speed(self, *, raised: bool = False) -> float:
         """At which an obstacle that nobody knows is met with at most 1.5 times the largest force, m/s; raised the tip
         meets none.
         """
         touch, compliance = self.cell.touch, max(self._parameters.p_ee, _STIFFEST)
-        met = np.inf if self.cell.lift is not None else 1.5 * touch.max_force * compliance / _REACTION
+        met = np.inf if raised else 1.5 * touch.max_force * compliance / _REACTION
         return float(min(touch.speed, met))
 
     def _compliance(self, target: Target, joints: Floats) -> float:
@@ -462,26 +527,25 @@ class Runner:
         joints[0] = self._here()
         track = Track.of(joints, np.full(count, self._commander.lift), self._parameters)
         compliance = self._compliance(target, joints[0])
-        wait = self._now
-        while self._now - wait < 0.25:
-            self._check(_OFF_APPROACH)
-            yield
         if (zero := self.senses.tare(self._now)) > self._free_limit:
             raise Fault(f'the force in free motion changed by {zero:.1f} N: the sensor, or something touches the arm')
         self._say('approach', f'approaching {self.campaign.name(target)}')
         threshold = max(CONTACT * goal, 6 * self.senses.noise, 1.0)
         speed = np.clip((0.8 * goal - threshold) * compliance / DELAY, _LEAST_SPEED, touch.contact_speed)
-        self._contact, self._steepest = True, _STIFFER * touch.contact_speed / compliance
+        depths = np.linspace(0.0, begin + 4e-3, count)
+        expected, deepest = (float(np.interp(depth, depths, track.at)) for depth in (begin - touch.search, begin))
+        fast, slow = float(np.clip(_MET * touch.max_force * compliance / DELAY, speed, _FAST)), expected - planner.doubt
+        self._contact, self._surface, self._steepest = True, 0.0, max(_STIFFER * touch.contact_speed, fast) / compliance
         self._last_force = self.senses.net_force
-        motion = self._motion = Motion(track, float(speed), ramps=False)
-        deepest = float(np.interp(begin, np.linspace(0.0, begin + 4e-3, count), track.at))
+        motion = self._motion = Motion(track, fast, ramps=False, slow=(slow, float(speed)))
+        until = slow if planner.now is None or np.isinf(planner.now) else expected
         for _ in range(4):
             while self.senses.force < threshold:
                 self._check(_OFF_APPROACH)
                 if motion.at >= deepest:
                     name = self.campaign.name(target)
                     raise Fault(f'no contact with {name} within touch.search, {1e3 * touch.search:g} mm, of its place')
-                self._move(motion, deepest, AHEAD_OF_CONTACT)
+                self._move(motion, deepest, until)
                 yield
             yield from self._pushed(motion, 0.0, 0.0)
             if self.senses.force > 0.5 * threshold:
@@ -489,12 +553,13 @@ class Runner:
             yield from self._pushed(motion, 0.0, 0.0)  # an arm with play swings back from the surface: from free again
         else:
             raise Fault(f'the contact with {self.campaign.name(target)} is lost again and again')
-        surface = motion.at
+        surface = self._surface = motion.at
         self._say('press', f'pressing to {goal:g} N')
         motion.track, way = self._into(track, surface, target)
         yield from self._press(motion, goal * (1 + float(plan.preload[0])), way)
         if plan.preload[0] > 0:
             track, way = self._out_of(motion.track, self._at(), target)
+            self._surface = track.nearest(motion.track.place(np.array([surface]))[0][0], None, surface)[0]
             yield from self._release(track, goal, way)
         self._say('hold', f'holding {self.senses.force:.1f} N')
         began = self._now
@@ -503,7 +568,7 @@ class Runner:
             yield
         self._say('retract', 'retracting')
         self._steepest = _STIFFER * touch.contact_speed / compliance
-        yield from self._back(surface, threshold)
+        yield from self._back()
 
     def _into(self, track: Track, surface: float, target: Target) -> tuple[Track, float]:
         """The way of an approach, from the surface on of a press that drags the tip aside; length per force, m/N."""
@@ -531,7 +596,7 @@ class Runner:
         sign = np.sign(step)
         while motion.at != goal and sign * (self.senses.force - until) < 0:
             self._check(_OFF_APPROACH)
-            self._move(motion, goal, AHEAD_OF_CONTACT)
+            self._move(motion, goal)
             yield
         self._halt_motion(motion)
         began = self._now
@@ -576,20 +641,22 @@ class Runner:
     def _at(self) -> float:
         return 0.0 if self._motion is None else self._motion.at
 
-    def _back(self, surface: float, threshold: float) -> Iterator[None]:
-        """To where the approach began.
+    def _back(self) -> Iterator[None]:
+        """To where the approach began: in contact slowly, then as through free space.
 
         Raises:
             Fault: a force remains.
         """
         assert self._motion is not None
-        motion = self._motion = Motion(self._motion.track, self.cell.touch.contact_speed, self._at(), ramps=False)
-        free = min(surface - 3e-3, 0.5 * surface)
+        at, surface = self._motion.at, self._surface
+        free, slow = min(surface - 3e-3, 0.5 * surface), surface - _CLEAR
+        given = (slow, self.cell.touch.contact_speed)
+        motion = self._motion = Motion(self._motion.track, self._travel_speed(), at, slow=given)
         while motion.at > 0.0:
             self._check(_OFF_TRACK)
-            if motion.at < free and self.senses.force > 2 * threshold:
+            if self._near < free and self.senses.force > 2 * self._free_limit:
                 raise Fault(f'a force of {self.senses.force:.1f} N remains after the touch', may_retract=False)
-            self._move(motion, 0.0, AHEAD_OF_CONTACT)
+            self._move(motion, 0.0, is_free=motion.at <= slow)
             yield
         yield from self._stopped()
         self._contact, self._motion = False, None
@@ -626,6 +693,51 @@ class Runner:
 
     # What goes wrong
 
+    def _interrupt(self, fault: Fault) -> None:
+        """Waits where the cause may pass by itself and time is left for that in this touch; else gives up."""
+        self._waits_until = min(self._waits_until, self._now + self._patience) if fault.passes else self._waits_until
+        if fault.passes and self._now < self._waits_until:
+            self._script = self._wait(f'{fault} (in {self.status.phase})' if self.status.phase != 'waiting' else str(fault))
+        else:
+            self._give_up(fault)
+
+    def _wait(self, reason: str) -> Iterator[None]:
+        """Stands until all is well, retracts, and goes on with the touch that was interrupted.
+
+        Raises:
+            Fault: it does not pass, or the robot has been moved.
+        """
+        self._command, self._disturbed = self._stand(), self._now
+        left = self._waits_until - self._now
+        self.status = Status('waiting', f'{reason}; waiting for {left:.0f} s at most', values=self._values())
+        yield
+        while self._now - self._disturbed < _QUIET:
+            if self._now > self._waits_until:
+                raise Fault(f'{reason}; waited for {self._patience:g} s')
+            if self.senses.problem(self._now) or not self.senses.stands(self._now):
+                self._disturbed = self._now
+            yield
+        joints, lift, motion = self.senses.joints, self.senses.lift, self._motion
+        if motion is not None:
+            at, away = motion.track.nearest(joints, lift, motion.at)
+            if away > (_OFF_APPROACH if self._contact else _OFF_TRACK):
+                text = f'{reason}; meanwhile the robot was moved, {1e3 * away:.1f} mrad off its way'
+                raise Fault(text, may_retract=False)
+            motion.at, motion.sent = at, None
+        self._commander.joints, self._commander.lift = joints, self._commander.lift if lift is None else lift
+        self._is_behind, self._seen_at, self._last_force = False, self._now, self.senses.net_force
+        if self._contact:
+            yield from self._back()
+        self._motion = None
+        began = self._now
+        while self.target is not None and self._now - began < 2 * _QUIET:  # what was touched is not judged, unless it is good
+            self._check(_OFF_TRACK)
+            if len((found := self._detect()).touches):
+                self.campaign.accept(found)
+                self.target = None
+            yield
+        yield from self._go_on()
+
     def _give_up(self, fault: Fault, *, is_fault: bool = True) -> None:
         """Stops, and retracts where that may be done."""
         where = self.status.phase
@@ -652,7 +764,7 @@ class Runner:
                 raise Fault('no joint states while retracting', may_retract=False)
             if self._now - began > 0.3 and self.senses.force > max(1.2 * force, self.cell.touch.max_force):
                 raise Fault('the force grows while retracting', may_retract=False)
-            self._move(motion, goal, AHEAD_OF_CONTACT)
+            self._move(motion, goal)
             yield
         if self.senses.force > self._free_limit and not self.senses.problem(self._now):
             text = f'{self.status.text}; {self.senses.force:.1f} N remain after retracting: a force in free motion'

@@ -4,11 +4,12 @@
 the effects of the robot, or the physics engine (`simulation.mujoco.commanded`). All is quasi-static: at every moment
 the motors stand at Q, and arm and force are in the equilibrium that follows from the one before.
 
-**Drives.** A motion is taken as `joint_trajectory_controller` of ros2_control with `open_loop_control` takes it: it
-replaces the former one, begins at once and where the setpoint is, and is linear between its points. The setpoint moves
-at most at the speed limit, the joint follows it with a lag of the first order. A motion that names other joints, is not
-of finite numbers, runs backwards in time or leaves the limits is refused. A force above `overload` stops the drives
-until `reset`.
+**Drives.** A motion is taken as `joint_trajectory_controller` of ros2_control with `interpolate_from_desired_state`
+takes it: it replaces the former one, begins where the setpoint is, and is linear between its points, or, where they
+have velocities, of the third degree; `scaling` is that of its time. The setpoint moves at most at the speed limit, the
+joint follows it with a lag of the first order. A motion that names other joints, is not of finite numbers, runs
+backwards in time, does not end at rest or leaves the limits is refused. A force above `overload` stops the drives until
+`reset`; while it is not `active` no motion is taken.
 
 **Sensors.** Joint angles and force have the noise of a touch and that of a sample, as in `simulation.streams`: the
 error of a touch is drawn anew when the tip has left the object, that of the force grows with it up to `FULL`.
@@ -409,6 +410,8 @@ class Plant:
         names: of the joints: both of the arm, then the lift and the held ones.
         time: since the start, s.
         fault: what is wrong; may be set at any time.
+        scaling: of the time of a motion, from 0 on; may be set at any time.
+        active: whether the controller is active.
         stopped: why the drives have stopped; empty where they have not.
         peak_force: largest force so far, N.
 
@@ -436,7 +439,8 @@ class Plant:
         self._limits = [*(cell.limits or [(-np.inf, np.inf)] * 2)]
         self._limits += [(min(lift.up, lift.down), max(lift.up, lift.down))] if lift else []
         self._limits += [(-np.inf, np.inf) for _ in cell.hold]
-        self._motion: tuple[list[float], list[list[float]]] | None = None
+        self._motion: tuple[list[float], list[list[float]], list[list[float]] | None] | None = None
+        self.scaling, self._elapsed, self._rate, self._active = 1.0, 0.0, [0.0] * len(self.names), True
         self._overload = self._most = s.overload or 2.0 * cell.touch.max_force
         self.time, self.peak_force, self.stopped, self.fault = 0.0, 0.0, '', Fault.NONE
         self._noise = sensors.touch_noise or cell.noise or TYPICAL_NOISE
@@ -451,22 +455,57 @@ class Plant:
         lift = self.cell.lift
         return (self._position[2] - lift.down) / (lift.up - lift.down) if lift else 0.0
 
-    def command(self, names: Sequence[str], times: Sequence[float], positions: Sequence[Sequence[float]]) -> None:
+    @property
+    def active(self) -> bool:
+        """May be set; a controller that is deactivated drops its motion."""
+        return self._active
+
+    @active.setter
+    def active(self, active: bool) -> None:
+        self._active = active
+        if not active:
+            self._motion, self._rate = None, [0.0] * len(self.names)
+
+    @property
+    def left(self) -> float:
+        """Time that is left of the motion, s."""
+        return max(0.0, self._motion[0][-1] - self._elapsed) if self._motion else 0.0
+
+    def command(
+        self,
+        names: Sequence[str],
+        times: Sequence[float],
+        positions: Sequence[Sequence[float]],
+        velocities: Sequence[Sequence[float]] | None = None,
+    ) -> None:
         """Takes a motion in place of the former one.
 
         Args:
             names: of all joints, in any order.
             times: of its points from now on, increasing, (k,), s; none: the joints stop.
             positions: the points, (k, number of joints), rad or m.
+            velocities: the rates there, likewise; None or empty rows: straight between the points.
 
         Raises:
             ParameterError: it is refused; the former one goes on.
         """
         points = self._checked(names, times, positions)
-        if points:
-            self._motion = [self.time, *(self.time + each for each in times)], [list(self._setpoint), *points]
-        else:
-            self._motion, self._setpoint = None, list(self._position)
+        if not points:
+            self._motion, self._setpoint, self._rate = None, list(self._position), [0.0] * len(self.names)
+            return
+        rates: list[list[float]] | None = None
+        if velocities is not None and len(velocities[0]):
+            if any(velocities[-1]):
+                raise ParameterError('trajectory refused', 'the velocity of its last point is not zero')
+            rates = [self._rate, *self._ordered(names, velocities)]
+        self._elapsed = 0.0
+        self._motion = [0.0, *times], [list(self._setpoint), *points], rates
+
+    def _ordered(self, names: Sequence[str], rows: Sequence[Sequence[float]]) -> list[list[float]]:
+        """Readings or rates of the joints, as the arm has them, in the order of its names."""
+        order = [list(names).index(name) for name in self.names]
+        found = [[float(row[k]) for k in order] for row in rows]
+        return [[*self.cell.angles(np.array(row[:2])).tolist(), *row[2:]] for row in found]
 
     def _checked(
         self, names: Sequence[str], times: Sequence[float], positions: Sequence[Sequence[float]]
@@ -475,6 +514,8 @@ class Plant:
         where = 'trajectory refused'
         if self.stopped:
             raise ParameterError(where, f'the drives have stopped: {self.stopped}', 'reset them')
+        if not self._active:
+            raise ParameterError(where, "can't accept new action goals, the controller is not running", 'activate it')
         if sorted(names) != sorted(self.names):
             problem = f'expected the joints {" ".join(self.names)}, got {" ".join(names) or "none"}'
             raise ParameterError(where, problem, 'name each once')
@@ -484,9 +525,7 @@ class Plant:
             raise ParameterError(where, 'a position is not a finite number')
         if any(not before < after for before, after in zip([-1e-9, *times], times, strict=False)):
             raise ParameterError(where, 'expected time_from_start to grow from point to point')
-        order = [list(names).index(name) for name in self.names]
-        points = [[float(row[k]) for k in order] for row in positions]
-        points = [[*self.cell.angles(np.array(row[:2])).tolist(), *row[2:]] for row in points]
+        points = self._ordered(names, positions)
         for row in points:
             for name, value, (low, high) in zip(self.names, row, self._limits, strict=True):
                 if not low - 1e-9 <= value <= high + 1e-9:
@@ -513,6 +552,7 @@ class Plant:
 
     def _advance(self, duration: float) -> None:
         self.time += duration
+        self._elapsed += self.scaling * duration
         wanted, follow = self._wanted(), 1.0 - exp(-duration / self.settings.lag) if self.settings.lag else 1.0
         stands = self.stopped or self.fault is Fault.DOES_NOT_FOLLOW
         creeping = {Fault.MOVED: 0, Fault.HELD_MOVES: len(self.names) - 1}.get(self.fault, -1)
@@ -531,7 +571,7 @@ class Plant:
         self._most = self._overload if force < self._overload else self._most
         if force > self._most and not self.stopped:
             self.stopped = f'{force:.0f} N on {self.body.touched}, more than {self._overload:g} N'
-            self._motion, self._setpoint = None, list(self._position)
+            self._motion, self._setpoint, self._rate = None, list(self._position), [0.0] * len(self.names)
         if self._touching and not touching:
             self._next = self._random.standard_normal(4).tolist()
         self._touching = touching
@@ -543,13 +583,25 @@ class Plant:
         """Where the motion has the joints now."""
         if self._motion is None:
             return self._setpoint
-        times, points = self._motion
-        while len(times) > 1 and self.time >= times[1]:
-            del times[0], points[0]
+        times, points, rates = self._motion
+        while len(times) > 1 and self._elapsed >= times[1]:
+            for every in (times, points, rates or []):
+                del every[:1]
         if len(times) == 1:
+            self._rate = [0.0] * len(self.names)
             return points[0]
-        part = (self.time - times[0]) / (times[1] - times[0])
-        return [a + part * (b - a) for a, b in zip(points[0], points[1], strict=True)]
+        span = times[1] - times[0]
+        part = (self._elapsed - times[0]) / span
+        mean = [(b - a) / span for a, b in zip(points[0], points[1], strict=True)]
+        if rates is None:
+            self._rate = mean
+            return [a + part * span * v for a, v in zip(points[0], mean, strict=True)]
+        ends = list(zip(points[0], mean, rates[0], rates[1], strict=True))
+        self._rate = [
+            6 * part * (1 - part) * v + (1 - part) * (1 - 3 * part) * u + part * (3 * part - 2) * w for _, v, u, w in ends
+        ]
+        cubic = part * part * (3 - 2 * part), part * (1 - part) ** 2, part * part * (part - 1)
+        return [a + span * (cubic[0] * v + cubic[1] * u + cubic[2] * w) for a, v, u, w in ends]
 
     def _read(self) -> Reading:
         s, body, noise = self.sensors, self.body, self._random.standard_normal(4).tolist()
