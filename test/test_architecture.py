@@ -58,7 +58,7 @@ KEPT_IN = {
     **dict.fromkeys(('rosbags', 'mcap', 'zstandard', 'lz4'), ('bags',)),
     **dict.fromkeys(('rclpy', 'builtin_interfaces', 'rcl_interfaces', 'diagnostic_msgs'), ('nodes',)),
     **dict.fromkeys(('geometry_msgs', 'nav_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'), ('nodes',)),
-    **dict.fromkeys(('rosgraph_msgs', 'trajectory_msgs', 'visualization_msgs'), ('nodes',)),
+    **dict.fromkeys(('action_msgs', 'rosgraph_msgs', 'trajectory_msgs', 'visualization_msgs'), ('nodes',)),
 }
 """The packages in which each library is imported."""
 FORMER_NAMES = """

@@ -129,7 +129,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         discs=_discs(top, plates),
         joint_names=joint_names,
         coupling=robot.optional('coupling', within=_COUPLING) or 0.0,
-        sensor=_sensor(top.section('sensor', (), ('joint_states', 'wrench', 'frame', 'sign', 'time_offset'))),
+        sensor=_sensor(top.section('sensor', (), Sensor._fields)),
         noise=_noise(top),
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
         gripper_excess=_excess(model),
@@ -203,6 +203,7 @@ def cell_description(cell: Cell) -> dict[str, Any]:
             'frame': sensor.frame.value,
             'sign': sensor.sign.value,
             **({} if sensor.time_offset is None else {'time_offset': sensor.time_offset}),
+            **({'zero_service': sensor.zero_service} if sensor.zero_service else {}),
         },
         **{key: value for key, value in optional.items() if value},
     }
@@ -432,6 +433,11 @@ def _excess(model: Section) -> tuple[tuple[float, float], tuple[float, float]]:
 def _sensor(section: Section) -> Sensor:
     default = Sensor()
     topics = {name: section.word(name, getattr(default, name)) for name in ('joint_states', 'wrench')}
+    service = section.word('zero_service', '')
+    if service and not _TOPIC.match(service):
+        raise section.error(
+            'zero_service', f'{service!r} is not the name of a service', 'write it like /ft_sensor/zero'
+        )
     for name, topic in topics.items():
         if not _TOPIC.match(topic):
             raise section.error(name, f'{topic!r} is not a topic name', f'write it like {getattr(default, name)}')
@@ -445,6 +451,7 @@ def _sensor(section: Section) -> Sensor:
         section.choice('frame', default.frame),
         section.choice('sign', default.sign),
         section.optional('time_offset', within=Within(-4e9, 4e9, unit='s')),
+        service,
     )
 
 

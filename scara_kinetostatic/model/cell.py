@@ -410,6 +410,7 @@ class Sensor(NamedTuple):
         frame: in which the wrench is reported.
         sign: whose force is reported.
         time_offset: added to the stamps of the wrench, s; where stated, the clocks are not compared.
+        zero_service: name of a Trigger service that sets the force to zero; empty: there is none.
     """
 
     joint_states: str = '/joint_states'
@@ -417,6 +418,7 @@ class Sensor(NamedTuple):
     frame: SensorFrame = SensorFrame.BASE
     sign: SensorSign = SensorSign.ON_OBJECT
     time_offset: float | None = None
+    zero_service: str = ''
 
     @property
     def topics(self) -> tuple[str, str]:
@@ -640,7 +642,7 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     parts = [] if robots[0] == robots[1] else ['robot']
     discs, others = ({disc.name: disc for disc in cell.discs} for cell in (one, other))
     parts += sorted(name for name in discs.keys() | others.keys() if discs.get(name) != others.get(name))
-    sensors = [(cell.sensor.topics, cell.sensor[2:]) for cell in (one, other)]  # relative or in the root namespace
+    sensors = [(cell.sensor.topics, cell.sensor[2:5]) for cell in (one, other)]  # relative or in the root namespace
     parts += ['sensor'] if sensors[0] != sensors[1] else []
     parts += ['noise'] if one.noise != other.noise else []
     parts += ['model'] if one.gripper != other.gripper else []

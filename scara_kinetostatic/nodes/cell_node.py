@@ -302,7 +302,7 @@ class FollowedArm(FollowedCalibration[CalibratedArm]):
             problem = 'is unfit for use'
             raise ParameterError('the calibration', problem, 'take_unfit:=true takes it all the same')
         own, other = self.cell, arm.cell
-        robots = [(cell.joint_names, cell.coupling, cell.sensor[2:]) for cell in (own, other)]
+        robots = [(cell.joint_names, cell.coupling, cell.sensor[2:5]) for cell in (own, other)]
         if robots[0] != robots[1]:
             joints = f'{" ".join(other.joint_names)} (coupling {other.coupling:g})'
             problem = f'is of another robot: joints {joints}, sensor {other.sensor.frame.value}'

@@ -389,7 +389,7 @@ class Compensator(CellNode):
             return
         cell, duration = self._tip.cell, max(0.05, answer.move / self._speed)  # controllers refuse points in the past
         names = (*cell.joint_names, *cell.other_joints)
-        self._trajectory.publish(joint_trajectory(names, [answer.joints], [duration]))
+        self._trajectory.publish(joint_trajectory(names, [duration], [answer.joints]))
         where = f'({place[0]:.6f}, {place[1]:.6f}) m under ({force[0]:.4g}, {force[1]:.4g}) N'
         self._answered = f'{where}: ({answer.joints[0]:.6f}, {answer.joints[1]:.6f}) rad, {answer.status}'
         is_sure = answer.status in _SURE

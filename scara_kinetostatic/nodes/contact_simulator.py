@@ -6,13 +6,17 @@ and runs `time_factor` times as fast; what a recording holds does not depend on
 that factor. Publishes the topics named in the cell description and, latched,
 `~/finished` (`std_msgs/Bool`); with `publish_clock` the simulated time on `/clock`.
 
-With `commanded` there is no plan: the robot obeys `joint_trajectory`, see `simulation.commanded`; a trajectory begins
-when it arrives, whatever its stamp. `~/reset` lets drives that an overload has stopped move again.
+With `commanded` there is no plan: the robot obeys `joint_trajectory` and, where `control_msgs` can be imported, the
+action `follow_joint_trajectory`, see `simulation.commanded`; as a controller of ros2_control does, it answers a goal
+with the error codes of that action. A trajectory begins when it arrives; one whose stamp says that it has ended is
+refused. The parameters `scaling` and `active` are those of the controller. `~/reset` lets drives that an overload has
+stopped move again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from enum import Enum
 from math import tau
@@ -22,20 +26,23 @@ from typing import Any, TypeVar
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory
 
-from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.errors import InputError, ParameterError
 from scara_kinetostatic.files.urdf import BASE_FRAME, TOOL_FRAME
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, UNITS
 from scara_kinetostatic.nodes import conversion, declare
 from scara_kinetostatic.nodes.cell_node import CellNode
+from scara_kinetostatic.nodes.controller import follow_joint_trajectory
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.commanded import Body, Fault, ModelBody, Plant, PlantSettings
@@ -165,6 +172,9 @@ def declare_drives(node: Node) -> PlantSettings:
 
     node.add_on_set_parameters_callback(is_known)
     declare.parameter(node, 'fault', '', f'commanded: what goes wrong: {faults}; empty: nothing', read_only=False)
+    scaling = 'commanded: scaling of the time of trajectories, as of a speed slider'
+    declare.parameter(node, 'scaling', 1.0, scaling, Range(0.0, 1.0), read_only=False)
+    declare.parameter(node, 'active', True, 'commanded: whether the controller is active', read_only=False)
     return PlantSettings(lag, speed, usual.lift_speed, overload)
 
 
@@ -198,6 +208,68 @@ class Commanded:
                     self._counts[number] += 1
                     if values is not None:
                         yield number == 1, (stamp, *values)
+
+
+class GoalServer:
+    """The action `follow_joint_trajectory` of a commanded robot.
+
+    Args:
+        node: that serves it.
+        plant: the robot.
+        take: commands a trajectory; returns whether it is taken.
+
+    Raises:
+        InputError: `control_msgs` cannot be imported.
+    """
+
+    def __init__(self, node: Node, plant: Plant, take: Callable[[JointTrajectory], bool]) -> None:
+        self._kind, self._plant = follow_joint_trajectory('action', 'use joint_trajectory'), plant
+        self._goal: Any = None
+        self._ended: Future | None = None
+
+        def accept(goal: Any) -> GoalResponse:
+            return GoalResponse.ACCEPT if take(goal.trajectory) else GoalResponse.REJECT
+
+        async def execute(goal: Any) -> Any:
+            self._end('INVALID_GOAL', 'Current goal preempted by new incoming action.')
+            self._goal, self._ended = goal, Future()
+            return await self._ended
+
+        server = ActionServer(
+            node,
+            self._kind,
+            'follow_joint_trajectory',
+            execute,
+            goal_callback=accept,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+        self._server = server
+
+    def follow(self) -> None:
+        """Ends the goal where its time is over, it is to be cancelled, or the controller is no longer active."""
+        if self._goal is None:
+            return
+        if self._goal.is_cancel_requested:
+            self._plant.command(self._plant.names, [], [])
+            self._end('', '')
+        elif not self._plant.active:
+            self._end('INVALID_GOAL', 'Current goal cancelled during deactivate transition.')
+        elif self._plant.left <= 0.0:
+            self._end('SUCCESSFUL', 'Goal successfully reached!')
+
+    def _end(self, name: str, text: str) -> None:
+        if self._goal is None or self._ended is None:
+            return
+        result = self._kind.Result(error_string=text)
+        if not name:
+            self._goal.canceled()
+        elif name == 'SUCCESSFUL':
+            self._goal.succeed()
+        else:
+            result.error_code = getattr(self._kind.Result, name)
+            self._goal.abort()
+        self._goal = None
+        self._ended.set_result(result)
 
 
 class Playback:
@@ -277,6 +349,7 @@ class ContactSimulator(CellNode):
         prefix = declare.parameter(self, 'frame_prefix', '', 'before the frame_id of the wrench')
         self._frame_id = prefix + (TOOL_FRAME if sensor.frame is SensorFrame.TOOL else BASE_FRAME)
         self._stopped = ''
+        self._goals: GoalServer | None = None
         self._passes, self._names = 0, tuple(self._cell.joint_names)
         self._playback: Playback | Commanded = self._obey(drives) if self._plan is None else self._simulate()
         self._elapsed = 0.0
@@ -297,17 +370,28 @@ class ContactSimulator(CellNode):
         plant = Plant(self._cell, body, settings=drives, sensors=self._sensors, seed=self._seed)
         self._names = plant.names
 
-        def take(message: JointTrajectory) -> None:
+        def take(message: JointTrajectory) -> bool:
             try:
-                plant.command(message.joint_names, *conversion.trajectory_points(message))
+                times, *points = conversion.trajectory_points(message)
+                begins = 1e-9 * conversion.nanoseconds_of(message.header.stamp)
+                ends = begins + max(times, default=0.0)
+                if begins and ends < (now := 1e-9 * self.get_clock().now().nanoseconds):
+                    raise ParameterError(
+                        'trajectory refused', f'it ended {now - ends:.1f} s ago', 'leave its stamp zero'
+                    )
+                plant.command(message.joint_names, times, *points)
             except ParameterError as error:
                 self.get_logger().warning(str(error))
+                return False
+            return True
 
         def reset() -> str:
             plant.reset()
             return 'the drives are on'
 
         self.create_subscription(JointTrajectory, 'joint_trajectory', take, 10)
+        with suppress(InputError):
+            self._goals = GoalServer(self, plant, take)
         self.serve('reset', reset)
         self.get_logger().info(f'obeys {self.resolve_topic_name("joint_trajectory")}: {" ".join(plant.names)}')
         return Commanded(plant, (self._sensors.joint_rate, self._sensors.wrench_rate))
@@ -335,6 +419,8 @@ class ContactSimulator(CellNode):
         self._last_tick = now
         if isinstance(self._playback, Commanded):
             self._set_fault(self._playback.plant)
+            if self._goals is not None:
+                self._goals.follow()
         else:
             self._publish_clock()
         for is_wrench, sample in self._playback.advance(self._elapsed):
@@ -355,6 +441,9 @@ class ContactSimulator(CellNode):
     def _set_fault(self, plant: Plant) -> None:
         """The fault as the parameter has it now; says an overload once."""
         plant.fault = Fault(self.get_parameter('fault').value)
+        plant.scaling = self.get_parameter('scaling').value
+        if plant.active != (active := self.get_parameter('active').value):
+            plant.active = active
         if plant.stopped != self._stopped:
             self._stopped = plant.stopped
             if plant.stopped:

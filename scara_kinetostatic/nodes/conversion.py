@@ -56,6 +56,11 @@ def stamp_of(nanoseconds: int) -> Time:
     return Time(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
 
 
+def nanoseconds_of(stamp: Time | Duration) -> int:
+    """A time or a duration, ns."""
+    return int(stamp.sec * NANOSECONDS + stamp.nanosec)
+
+
 def joint_state(sample: Sequence[float], names: Sequence[str]) -> JointState:
     """A message with a stamp, ns, and the position of each joint."""
     message = JointState(name=list(names), position=list(sample[1:]))
@@ -72,10 +77,10 @@ def wrench(sample: Sequence[float], frame_id: str) -> WrenchStamped:
     return message
 
 
-def trajectory_points(message: JointTrajectory) -> tuple[list[float], list[Sequence[float]]]:
-    """Times from its start, s, and positions of the points of a trajectory."""
-    times = [point.time_from_start.sec + point.time_from_start.nanosec / NANOSECONDS for point in message.points]
-    return times, [point.positions for point in message.points]
+def trajectory_points(message: JointTrajectory) -> tuple[list[float], list[Sequence[float]], list[Sequence[float]]]:
+    """Times from its start, s, positions and velocities of the points of a trajectory."""
+    times = [nanoseconds_of(point.time_from_start) / NANOSECONDS for point in message.points]
+    return times, [point.positions for point in message.points], [point.velocities for point in message.points]
 
 
 class PlanarPose(NamedTuple):
@@ -115,20 +120,24 @@ def planar(vector: Any) -> tuple[float, float]:
 
 
 def joint_trajectory(
-    names: Sequence[str], positions: Sequence[Sequence[float]], times: Sequence[float]
+    names: Sequence[str],
+    times: Sequence[float],
+    positions: Sequence[Sequence[float]],
+    velocities: Sequence[Sequence[float]] | None = None,
 ) -> JointTrajectory:
     """A trajectory that begins at once.
 
     Args:
         names: of the joints.
+        times: until each point is reached, s.
         positions: of each point, rad or m.
-        times: until each is reached, s.
+        velocities: at each point, rad/s or m/s; None or empty rows for none.
     """
     points = []
-    for row, time in zip(positions, times, strict=True):
+    for time, row, rates in zip(times, positions, velocities or [[]] * len(times), strict=True):
         nanoseconds = round(time * NANOSECONDS)
         when = Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
-        points.append(JointTrajectoryPoint(positions=list(row), time_from_start=when))
+        points.append(JointTrajectoryPoint(positions=list(row), velocities=list(rates), time_from_start=when))
     return JointTrajectory(joint_names=list(names), points=points)
 
 

@@ -1,14 +1,19 @@
 """Node `touch_runner`: moves the robot, touches, judges, calibrates and goes on until it is enough.
 
 The robot is moved by `joint_trajectory`, or with the parameter `action` by a FollowJointTrajectory server: positions of
-the cell's joints, then of the lift and the held joints, for the next 0.2 s at most, 0.1 s towards a contact; each
-replaces the one before, so that the robot stands soon after the node has died. `~/start` begins or goes on, `~/pause`
+the cell's joints, then of the lift and the held joints; each replaces the one before. A way through free space is one
+command, with velocities. Towards a contact and in it positions are streamed for the next 0.1 s at most, so that the
+robot stands soon after the node has died; the server gets as few goals as that allows. `~/start` begins or goes on,
+`~/pause`
 stands still when the touch under way has ended, `~/stop` retracts and holds. What is done, what comes next and why is
 on `~/state`, the place of the next contact on `~/next_touch`, its x axis along the outward normal.
 
 The recording is that of the collector: a touch that was counted is on the disk. At the end it is calibrated in a
 process of its own, into the folder `calibration` in `output`. With `exit_when_done` the node ends then, with status 0
 where the tolerance is reached or touches are not the limit, 1 where it gave up, 3 where it was stopped.
+
+What may pass by itself, as a controller that is not active or a sensor that is silent, is waited for in each touch, for
+`patience` at most. Before the run the sensor is set to zero by `sensor.zero_service`, where the cell names one.
 
 With `use_sim_time` all times are those of `/clock`.
 """
@@ -20,7 +25,6 @@ import signal
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
-from importlib import import_module
 from math import isnan
 from multiprocessing import get_context, parent_process
 from pathlib import Path
@@ -30,17 +34,17 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
-from rclpy.action import ActionClient
 from rclpy.task import Future as RclpyFuture
-from trajectory_msgs.msg import JointTrajectory
+from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import CellError, InputError, ScaraKinetostaticError
+from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
 from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
-from scara_kinetostatic.nodes.conversion import Sample, joint_trajectory, pose_stamped
+from scara_kinetostatic.nodes.controller import Controller
+from scara_kinetostatic.nodes.conversion import Sample, pose_stamped
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import Session
@@ -56,7 +60,9 @@ RESULT = 'calibration'
 """Folder of the result, in `output`."""
 _SECOND = 1_000_000_000
 _WAIT = 10.0
-"""With `autostart`, how long somebody may take to hear `joint_trajectory`, s."""
+"""With `autostart`, how long somebody may take to hear `joint_trajectory`, s; and the zero of the sensor."""
+_APART = 60.0
+"""Stamps that are farther from the clock of this node are of another one, s."""
 
 
 def _end_with_parent() -> None:
@@ -94,22 +100,27 @@ class TouchRunner(CellNode):
         self._exits = declare.parameter(self, 'exit_when_done', False, 'end the node when the run has ended')
         meaning = 'accepted touches after which the run ends'
         self._most = declare.parameter(self, 'max_touches', 100, meaning, Range(FIRST, 1000))
+        meaning = 'how long a touch waits for what may pass by itself, s; 0: the run ends'
+        self._patience = declare.parameter(self, 'patience', 30.0, meaning, Range(0.0, 3600.0))
         if self._cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them to the cell description')
         if self._cell.nominal.has_gravity:
             raise CellError('gravity', 'touches are not planned for an upright arm', 'guide the robot by hand')
         self._work: ProcessPoolExecutor | None = None
-        self._runner = self._new_runner()
         self._session: Session | None = None
         self._process: CalibrationProcess | None = None
         self._result = ''
         self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * _SECOND)
         self._said: tuple[str, str] = ('', '')
-        self._commands = self.create_publisher(JointTrajectory, 'joint_trajectory', 10)
         action = declare.parameter(
             self, 'action', '', 'FollowJointTrajectory server to move by; empty: joint_trajectory'
         )
-        self._action = self._action_client(action) if action else None
+        self._controller = Controller(self, action, self._take_failure)
+        self._runner = self._new_runner()
+        zero = self._cell.sensor.zero_service
+        self._zero_client = self.create_client(Trigger, zero) if zero else None
+        self._zero: RclpyFuture | None = None
+        self._apart: dict[Stream, float] = {}
         self._state = self.create_publisher(DiagnosticArray, '~/state', LATCHED)
         self._next = self.create_publisher(PoseStamped, '~/next_touch', LATCHED)
         self._streams = CellStreams(self, self._cell, self._take_transforms)
@@ -144,29 +155,14 @@ class TouchRunner(CellNode):
         stated = record.document['tip_uncertainty']
         return Planner(replace(record.arm, cell=self._cell), known_or_infinite(stated['worst'], stated['undetermined']))
 
-    def _action_client(self, name: str) -> tuple[ActionClient, Any]:
-        """A client, and the type of its action."""
-        try:
-            kind = import_module('control_msgs.action').FollowJointTrajectory
-        except ImportError as error:
-            remedy = 'install control_msgs, or leave action empty and command by joint_trajectory'
-            raise InputError('action', 'control_msgs cannot be imported', remedy) from error
-        return ActionClient(self, kind, name), kind
-
-    def _command(self, trajectory: JointTrajectory) -> None:
-        """Sends a trajectory, which replaces the former, to the action server or as a message."""
-        if self._action is None:
-            self._commands.publish(trajectory)
-            return
-        client, kind = self._action
-        client.send_goal_async(kind.Goal(trajectory=trajectory)).add_done_callback(self._take_answer)
-
-    def _take_answer(self, future: RclpyFuture) -> None:
-        if self._is_running and (future.exception() is not None or not future.result().accepted):
-            self._runner.fail('the controller refuses a trajectory')
+    def _take_failure(self, reason: str, passes: bool) -> None:
+        if self._is_running:
+            self._runner.fail(reason, passes=passes)
 
     def _new_runner(self) -> Runner:
-        return Runner(self._cell, self._most, self._detect, self._submit, self._planner)
+        runner = Runner(self._cell, self._most, self._detect, self._submit, self._planner, self._patience)
+        runner.streams = not self._controller.is_action
+        return runner
 
     def _submit(self, do: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Has a calibration made in the other process."""
@@ -182,8 +178,13 @@ class TouchRunner(CellNode):
             return 'going on'
         if self._process is not None:
             raise RefusedError('the former run is being calibrated; call again when that is done')
-        if problem := self._hearing():
+        if problem := self._controller.absence() or self._hearing():
             raise RefusedError(problem)
+        if self._zero_client is not None:
+            if not self._zero_client.service_is_ready():
+                raise RefusedError(f'nobody serves {self._cell.sensor.zero_service} (sensor.zero_service)')
+            self._zero = self._zero_client.call_async(Trigger.Request())
+            self._waits_until = monotonic_ns() + int(_WAIT * _SECOND)
         if self._runner.end is not None:
             self._runner = self._new_runner()
         topics = tuple(monitor.topic for monitor in self._streams.monitors.values())
@@ -212,24 +213,32 @@ class TouchRunner(CellNode):
             raise RefusedError('nothing is running; call ~/start first')
 
     def _hearing(self) -> str:
-        """Why nobody, or somebody else as well, moves the robot; empty where all is well."""
-        topic = self._commands.topic_name
-        if self._action is not None:
-            ready = self._action[0].server_is_ready()
-            return '' if ready else f'nobody serves the action {self.get_parameter("action").value}'
-        if not self._commands.get_subscription_count():
-            return f'nobody hears {topic}: start the controller, or remap the topic'
-        others = [
-            f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-            for info in self.get_publishers_info_by_topic(topic)
-            if (info.node_namespace, info.node_name) != (self.get_namespace(), self.get_name())
-        ]
-        if others or self.count_publishers(topic) > 1:
-            return f'another node publishes {topic}, {", ".join(others) or "of the same name"}: end it'
+        """Why somebody else as well, or with other joints or clocks, moves the robot; empty where all is well."""
+        cell = self._cell
+        if problem := self._controller.problem((*cell.joint_names, *cell.other_joints)):
+            return problem
+        if self._runner.status.phase == 'idle':
+            for stream, apart in self._apart.items():
+                if abs(apart) > _APART:
+                    topic, remedy = self._streams.monitors[stream].topic, 'set use_sim_time, or synchronise the clocks'
+                    return f'{topic}: stamps of another clock, {apart:.0f} s apart from that of this node: {remedy}'
         robots = {name.rpartition('/')[2] for each in self._streams.monitors.values() for name in each.publishers}
         if not self.get_parameter('cell').value and robots - {'contact_simulator'}:
             return 'the parameter cell is empty: name the cell description of this robot'
         return ''
+
+    def _is_zeroed(self) -> bool:
+        """Whether the sensor has been set to zero, where that is to be; a service that fails ends the run."""
+        if self._zero is None:
+            return True
+        if not self._zero.done() and monotonic_ns() < self._waits_until:
+            return False
+        answer = self._zero.result() if self._zero.done() else None
+        if answer is None or not answer.success:
+            why = 'does not answer' if answer is None else f'failed: {answer.message}'
+            self._runner.fail(f'{self._cell.sensor.zero_service} (sensor.zero_service) {why}', may_retract=False)
+        self._zero = None
+        return True
 
     # Samples and commands
 
@@ -249,6 +258,8 @@ class TouchRunner(CellNode):
             except (ScaraKinetostaticError, OSError) as error:
                 self._lose_recording(error)
         senses, now = self._runner.senses, 1e-9 * self._time()
+        if sample is not None:
+            self._apart[stream] = 1e-9 * (self._now() - sample.stamp_ns)
         if sample is None:
             monitor = self._streams.monitors[stream]
             senses.refuse(monitor.refusal, moved=monitor.has_moved)
@@ -281,7 +292,7 @@ class TouchRunner(CellNode):
 
     def _tick(self) -> None:
         now = self._time()
-        if not self._is_running or (now - self._ticked < 2_000_000 and now >= self._ticked):
+        if not self._is_running or (now - self._ticked < 2_000_000 and now >= self._ticked) or not self._is_zeroed():
             return
         self._ticked = now
         try:
@@ -290,7 +301,7 @@ class TouchRunner(CellNode):
             self._lose_recording(error)
             return
         if command is not None:
-            self._command(joint_trajectory(command.names, command.positions.tolist(), command.times.tolist()))
+            self._controller.send(command)
         status = self._runner.status
         if (status.phase, status.text) != self._said:
             self._said = status.phase, status.text
@@ -304,8 +315,11 @@ class TouchRunner(CellNode):
 
     def _watch(self) -> None:
         """Who hears and publishes; what the calibration at the end does."""
-        if self._is_running and self._runner.end is None and (problem := self._hearing()):
-            self._runner.fail(problem)
+        if self._is_running and self._runner.end is None:
+            if absence := self._controller.absence():
+                self._runner.fail(absence, passes=True)
+            elif problem := self._hearing():
+                self._runner.fail(problem)
         if self._autostart:
             self._begin_by_itself()
         news = None if self._process is None else self._process.poll()
@@ -325,7 +339,7 @@ class TouchRunner(CellNode):
 
     def _begin_by_itself(self) -> None:
         """With `autostart`: as soon as somebody hears."""
-        problem = self._hearing()
+        problem = self._controller.absence() or self._hearing()
         if problem and monotonic_ns() < self._waits_until:
             return
         self._autostart = False
@@ -369,7 +383,7 @@ class TouchRunner(CellNode):
     def _level(self, status: Status) -> bytes:
         if status.is_fault:
             return ERROR
-        return WARN if status.phase in ('paused', 'stopped') else OK
+        return WARN if status.phase in ('paused', 'waiting', 'stopped') else OK
 
     def facts(self) -> dict[str, str]:
         """What is on `~/state`, by name."""
@@ -380,7 +394,8 @@ class TouchRunner(CellNode):
             **status.values,
             'recording': '' if session is None else str(session.folder),
         }
-        return values | {'result': self._result}
+        error = self._controller.error
+        return values | {'result': self._result, 'controller_error': '' if error is None else f'{error:.3g}'}
 
     def _publish_state(self) -> None:
         status = self._runner.status

@@ -29,7 +29,7 @@ from scara_kinetostatic.touches.detection import Detection
 
 FIRST = 9
 """Accepted touches after which the first calibration is made."""
-_FEW = 3
+_FEW = 4
 """Touches that are planned at a time from then on."""
 _TRIES = 3
 """Failed touches after which a place is given up; the last of them was aside."""

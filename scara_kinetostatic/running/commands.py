@@ -33,6 +33,9 @@ _FASTER = 1.25
 """What a commanded speed may exceed the wanted one by: the model of the arm is not exact."""
 
 
+_NOT_SLOW = (float('inf'), 0.0)
+
+
 class Command(NamedTuple):
     """Motion of the joints to come.
 
@@ -151,10 +154,11 @@ class Motion:
     """
 
     def __init__(
-        self, track: Track, speed: float, at: float = 0.0, *, ramps: bool = True, slow: tuple[float, float] | None = None
+        self, track: Track, speed: float, at: float = 0.0, *, ramps: bool = True, slow: tuple[float, float] = _NOT_SLOW
     ) -> None:
-        self.track, self.at, self.sent = track, at, None
-        self._speed, self._now, self._ramps, self._slow = speed, 0.0, ramps, slow or (np.inf, speed)
+        self.track, self.at = track, at
+        self.sent: float | None = None
+        self._speed, self._now, self._ramps, self._slow = speed, 0.0, ramps, slow
 
     @property
     def speed(self) -> float:
@@ -172,7 +176,7 @@ class Motion:
             at, now = self._after(at, now, _APART, goal)
             lengths.append(at)
         self.sent = at
-        return (_APART * np.arange(1, len(lengths) + 1), *self.track.place(np.array(lengths)))
+        return (_APART * np.arange(1.0, len(lengths) + 1), *self.track.place(np.array(lengths)))
 
     def _after(self, at: float, now: float, elapsed: float, goal: float) -> tuple[float, float]:
         """Length and speed after some time."""

@@ -1,9 +1,9 @@
 """The run: a robot that touches, judges and goes on by itself. Samples come in, commands go out; no ROS.
 
 Every touch: travel to where the approach begins, with one command; take the zero of the force; approach slowly until
-the force says contact; press in steps to the force that is wanted, dragging the tip aside (`kinetostatics.press_aside`);
-hold; retract to where the approach began; wait for the judgement of the collector's own detection. The script of it is
-a generator that is resumed with every `tick`.
+the force says contact; press in steps to the force that is wanted, dragging the tip aside
+(`kinetostatics.press_aside`); hold; retract to where the approach began; wait for the judgement of the collector's own
+detection. The script of it is a generator that is resumed with every `tick`.
 
 **Speeds in contact.** From a force to its effect on the robot `DELAY` goes by. With the compliance c of arm and tip
 along the normal, the force grows by speed · `DELAY` / c meanwhile: the approach is so slow that this stays below what
@@ -33,15 +33,7 @@ from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
 from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker
-from scara_kinetostatic.running.commands import (
-    AHEAD_OF_CONTACT,
-    PERIOD,
-    Command,
-    Commander,
-    Fault,
-    Motion,
-    Track,
-)
+from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, PERIOD, Command, Commander, Fault, Motion, Track
 from scara_kinetostatic.running.senses import Senses
 from scara_kinetostatic.touches.detection import Detection
 
@@ -170,6 +162,7 @@ class Runner:
     def fail(self, reason: str, *, may_retract: bool = True, passes: bool = False) -> None:
         """Something outside is wrong: stops, and retracts where it may, or waits where it may pass by itself."""
         self._disturbed = self._now
+        passes = passes and self.status.phase != 'idle'
         if self.end is None and not (passes and self.status.phase == 'waiting'):
             self._interrupt(Fault(reason, may_retract=may_retract, passes=passes))
 
@@ -697,7 +690,9 @@ class Runner:
         """Waits where the cause may pass by itself and time is left for that in this touch; else gives up."""
         self._waits_until = min(self._waits_until, self._now + self._patience) if fault.passes else self._waits_until
         if fault.passes and self._now < self._waits_until:
-            self._script = self._wait(f'{fault} (in {self.status.phase})' if self.status.phase != 'waiting' else str(fault))
+            self._script = self._wait(
+                f'{fault} (in {self.status.phase})' if self.status.phase != 'waiting' else str(fault)
+            )
         else:
             self._give_up(fault)
 
@@ -730,7 +725,9 @@ class Runner:
             yield from self._back()
         self._motion = None
         began = self._now
-        while self.target is not None and self._now - began < 2 * _QUIET:  # what was touched is not judged, unless it is good
+        while (
+            self.target is not None and self._now - began < 2 * _QUIET
+        ):  # what was touched is not judged, unless it is good
             self._check(_OFF_TRACK)
             if len((found := self._detect()).touches):
                 self.campaign.accept(found)

@@ -598,7 +598,8 @@ class Plant:
             return [a + part * span * v for a, v in zip(points[0], mean, strict=True)]
         ends = list(zip(points[0], mean, rates[0], rates[1], strict=True))
         self._rate = [
-            6 * part * (1 - part) * v + (1 - part) * (1 - 3 * part) * u + part * (3 * part - 2) * w for _, v, u, w in ends
+            6 * part * (1 - part) * v + (1 - part) * (1 - 3 * part) * u + part * (3 * part - 2) * w
+            for _, v, u, w in ends
         ]
         cubic = part * part * (3 - 2 * part), part * (1 - part) ** 2, part * part * (part - 1)
         return [a + span * (cubic[0] * v + cubic[1] * u + cubic[2] * w) for a, v, u, w in ends]

@@ -43,7 +43,7 @@ class Cockpit:
         return list(self.states[-1].position)
 
     def send(self, positions: list[float], names: tuple[str, ...] = ('joint4', 'joint3', 'joint2', 'joint1')) -> None:
-        self._out.publish(joint_trajectory(names, [positions], [0.5]))
+        self._out.publish(joint_trajectory(names, [0.5], [positions]))
 
     def wait(self, until: Callable[[], bool]) -> None:
         self._client.wait('the robot', until, 60.0)
