@@ -433,7 +433,7 @@ def _excess(model: Section) -> tuple[tuple[float, float], tuple[float, float]]:
 def _sensor(section: Section) -> Sensor:
     default = Sensor()
     topics = {name: section.word(name, getattr(default, name)) for name in ('joint_states', 'wrench')}
-    service = section.word('zero_service', '')
+    service = section.word('zero_service', '') if section.data.get('zero_service') else ''
     if service and not _TOPIC.match(service):
         raise section.error(
             'zero_service', f'{service!r} is not the name of a service', 'write it like /ft_sensor/zero'

@@ -641,17 +641,16 @@ class Runner:
             Fault: a force remains.
         """
         assert self._motion is not None
-        at, surface = self._motion.at, self._surface
-        free, slow = min(surface - 3e-3, 0.5 * surface), surface - _CLEAR
+        slow = self._surface - _CLEAR
         given = (slow, self.cell.touch.contact_speed)
-        motion = self._motion = Motion(self._motion.track, self._travel_speed(), at, slow=given)
+        motion = self._motion = Motion(self._motion.track, self._travel_speed(), self._motion.at, slow=given)
         while motion.at > 0.0:
             self._check(_OFF_TRACK)
-            if self._near < free and self.senses.force > 2 * self._free_limit:
-                raise Fault(f'a force of {self.senses.force:.1f} N remains after the touch', may_retract=False)
             self._move(motion, 0.0, is_free=motion.at <= slow)
             yield
         yield from self._stopped()
+        if self.senses.force > 2 * self._free_limit:
+            raise Fault(f'a force of {self.senses.force:.1f} N remains after the touch', may_retract=False)
         self._contact, self._motion = False, None
 
     def _judgement(self, target: Target) -> Iterator[None]:
