@@ -21,7 +21,7 @@ AHEAD_OF_CONTACT = 0.1
 """No motion is commanded farther ahead towards a contact and in it, s."""
 PERIOD = 0.02
 """Time between two commands that are streamed, s."""
-ACCELERATION = 1.0
+ACCELERATION = 1.5
 """Of the tip at the ends of a track and at its corners, m/s²."""
 _CORNER = 0.02
 """Speed at a corner, m/s: with a lag of 50 ms the tip cuts it by less than 1 mm; a blunt one is passed faster."""

@@ -254,7 +254,7 @@ class Runner:
         else:
             reach = AHEAD_OF_CONTACT * motion.speed
             end = goal if until is None else min(goal, max(motion.at, until) + reach)
-            due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.5 * reach)
+            due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.25 * reach)
             due, ahead = due and not self._is_behind, np.inf
         if due:
             self._command = self._commander.command(here, motion.points(end, ahead), is_free=is_free)

@@ -130,7 +130,7 @@ class Senses:
             Fault: they cannot.
         """
         if text := self.problem(now):
-            raise Fault(text, may_retract=not text.startswith(self._topics[0]))
+            raise Fault(text, may_retract=not text.startswith(self._topics[0]), passes=not self._moved)
 
     def _latest(self, readings: deque[tuple[float, float, float]], now: float, span: float) -> Floats:
         found = list[tuple[float, ...]]()

@@ -113,6 +113,7 @@ names = st.text(
         st.sampled_from(SensorFrame),
         st.sampled_from(SensorSign),
         st.none() | st.floats(-4e9, 4e9),
+        st.sampled_from(['', '/ft/zero']),
     ),
     noise=st.none()
     | st.builds(

@@ -15,18 +15,21 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nodes.waiting import WAIT, eventually, trigger
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL
-from scara_kinetostatic.nodes import touch_runner
+from scara_kinetostatic.nodes import controller, touch_runner
 from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.nodes.touch_runner import TouchRunner
@@ -164,48 +167,169 @@ def test_without_control_msgs_an_action_is_refused(spin: Callable[..., Node], tm
         spin(TouchRunner, '--ros-args', '-p', f'cell:={cell_in(tmp_path)}', '-p', 'action:=arm/follow')
 
 
+RESULT = SimpleNamespace(
+    SUCCESSFUL=0, INVALID_GOAL=-1, INVALID_JOINTS=-2, OLD_HEADER_TIMESTAMP=-3, PATH_TOLERANCE_VIOLATED=-4,
+    GOAL_TOLERANCE_VIOLATED=-5,
+)  # fmt: skip
+"""The error codes of FollowJointTrajectory: control_msgs is not needed here."""
+
+
+class StandIn:
+    """In the place of rclpy's action client; a goal has the answer that `answers` says, from the last one on the same.
+
+    An answer is None where the goal is rejected, 0 where it goes on, else the code with which it is aborted.
+    """
+
+    answers: tuple[int | None, ...] = (0,)
+    goals: list[JointTrajectory]
+
+    def __init__(self, *_: object) -> None:
+        StandIn.goals = self.goals = []
+
+    def server_is_ready(self) -> bool:
+        return True
+
+    def send_goal_async(self, goal: SimpleNamespace, feedback_callback: Callable[..., None]) -> Future:
+        code = self.answers[min(len(self.goals), len(self.answers) - 1)]
+        self.goals.append(goal.trajectory)
+        answer, ended = Future(), Future()
+        answer.set_result(SimpleNamespace(accepted=code is not None, get_result_async=lambda: ended))
+        if code:
+            result = SimpleNamespace(error_code=code, error_string='as the controller says')
+            ended.set_result(SimpleNamespace(status=6, result=result))
+        return answer
+
+
+@pytest.mark.parametrize(
+    ('answers', 'phase', 'says'),
+    [
+        ((None,), 'stopped', 'the controller rejects a trajectory'),
+        ((0, -4), 'stopped', '(PATH_TOLERANCE_VIOLATED, -4): as the controller says (in travel)'),
+        ((0, -5, 0), 'waiting', '(GOAL_TOLERANCE_VIOLATED, -5)'),
+        ((0, -1, None), 'waiting', '(INVALID_GOAL, -1): as the controller says (in travel); waiting for 30 s at most'),
+        ((0, -1, 0), 'stopped', 'somebody else commands the robot'),
+    ],
+    ids=['rejected', 'tolerance', 'late', 'inactive', 'preempted'],
+)
 def test_an_action_server_is_commanded_and_may_refuse(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    spin: Callable[..., Node],
+    client: DemoClient,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    answers: tuple[int | None, ...],
+    phase: str,
+    says: str,
 ) -> None:
-    """With a stand-in for rclpy's action client: control_msgs is not needed here."""
-    goals, answers = [], list[Future]()
-
-    class Client:
-        server_is_ready = staticmethod(lambda: True)
-
-        def send_goal_async(self, goal: JointTrajectory) -> Future:
-            goals.append(goal)
-            answers.append(Future())
-            answers[-1].set_result(SimpleNamespace(accepted=len(goals) < 20))
-            return answers[-1]
-
-    monkeypatch.setattr(
-        TouchRunner,
-        '_action_client',
-        lambda self, name: (Client(), SimpleNamespace(Goal=lambda trajectory: trajectory)),
-    )
+    monkeypatch.setattr(StandIn, 'answers', answers)
+    monkeypatch.setattr(controller, 'ActionClient', StandIn)
+    kind = SimpleNamespace(Goal=lambda trajectory: SimpleNamespace(trajectory=trajectory), Result=RESULT)
+    monkeypatch.setattr(controller, 'follow_joint_trajectory', lambda *_: kind)
     given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'action': 'arm/follow', 'use_sim_time': 'true'}
     node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
+    said, stand = standing(node, client)
+    client.wait('the answer', lambda: stand() and any(p == phase and says in text for p, text in said()), WAIT)
+    first, *others = StandIn.goals
+    assert first.joint_names == list(CELL.joint_names)
+    assert list(first.points[-1].positions) == pytest.approx(STANDS), 'a goal that moves nothing is the first'
+    if answers[0] is None:
+        assert not others, 'nothing has moved'
+    else:
+        assert len(others[0].points[0].velocities) == 2, 'the way is one goal'
+
+
+STANDS = [0.5, 1.0]
+
+
+def standing(
+    node: Node, client: DemoClient, stamps: float = 0.0
+) -> tuple[Callable[[], list[tuple[str, str]]], Callable[[], bool]]:
+    """A robot that stands, whatever is commanded: what the runner has said, and what gives the next samples."""
     states = client._node.create_publisher(JointState, '/joint_states', 10)
     wrenches = client._node.create_publisher(WrenchStamped, '/wrench', 10)
     clock = client._node.create_publisher(Clock, '/clock', 10)
     client.wait('the clock', lambda: clock.get_subscription_count() > 0 and wrenches.get_subscription_count() > 0, WAIT)
     start = trigger(client, '/touch_runner/start')
     assert start.success, start.message
-    now = 1.0
+    now, said = 1.0, list[tuple[str, str]]()
 
     def stand() -> bool:
         nonlocal now
         now += 0.004
-        stamp = Time(seconds=now).to_msg()
-        clock.publish(Clock(clock=stamp))
-        states.publish(JointState(header=Header(stamp=stamp), name=['joint1', 'joint2'], position=[0.5, 1.0]))
+        clock.publish(Clock(clock=Time(seconds=now).to_msg()))
+        stamp = Time(seconds=now + stamps).to_msg()
+        states.publish(JointState(header=Header(stamp=stamp), name=['joint1', 'joint2'], position=STANDS))
         wrenches.publish(WrenchStamped(header=Header(stamp=stamp, frame_id='base_link')))
-        return 'refuses' in node._runner.status.text or node._runner.is_over
+        status = node._runner.status
+        if not said or said[-1] != status[:2]:
+            said.append(status[:2])
+        return True
 
-    client.wait('the refusal', stand, WAIT)
-    assert goals[0].joint_names == list(CELL.joint_names)
-    assert 'the controller refuses a trajectory' in node._runner.status.text
+    return lambda: said, stand
+
+
+def test_stamps_of_another_clock_are_refused_before_anything_moves(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+) -> None:
+    given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'use_sim_time': 'true'}
+    node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
+    sent: list[JointTrajectory] = []
+    client._node.create_subscription(JointTrajectory, '/joint_trajectory', sent.append, 10)
+    assert eventually(lambda: not node._controller.absence())
+    said, stand = standing(node, client, stamps=1000.0)
+    client.wait('the refusal', lambda: stand() and node._runner.is_over, WAIT)
+    assert 'stamps of another clock, -1000 s apart from that of this node: set use_sim_time' in said()[-1][1]
+    assert not sent
+
+
+@pytest.mark.parametrize('answer', [None, False, True], ids=['missing', 'fails', 'succeeds'])
+def test_the_sensor_is_zeroed_before_the_run(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path, answer: bool | None
+) -> None:
+    path = tmp_path / 'cell.yaml'
+    path.write_text(dump_cell(replace(CELL, sensor=CELL.sensor._replace(zero_service='/ft/zero'))))
+    node = spin(TouchRunner, '--ros-args', '-p', f'cell:={path}', '-p', f'output:={tmp_path / "out"}')
+    client._node.create_subscription(JointTrajectory, '/joint_trajectory', lambda _: None, 10)
+    calls: list[bool] = []
+
+    def zero(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        calls.append(True)
+        response.success, response.message = bool(answer), 'a force acts'
+        return response
+
+    if answer is not None:
+        client._node.create_service(Trigger, '/ft/zero', zero)
+        assert eventually(node._zero_client.service_is_ready)
+    assert eventually(lambda: not node._controller.absence())
+    start = trigger(client, '/touch_runner/start')
+    if answer is None:
+        assert start.message == 'nobody serves /ft/zero (sensor.zero_service)'
+        return
+    assert start.success, start.message
+    failed = '/ft/zero (sensor.zero_service) failed: a force acts'
+    expected = '/joint_states is silent' if answer else failed
+    client.wait('the answer', lambda: expected in node._runner.status.text, WAIT)
+    assert calls == [True]
+
+
+def test_a_controller_of_other_joints_is_refused(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+) -> None:
+    arguments = ['-p', f'cell:={cell_in(tmp_path)}', '-p', f'output:={tmp_path / "out"}']
+    topic = '/arm/joint_trajectory'
+
+    def joints(request: GetParameters.Request, response: GetParameters.Response) -> GetParameters.Response:
+        assert request.names == ['joints', 'allow_partial_joints_goal']
+        names = ParameterValue(type=9, string_array_value=['joint1', 'joint2', 'joint4'])
+        response.values = [names, ParameterValue(type=1, bool_value=False)]
+        return response
+
+    client._node.create_service(GetParameters, '/arm/get_parameters', joints)
+    client._node.create_subscription(JointTrajectory, topic, lambda _: None, 10)
+    node = spin(TouchRunner, '--ros-args', '-r', f'joint_trajectory:={topic}', *arguments)
+    assert eventually(lambda: not node._controller.absence() and 'joint4' in node._hearing())
+    answer = trigger(client, '/touch_runner/start')
+    expected = f'the controller of {topic} moves joint1 joint2 joint4, the cell names joint1 joint2: correct robot'
+    assert answer.message.startswith(expected)
 
 
 @pytest.mark.parametrize(

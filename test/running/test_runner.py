@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.running.campaign import calibrated
-from scara_kinetostatic.running.commands import Track
+from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, Command, Track
 from scara_kinetostatic.running.rehearsal import Rehearsal
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings
 from scara_kinetostatic.simulation.plan import default_plan
@@ -39,9 +40,12 @@ TRUTH = Parameters(
 LIFT = Lift('joint3', 0.02, 0.0)
 
 
-def rehearsal(cell: Cell = CELL, true: Cell | None = None, seed: int = 1, most: int = 100) -> Rehearsal:
+def rehearsal(
+    cell: Cell = CELL, true: Cell | None = None, seed: int = 1, most: int = 100, patience: float = 0.0
+) -> Rehearsal:
     sensors = replace(COMMANDED_SENSORS, bias=(1.4, -1.4))
-    one = Rehearsal(cell, Plant(cell, ModelBody(true or cell, TRUTH), sensors=sensors, seed=seed), most)
+    plant = Plant(cell, ModelBody(true or cell, TRUTH), sensors=sensors, seed=seed)
+    one = Rehearsal(cell, plant, most, patience=patience)
     one.runner.start()
     return one
 
@@ -320,3 +324,150 @@ def test_an_arm_that_is_known_stays_known() -> None:
     assert found.now is None or found.now > 2e-3
     assert found.planner.arm is planner.arm
     assert len(found.planned.plan)
+
+
+def test_travel_is_one_smooth_command_and_a_contact_is_streamed() -> None:
+    one = rehearsal(replace(CELL, lift=LIFT))
+    sent: list[tuple[str, Command]] = []
+    while one.runner.campaign.accepted < 2:
+        if (command := one.step()) is not None:
+            sent.append((one.runner.status.phase, command))
+    ways = [command for phase, command in sent if phase == 'travel']
+    assert len(ways) == 2
+    for way in ways:
+        assert way.velocities.shape == way.positions.shape
+        assert not way.velocities[-1].any()
+        assert np.abs(np.diff(way.velocities, axis=0)).max() < 0.3  # rad/s between two points
+    lift = ways[1].positions[:, 2]
+    assert lift.max() == pytest.approx(LIFT.up)
+    assert lift[-1] == LIFT.down
+    contact = [command for phase, command in sent if phase in ('approach', 'press')]
+    assert max(command.times[-1] for command in contact) <= AHEAD_OF_CONTACT + 1e-9
+
+
+def test_where_motions_are_not_streamed_there_are_few_and_none_leads_far_beyond_a_contact() -> None:
+    one = rehearsal(replace(CELL, tolerance=None), most=14)
+    one.runner.streams = False
+    counts, commands = [0], 0
+    while not one.runner.is_over:
+        command = one.step()
+        commands += command is not None
+        if one.runner.campaign.accepted == len(counts):
+            counts.append(commands)
+        if command is not None and one.runner.status.phase == 'approach' and one.runner.campaign.accepted < 9:
+            speed = one.runner._motion.speed
+            slow = one.runner._motion._slow[0]
+            assert one.runner._motion.sent <= max(one.runner._motion.at, slow) + AHEAD_OF_CONTACT * speed + 1e-9
+    assert one.runner.end is not None
+    assert one.runner.end.status == 0
+    assert np.median(np.diff(counts)[9:]) <= 6, 'of an arm that is known'
+    assert one.plant.peak_force < CELL.touch.max_force
+
+
+def stops(one: Rehearsal) -> None:
+    one.plant.active = False
+
+
+def goes_on(one: Rehearsal) -> None:
+    one.plant.active = True
+
+
+def scales_to(factor: float) -> Callable[[Rehearsal], None]:
+    def scale(one: Rehearsal) -> None:
+        one.plant.scaling = factor
+
+    return scale
+
+
+def fails_by(fault: Fault) -> Callable[[Rehearsal], None]:
+    def fail(one: Rehearsal) -> None:
+        one.plant.fault = fault
+
+    return fail
+
+
+@pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
+@pytest.mark.parametrize('phase', ['travel', 'approach', 'press'])
+@pytest.mark.parametrize(
+    ('begin', 'end', 'says'),
+    [
+        (stops, goes_on, 'does not follow'),
+        (fails_by(Fault.SILENT_WRENCH), fails_by(Fault.NONE), '/wrench is silent'),
+        (fails_by(Fault.SILENT_JOINTS), fails_by(Fault.NONE), '/joint_states is silent'),
+    ],
+    ids=['inactive', 'no wrench', 'no joints'],
+)
+def test_what_passes_by_itself_is_waited_for(
+    begin: Callable[[Rehearsal], None], end: Callable[[Rehearsal], None], says: str, phase: str, streams: bool
+) -> None:
+    one = rehearsal(patience=10.0, most=9)
+    one.runner.streams = streams
+    until_phase(one, phase)
+    target = one.runner.target
+    begin(one)
+    began = one.time
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    assert one.time - began < 1.0
+    assert says in one.runner.status.text
+    assert 'waiting for 10 s at most' in one.runner.status.text
+    one.run(longest=0.3)
+    before = one.plant._position[:2]
+    one.run(longest=2.7)
+    assert one.plant._position[:2] == pytest.approx(before, abs=1e-4)
+    end(one)
+    one.run(lambda at: at.runner.status.phase == 'hold', 60.0)
+    assert one.runner.target is not None
+    assert one.runner.target.place() == target.place()
+    one.run()
+    assert one.runner.end is not None
+    assert one.runner.end.status == 0 or 'max_touches' in one.runner.end.reason
+    assert one.runner.campaign.accepted == 9
+    assert one.plant.peak_force < 1.5 * CELL.touch.max_force
+
+
+def test_patience_ends() -> None:
+    one = rehearsal(patience=3.0)
+    until_phase(one, 'approach')
+    one.plant.active, began = False, one.time
+    one.run(lambda at: at.runner.end is not None, 10.0)
+    assert 3.0 < one.time - began < 5.0
+    assert 'waited for 3 s' in one.runner.status.text
+    assert one.runner.end is not None
+    assert one.runner.end.status == 3
+
+
+def test_a_robot_that_was_moved_meanwhile_does_not_go_on() -> None:
+    one = rehearsal(patience=10.0)
+    until_phase(one, 'travel')
+    one.plant.fault = Fault.SILENT_WRENCH
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    one.run(longest=0.5)
+    here = one.plant._position[:2]
+    one.plant.command(one.plant.names, [1.0], [[here[0] - 0.1, here[1] + 0.1]])
+    one.run(longest=2.0)
+    one.plant.fault = Fault.NONE
+    one.run(lambda at: at.runner.end is not None, 5.0)
+    assert 'meanwhile the robot was moved' in one.runner.status.text
+
+
+@pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
+def test_a_controller_that_scales_the_time_is_late_which_is_no_fault(streams: bool) -> None:
+    one = rehearsal(replace(CELL, tolerance=None, lift=LIFT), most=9)
+    one.runner.streams, one.plant.scaling = streams, 0.3
+    one.run()
+    assert one.runner.end is not None
+    assert one.runner.end.status == 0
+    assert one.runner.campaign.accepted == 9
+    assert one.plant.peak_force < CELL.touch.max_force
+
+
+def test_a_scaling_of_zero_is_waited_for() -> None:
+    one = rehearsal(replace(CELL, tolerance=None), most=9, patience=20.0)
+    until_phase(one, 'travel')
+    one.plant.scaling = 0.0
+    one.run(longest=5.0)
+    assert one.runner.status.phase in ('waiting', 'travel')
+    assert any(status.phase == 'waiting' for _, status in one.history)
+    one.plant.scaling = 1.0
+    one.run()
+    assert one.runner.campaign.accepted == 9

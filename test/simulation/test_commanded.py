@@ -269,3 +269,36 @@ def test_the_same_seed_gives_the_same_readings() -> None:
         at = plant(sensors=SensorModel())
         readings.append([go(at, beside(CELL.discs[1], depth))[-1] for depth in (-0.01, 1e-3)])
     assert readings[0] == readings[1]
+
+
+def test_with_velocities_a_motion_is_a_spline_that_begins_with_the_rate_it_has() -> None:
+    at = plant(lag=0.0)
+    q1, q2 = at.body.joints
+    at.command(at.names, [1.0, 2.0], [[q1 - 0.1, q2], [q1 - 0.3, q2]], [[-0.2, 0.0], [0.0, 0.0]])
+    assert at.step(0.5).joints[0] == pytest.approx(q1 - 0.5 * 0.1 + 0.125 * 0.2, abs=1e-9)
+    assert at.step(1.0).joints[0] == pytest.approx(q1 - 0.1)
+    middle = at.step(1.5).joints[0]
+    assert middle == pytest.approx(q1 - 0.2 - 0.125 * 0.2, abs=1e-9)
+    rate = (at.step(1.5 + 1e-4).joints[0] - middle) / 1e-4
+    at.command(at.names, [1.0], [[q1, q2]], [[0.0, 0.0]])
+    begun = at.step(1.5 + 2e-4).joints[0] - at.step(1.5 + 2e-4).joints[0]
+    assert begun == 0.0
+    after = [at.step(1.5 + 1e-4 * k).joints[0] for k in (3, 4)]
+    assert np.diff(after)[0] / 1e-4 == pytest.approx(rate, abs=2e-3)
+
+
+def test_a_controller_scales_the_time_may_be_inactive_and_ends_at_rest() -> None:
+    at = plant(lag=0.0)
+    q1, q2 = at.body.joints
+    with pytest.raises(ParameterError, match='the velocity of its last point is not zero'):
+        at.command(at.names, [1.0], [[q1 - 0.1, q2]], [[0.1, 0.0]])
+    at.scaling = 0.5
+    at.command(at.names, [1.0], [[q1 - 0.1, q2]])
+    assert at.step(1.0).joints[0] == pytest.approx(q1 - 0.05)
+    assert at.left == pytest.approx(0.5)
+    at.active = False
+    assert at.step(1.5).joints[0] == pytest.approx(q1 - 0.05)
+    with pytest.raises(ParameterError, match='the controller is not running'):
+        at.command(at.names, [1.0], [[q1, q2]])
+    at.active = True
+    assert at.step(2.0).joints[0] == pytest.approx(q1 - 0.05)
