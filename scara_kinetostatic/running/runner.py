@@ -49,8 +49,10 @@ _LEAST_SPEED = 3e-4
 """Towards a contact, m/s."""
 _OFF_TRACK, _OFF_APPROACH = 0.02, 2e-3
 """How far the joints may be off their way in travel and towards a contact, rad."""
-_LATE, _BEHIND, _STANDS = 0.15, 2e-4, 0.3
-"""How far the robot may be behind, s and m together; farther, its way waits for it, unless it stands so long, s."""
+_LATE, _BEHIND = 0.15, 2e-4
+"""How far the robot may be behind, s and m together; farther, its way waits for it."""
+_STANDS, _MOVED = 0.25, 5e-5
+"""A robot that is behind and comes less far in such a time stands, s and m."""
 _ARRIVED = 1e-3
 """The same at the end of a way, m."""
 _QUIET = 0.5
@@ -291,7 +293,7 @@ class Runner:
             if motion.sent is not None and behind > _BEHIND and (near - motion.at) * (motion.sent - near) > 0:
                 motion.at, behind = near, 0.0  # this machine was busy: the robot went on
         self._near, self._is_behind = near, motion is not None and behind > self._lateness(motion)
-        if not self._is_behind or abs(near - self._seen) > _BEHIND:
+        if not self._is_behind or abs(near - self._seen) > _MOVED:
             self._seen, self._seen_at = near, self._now
         if away > off_track:
             text = f'the robot is {1e3 * away:.1f} mrad off its way: it does not follow, or is moved by something else'

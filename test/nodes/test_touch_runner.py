@@ -311,9 +311,7 @@ def test_the_sensor_is_zeroed_before_the_run(
     assert calls == [True]
 
 
-def test_a_controller_of_other_joints_is_refused(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
-) -> None:
+def test_a_controller_of_other_joints_is_refused(spin: Callable[..., Node], client: DemoClient, tmp_path: Path) -> None:
     arguments = ['-p', f'cell:={cell_in(tmp_path)}', '-p', f'output:={tmp_path / "out"}']
     topic = '/arm/joint_trajectory'
 
