@@ -17,8 +17,8 @@ from typing import Any
 
 REPLACED = (
     'rclpy', 'rcl_interfaces', 'action_msgs', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rosgraph_msgs',
-    'sensor_msgs', 'std_msgs', 'std_srvs', 'nav_msgs', 'trajectory_msgs', 'visualization_msgs', 'tf2_msgs', 'ament_index_python',
-    'launch', 'launch_ros',
+    'sensor_msgs', 'std_msgs', 'std_srvs', 'nav_msgs', 'trajectory_msgs', 'visualization_msgs', 'tf2_msgs',
+    'ament_index_python', 'launch', 'launch_ros',
 )  # fmt: skip
 NODES = {
     'contact_simulator': 'ContactSimulator',
