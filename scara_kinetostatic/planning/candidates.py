@@ -140,13 +140,14 @@ def candidate_plan(
     points = default_plan(cell, per_disc, levels[:1], postures)
     force, eased = (axis.ravel() for axis in np.meshgrid(levels, [0.0, preload] if preload else [0.0], indexing='ij'))
     sure = np.array([_has_sure_flanks(robot, replace(points, force=np.full(len(points), one))) for one in levels])
-    points, sure = points.select(sure.any(axis=0)), sure[:, sure.any(axis=0)]
+    some = np.flatnonzero(sure.any(axis=0))
+    points, sure = points.select(some), sure[:, some]
     if not len(points):
         raise UnsupportedDataError(
             f'at every point within reach the line of force passes a joint axis at less than {LEAST_ARM} m',
             'move the discs, or allow both postures',
         )
-    kept = keep(points) if keep else np.ones(len(points), dtype=bool)
+    kept = np.flatnonzero(keep(points)) if keep else np.arange(len(points))
     points, sure = points.select(kept), np.repeat(sure[:, kept], len(force) // len(levels), axis=0)
     count = len(force)
     every = Plan(
