@@ -13,9 +13,9 @@ import sys
 import numpy as np
 
 from benchmark.common import parser, print_and_save
-from scara_kinetostatic.studies.dial_gauge.analysis import analyse_points
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2
-from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeTruth, simulate_experiments
+from scara_kinetostatic.studies.loops.dial_gauge import analyse_points
+from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2
+from scara_kinetostatic.studies.loops.simulation import DialGaugeTruth, simulate_experiments
 
 
 def evaluate(number: int) -> dict[str, object]:

@@ -19,10 +19,12 @@ import numpy as np
 from scipy.signal import lfilter
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.hysteresis.dependence import loop_dependences, p_independent
-from scara_kinetostatic.studies.hysteresis.fit import fit_motion
-from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, MOTION_LAWS, Law, Values
-from scara_kinetostatic.studies.hysteresis.model_selection import (
+from scara_kinetostatic.studies.loops.dependence import loop_dependences, p_independent
+from scara_kinetostatic.studies.loops.fit import fit_motion
+from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS, Law, Values
+from scara_kinetostatic.studies.loops.motion import cut_at_reversals
+from scara_kinetostatic.studies.loops.record import LEVEL, Record
+from scara_kinetostatic.studies.loops.selection import (
     NONE,
     UNDECIDED,
     UNEXPLAINED,
@@ -30,8 +32,6 @@ from scara_kinetostatic.studies.hysteresis.model_selection import (
     Selection,
     select_model,
 )
-from scara_kinetostatic.studies.hysteresis.motion import cut_at_reversals
-from scara_kinetostatic.studies.hysteresis.record import LEVEL, Record
 
 NOISE = 100.0
 CORRELATIONS = (0.0, 0.9)

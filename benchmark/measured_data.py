@@ -35,18 +35,12 @@ from scara_kinetostatic.model.kinetostatics import joint_deflection
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.report.quantities import p_equals
-from scara_kinetostatic.studies.hysteresis.dependence import p_independent
-from scara_kinetostatic.studies.hysteresis.fit import Fit, Moments, Prediction, fit_load, predict
-from scara_kinetostatic.studies.hysteresis.laws import LOAD_BACKLASH, LOAD_LAWS, Law
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.model_selection import (
-    Candidate,
-    LoadStudy,
-    Selection,
-    predict_records,
-    select_model,
-)
-from scara_kinetostatic.studies.hysteresis.record import LEVEL, Record, load_record
+from scara_kinetostatic.studies.loops.dependence import p_independent
+from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, fit_load, predict
+from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS, Law
+from scara_kinetostatic.studies.loops.load_path import LoadPath
+from scara_kinetostatic.studies.loops.record import LEVEL, Record, load_record
+from scara_kinetostatic.studies.loops.selection import Candidate, LoadStudy, Selection, predict_records, select_model
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'panda'
 LOADING = 'loading.csv'

@@ -35,11 +35,11 @@ from benchmark.svg import svg_file
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.report.figure import INK, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.report.quantities import p_equals
-from scara_kinetostatic.studies.hysteresis.fit import Moments, fit_load, predict
-from scara_kinetostatic.studies.hysteresis.laws import LOAD_BACKLASH, LOAD_LAWS
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.model_selection import NONE, UNDECIDED, Candidate, LoadStudy, select_model
-from scara_kinetostatic.studies.hysteresis.record import Record, load_record
+from scara_kinetostatic.studies.loops.fit import Moments, fit_load, predict
+from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS
+from scara_kinetostatic.studies.loops.load_path import LoadPath
+from scara_kinetostatic.studies.loops.record import Record, load_record
+from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, Candidate, LoadStudy, select_model
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'cycloidal'
 LAWS = {law.name: law for law in (LOAD_BACKLASH, *LOAD_LAWS)}

@@ -49,9 +49,9 @@ from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
-from scara_kinetostatic.studies.dial_gauge.analysis import analyse_points
-from scara_kinetostatic.studies.dial_gauge.report import force_picture, map_picture
-from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
+from scara_kinetostatic.studies.loops.dial_gauge import analyse_points
+from scara_kinetostatic.studies.loops.dial_gauge_report import force_picture, map_picture
+from scara_kinetostatic.studies.loops.simulation import simulate_experiments
 from scara_kinetostatic.studies.paper import report as paper_pictures
 from scara_kinetostatic.studies.paper.study import reproduce
 

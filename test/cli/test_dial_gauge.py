@@ -10,7 +10,7 @@ import pytest
 from cli.command import Run
 from studies.gauge_table import GAP, dump_readings, record
 
-from scara_kinetostatic.studies.dial_gauge.simulation import LoadPlan, simulate_experiments
+from scara_kinetostatic.studies.loops.simulation import LoadPlan, simulate_experiments
 
 SMALL = LoadPlan(levels=(10.0, 20.0, 30.0), directions=tuple(np.radians([0, 60, 120]).tolist()))
 TABLE = dump_readings(simulate_experiments(plan=SMALL, seed=2))

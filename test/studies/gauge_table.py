@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
+from scara_kinetostatic.studies.loops.readings import DialGaugeReadings
 
 
 def dump_readings(readings: DialGaugeReadings) -> str:

@@ -10,8 +10,8 @@ from studies.gauge_table import dump_readings
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.columns import parse_table
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings, table_readings
-from scara_kinetostatic.studies.dial_gauge.simulation import LoadPlan, simulate_experiments
+from scara_kinetostatic.studies.loops.readings import DialGaugeReadings, table_readings
+from scara_kinetostatic.studies.loops.simulation import LoadPlan, simulate_experiments
 
 
 def parse(text: str, **defaults: str | float) -> DialGaugeReadings:

@@ -9,9 +9,9 @@ import pytest
 from studies.gauge_table import COMPLIANCE, GAP, SLIP, UNLOADING, record
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
-from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, analyse_loops
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
+from scara_kinetostatic.studies.loops.dial_gauge import analyse_tables
+from scara_kinetostatic.studies.loops.readings import DialGaugeReadings
+from scara_kinetostatic.studies.loops.reversals import LoopAnalysis, analyse_loops
 
 
 def analysis(**more: object) -> LoopAnalysis:

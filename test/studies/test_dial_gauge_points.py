@@ -8,14 +8,10 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.analysis import (
-    DialGaugeAnalysis,
-    DirectionMap,
-    analyse_points,
-    direction_map,
-)
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, TIP, DialGaugeReadings, join
-from scara_kinetostatic.studies.dial_gauge.simulation import (
+from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, DirectionMap, analyse_points, direction_map
+from scara_kinetostatic.studies.loops.estimates import Estimate
+from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, TIP, DialGaugeReadings, join
+from scara_kinetostatic.studies.loops.simulation import (
     DialGaugeSensors,
     DialGaugeTruth,
     LoadPlan,
@@ -24,7 +20,6 @@ from scara_kinetostatic.studies.dial_gauge.simulation import (
     simulate_gripper,
     simulate_joint,
 )
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 
 TRUTH, EXACT, COARSE = DialGaugeTruth(), DialGaugeSensors(noise=0.0), DialGaugeSensors(3e-6, 1e-6, 0.1)
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.run_fit import RunFit, find_passes, fit_run
-from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeSensors, LoadPlan
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, combine_estimates, find_resolution
+from scara_kinetostatic.studies.loops.estimates import Estimate, combine_estimates, find_resolution
+from scara_kinetostatic.studies.loops.readings import DialGaugeReadings
+from scara_kinetostatic.studies.loops.run_fit import RunFit, find_passes, fit_run
+from scara_kinetostatic.studies.loops.simulation import DialGaugeSensors, LoadPlan
 
 P, GAP = 3.76e-5, 1.3e-4
 PLAN = LoadPlan()

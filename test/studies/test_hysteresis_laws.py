@@ -7,10 +7,10 @@ import pytest
 from studies.hysteresis import SLIPS, TRUTH, slipping
 
 from benchmark.hysteresis import simulate_record
-from scara_kinetostatic.studies.hysteresis.fit import fit_motion
-from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, MOTION_LAWS
-from scara_kinetostatic.studies.hysteresis.model_selection import MotionStudy
-from scara_kinetostatic.studies.hysteresis.motion import cut_at_reversals
+from scara_kinetostatic.studies.loops.fit import fit_motion
+from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS
+from scara_kinetostatic.studies.loops.motion import cut_at_reversals
+from scara_kinetostatic.studies.loops.selection import MotionStudy
 
 LAWS = {law.name: law for law in MOTION_LAWS}
 SLIP, SLIP_NO_GAP = LAWS['slip'], LAWS['slip_no_gap']

@@ -12,9 +12,9 @@ from studies.load_records import TORQUE_NOISE, columns, record, torque
 
 from benchmark.hysteresis import sine
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.motion import cut_at_reversals, repeatability
-from scara_kinetostatic.studies.hysteresis.record import (
+from scara_kinetostatic.studies.loops.load_path import LoadPath
+from scara_kinetostatic.studies.loops.motion import cut_at_reversals, repeatability
+from scara_kinetostatic.studies.loops.record import (
     LOAD,
     MOTION,
     Record,

@@ -8,9 +8,9 @@ from studies.hysteresis import SLIPS, TRUTH, slipping
 
 from benchmark.hysteresis import alarmed, simulate_record
 from scara_kinetostatic.model.arrays import rms
-from scara_kinetostatic.studies.hysteresis.fit import effective_count, fit_motion
-from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, MOTION_LAWS
-from scara_kinetostatic.studies.hysteresis.model_selection import MotionStudy, select_model
+from scara_kinetostatic.studies.loops.fit import effective_count, fit_motion
+from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS
+from scara_kinetostatic.studies.loops.selection import MotionStudy, select_model
 
 NOISE = 50.0
 LAWS = {law.name: law for law in MOTION_LAWS}

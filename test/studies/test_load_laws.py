@@ -11,12 +11,12 @@ from studies.load_records import RATE, columns, record, torque
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.play_operator import play_operator
 from scara_kinetostatic.report import as_page, as_text
-from scara_kinetostatic.studies.hysteresis.dependence import p_independent
-from scara_kinetostatic.studies.hysteresis.document import hysteresis_document
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.model_selection import LoadStudy, Selection, predict_records, select_model
-from scara_kinetostatic.studies.hysteresis.record import Record
-from scara_kinetostatic.studies.hysteresis.report import hysteresis_report, verdict
+from scara_kinetostatic.studies.loops.dependence import p_independent
+from scara_kinetostatic.studies.loops.document import hysteresis_document
+from scara_kinetostatic.studies.loops.load_path import LoadPath
+from scara_kinetostatic.studies.loops.record import Record
+from scara_kinetostatic.studies.loops.report import hysteresis_report, verdict
+from scara_kinetostatic.studies.loops.selection import LoadStudy, Selection, predict_records, select_model
 
 STATES = ((-2.0, 0.3), (-2.6, -0.8), (-3.0, 0.7))
 """Load and state of friction at the start."""

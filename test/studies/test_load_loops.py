@@ -12,17 +12,11 @@ import pytest
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.studies.hysteresis.document import hysteresis_document
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.model_selection import (
-    LoadStudy,
-    Selection,
-    analyse,
-    predict_records,
-    select_model,
-)
-from scara_kinetostatic.studies.hysteresis.record import LOAD, Record, load_record, what_drives
-from scara_kinetostatic.studies.hysteresis.report import hysteresis_report, record_errors, verdict
+from scara_kinetostatic.studies.loops.document import hysteresis_document
+from scara_kinetostatic.studies.loops.load_path import LoadPath
+from scara_kinetostatic.studies.loops.record import LOAD, Record, load_record, what_drives
+from scara_kinetostatic.studies.loops.report import hysteresis_report, record_errors, verdict
+from scara_kinetostatic.studies.loops.selection import LoadStudy, Selection, analyse, predict_records, select_model
 
 C, MU, COMPLIANCE, HALF_GAP = 2.0, 0.3, 3e-3, 15e-3
 LOOPS = (4.0, 4.0, 4.0, 25.0, 25.0, 25.0)

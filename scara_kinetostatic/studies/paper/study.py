@@ -25,8 +25,8 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, analyse_tables
-from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
+from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_tables
+from scara_kinetostatic.studies.loops.simulation import simulate_experiments
 from scara_kinetostatic.studies.paper.table_2 import (
     ONE_LEVEL,
     THREE_LEVELS,

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.studies.dial_gauge.loop_analysis import reversals
-from scara_kinetostatic.studies.hysteresis.record import FEWEST_ROWS, FEWEST_SWEEPS, MOTION, Record
+from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, FEWEST_SWEEPS, MOTION, Record
+from scara_kinetostatic.studies.loops.reversals import reversals
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from scara_kinetostatic.errors import ParameterError, RecordingError, Unsupporte
 from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.columns import Column, Place, load_table, split_heading
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.studies.dial_gauge.loop_analysis import reversals
+from scara_kinetostatic.studies.loops.reversals import reversals
 
 MOTION, LOAD = 'motion', 'load'
 FEWEST_SWEEPS = 6

@@ -24,11 +24,13 @@ from scara_kinetostatic.report import (
 )
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals, scale_of, shown
-from scara_kinetostatic.studies.hysteresis.dependence import VARIABLES, Dependence
-from scara_kinetostatic.studies.hysteresis.fit import Prediction
-from scara_kinetostatic.studies.hysteresis.laws import Law
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
-from scara_kinetostatic.studies.hysteresis.model_selection import (
+from scara_kinetostatic.studies.loops.dependence import VARIABLES, Dependence
+from scara_kinetostatic.studies.loops.fit import Prediction
+from scara_kinetostatic.studies.loops.laws import Law
+from scara_kinetostatic.studies.loops.load_path import LoadPath, block_means
+from scara_kinetostatic.studies.loops.motion import Motion, repeatability
+from scara_kinetostatic.studies.loops.record import LEVEL, Record
+from scara_kinetostatic.studies.loops.selection import (
     AMBIGUOUS,
     NONE,
     UNDECIDED,
@@ -39,8 +41,6 @@ from scara_kinetostatic.studies.hysteresis.model_selection import (
     PredictedRecord,
     Selection,
 )
-from scara_kinetostatic.studies.hysteresis.motion import Motion, repeatability
-from scara_kinetostatic.studies.hysteresis.record import LEVEL, Record
 
 _PARAMETERS = {
     'zero': 'zero of the {response}',

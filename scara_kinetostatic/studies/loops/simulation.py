@@ -34,7 +34,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, LINK, TIP, DialGaugeReadings, join
+from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, LINK, TIP, DialGaugeReadings, join
 
 _STRETCHED = np.array([np.pi / 2, 0.0])
 """Link angles with both links along y."""

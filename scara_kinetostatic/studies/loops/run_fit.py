@@ -35,14 +35,14 @@ from scipy import stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.statistics import (
+from scara_kinetostatic.studies.loops.estimates import (
     Estimate,
     LeastSquares,
     between_variance,
     find_resolution,
     least_squares,
 )
+from scara_kinetostatic.studies.loops.readings import DialGaugeReadings
 
 ZERO_BAND = 0.02
 """Share of the largest load of a run up to which a load counts as none."""

@@ -25,8 +25,8 @@ from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.statistics import CombinedEstimate, Estimate, combine_estimates
+from scara_kinetostatic.studies.loops.estimates import CombinedEstimate, Estimate, combine_estimates
+from scara_kinetostatic.studies.loops.readings import DialGaugeReadings
 
 PROMINENCE = 0.03
 """Smallest prominence of a reversal, as a share of the range of the displacement."""

@@ -38,15 +38,15 @@ from scipy import stats
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
-from scara_kinetostatic.studies.hysteresis.dependence import (
+from scara_kinetostatic.studies.loops.dependence import (
     Dependence,
     load_dependences,
     loop_dependences,
     p_independent,
     p_positive,
 )
-from scara_kinetostatic.studies.hysteresis.fit import (
+from scara_kinetostatic.studies.loops.estimates import Estimate
+from scara_kinetostatic.studies.loops.fit import (
     Fit,
     Moments,
     Prediction,
@@ -56,10 +56,10 @@ from scara_kinetostatic.studies.hysteresis.fit import (
     predict,
     response_to,
 )
-from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, BACKLASH_FORMS, GAP_FORMS, LOAD_LAWS, MOTION_LAWS, Law
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
-from scara_kinetostatic.studies.hysteresis.motion import Motion, cut_at_reversals
-from scara_kinetostatic.studies.hysteresis.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record
+from scara_kinetostatic.studies.loops.laws import BACKLASH, BACKLASH_FORMS, GAP_FORMS, LOAD_LAWS, MOTION_LAWS, Law
+from scara_kinetostatic.studies.loops.load_path import LoadPath, block_means
+from scara_kinetostatic.studies.loops.motion import Motion, cut_at_reversals
+from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record
 
 BIC_GAIN = 2.0
 """Smallest decrease of BIC that is evidence."""

@@ -32,16 +32,16 @@ from scipy import stats
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, analyse_loops
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, PARTS, TIP, DialGaugeReadings, join
-from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND, Check, RunFit, fit_run
-from scara_kinetostatic.studies.dial_gauge.statistics import (
+from scara_kinetostatic.studies.loops.estimates import (
     FALSE_ALARM_LEVEL,
     CombinedEstimate,
     Estimate,
     combine_estimates,
     mean,
 )
+from scara_kinetostatic.studies.loops.readings import GRIPPER, PARTS, TIP, DialGaugeReadings, join
+from scara_kinetostatic.studies.loops.reversals import LoopAnalysis, analyse_loops
+from scara_kinetostatic.studies.loops.run_fit import ZERO_BAND, Check, RunFit, fit_run
 
 
 class Run(NamedTuple):

@@ -46,8 +46,8 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.play_operator import LARGEST_RATIO
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.motion import Motion
+from scara_kinetostatic.studies.loops.load_path import LoadPath
+from scara_kinetostatic.studies.loops.motion import Motion
 
 Values = Mapping[str, float]
 

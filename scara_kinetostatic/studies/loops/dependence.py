@@ -33,10 +33,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.studies.hysteresis.fit import effective_count
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
-from scara_kinetostatic.studies.hysteresis.motion import Motion
-from scara_kinetostatic.studies.hysteresis.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, UNLOADED_BELOW
+from scara_kinetostatic.studies.loops.fit import effective_count
+from scara_kinetostatic.studies.loops.load_path import LoadPath, block_means
+from scara_kinetostatic.studies.loops.motion import Motion
+from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, UNLOADED_BELOW
 
 _BINS = 16
 

@@ -10,18 +10,12 @@ import numpy as np
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.studies.hysteresis.dependence import Dependence
-from scara_kinetostatic.studies.hysteresis.fit import effective_count
-from scara_kinetostatic.studies.hysteresis.model_selection import (
-    Candidate,
-    LoadStudy,
-    MotionStudy,
-    PredictedRecord,
-    Selection,
-)
-from scara_kinetostatic.studies.hysteresis.motion import Motion, repeatability
-from scara_kinetostatic.studies.hysteresis.record import LOAD, MOTION, Record
-from scara_kinetostatic.studies.hysteresis.report import record_errors, unit_of
+from scara_kinetostatic.studies.loops.dependence import Dependence
+from scara_kinetostatic.studies.loops.fit import effective_count
+from scara_kinetostatic.studies.loops.motion import Motion, repeatability
+from scara_kinetostatic.studies.loops.record import LOAD, MOTION, Record
+from scara_kinetostatic.studies.loops.report import record_errors, unit_of
+from scara_kinetostatic.studies.loops.selection import Candidate, LoadStudy, MotionStudy, PredictedRecord, Selection
 
 NAME = 'hysteresis.json'
 

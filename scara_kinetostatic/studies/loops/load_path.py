@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.play_operator import play_limits, play_range
-from scara_kinetostatic.studies.hysteresis.record import Record, check_driven_by_load
+from scara_kinetostatic.studies.loops.record import Record, check_driven_by_load
 
 SMOOTHING = 0.06
 """Averaging time of the load that friction follows, s: half a period of an arm that vibrates at some 8 Hz."""

@@ -30,9 +30,9 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.studies.hysteresis.laws import Law, Parameter, Values
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
-from scara_kinetostatic.studies.hysteresis.motion import Motion
+from scara_kinetostatic.studies.loops.laws import Law, Parameter, Values
+from scara_kinetostatic.studies.loops.load_path import LoadPath, block_means
+from scara_kinetostatic.studies.loops.motion import Motion
 
 _STEP = 1e-4
 """Step of the scaled parameters for finite differences."""

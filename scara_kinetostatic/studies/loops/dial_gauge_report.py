@@ -25,9 +25,9 @@ from scara_kinetostatic.report import (
 )
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, new_figure
 from scara_kinetostatic.report.quantities import Scale, count, p_equals, shown
-from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, DirectionMap, Ellipse, Part, Run
-from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, Reversal, Sense
-from scara_kinetostatic.studies.dial_gauge.statistics import FALSE_ALARM_LEVEL, CombinedEstimate, Estimate
+from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, DirectionMap, Ellipse, Part, Run
+from scara_kinetostatic.studies.loops.estimates import FALSE_ALARM_LEVEL, CombinedEstimate, Estimate
+from scara_kinetostatic.studies.loops.reversals import LoopAnalysis, Reversal, Sense
 
 TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}
 HALF = 450.0
