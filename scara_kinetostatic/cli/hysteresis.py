@@ -60,9 +60,8 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the records are too short, or not of full loops or of a load that comes and goes.
     """
     from scara_kinetostatic.report import as_page, as_text, json_text
-    from scara_kinetostatic.studies.loops.document import NAME, hysteresis_document
     from scara_kinetostatic.studies.loops.record import MOTION, what_drives
-    from scara_kinetostatic.studies.loops.report import hysteresis_report
+    from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report
     from scara_kinetostatic.studies.loops.selection import analyse, predict_records
 
     records = _records(args)
@@ -74,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     predicted = predict_records(selections[0], records[len(args.tables) :]) if args.predict else ()
     document = hysteresis_document(selections, predicted)
     report = hysteresis_report(selections, predicted)
-    files = {NAME: json_text(document), 'hysteresis.html': as_page(report)} if args.out else {}
+    files = {'hysteresis.json': json_text(document), 'hysteresis.html': as_page(report)} if args.out else {}
     print_result(as_text(report), document, args.json, args.out, files)
     return 0
 

@@ -1,30 +1,29 @@
 """Laws of records: law (6) of the paper, q - q* = p c + g sign(c), and candidates that extend it.
 
+With x what drives a record, the displacement or the load counted from rest, a law of what is driven is
+
+    y = z + s Σ_i a_i B_i(x; θ, h),        a_i ≥ 0,
+
+z the zero of y, s = ±1 its direction under a positive x, B_i functions of x up to now. The amplitudes a_i and the shape
+parameters θ are common to all records; z and the initial state of friction h, from -1 to 1, are each record's own: they
+depend on what happened before it. P_r is the play operator of half width r (`model.play_operator`).
+
 Driven by its motion, the force is predicted. Law (6), solved for the force, is a spring with a dead zone: with the
 deflection u,
 
     F = F0 + dz(u; g) / p,        dz(u; g) = sign(u) max(|u| - g, 0),
 
-F0 being the zero of the force sensor. With u = x - x0 the force depends on the displacement alone. Candidates:
+F0 being the zero of the force sensor and 1/p the amplitude. With u = x - x0 the force depends on the displacement
+alone. Candidates:
 
-- softening: a spring whose stiffness decreases, Fs tanh(dz / (p Fs)) instead of dz / p; without hysteresis.
+- softening: a spring whose stiffness decreases, u_s tanh(dz / u_s) instead of dz, with u_s = p F_s; without hysteresis.
 - viscous: a damper in parallel, c dx/dt.
 - friction: Coulomb friction in parallel, Fc sign(dx/dt).
-- slip: Coulomb friction in series, a play operator on u. u follows the motion until the spring force reaches +F+ or
-  -F-; from there on the joint slips and u remains. With X the displacement since any instant, in a rising sweep
+- slip: Coulomb friction in series. u follows the motion until it reaches +h+ or -h-, h± = g + p F±, where the spring
+  force is F+ or -F-; from there on the joint slips and u remains: u = x - P_r(x) + (h+ - h-) / 2, r = (h+ + h-) / 2.
+- slip_no_gap: the same with g = 0 and h+ = h-; unequal limits are the same as another F0.
 
-      u_k = X_k + min(u_0, min over j <= k of (h_j - X_j)),        h: deflection at which it slips,
-
-  and the mirror image in a falling one. This is exact at the samples, without integration.
-- slip_no_gap: the same with g = 0; F0 is then equivalent to a shift of u and of both bounds, and left out.
-
-Driven by its load, the response is predicted. With the load τ counted from rest, a law is
-
-    y = z + s Σ_i a_i B_i(τ; θ, h),        a_i ≥ 0,
-
-z the response at no load, s = ±1 the direction of the response to a positive load, B_i functions of the load up to now.
-The amplitudes a_i and the shape parameters θ are common to all records; z and the initial state of friction h, from -1
-to 1, are each record's own: they depend on what happened before it. Functions:
+Driven by its load τ, the response is predicted:
 
 - backlash, law (6): τ, and sign(τ), linear within the scatter of the load at rest or not; no memory.
 - gap, law (6) as well: τ, and the sign that the load had last: an unloaded joint may stay where the load left it.
@@ -40,47 +39,65 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.play_operator import LARGEST_RATIO
-from scara_kinetostatic.studies.loops.load_path import LoadPath
-from scara_kinetostatic.studies.loops.motion import Motion
+from scara_kinetostatic.studies.loops.path import RecordPath
+from scara_kinetostatic.studies.loops.record import LOAD, MOTION
 
 Values = Mapping[str, float]
+Function = Callable[[RecordPath, Values], Floats]
+PARAMETERS = {
+    'zero': ('zero of the {response}', 'm'),
+    'compliance': ('compliance p', 'm/N'),
+    'half_gap': ('half gap g', 'm'),
+    'force_zero': ('zero of the {load}', 'N'),
+    'slip_positive': ('slip {load}, positive', 'N'),
+    'slip_negative': ('slip {load}, negative', 'N'),
+    'damping': ('damping', 'N·s/m'),
+    'slip_compliance': ('compliance of the slipping part', 'm/N'),
+    'further_compliance': ('compliance of the second slipping part', 'm/N'),
+    'slip_load': ('slip load', 'N'),
+    'further_load': ('added slip load of the second part', 'N'),
+    'friction': ('friction', 'N'),
+    'friction_ratio': ('part of the load by which friction grows', '1'),
+    'rounding': ('{load} over which the gap is rounded', 'N'),
+}
+"""What is reported of a law, by name: in words, and the SI unit for a force over a displacement."""
 
 
-class Parameter(NamedTuple):
-    """A parameter of a law.
+class Shape(NamedTuple):
+    """A parameter in which a law is not linear.
 
     Attributes:
         name: key.
-        unit: SI, for a force over a displacement.
-        starts: where fits start, in units of the range of the data; none for an amplitude, which is linear.
-        least: lower bound, SI.
-        most: upper bound, in the unit of the starts.
+        starts: where fits start, in units of the largest driver of the records; a ratio as it is.
+        least: lower bound, likewise.
+        most: upper bound.
+        is_ratio: whether it has no unit.
     """
 
     name: str
-    unit: str
-    starts: tuple[float, ...] = ()
-    least: float = 0.0
+    starts: tuple[float, ...]
+    least: float = 1e-3
     most: float = np.inf
+    is_ratio: bool = False
 
 
 class Law(NamedTuple):
-    """A law of the force along a motion, or of the response along a load.
+    """A law of what is driven along a record.
 
     Attributes:
         name: key.
         effect: name of the physical effect; laws of one effect are forms of it, the simplest first.
         title: in words.
         meaning: the same as a sentence, with {load} and {response}.
-        parameters: common to all records, amplitudes first.
-        function: of a path and of the parameters that are not amplitudes, with the 'state' of friction: B, (n, k) for k
-            amplitudes; where there are none the force, (n,).
+        amplitudes: names of the linear parameters.
+        shape: the other parameters.
+        functions: B, one for each amplitude, of a path and of the shape parameters with the 'state' of friction.
         has_state: whether each record has an initial state of friction to be found.
     """
 
@@ -88,19 +105,35 @@ class Law(NamedTuple):
     effect: str
     title: str
     meaning: str
-    parameters: tuple[Parameter, ...]
-    function: Callable[[Any, Values], Floats]
+    amplitudes: tuple[str, ...]
+    shape: tuple[Shape, ...]
+    functions: tuple[Function, ...]
     has_state: bool = False
 
     @property
-    def amplitudes(self) -> tuple[Parameter, ...]:
-        """The linear parameters."""
-        return tuple(each for each in self.parameters if not each.starts)
+    def size(self) -> int:
+        """Number of parameters that are common to all records."""
+        return len(self.amplitudes) + len(self.shape)
 
-    @property
-    def shape(self) -> tuple[Parameter, ...]:
-        """The other parameters."""
-        return tuple(each for each in self.parameters if each.starts)
+    def basis(self, path: RecordPath, values: Values) -> Floats:
+        """The functions side by side, in the direction of the path, (n, k)."""
+        return path.direction * np.stack([each(path, values) for each in self.functions], axis=1)
+
+
+def reported(values: Values, zero: float) -> dict[str, float]:
+    """The parameters as reported: of a motion compliance and limits of the force, from stiffness and deflections."""
+    if 'stiffness' not in values:
+        return dict(values)
+    stiffness = values['stiffness']
+    found = {'compliance': 1 / stiffness if stiffness > 0 else np.inf}
+    for name, value in values.items():
+        if name == 'limit':  # what makes the limits of the force differ is its zero
+            return {**found, 'slip_positive': stiffness * value + zero, 'slip_negative': stiffness * value - zero}
+        if name.startswith('limit_'):
+            found[name.replace('limit', 'slip')] = stiffness * value
+        elif name != 'stiffness':
+            found[name] = value
+    return {**found, 'force_zero': zero}
 
 
 def _dead_zone(deflection: Floats, half_gap: float) -> Floats:
@@ -108,205 +141,147 @@ def _dead_zone(deflection: Floats, half_gap: float) -> Floats:
     return np.asarray(np.sign(deflection) * np.maximum(np.abs(deflection) - half_gap, 0.0))
 
 
-def _spring(motion: Motion, values: Values) -> Floats:
-    deflection = motion.driver - motion.driver.mean() - values['zero']
-    return values['force_zero'] + _dead_zone(deflection, values['half_gap']) / values['compliance']
+def _spring(path: RecordPath, values: Values) -> Floats:
+    return _dead_zone(path.driver - path.driver.mean() - values['zero'], values['half_gap'])
 
 
-def _softening(motion: Motion, values: Values) -> Floats:
-    force = _spring(motion, values) - values['force_zero']
-    top = np.where(force > 0, values['slip_positive'], values['slip_negative']) + 1e-9 * motion.driven_range
-    return np.asarray(values['force_zero'] + top * np.tanh(force / top))
+def _softening(path: RecordPath, values: Values) -> Floats:
+    spring = _spring(path, values)
+    limit = np.where(spring > 0, values['limit_positive'], values['limit_negative'])
+    return np.asarray(limit * np.tanh(spring / limit))
 
 
-def _viscous(motion: Motion, values: Values) -> Floats:
-    return _spring(motion, values) + values['damping'] * motion.speed
+def _slip(path: RecordPath, values: Values) -> Floats:
+    half_gap = values['half_gap']
+    rising, falling = half_gap + values['limit_positive'], half_gap + values['limit_negative']
+    held = path.driver - path.play_operator((rising + falling) / 2, values['state'])
+    return _dead_zone(held + (rising - falling) / 2, half_gap)
 
 
-def _friction(motion: Motion, values: Values) -> Floats:
-    return _spring(motion, values) + values['friction'] * motion.sense
+def _slip_no_gap(path: RecordPath, values: Values) -> Floats:
+    return path.driver - path.play_operator(values['limit'], values['state'])
 
 
-def _slip(motion: Motion, values: Values) -> Floats:
-    compliance, half_gap, zero = values['compliance'], values.get('half_gap', 0.0), values.get('force_zero', 0.0)
-    rising, falling = (half_gap + compliance * values[f'slip_{sense}'] for sense in ('positive', 'negative'))
-    deflection = np.empty(len(motion))
-    # the first reading tells the deflection; where it is below 2 % of the range it may be anywhere in the gap
-    first_force = motion.driven[0] - zero
-    place = min(max(first_force / (0.02 * motion.driven_range), -1.0), 1.0)
-    here, before = first_force * compliance + place * half_gap + values['start'], motion.driver[0]
-    for first, last in zip(motion.edges[:-1], motion.edges[1:], strict=True):
-        sense = motion.sense[first]
-        moved = sense * (motion.driver[first:last] - before)
-        room = np.minimum.accumulate((rising if sense > 0 else falling) - moved)
-        deflection[first:last] = sense * (moved + np.minimum(sense * here, room))
-        here, before = deflection[last - 1], motion.driver[last - 1]
-    return zero + _dead_zone(deflection, half_gap) / compliance
+def _speed(path: RecordPath, values: Values) -> Floats:
+    return path.speed
 
 
-_START = Parameter('start', 'm', (0.0,), -np.inf)
-_COMPLIANCE = Parameter('compliance', 'm/N', (0.03, 0.08, 0.2, 0.5), 1e-15)
-_GAP_AND_ZERO = (Parameter('half_gap', 'm', (0.01, 0.03, 0.08, 0.2)), Parameter('force_zero', 'N', (0.0,), -np.inf))
-_LAW6 = (Parameter('zero', 'm', (-0.4, -0.2, 0.0, 0.2, 0.4), -np.inf), _COMPLIANCE, *_GAP_AND_ZERO)
-_SLIPS = (Parameter('slip_positive', 'N', (0.7, 1.1)), Parameter('slip_negative', 'N', (0.7, 1.1)))
-BACKLASH = Law('backlash', 'backlash', 'law (6): slope and gap', '', _LAW6, _spring)
+def _sense(path: RecordPath, values: Values) -> Floats:
+    return path.sense
+
+
+_GAP = Shape('half_gap', (0.01, 0.03, 0.08, 0.2), least=0.0)
+_SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), _GAP)
+_LIMITS = tuple(Shape(name, (0.02, 0.06, 0.15, 0.4)) for name in ('limit_positive', 'limit_negative'))
+_TITLE = 'law (6): slope and gap'
+BACKLASH = Law('backlash', 'backlash', _TITLE, '', ('stiffness',), _SPRING, (_spring,))
 MOTION_LAWS = (
     Law(
-        'softening',
-        'softening',
-        'softening spring',
+        'softening', 'softening', 'softening spring',
         'a softening spring: the stiffness decreases with the load',
-        (*_LAW6, *_SLIPS),
-        _softening,
+        ('stiffness',), (*_SPRING, *_LIMITS), (_softening,),
     ),
     Law(
-        'viscous',
-        'viscous',
-        'damper in parallel',
+        'viscous', 'viscous', 'damper in parallel',
         'viscous damping in parallel: a {load} proportional to the speed',
-        (*_LAW6, Parameter('damping', 'N·s/m', (0.05, 0.5), -np.inf)),
-        _viscous,
+        ('stiffness', 'damping'), _SPRING, (_spring, _speed),
     ),
     Law(
-        'friction',
-        'friction',
-        'friction in parallel',
+        'friction', 'friction', 'friction in parallel',
         'Coulomb friction in parallel: the {load} jumps with the sense of motion',
-        (*_LAW6, Parameter('friction', 'N', (0.05, 0.5))),
-        _friction,
+        ('stiffness', 'friction'), _SPRING, (_spring, _sense),
     ),
     Law(
-        'slip_no_gap',
-        'slip',
-        'slip in series, no gap',
+        'slip_no_gap', 'slip', 'slip in series, no gap',
         'Coulomb friction in series, without a gap: the joint slips at a limit of the {load}',
-        (_START, _COMPLIANCE, *_SLIPS),
-        _slip,
+        ('stiffness',), (Shape('limit', (0.02, 0.06, 0.15, 0.4)),), (_slip_no_gap,), True,
     ),
     Law(
-        'slip',
-        'slip',
-        'slip in series',
+        'slip', 'slip', 'slip in series',
         'Coulomb friction in series: the joint slips at a limit of the {load}',
-        (_START, _COMPLIANCE, *_GAP_AND_ZERO, *_SLIPS),
-        _slip,
+        ('stiffness',), (_GAP, *_LIMITS), (_slip,), True,
     ),
-)
+)  # fmt: skip
 """Laws that are compared with law (6) where the motion drives."""
 
 _BAND = 4.0
 """Loads below so many of their standard deviations at rest have no certain sign."""
 
 
-def _basis(*functions: Callable[[LoadPath, Values], Floats]) -> Callable[[LoadPath, Values], Floats]:
-    """The functions side by side, (n, k)."""
-    return lambda path, values: path.direction * np.stack([each(path, values) for each in functions], axis=1)
+def _load(path: RecordPath, values: Values) -> Floats:
+    return path.driver
 
 
-def _load(path: LoadPath, values: Values) -> Floats:
-    return path.load
-
-
-def _sign(path: LoadPath, values: Values, band: float = _BAND) -> Floats:
+def _sign(path: RecordPath, values: Values, band: float = _BAND) -> Floats:
     return path.sign(band)
 
 
-def _last_sign(path: LoadPath, values: Values, band: float = _BAND) -> Floats:
+def _last_sign(path: RecordPath, values: Values, band: float = _BAND) -> Floats:
     return path.last_sign(band, values['state'])
 
 
-def _slipping(path: LoadPath, values: Values) -> Floats:
+def _slipping(path: RecordPath, values: Values) -> Floats:
     return path.play_operator(values['slip_load'], values['state'])
 
 
-def _elastic(path: LoadPath, values: Values) -> Floats:
+def _slipping_later(path: RecordPath, values: Values) -> Floats:
+    return path.play_operator(values['slip_load'] + values['further_load'], values['state'])
+
+
+def _elastic(path: RecordPath, values: Values) -> Floats:
     """The load that friction in parallel leaves to the spring."""
     return path.play_operator(values['friction'], values['state'], values.get('friction_ratio', 0.0))
 
 
-def _rounded_sign(path: LoadPath, values: Values) -> Floats:
+def _rounded_sign(path: RecordPath, values: Values) -> Floats:
     elastic = _elastic(path, values)
     return elastic / np.hypot(elastic, values['rounding'])
 
 
-def _slipping_later(path: LoadPath, values: Values) -> Floats:
-    return path.play_operator(values['slip_load'] + values['further_load'], values['state'])
-
-
-_SLOPE, _HALF_GAP = Parameter('compliance', 'm/N'), Parameter('half_gap', 'm')
-_SLIP = Parameter('slip_compliance', 'm/N')
-_SLIP_LOAD = Parameter('slip_load', 'N', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0)
-_FRICTION = Parameter('friction', 'N', (0.04, 0.1, 0.2, 0.35), most=3.0)
-_ROUNDING = Parameter('rounding', 'N', (0.01, 0.03, 0.1), most=1.0)
-LOAD_BACKLASH = BACKLASH._replace(parameters=(_SLOPE, _HALF_GAP), function=_basis(_load, _sign))
+_SLOPE_AND_GAP = ('compliance', 'half_gap')
+_SLIP_LOAD = Shape('slip_load', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0)
+_FRICTION = Shape('friction', (0.04, 0.1, 0.2, 0.35), most=3.0)
+_ROUNDING = Shape('rounding', (0.01, 0.03, 0.1), most=1.0)
+_IN_PARALLEL = (_elastic, _rounded_sign)
+_MEMORY = 'slip in series with memory: part of the compliance slips under load and stays when the load has gone'
+LOAD_BACKLASH = BACKLASH._replace(amplitudes=_SLOPE_AND_GAP, shape=(), functions=(_load, _sign))
 GAP = Law(
-    'gap',
-    'gap',
-    'gap that keeps its place when unloaded',
+    'gap', 'gap', 'gap that keeps its place when unloaded',
     'a gap that keeps its place when unloaded: the joint stays where the load left it',
-    (_SLOPE, _HALF_GAP),
-    _basis(_load, _last_sign),
-    True,
-)
+    _SLOPE_AND_GAP, (), (_load, _last_sign), True,
+)  # fmt: skip
 BACKLASH_FORMS = (
     LOAD_BACKLASH,
-    *(LOAD_BACKLASH._replace(function=_basis(_load, partial(_sign, band=band))) for band in (2 * _BAND, 0.0)),
-    LOAD_BACKLASH._replace(function=_basis(_load, lambda path, values: path.sign_as_given())),
+    *(LOAD_BACKLASH._replace(functions=(_load, partial(_sign, band=band))) for band in (2 * _BAND, 0.0)),
+    LOAD_BACKLASH._replace(functions=(_load, lambda path, values: path.sign_as_given())),
 )
 """Law (6) says nothing of a joint without load; what these records show of it there decides between the forms."""
-GAP_FORMS = (
-    GAP,
-    *(GAP._replace(function=_basis(_load, partial(_last_sign, band=band))) for band in (2 * _BAND, 4 * _BAND)),
-)
+GAP_FORMS = (GAP, *(GAP._replace(functions=(_load, partial(_last_sign, band=k * _BAND))) for k in (2, 4)))
 """The same for the largest load that counts as none."""
 LOAD_LAWS = (
     Law(
-        'friction',
-        'friction',
-        'friction in parallel',
+        'friction', 'friction', 'friction in parallel',
         'friction in parallel with the spring: it holds part of the load in either sense',
-        (_SLOPE, _HALF_GAP, _FRICTION, _ROUNDING),
-        _basis(_elastic, _rounded_sign),
-        True,
+        _SLOPE_AND_GAP, (_FRICTION, _ROUNDING), _IN_PARALLEL, True,
     ),
     Law(
-        'load_friction',
-        'load_friction',
-        'friction in parallel that grows with the load',
+        'load_friction', 'load_friction', 'friction in parallel that grows with the load',
         'friction in parallel with the spring that grows with the load',
-        (
-            _SLOPE,
-            _HALF_GAP,
-            _FRICTION,
-            Parameter('friction_ratio', '1', (0.1, 0.3, 0.5), most=LARGEST_RATIO),
-            _ROUNDING,
-        ),
-        _basis(_elastic, _rounded_sign),
-        True,
+        _SLOPE_AND_GAP,
+        (_FRICTION, Shape('friction_ratio', (0.1, 0.3, 0.5), most=LARGEST_RATIO, is_ratio=True), _ROUNDING),
+        _IN_PARALLEL, True,
     ),
     Law(
-        'slip',
-        'slip',
-        'slip in series with memory',
-        'slip in series with memory: part of the compliance slips under load and stays when the load has gone',
-        (_SLOPE, _SLIP, _SLIP_LOAD),
-        _basis(_load, _slipping),
-        True,
+        'slip', 'slip', 'slip in series with memory', _MEMORY,
+        ('compliance', 'slip_compliance'), (_SLIP_LOAD,), (_load, _slipping), True,
     ),
     Law(
-        'slips',
-        'slip',
-        'two slips in series with memory',
-        'slip in series with memory: part of the compliance slips under load and stays when the load has gone',
-        (
-            _SLOPE,
-            _SLIP,
-            Parameter('further_compliance', 'm/N'),
-            _SLIP_LOAD,
-            Parameter('further_load', 'N', (0.1, 0.3, 0.6), most=3.0),
-        ),
-        _basis(_load, _slipping, _slipping_later),
-        True,
+        'slips', 'slip', 'two slips in series with memory', _MEMORY,
+        ('compliance', 'slip_compliance', 'further_compliance'),
+        (_SLIP_LOAD, Shape('further_load', (0.1, 0.3, 0.6), most=3.0)),
+        (_load, _slipping, _slipping_later), True,
     ),
-)
+)  # fmt: skip
 """Laws that are compared with law (6) where the load drives, beside `GAP`."""
+FAMILIES = {MOTION: ((BACKLASH,), (), MOTION_LAWS), LOAD: (BACKLASH_FORMS, GAP_FORMS, LOAD_LAWS)}
+"""By what drives: the forms of law (6), those of the gap that keeps its place, and the other candidates."""

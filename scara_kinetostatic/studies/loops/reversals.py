@@ -21,15 +21,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.loops.estimates import CombinedEstimate, Estimate, combine_estimates
 from scara_kinetostatic.studies.loops.readings import DialGaugeReadings
+from scara_kinetostatic.studies.loops.record import reversals
 
-PROMINENCE = 0.03
-"""Smallest prominence of a reversal, as a share of the range of the displacement."""
 _WINDOW = (0.15, 0.55)
 """Shares of the way from the level to the plateau between which a branch is fitted by a straight line."""
 _OTHER_WINDOWS = ((0.1, 0.5), (0.2, 0.6), (0.1, 0.6), (0.2, 0.5))
@@ -149,13 +147,6 @@ def analyse_loops(readings: DialGaugeReadings) -> LoopAnalysis:
         gap, compliance = np.ptp(means, axis=0) / 2 if len(same) > 1 else (np.nan, np.nan)
         senses[k] = sense._replace(definitional_uncertainty=(float(gap), float(compliance)))
     return LoopAnalysis(readings, tuple(senses), tuple(sorted(rejected)))
-
-
-def reversals(displacement: Floats) -> Indices:
-    """The samples at which the motion reverses, in the order of time."""
-    least = PROMINENCE * float(np.ptp(displacement))
-    peaks = [find_peaks(sign * displacement, prominence=least)[0] for sign in (1, -1)]
-    return np.sort(np.concatenate(peaks))
 
 
 def _find_sweeps(time: Floats, displacement: Floats, force: Floats) -> list[_Sweep]:
