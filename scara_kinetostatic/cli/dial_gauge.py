@@ -30,7 +30,7 @@ from scara_kinetostatic.cli.arguments import add_options, add_results, print_res
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.studies.loops.readings import DialGaugeReadings
+    from scara_kinetostatic.studies.loops.readings import GaugeTable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tables(args: argparse.Namespace) -> list[DialGaugeReadings]:
+def _tables(args: argparse.Namespace) -> list[GaugeTable]:
     from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.studies.loops.readings import load_readings
 

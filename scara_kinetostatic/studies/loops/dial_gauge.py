@@ -1,8 +1,7 @@
 """Compliance and backlash from tables of gauge readings, loads point by point or continuous loops.
 
-Rows of loads applied point by point, the experiments of section 5.2, are sorted into runs (one part, one place of the
-gauge, one direction, one file); each run gives a compliance and a gap (`run_fit`). For a joint with lever l, torque F l
-and Δq = ΔS / l:
+Each run of loads applied point by point, the experiments of section 5.2, gives a compliance and a gap (`run_fit`). For a
+joint with lever l, torque F l and Δq = ΔS / l:
 
     p = slope / l²  [rad/Nm],      gap = jump / l  [rad].
 
@@ -30,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.loops.estimates import (
     FALSE_ALARM_LEVEL,
@@ -39,7 +38,7 @@ from scara_kinetostatic.studies.loops.estimates import (
     combine_estimates,
     mean,
 )
-from scara_kinetostatic.studies.loops.readings import GRIPPER, PARTS, TIP, DialGaugeReadings, join
+from scara_kinetostatic.studies.loops.readings import GRIPPER, PARTS, TIP, GaugeTable, Readings
 from scara_kinetostatic.studies.loops.reversals import LoopAnalysis, analyse_loops
 from scara_kinetostatic.studies.loops.run_fit import ZERO_BAND, Check, RunFit, fit_run
 
@@ -48,11 +47,6 @@ class Run(NamedTuple):
     """Result of one run.
 
     Attributes:
-        part: one of `PARTS`.
-        gauge_at: where the gauge was.
-        source: name of its file.
-        direction: rad, NaN if none is given.
-        lever: m, NaN for the gripper.
         readings: its rows.
         fit: slope and gap at the gauge, m/N and m.
         compliance: of the part, m/N or rad/Nm.
@@ -62,12 +56,7 @@ class Run(NamedTuple):
         note: remark on the gripper's contribution.
     """
 
-    part: str
-    gauge_at: str
-    source: str
-    direction: float
-    lever: float
-    readings: DialGaugeReadings
+    readings: Readings
     fit: RunFit
     compliance: Estimate
     gap: Estimate
@@ -75,10 +64,10 @@ class Run(NamedTuple):
     outliers: tuple[int, ...] = ()
     note: str = ''
 
-    @property
-    def name(self) -> str:
-        """Its name in messages."""
-        return _label(self.part, self.direction)
+    def of_part(self, compliance: Estimate, gap: Estimate) -> Run:
+        """The run with compliance and gap of the part, from those at the gauge."""
+        arm = 1.0 if self.readings.part == GRIPPER else self.readings.lever
+        return self._replace(compliance=compliance.over(arm**2), gap=gap.over(arm))
 
 
 class Ellipse(NamedTuple):
@@ -164,57 +153,47 @@ class DialGaugeAnalysis(NamedTuple):
     sources: tuple[str, ...]
 
 
-def analyse_tables(tables: Sequence[DialGaugeReadings], zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
-    """Analyses tables.
+def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
+    """Compliance and backlash from tables, loads point by point or loops.
 
     Args:
-        tables: each from one file; a record of loops where it has times, and neither cycles nor directions.
+        tables: each from one file.
         zero_band: share of the largest load of a run up to which a load counts as none.
 
     Raises:
-        ParameterError: the rows of a joint have no lever.
-        UnsupportedDataError: a table cannot be analysed; it is named.
+        UnsupportedDataError: a run has no reversal, too few rows, or a record no loops; it is named.
     """
-    continuous = [np.all(np.isfinite(t.time) & np.isnan(t.cycle) & np.isnan(t.direction)) for t in tables]
-    loops = [table for table, is_loop in zip(tables, continuous, strict=True) if is_loop]
-    points = [table for table, is_loop in zip(tables, continuous, strict=True) if not is_loop]
-    found = analyse_points(join(points), zero_band) if points else DialGaugeAnalysis({}, (), (), ())
-    records = tuple(analyse_loops(table) for table in loops)
-    warnings = [*found.warnings, *(note for table in loops for note in table.notes)]
-    level = FALSE_ALARM_LEVEL / 2 / max(1, sum(len(record.senses) for record in records))
-    for record in records:
-        for sense in record.senses:
-            where = f'{record.readings.sources[0]}: {sense.name}: the reversals'
+    readings = [run for table in tables for run in table.runs]
+    parts, warnings = analyse_runs(readings, zero_band) if readings else ({}, [])
+    loops = [analyse_loops(table.record) for table in tables if table.record]
+    warnings = [note for table in tables for note in table.notes] + warnings
+    level = FALSE_ALARM_LEVEL / 2 / max(1, sum(len(found.senses) for found in loops))
+    for found in loops:
+        for sense in found.senses:
+            where = f'{found.record.source}: {sense.name}: the reversals'
             warnings += _inconsistencies(where, {'compliance': sense.compliance, 'gap': sense.gap}, level)
-    sources = (*found.sources, *(record.readings.sources[0] for record in records))
-    return DialGaugeAnalysis(found.parts, records, tuple(warnings), sources)
+    sources = [run.source for run in readings] + [found.record.source for found in loops]
+    return DialGaugeAnalysis(parts, tuple(loops), tuple(warnings), tuple(dict.fromkeys(sources)))
 
 
-def analyse_points(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
-    """Compliance and backlash of every part in the readings.
-
-    Args:
-        readings: of one or more experiments.
-        zero_band: share of the largest load of a run up to which a load counts as none.
-
-    Raises:
-        ParameterError: the rows of a joint have no lever.
-        UnsupportedDataError: a run has no reversal, or too few rows.
-    """
-    runs = [_fit(rows, zero_band) for rows in _split_runs(readings)]
+def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> tuple[dict[str, Part], list[str]]:
+    """Every part in the runs, by name, and the warnings; see `analyse_tables`."""
+    runs = [_fit(each, zero_band) for each in readings]
     level = FALSE_ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
-    grippers = [run for run in runs if run.part == GRIPPER]
-    for k, run in enumerate(runs):
-        runs[k] = _without_gripper(run, grippers)._replace(
+    grippers = [run for run in runs if run.readings.part == GRIPPER]
+    runs = [
+        _without_gripper(run, grippers)._replace(
             failed_checks=tuple(check for check in run.fit.checks if check.p_value < level),
             outliers=tuple(np.flatnonzero(run.fit.row_p < level / run.fit.used.sum()).tolist()),
         )
-    by_part = {name: tuple(run for run in runs if run.part == name) for name in PARTS}
+        for run in runs
+    ]
+    by_part = {name: tuple(run for run in runs if run.readings.part == name) for name in PARTS}
     parts = {name: _combine(name, own) for name, own in by_part.items() if own}
-    warnings = [*readings.notes, *(text for run in runs for text in _run_warnings(run))]
+    warnings = [text for run in runs for text in _run_warnings(run)]
     for part in parts.values():
         warnings += _inconsistencies(f'{part.name}: the runs', part.combined, level)
-    return DialGaugeAnalysis(parts, (), tuple(warnings), readings.sources)
+    return parts, warnings
 
 
 def _inconsistencies(where: str, combined: dict[str, CombinedEstimate], level: float) -> list[str]:
@@ -225,86 +204,44 @@ def _inconsistencies(where: str, combined: dict[str, CombinedEstimate], level: f
     ]
 
 
-def _split_runs(readings: DialGaugeReadings) -> list[DialGaugeReadings]:
-    """The rows of each run, in the order in which the runs begin.
-
-    Raises:
-        ParameterError: a row of a joint has no lever.
-    """
-    joint = readings.part != GRIPPER
-    missing = np.flatnonzero(joint & np.isnan(readings.lever))
-    if len(missing):
-        where = readings.sources[readings.source[missing[0]]]
-        line = f': line {readings.line[missing[0]]}' if readings.line[missing[0]] else ''
-        raise ParameterError(f'{where}{line}', 'a joint needs its lever', 'add a column lever_m, or give --lever')
-    direction = np.round(np.nan_to_num(readings.direction, nan=-1e3), 6).tolist()
-    lever = np.where(joint, np.round(readings.lever, 9), 0.0).tolist()
-    runs: dict[tuple[object, ...], list[int]] = {}
-    keys = zip(readings.source.tolist(), readings.part, readings.gauge_at, direction, lever, strict=True)
-    for row, key in enumerate(keys):
-        runs.setdefault(key, []).append(row)
-    return [readings.select(rows) for rows in runs.values()]
-
-
-def _label(part: str, direction: float) -> str:
-    """Name of a part in messages, with the direction (rad, NaN for none) in which it was loaded."""
-    name = part.replace('joint', 'joint ')
-    return name if np.isnan(direction) else f'{name} at {np.degrees(direction):g}°'
-
-
-def _fit(rows: DialGaugeReadings, zero_band: float) -> Run:
-    part, source = str(rows.part[0]), rows.sources[int(rows.source[0])]
-    lever = float(rows.lever[0]) if part != GRIPPER else np.nan
-    direction = float(rows.direction[0])
+def _fit(readings: Readings, zero_band: float) -> Run:
     try:
-        fit = fit_run(rows, zero_band)
+        fit = fit_run(readings, zero_band)
     except UnsupportedDataError as error:
-        raise UnsupportedDataError(f'{source}: {_label(part, direction)}: {error.problem}', error.remedy) from error
-    run = Run(part, str(rows.gauge_at[0]), source, direction, lever, rows, fit, fit.compliance, fit.gap)
-    return _scaled(run, fit.compliance, fit.gap)
-
-
-def _scaled(run: Run, compliance: Estimate, gap: Estimate) -> Run:
-    """The run with compliance and gap of the part, from those at the gauge."""
-    arm = 1.0 if run.part == GRIPPER else run.lever
-    return run._replace(
-        compliance=Estimate(compliance.value / arm**2, compliance.std / arm**2),
-        gap=Estimate(gap.value / arm, gap.std / arm),
-    )
+        raise UnsupportedDataError(f'{readings.source}: {readings.name}: {error.problem}', error.remedy) from error
+    return Run(readings, fit, fit.compliance, fit.gap).of_part(fit.compliance, fit.gap)
 
 
 def _without_gripper(run: Run, grippers: Sequence[Run]) -> Run:
     """A joint's run less the gripper's contribution, if the gauge was at the tip; directions within 0.5° are equal."""
-    if run.part == GRIPPER or run.gauge_at != TIP:
+    readings = run.readings
+    if readings.part == GRIPPER or readings.gauge_at != TIP:
         return run
-    turns = [abs((each.direction - run.direction + np.pi / 2) % np.pi - np.pi / 2) for each in grippers]
+    turns = [abs((each.readings.direction - readings.direction + np.pi / 2) % np.pi - np.pi / 2) for each in grippers]
     there = [each for each, turn in zip(grippers, turns, strict=True) if turn < np.radians(0.5)]
     if not there:
         return run._replace(note='the gauge was at the tip: compliance and gap include those of the gripper')
-    compliance, gap = (
-        Estimate(series.value - own.value, float(np.hypot(series.std, own.std)))
-        for series, own in (
-            (run.fit.compliance, mean([each.compliance for each in there])),
-            (run.fit.gap, mean([each.gap for each in there])),
-        )
+    compliance, gap = mean([each.compliance for each in there]), mean([each.gap for each in there])
+    left = run.of_part(
+        run.fit.compliance.plus(-compliance.value, compliance.std**2), run.fit.gap.plus(-gap.value, gap.std**2)
     )
-    return _scaled(run, compliance, gap)._replace(note='the gripper along this direction was subtracted')
+    return left._replace(note='the gripper along this direction was subtracted')
 
 
 def _combine(name: str, runs: tuple[Run, ...]) -> Part:
     """A part from its runs: over the directions the mean, otherwise the weighted mean."""
-    compliance, gap = [run.compliance for run in runs], [run.gap for run in runs]
+    estimates = {'compliance': [run.compliance for run in runs], 'gap': [run.gap for run in runs]}
     dof = np.array([run.fit.degrees_of_freedom for run in runs], dtype=float)
     if len(runs) == 1:
-        return Part(name, runs, compliance[0], gap[0], {}, {})
-    direction = np.array([run.direction for run in runs])
+        return Part(name, runs, runs[0].compliance, runs[0].gap, {}, {})
+    direction = np.array([run.readings.direction for run in runs])
     if name == GRIPPER and np.all(np.isfinite(direction)) and len(np.unique(direction)) > 1:
         maps = {
-            'compliance': direction_map(direction, compliance, dof, power=1),
-            'gap': direction_map(direction, gap, dof, power=2),
+            what: direction_map(direction, several, dof, power)
+            for power, (what, several) in enumerate(estimates.items(), start=1)
         }
         return Part(name, runs, maps['compliance'].mean, maps['gap'].mean, maps, {})
-    combined = {'compliance': combine_estimates(compliance, dof), 'gap': combine_estimates(gap, dof)}
+    combined = {what: combine_estimates(several, dof) for what, several in estimates.items()}
     return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, {}, combined)
 
 
@@ -370,15 +307,17 @@ _MEANING = {
 
 def _run_warnings(run: Run) -> list[str]:
     """Warnings about one run, one sentence each."""
+    name = run.readings.name
     found = [
-        f'{run.name}: {_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std)}'
+        f'{name}: {_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std)}'
         for check in run.failed_checks
     ]
     if run.outliers:
         lines = ', '.join(str(line) for line in run.readings.line[list(run.outliers)])
-        found.append(f'{run.source}: line {lines}: far from the straight line of {run.name}; check for a typing error')
+        where = f'{run.readings.source}: line {lines}'
+        found.append(f'{where}: far from the straight line of {name}; check for a typing error')
     if not 1e-8 < run.fit.compliance.value < 1e-2:  # m/N, of robots; outside it a unit is probably wrong
-        found.append(f'{run.name}: a compliance of {run.fit.compliance.value:.2g} m/N; are the units and signs right?')
+        found.append(f'{name}: a compliance of {run.fit.compliance.value:.2g} m/N; are the units and signs right?')
     if run.gap.value < -4 * run.gap.std:
-        found.append(f'{run.name}: the gap is negative; is the displacement positive along the positive force?')
-    return found + [f'{run.name}: {run.note}'] * bool(run.note)
+        found.append(f'{name}: the gap is negative; is the displacement positive along the positive force?')
+    return found + [f'{name}: {run.note}'] * bool(run.note)

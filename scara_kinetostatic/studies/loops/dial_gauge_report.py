@@ -45,11 +45,11 @@ def dial_gauge_document(analysis: DialGaugeAnalysis) -> Document:
         'parts': {part.name: _part(part) for part in analysis.parts.values()},
         'loops': [
             {
-                'source': record.readings.sources[0],
-                'senses': {sense.name: _sense(sense) for sense in record.senses},
-                'rejected': record.rejected,
+                'source': loops.record.source,
+                'senses': {sense.name: _sense(sense) for sense in loops.senses},
+                'rejected': loops.rejected,
             }
-            for record in analysis.loops
+            for loops in analysis.loops
         ],
         'warnings': analysis.warnings,
     }
@@ -68,7 +68,7 @@ def _quantities(each: Part | Run, units: tuple[str, str]) -> Document:
     return {
         'compliance': _estimate(each.compliance, units[0]),
         'gap': _estimate(each.gap, units[1]),
-        'half_gap': _estimate(each.gap.half, units[1]),
+        'half_gap': _estimate(each.gap.over(2), units[1]),
     }
 
 
@@ -85,10 +85,10 @@ def _fields(record: Ellipse | Reversal, units: dict[str, str]) -> Document:
 def _run(run: Run, units: tuple[str, str]) -> Document:
     fit = run.fit
     return {
-        'source': run.source,
-        'gauge_at': run.gauge_at,
-        'direction': run.direction,
-        'lever': run.lever,
+        'source': run.readings.source,
+        'gauge_at': run.readings.gauge_at,
+        'direction': run.readings.direction,
+        'lever': run.readings.lever,
         **_quantities(run, units),
         'at_gauge': {'slope': _estimate(fit.compliance, 'm/N'), 'gap': _estimate(fit.gap, 'm')},
         'slope_negative': _estimate(fit.slopes[0], 'm/N'),
@@ -140,10 +140,10 @@ def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
             'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
         )
         blocks.append(Section('Summary', (summary_table(analysis), note)))
-    blocks += [_loop_section(record, f'loop{k}') for k, record in enumerate(analysis.loops)]
+    blocks += [_loop_section(loops, f'loop{k}') for k, loops in enumerate(analysis.loops)]
     what = [
         *(TITLES[name] for name in analysis.parts),
-        *(f'loops of {record.readings.sources[0]}' for record in analysis.loops),
+        *(f'loops of {loops.record.source}' for loops in analysis.loops),
     ]
     return Report(
         title='Compliance and backlash by dial gauge',
@@ -161,7 +161,7 @@ def with_std(estimate: Estimate, factor: float = 1e6) -> str:
 
 
 def _cells(each: Part | Run) -> tuple[str, str, str]:
-    return with_std(each.compliance), with_std(each.gap), with_std(each.gap.half)
+    return with_std(each.compliance), with_std(each.gap), with_std(each.gap.over(2))
 
 
 def summary_table(analysis: DialGaugeAnalysis) -> Table:
@@ -178,7 +178,7 @@ def _run_table(part: Part) -> Table:
     slope_unit, gap_unit = (f'µ{unit}' for unit in part.units)
     rows = tuple(
         (
-            NOT_DETERMINED if np.isnan(run.direction) else f'{np.degrees(run.direction):.5g}',
+            NOT_DETERMINED if np.isnan(run.readings.direction) else f'{np.degrees(run.readings.direction):.5g}',
             *_cells(run),
             f'{1e6 * run.fit.sigma:.2f}',
             f'{int(run.fit.used.sum())}',
@@ -221,7 +221,9 @@ def part_figures(part: Part) -> tuple[Figures, ...]:
     ]
     order = sorted(range(len(part.runs)), key=lambda k: -part.runs[k].gap.value)
     forces = [
-        Figure(partial(force_picture, part.runs[k], f'{part.name}_force{k}'), title=part.runs[k].name.capitalize())
+        Figure(
+            partial(force_picture, part.runs[k], f'{part.name}_force{k}'), title=part.runs[k].readings.name.capitalize()
+        )
         for k in dict.fromkeys((order[0], order[-1]))
     ]
     found = [Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')]
@@ -284,22 +286,22 @@ def force_picture(run: Run, name: str) -> Markup:
     return as_svg(figure, name, 'displacement over force, with straight lines and their residuals')
 
 
-def _loop_section(record: LoopAnalysis, name: str) -> Section:
+def _loop_section(loops: LoopAnalysis, name: str) -> Section:
     picture = Figure(
-        partial(loop_picture, record, f'{name}_record'),
+        partial(loop_picture, loops, f'{name}_record'),
         'The record; bars: the gap of each reversal, at the force inside the backlash. Blue: displacement rising after '
         'the reversal, orange: falling.',
     )
     note = 'definitional: by the choice of the straight part, common to all reversals; those are in dial_gauge.json'
-    rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in record.rejected)
+    rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in loops.rejected)
     unused = [Items(rejected, f'{count(len(rejected), "reversal")} not used:')] if rejected else []
-    return Section(f'Loops: {record.readings.sources[0]}', (picture, _loop_table(record), note, *unused))
+    return Section(f'Loops: {loops.record.source}', (picture, _loop_table(loops), note, *unused))
 
 
-def _loop_table(record: LoopAnalysis) -> Table:
+def _loop_table(loops: LoopAnalysis) -> Table:
     """Mean, definitional uncertainty and consistency of gap and compliance after the reversals of each sense."""
     rows = []
-    for sense in record.senses:
+    for sense in loops.senses:
         gap, compliance = sense.definitional_uncertainty
         for what, unit, factor, test, half in (
             ('gap', 'µm', 1e6, sense.gap, gap),
@@ -313,12 +315,12 @@ def _loop_table(record: LoopAnalysis) -> Table:
     return Table(heading, ('',) * len(heading), tuple(rows))
 
 
-def loop_picture(record: LoopAnalysis, name: str) -> Markup:
+def loop_picture(loops: LoopAnalysis, name: str) -> Markup:
     """The loops, and on each reversal that is used the two crossings of the level."""
     figure, (axes,) = new_figure(HALF, 400)
-    readings = record.readings
-    axes.plot(1e3 * readings.displacement, 1e-3 * readings.force, color=FAINT, lw=0.7)
-    for sense in record.senses:
+    record = loops.record
+    axes.plot(1e3 * record.response, 1e-3 * record.load, color=FAINT, lw=0.7)
+    for sense in loops.senses:
         colour = SERIES[0] if sense.sense > 0 else SERIES[1]
         for each in sense.reversals:
             start, end = (1e3 * (each.displacement + sense.sense * at) for at in each.crossings)

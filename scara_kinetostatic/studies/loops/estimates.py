@@ -21,10 +21,13 @@ class Estimate(NamedTuple):
     value: float
     std: float
 
-    @property
-    def half(self) -> Estimate:
-        """Half of it; of a gap the g of (6) and (7)."""
-        return Estimate(self.value / 2, self.std / 2)
+    def over(self, divisor: float) -> Estimate:
+        """Divided by a number above 0; a gap over 2 is the g of (6) and (7)."""
+        return Estimate(self.value / divisor, self.std / divisor)
+
+    def plus(self, value: float, variance: float) -> Estimate:
+        """With an independent quantity, of either sign, added."""
+        return Estimate(self.value + value, float(np.hypot(self.std, np.sqrt(variance))))
 
 
 def mean(estimates: Sequence[Estimate]) -> Estimate:

@@ -1,22 +1,19 @@
-"""Readings of a dial gauge and a force gauge: the rows of the experiments of section 5.2, and their CSV files.
-
-The displacement is positive along the positive force.
-"""
+"""Tables of a dial gauge and a force gauge, section 5.2: loads point by point, run by run, or a record of loops."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.columns import Column, Table, load_table, one_of
 from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.studies.loops.record import Record
 
 GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
 PARTS = (GRIPPER, JOINT1, JOINT2)
@@ -26,113 +23,77 @@ TIP, LINK = 'tip', 'link'
 
 
 @dataclass(frozen=True)
-class DialGaugeReadings:
-    """Rows in the order in which they were taken; every array (n,), read-only.
+class Readings:
+    """Rows of one run, in the order in which they were taken: one part, one place of the gauge, one direction.
 
     Attributes:
-        force: load along the direction, of either sign, N.
-        displacement: of the point that the gauge touches, along the same direction, m.
-        part: one of `PARTS` per row.
-        gauge_at: `TIP` or `LINK` per row.
-        direction: of the positive load, rad; NaN where none is given.
-        lever: arm of the load about the joint, m; NaN where none is given.
-        cycle: number of the load cycle; NaN where none is given.
-        time: s; NaN where none is given.
-        source: index of the row's file in `sources`.
-        line: its line there, from 1; 0 if it comes from no file.
-        sources: names of the files.
-        notes: remarks on the files.
+        force: load along the direction, of either sign, (n,), N.
+        displacement: of the point that the gauge touches, positive along the positive force, (n,), m.
+        cycle: number of the load cycle, (n,); NaN where none is given.
+        line: of the file, (n,), from 1.
+        part: one of `PARTS`.
+        gauge_at: `TIP` or `LINK`; if empty the `TIP` for a gripper, the `LINK` for a joint.
+        direction: of the positive load, rad; NaN if none is given.
+        lever: arm of the load about the joint, m; NaN for the gripper.
+        source: name of the file.
     """
 
     force: Floats
     displacement: Floats
-    part: NDArray[np.str_]
-    gauge_at: NDArray[np.str_]
-    direction: Floats
-    lever: Floats
-    cycle: Floats
-    time: Floats
-    source: Indices
-    line: Indices
-    sources: tuple[str, ...] = ('readings',)
-    notes: tuple[str, ...] = ()
+    cycle: Floats = field(default_factory=lambda: np.array(math.nan))
+    line: Indices = field(default_factory=lambda: np.array(0))
+    part: str = GRIPPER
+    gauge_at: str = ''
+    direction: float = math.nan
+    lever: float = math.nan
+    source: str = 'readings'
 
     def __post_init__(self) -> None:
-        for name in _ARRAYS:
-            array = np.array(getattr(self, name))
+        for name in ('force', 'displacement', 'cycle', 'line'):
+            array = np.array(np.broadcast_to(getattr(self, name), np.shape(self.force)))
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        if not self.gauge_at:
+            object.__setattr__(self, 'gauge_at', TIP if self.part == GRIPPER else LINK)
 
     def __len__(self) -> int:
         return len(self.force)
 
-    @classmethod
-    def of(
-        cls, force: ArrayLike, displacement: ArrayLike, source: str = 'readings', **others: ArrayLike
-    ) -> DialGaugeReadings:
-        """Rows of one file, from arrays.
-
-        Args:
-            force: (n,), N.
-            displacement: (n,), m.
-            source: the file.
-            others: columns by name, each (n,) or one value for all rows. By default the part is the gripper, the gauge
-                is at the `TIP` of a gripper and at the `LINK` of a joint, also where `gauge_at` is empty.
-        """
-        force = np.asarray(force, dtype=float)
-        absent: dict[str, ArrayLike] = {
-            'part': GRIPPER, 'gauge_at': '', 'direction': np.nan, 'lever': np.nan, 'cycle': np.nan, 'time': np.nan,
-            'source': 0, 'line': 0,
-        }  # fmt: skip
-        found: dict[str, Any] = {name: np.broadcast_to(value, force.shape) for name, value in (absent | others).items()}
-        by_part = np.where(found['part'] == GRIPPER, TIP, LINK)
-        found['gauge_at'] = np.where(found['gauge_at'] == '', by_part, found['gauge_at'])
-        return cls(force, np.asarray(displacement, dtype=float), **found, sources=(source,))
-
-    def select(self, rows: ArrayLike) -> DialGaugeReadings:
-        """Some of the rows, by mask or index."""
-        return replace(self, **{name: getattr(self, name)[np.asarray(rows)] for name in _ARRAYS})
+    @property
+    def name(self) -> str:
+        """What was loaded, for messages."""
+        part = self.part.replace('joint', 'joint ')
+        return part if math.isnan(self.direction) else f'{part} at {math.degrees(self.direction):g}°'
 
 
-_ARRAYS = tuple(field.name for field in fields(DialGaugeReadings) if field.name not in ('sources', 'notes'))
+class GaugeTable(NamedTuple):
+    """What a table holds: its runs in the order in which they begin, or its record of loops; remarks."""
+
+    runs: tuple[Readings, ...]
+    record: Record | None = None
+    notes: tuple[str, ...] = ()
 
 
-def join(all_readings: Iterable[DialGaugeReadings]) -> DialGaugeReadings:
-    """Readings one after the other."""
-    several = list(all_readings)
-    shift = np.cumsum([0, *(len(readings.sources) for readings in several)])
-    arrays = {name: np.concatenate([getattr(readings, name) for readings in several]) for name in _ARRAYS}
-    arrays['source'] = np.concatenate([r.source + shift[k] for k, r in enumerate(several)])
-    return DialGaugeReadings(
-        **arrays,
-        sources=tuple(name for readings in several for name in readings.sources),
-        notes=tuple(note for readings in several for note in readings.notes),
-    )
+COLUMNS = (
+    Column('force', ('force', 'load', 'f'), columns.FORCE, True, largest=1e6),
+    Column('displacement', ('displacement', 'deflection', 'gauge', 'ds', 'δs'), columns.LENGTH, True, largest=0.5),
+    Column(
+        'direction', ('direction', 'angle'), columns.ANGLE, blank=True,
+        largest=4 * math.pi + 1e-9, hint='give an angle within two turns',
+    ),
+    Column('lever', ('lever', 'arm'), columns.LENGTH, blank=True, largest=10.0, positive=True),
+    Column('time', ('time', 't'), columns.TIME, blank=True, largest=1e12),
+    Column('cycle', ('cycle',), blank=True, largest=1e6),
+    Column(
+        'part', ('part', 'joint'), blank=True,
+        parse=one_of({GRIPPER: GRIPPER, 'joint1': JOINT1, 'joint2': JOINT2, '1': JOINT1, '2': JOINT2}),
+    ),
+    Column('gauge_at', ('gauge_at',), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
+)  # fmt: skip
+_ABSENT = {'direction': math.nan, 'lever': math.nan, 'time': math.nan, 'cycle': math.nan, 'part': GRIPPER}
 
 
-COLUMNS = {
-    column.name: column
-    for column in (
-        Column('force', ('force', 'load', 'f'), columns.FORCE, True, largest=1e6),
-        Column('displacement', ('displacement', 'deflection', 'gauge', 'ds', 'δs'), columns.LENGTH, True, largest=0.5),
-        Column(
-            'direction', ('direction', 'angle'), columns.ANGLE, blank=True,
-            largest=4 * math.pi + 1e-9, hint='give an angle within two turns',
-        ),
-        Column('lever', ('lever', 'arm'), columns.LENGTH, blank=True, largest=10.0, positive=True),
-        Column('time', ('time', 't'), columns.TIME, blank=True, largest=1e12),
-        Column('cycle', ('cycle',), blank=True, largest=1e6),
-        Column(
-            'part', ('part', 'joint'), blank=True,
-            parse=one_of({GRIPPER: GRIPPER, 'joint1': JOINT1, 'joint2': JOINT2, '1': JOINT1, '2': JOINT2}),
-        ),
-        Column('gauge_at', ('gauge_at',), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
-    )
-}  # fmt: skip
-"""Those of a table of readings, by name."""
-
-
-def load_readings(path: str | Path, **defaults: str | float) -> DialGaugeReadings:
+def load_readings(path: str | Path, **defaults: str | float) -> GaugeTable:
     """Reads a table of readings.
 
     Args:
@@ -140,23 +101,41 @@ def load_readings(path: str | Path, **defaults: str | float) -> DialGaugeReading
         defaults: by name of an optional column, the value where it is missing, or a cell of it is empty; SI.
 
     Raises:
+        ParameterError: the rows of a joint have no lever.
         RecordingError: the file cannot be read, or a column or a row of it is wrong.
+        UnsupportedDataError: the time of a record of loops does not rise, or its load never changes.
     """
     return table_readings(load_table(Path(path), 'force_N,displacement_mm'), **defaults)
 
 
-def table_readings(table: Table, **defaults: str | float) -> DialGaugeReadings:
-    """The readings in a table; see `load_readings`.
-
-    Raises:
-        RecordingError: a column or a row is wrong.
-    """
-    places = table.find(COLUMNS.values())
+def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
+    """The readings in a table; see `load_readings`."""
+    places = table.find(COLUMNS)
     values = table.read(places)
-    found: dict[str, Any] = {**values.numbers, **values.others}
-    for name, default in ({'part': GRIPPER, 'gauge_at': ''} | defaults).items():
-        cells = found.get(name, [None] * len(table.rows))
-        found[name] = [default if cell is None or cell != cell else cell for cell in cells]  # NaN is an empty one
-    lines = [line for line, _ in table.rows]
+    cells: dict[str, list[Any]] = {name: list(several) for name, several in (values.numbers | values.others).items()}
+    for name, default in (_ABSENT | {'gauge_at': ''} | defaults).items():
+        given = cells.get(name, [None] * len(table.rows))
+        cells[name] = [default if cell is None or cell != cell else cell for cell in given]  # NaN is an empty one
     notes = tuple(f'{table.source}: {note}' for note in table.unused(places))
-    return replace(DialGaugeReadings.of(**found, source=table.source, line=lines), notes=notes)
+    if not np.isnan(cells['time']).any() and np.isnan(cells['cycle'] + cells['direction']).all():
+        record = Record(table.source, cells['time'], cells['force'], cells['displacement'], 'N')
+        return GaugeTable((), record, notes)
+    runs: dict[tuple[Any, ...], list[int]] = {}
+    keys = zip(*(cells[name] for name in ('part', 'gauge_at', 'direction', 'lever')), strict=True)
+    for row, (part, gauge_at, direction, lever) in enumerate(keys):
+        if part != GRIPPER and math.isnan(lever):
+            where = f'{table.source}: line {table.rows[row][0]}'
+            raise ParameterError(where, 'a joint needs its lever', 'add a column lever_m, or give --lever')
+        own = (str(round(direction, 6)), str(round(lever, 9)) if part != GRIPPER else '')
+        runs.setdefault((part, gauge_at, *own), []).append(row)
+    return GaugeTable(tuple(_run(table, cells, rows) for rows in runs.values()), None, notes)
+
+
+def _run(table: Table, cells: dict[str, list[Any]], rows: list[int]) -> Readings:
+    """One run, from the numbers of its rows."""
+    first = {name: cells[name][rows[0]] for name in ('part', 'gauge_at', 'direction', 'lever')}
+    force, displacement, cycle = (np.array(cells[name])[rows] for name in ('force', 'displacement', 'cycle'))
+    line = np.array([table.rows[row][0] for row in rows])
+    if first['part'] == GRIPPER:
+        first['lever'] = math.nan
+    return Readings(force, displacement, cycle, line, **first, source=table.source)

@@ -36,13 +36,14 @@ from scipy import stats
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.studies.loops.estimates import (
+    FALSE_ALARM_LEVEL,
     Estimate,
     LeastSquares,
     between_variance,
     find_resolution,
     least_squares,
 )
-from scara_kinetostatic.studies.loops.readings import DialGaugeReadings
+from scara_kinetostatic.studies.loops.readings import Readings
 
 ZERO_BAND = 0.02
 """Share of the largest load of a run up to which a load counts as none."""
@@ -98,7 +99,7 @@ class RunFit(NamedTuple):
     row_p: Floats
 
 
-def find_passes(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> tuple[Indices, Floats, Floats]:
+def find_passes(readings: Readings, zero_band: float = ZERO_BAND) -> tuple[Indices, Floats, Floats]:
     """The pass to which each row belongs.
 
     Args:
@@ -120,7 +121,7 @@ def find_passes(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> tu
     return passes, keys[:, 0], -keys[:, 1]
 
 
-def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit:
+def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     """Slopes and gap of one run.
 
     Args:
@@ -146,26 +147,24 @@ def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit
         least = sigma * float(np.sqrt(len(force) / len(np.unique(np.abs(force)))))
         solution = solution._replace(sigma=least, floor=least)
     # linear functions of the coefficients, which are the intercepts, the negative and the positive slope
+    unit = np.eye(count + 2)
+    slopes = solution.of(unit[-2]), solution.of(unit[-1])
+    weight = 1 / np.diag(solution.unscaled)[-2:]  # the two slopes are independent
     gaps = np.array([[*np.where(cycle == number, sense, 0), 0, 0] for number in complete], dtype=float)
-    weight = 1 / np.diag(solution.unscaled)[count:]  # the two slopes are independent
-    compliance = solution.of(np.array([*np.zeros(count), *weight / weight.sum()]))
-    slopes = solution.of(np.eye(count + 2)[count]), solution.of(np.eye(count + 2)[count + 1])
-    repeatability = (
-        _gap_repeatability(solution, gaps, np.bincount(passes)),
-        _slope_repeatability(solution, force, displacement, passes, sense),
-    )
-    variances = [check.value**2 if check and check.p_value < 0.01 else 0.0 for check in repeatability]
+    gap_check = _gap_repeatability(solution, gaps, np.bincount(passes))
+    slope_check = _slope_repeatability(solution, force, displacement, passes, sense)
     checks = (
-        _student('slope_difference', solution.of(np.array([*np.zeros(count), -1.0, 1.0])), 'm/N', solution.dof),
+        _student('slope_difference', solution.of(unit[-1] - unit[-2]), 'm/N', solution.dof),
         *_shape_checks(solution, force, passes),
         _zero_drift(solution, gaps),
-        *repeatability,
+        gap_check,
+        slope_check,
     )
     residual, row_p = np.full(len(used), np.nan), np.ones(len(used))
     residual[used], row_p[used] = solution.residual, _row_p_values(solution)
     return RunFit(
-        compliance=_widened(compliance, variances[1] / count),
-        gap=_widened(solution.of(gaps.mean(axis=0)), variances[0] / len(gaps)),
+        compliance=solution.of(weight @ unit[-2:] / weight.sum()).plus(0.0, _between(slope_check) / count),
+        gap=solution.of(gaps.mean(axis=0)).plus(0.0, _between(gap_check) / len(gaps)),
         slopes=slopes,
         sigma=sigma,
         resolution=resolution,
@@ -174,13 +173,14 @@ def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit
         lines=np.stack([sense, solution.beta[:count], np.where(sense > 0, slopes[1].value, slopes[0].value)], axis=1),
         cycle_gaps=gaps @ solution.beta,
         residual=residual,
-        checks=tuple(check for check in checks if check is not None),
+        checks=tuple(check for check in checks if check),
         row_p=row_p,
     )
 
 
-def _widened(estimate: Estimate, variance: float) -> Estimate:
-    return Estimate(estimate.value, float(np.hypot(estimate.std, np.sqrt(variance))))
+def _between(repeatability: Check | None) -> float:
+    """The variance between cycles, where they scatter more than the readings within them."""
+    return repeatability.value**2 if repeatability and repeatability.p_value < FALSE_ALARM_LEVEL else 0.0
 
 
 def _student(name: str, estimate: Estimate, unit: str, dof: int) -> Check:
