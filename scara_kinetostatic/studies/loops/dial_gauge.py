@@ -1,7 +1,7 @@
 """Compliance and backlash from tables of gauge readings, loads point by point or continuous loops.
 
-Each run of loads applied point by point, the experiments of section 5.2, gives a compliance and a gap (`run_fit`). For a
-joint with lever l, torque F l and Δq = ΔS / l:
+Each run of loads applied point by point, the experiments of section 5.2, gives a compliance and a gap (`run_fit`). For
+a joint with lever l, torque F l and Δq = ΔS / l:
 
     p = slope / l²  [rad/Nm],      gap = jump / l  [rad].
 
@@ -66,8 +66,10 @@ class Run(NamedTuple):
 
     def of_part(self, compliance: Estimate, gap: Estimate) -> Run:
         """The run with compliance and gap of the part, from those at the gauge."""
-        arm = 1.0 if self.readings.part == GRIPPER else self.readings.lever
-        return self._replace(compliance=compliance.over(arm**2), gap=gap.over(arm))
+        if self.readings.part == GRIPPER:
+            return self._replace(compliance=compliance, gap=gap)
+        arm = self.readings.lever
+        return self._replace(compliance=compliance.over(arm**2, 'rad/Nm'), gap=gap.over(arm, 'rad'))
 
 
 class Ellipse(NamedTuple):
@@ -130,11 +132,6 @@ class Part(NamedTuple):
     gap: Estimate
     maps: dict[str, DirectionMap]
     combined: dict[str, CombinedEstimate]
-
-    @property
-    def units(self) -> tuple[str, str]:
-        """Units of compliance and gap."""
-        return ('m/N', 'm') if self.name == GRIPPER else ('rad/Nm', 'rad')
 
 
 class DialGaugeAnalysis(NamedTuple):
@@ -222,10 +219,8 @@ def _without_gripper(run: Run, grippers: Sequence[Run]) -> Run:
     if not there:
         return run._replace(note='the gauge was at the tip: compliance and gap include those of the gripper')
     compliance, gap = mean([each.compliance for each in there]), mean([each.gap for each in there])
-    left = run.of_part(
-        run.fit.compliance.plus(-compliance.value, compliance.std**2), run.fit.gap.plus(-gap.value, gap.std**2)
-    )
-    return left._replace(note='the gripper along this direction was subtracted')
+    own = run.fit.compliance.plus(-compliance.value, compliance.std), run.fit.gap.plus(-gap.value, gap.std)
+    return run.of_part(*own)._replace(note='the gripper along this direction was subtracted')
 
 
 def _combine(name: str, runs: tuple[Run, ...]) -> Part:
@@ -254,45 +249,36 @@ def direction_map(direction: Floats, estimates: Sequence[Estimate], dof: Floats,
         dof: degrees of freedom of each std, (n,).
         power: 1 for a compliance, 2 for a gap.
     """
-    value, std = np.array(estimates).T
-    ellipse = _fit_ellipse(direction, value, std, dof, power)
+    value, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
+    axes = len(np.unique(np.round(np.mod(direction, np.pi), 3) % np.round(np.pi, 3)))
+    has_ellipse = axes > 2 and (power == 1 or np.all(value > 4 * std))
+    ellipse = _fit_ellipse(direction, value, std, dof, power, estimates[0].unit) if has_ellipse else None
     return DirectionMap(direction, value, std, power, mean(estimates), combine_estimates(estimates, dof), ellipse)
 
 
-def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, power: int) -> Ellipse | None:
-    """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ."""
-    axes = len(np.unique(np.round(np.mod(direction, np.pi), 3) % np.round(np.pi, 3)))
-    if axes < 3 or (power == 2 and np.any(value < 4 * std)):
-        return None
-    q, q_std = value, std
-    if power == 2:  # the square of a noisy value is too large by its variance
-        q, q_std = value**2 - std**2, 2 * value * std
+def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, power: int, unit: str) -> Ellipse | None:
+    """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ; None if one is not above 0."""
+    q, weight = value**power, 1 / (power * value ** (power - 1) * std)
     design = np.stack([np.ones_like(direction), np.cos(2 * direction), np.sin(2 * direction)], axis=1)
-    for _ in range(3):  # weights from the fitted values, which are less noisy than the measured ones
-        basis, triangle = np.linalg.qr(design / q_std[:, None])
-        inverse = np.linalg.inv(triangle)
-        coefficients, covariance = inverse @ (basis.T @ (q / q_std)), inverse @ inverse.T
-        fitted = design @ coefficients
-        if power == 2:
-            q_std = 2 * np.sqrt(np.maximum(fitted, (0.1 * value) ** 2)) * std
-    chi_square = float((((q - fitted) / q_std) ** 2).sum())
-    left = len(value) - 3
+    basis, triangle = np.linalg.qr(design * weight[:, None])
+    inverse = np.linalg.inv(triangle)
+    coefficients, covariance = inverse @ (basis.T @ (q * weight)), inverse @ inverse.T
+    chi_square, left = float(((weight * (q - design @ coefficients)) ** 2).sum()), len(value) - 3
     p_value = float(stats.f.sf(chi_square / left, left, float(np.sum(dof)))) if left > 0 else np.nan
-    centre, a, b = coefficients
-    radius = float(np.hypot(a, b))
-    unit = np.array([a, b]) / radius if radius > 0 else np.array([1.0, 0.0])
-    ends = []
-    for sign in (1.0, -1.0):
-        row = np.array([1.0, *(sign * unit)])
-        end, end_std = float(centre + sign * radius), float(np.sqrt(row @ covariance @ row))
-        if power == 2:
-            root = float(np.sqrt(max(end, 0.0)))
-            end, end_std = root, end_std / (2 * root) if end > end_std else float(np.sqrt(end_std))
-        ends.append(Estimate(end, end_std))
-    across = np.array([0.0, -unit[1], unit[0]])
-    turn = float(np.sqrt(across @ covariance @ across)) / (2 * radius) if radius > 0 else np.inf
-    axis = Estimate(float(np.mod(np.arctan2(b, a) / 2, np.pi)), turn)
-    return Ellipse(ends[0], ends[1], axis, chi_square, left, p_value)
+    centre, a, b = coefficients.tolist()
+    radius, turned = float(np.hypot(a, b)), float(np.arctan2(b, a))
+    if power == 2 and centre <= radius:
+        return None
+    along, across = np.array([np.cos(turned), np.sin(turned)]), np.array([-np.sin(turned), np.cos(turned)])
+
+    def principal(sign: float) -> Estimate:
+        row = np.array([1.0, *(sign * along)])
+        end = (centre + sign * radius) ** (1 / power)
+        return Estimate(end, float(np.sqrt(row @ covariance @ row)) / (power * end ** (power - 1)), unit)
+
+    axis_std = float(np.sqrt(across @ covariance[1:, 1:] @ across)) / (2 * radius) if radius > 0 else np.inf
+    axis = Estimate(float(np.mod(turned / 2, np.pi)), axis_std, 'rad')
+    return Ellipse(principal(1.0), principal(-1.0), axis, chi_square, left, p_value)
 
 
 _MEANING = {

@@ -118,7 +118,8 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
         cells[name] = [default if cell is None or cell != cell else cell for cell in given]  # NaN is an empty one
     notes = tuple(f'{table.source}: {note}' for note in table.unused(places))
     if not np.isnan(cells['time']).any() and np.isnan(cells['cycle'] + cells['direction']).all():
-        record = Record(table.source, cells['time'], cells['force'], cells['displacement'], 'N')
+        time, force, displacement = (np.array(cells[name]) for name in ('time', 'force', 'displacement'))
+        record = Record(table.source, time, force, displacement, 'N')
         return GaugeTable((), record, notes)
     runs: dict[tuple[Any, ...], list[int]] = {}
     keys = zip(*(cells[name] for name in ('part', 'gauge_at', 'direction', 'lever')), strict=True)

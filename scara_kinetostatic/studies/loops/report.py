@@ -101,7 +101,7 @@ def _content(selection: Selection) -> Document:
             'unit': record.unit(unit),
         },
         'candidates': [_compared(each, selection) for each in (selection.before, *selection.candidates)],
-        'parameters': {each.law.name: _parameters(each, record) for each in laws},
+        'parameters': {each.law.name: each.parameters for each in laws},
     }
 
 
@@ -121,13 +121,6 @@ def _errors(each: Candidate) -> Document:
     return {'fitted': each.fitted_rms, 'held_out': each.held_out_rms}
 
 
-def _parameters(each: Candidate, record: Record) -> Document:
-    return {
-        name: {**estimate._asdict(), 'unit': record.unit(PARAMETERS[name][1])}
-        for name, estimate in each.parameters.items()
-    }
-
-
 def _compared(each: Candidate, selection: Selection) -> Document:
     is_before = each is selection.before
     return {
@@ -137,7 +130,7 @@ def _compared(each: Candidate, selection: Selection) -> Document:
         'bic_difference': None if is_before else each.bic,
         'accepted': each.accepted,
         **_errors(each),
-        'parameters': _parameters(each, selection.study.records[0]),
+        'parameters': each.parameters,
     }
 
 

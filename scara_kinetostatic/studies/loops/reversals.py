@@ -18,7 +18,8 @@ of the means over other windows of the lines; it is common to all reversals and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -76,7 +77,6 @@ class Sense(NamedTuple):
         gap: mean over the reversals, with a test of their consistency, m.
         compliance: likewise, m/N.
         reversals: in order.
-        definitional_uncertainty: of gap and compliance; NaN where no other window has a result.
     """
 
     sense: int
@@ -86,7 +86,6 @@ class Sense(NamedTuple):
     gap: CombinedEstimate
     compliance: CombinedEstimate
     reversals: tuple[Reversal, ...]
-    definitional_uncertainty: tuple[float, float] = (np.nan, np.nan)
 
     @property
     def name(self) -> str:
@@ -129,71 +128,69 @@ def analyse_loops(record: Record) -> LoopAnalysis:
     Raises:
         UnsupportedDataError: no sense has two reversals that can be used.
     """
-    sweeps = _find_sweeps(record)
-    senses, rejected = _analyse(sweeps, _WINDOW)
+    sweeps, rejected = list(_sweeps(record)), list[Rejected]()
+    senses = _analyse(sweeps, _WINDOW, rejected)
     if not senses:
         why = f': {rejected[0].reason}' if rejected else ''
         problem = f'{record.source}: no two reversals of a sense have a gap between two elastic branches{why}'
         raise UnsupportedDataError(problem, 'record more full loops, at a higher sampling rate')
-    others = [each for window in _OTHER_WINDOWS for each in _analyse(sweeps, window)[0]]
+    others = [each for window in _OTHER_WINDOWS for each in _analyse(sweeps, window, [])]
     for k, sense in enumerate(senses):
         same = [sense, *(each for each in others if each.sense == sense.sense)]
         if len(same) > 1:
             gap, compliance = np.ptp([[each.gap.value, each.compliance.value] for each in same], axis=0) / 2
-            senses[k] = sense._replace(definitional_uncertainty=(float(gap), float(compliance)))
+            senses[k] = sense._replace(
+                gap=sense.gap._replace(definitional_uncertainty=float(gap)),
+                compliance=sense.compliance._replace(definitional_uncertainty=float(compliance)),
+            )
     return LoopAnalysis(record, tuple(senses), tuple(sorted(rejected)))
 
 
-def _find_sweeps(record: Record) -> list[_Sweep]:
+def _sweeps(record: Record) -> Iterator[_Sweep]:
     """The record cut at the reversals, without what comes before the first."""
-    turns = [*reversals(record.response).tolist(), len(record) - 1]
-    sweeps = []
-    for first, last in zip(turns[:-1], turns[1:], strict=True):
+    for first, last in pairwise([*reversals(record.response).tolist(), len(record) - 1]):
         displacement = record.response[first : last + 1]
         sense = 1 if displacement[-1] > displacement[0] else -1
         distance, along = sense * (displacement - displacement[0]), sense * record.load[first : last + 1]
-        sweeps.append(_Sweep(distance, along, float(record.time[first]), float(displacement[0]), sense))
-    return sweeps
+        yield _Sweep(distance, along, float(record.time[first]), float(displacement[0]), sense)
 
 
-def _analyse(sweeps: Sequence[_Sweep], window: tuple[float, float]) -> tuple[list[Sense], list[Rejected]]:
-    """Result for each sense, with lines fitted within a window, and the reversals that are not used."""
+def _analyse(sweeps: Sequence[_Sweep], window: tuple[float, float], rejected: list[Rejected]) -> list[Sense]:
+    """Result for each sense, with lines fitted within a window; the reversals that are not used are added."""
     by_sense = {sense: [sweep for sweep in sweeps if sweep.sense == sense] for sense in (1, -1)}
-    plateaus = {sense: _find_plateau(own) for sense, own in by_sense.items()}
-    senses, rejected = [], []
-    if not np.isfinite(plateaus[1] + plateaus[-1]):
-        return [], []
-    for sense, own in by_sense.items():
-        levels = np.array([_find_level(sweep, plateaus[sense]) for sweep in own])
+    plateaus = {sense: _plateau(own) for sense, own in by_sense.items()}
+    senses: list[Sense] = []
+    for sense, own in by_sense.items() if np.isfinite(sum(plateaus.values())) else ():
+        levels = np.array([_level(sweep, plateaus[sense]) for sweep in own])
         level = float(np.nanmedian(levels)) if np.any(np.isfinite(levels)) else np.nan
-        pairs = []
+        used, pairs = [], []
         for sweep in own:
             pair = _fit_pair(sweep, level, -plateaus[-sense], plateaus[sense], window)
             if isinstance(pair, str):
                 rejected.append(Rejected(sweep.time, pair))
             else:
-                pairs.append((sweep, *pair))
-        sigma = _pooled([line for _, line, _ in pairs]), _pooled([line for _, _, line in pairs])
-        if len(pairs) < 2 or not np.all(np.isfinite(sigma)):
-            rejected += [Rejected(sweep.time, 'too few reversals of its sense') for sweep, *_ in pairs]
+                used.append(sweep)
+                pairs.append(pair)
+        dof = [sum(line.samples - 2 for line in lines) for lines in zip(*pairs, strict=True)]
+        if len(pairs) < 2 or not all(dof):
+            rejected += [Rejected(sweep.time, 'too few reversals of its sense') for sweep in used]
             continue
-        dof = sum(after.samples - 2 for _, _, after in pairs)
-        found = tuple(_as_reversal(sweep, before, after, sigma) for sweep, before, after in pairs)
-        gap, compliance = (
-            combine_estimates(several, dof)
-            for several in zip(*((each.gap, each.compliance) for each in found), strict=True)
-        )
+        rss = [sum(line.rss for line in lines) for lines in zip(*pairs, strict=True)]
+        sigma = float(np.sqrt(rss[0] / dof[0])), float(np.sqrt(rss[1] / dof[1]))
+        found = tuple(_as_reversal(sweep, pair, sigma) for sweep, pair in zip(used, pairs, strict=True))
+        gap = combine_estimates([each.gap for each in found], dof[1])
+        compliance = combine_estimates([each.compliance for each in found], dof[1])
         senses.append(Sense(sense, sense * level, sense * plateaus[sense], sigma, gap, compliance, found))
-    return senses, rejected
+    return senses
 
 
-def _find_plateau(sweeps: Sequence[_Sweep]) -> float:
+def _plateau(sweeps: Sequence[_Sweep]) -> float:
     """Force of slip, N: the median over the sweeps of the median over the second half of each."""
     medians = [float(np.median(s.force[s.distance > s.distance[-1] / 2])) for s in sweeps if s.distance[-1] > 0]
     return float(np.median(medians)) if medians else np.nan
 
 
-def _find_level(sweep: _Sweep, plateau: float) -> float:
+def _level(sweep: _Sweep, plateau: float) -> float:
     """Force inside the backlash, N: where it changes least over a sixth of the way up to 75 % of the plateau."""
     risen = np.flatnonzero(sweep.force >= 0.75 * plateau)
     if not len(risen) or risen[0] < 2:
@@ -234,28 +231,18 @@ def _fit_line(force: Floats, distance: Floats) -> _Line:
     return _Line(inverse @ along, np.linalg.norm(inverse, axis=1), float(residual @ residual), len(force))
 
 
-def _pooled(lines: Sequence[_Line]) -> float:
-    """Standard deviation of the residuals of several lines, m; NaN without degrees of freedom."""
-    dof = sum(line.samples - 2 for line in lines)
-    return float(np.sqrt(sum(line.rss for line in lines) / dof)) if dof > 0 else np.nan
-
-
-def _as_reversal(sweep: _Sweep, before: _Line, after: _Line, sigma: tuple[float, float]) -> Reversal:
+def _as_reversal(sweep: _Sweep, pair: tuple[_Line, _Line], sigma: tuple[float, float]) -> Reversal:
     """Gap and slopes of a sweep from its lines; `sigma`: residual standard deviation before and after the gap, m."""
-    (start, unloading), (end, loading) = (
-        [
-            Estimate(float(value), float(scale * std))
-            for value, std in zip(line.coefficients, line.unscaled, strict=True)
-        ]
-        for line, scale in zip((before, after), sigma, strict=True)
-    )
+    values = np.array([line.coefficients for line in pair]).tolist()
+    std = (np.array([line.unscaled for line in pair]) * np.array(sigma)[:, None]).tolist()
+    (start, unloading), (end, loading) = values
     return Reversal(
         time=sweep.time,
         displacement=sweep.displacement,
         force=-float(sweep.force[0]),
-        gap=end.plus(-start.value, start.std**2),
-        compliance=loading,
-        unloading_compliance=unloading,
-        samples=(before.samples, after.samples),
-        crossings=(start.value, end.value),
+        gap=Estimate(end, std[1][0], 'm').plus(-start, std[0][0]),
+        compliance=Estimate(loading, std[1][1], 'm/N'),
+        unloading_compliance=Estimate(unloading, std[0][1], 'm/N'),
+        samples=(pair[0].samples, pair[1].samples),
+        crossings=(start, end),
     )

@@ -148,13 +148,13 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
         solution = solution._replace(sigma=least, floor=least)
     # linear functions of the coefficients, which are the intercepts, the negative and the positive slope
     unit = np.eye(count + 2)
-    slopes = solution.of(unit[-2]), solution.of(unit[-1])
+    slopes = solution.of(unit[-2], 'm/N'), solution.of(unit[-1], 'm/N')
     weight = 1 / np.diag(solution.unscaled)[-2:]  # the two slopes are independent
     gaps = np.array([[*np.where(cycle == number, sense, 0), 0, 0] for number in complete], dtype=float)
     gap_check = _gap_repeatability(solution, gaps, np.bincount(passes))
     slope_check = _slope_repeatability(solution, force, displacement, passes, sense)
     checks = (
-        _student('slope_difference', solution.of(unit[-1] - unit[-2]), 'm/N', solution.dof),
+        _student('slope_difference', solution.of(unit[-1] - unit[-2], 'm/N'), solution.dof),
         *_shape_checks(solution, force, passes),
         _zero_drift(solution, gaps),
         gap_check,
@@ -163,8 +163,8 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     residual, row_p = np.full(len(used), np.nan), np.ones(len(used))
     residual[used], row_p[used] = solution.residual, _row_p_values(solution)
     return RunFit(
-        compliance=solution.of(weight @ unit[-2:] / weight.sum()).plus(0.0, _between(slope_check) / count),
-        gap=solution.of(gaps.mean(axis=0)).plus(0.0, _between(gap_check) / len(gaps)),
+        compliance=solution.of(weight @ unit[-2:] / weight.sum(), 'm/N').plus(0.0, _between(slope_check, count)),
+        gap=solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(gap_check, len(gaps))),
         slopes=slopes,
         sigma=sigma,
         resolution=resolution,
@@ -178,14 +178,15 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     )
 
 
-def _between(repeatability: Check | None) -> float:
-    """The variance between cycles, where they scatter more than the readings within them."""
-    return repeatability.value**2 if repeatability and repeatability.p_value < FALSE_ALARM_LEVEL else 0.0
+def _between(repeatability: Check | None, count: int) -> float:
+    """What the scatter between cycles adds to the std of a mean, where it is more than that of the readings."""
+    if repeatability is None or repeatability.p_value >= FALSE_ALARM_LEVEL:
+        return 0.0
+    return repeatability.value / float(np.sqrt(count))
 
 
-def _student(name: str, estimate: Estimate, unit: str, dof: int) -> Check:
-    p_value = 2 * float(stats.t.sf(abs(estimate.value) / estimate.std, dof))
-    return Check(name, estimate.value, estimate.std, unit, p_value)
+def _student(name: str, estimate: Estimate, dof: int) -> Check:
+    return Check(name, *estimate, 2 * float(stats.t.sf(abs(estimate.value) / estimate.std, dof)))
 
 
 def _zero_drift(solution: LeastSquares, gaps: Floats) -> Check | None:
@@ -193,7 +194,7 @@ def _zero_drift(solution: LeastSquares, gaps: Floats) -> Check | None:
     if len(gaps) < 2:
         return None
     order = np.arange(len(gaps)) - (len(gaps) - 1) / 2
-    return _student('zero_drift', solution.of(order @ np.abs(gaps) / 2 / (order @ order)), 'm', solution.dof)
+    return _student('zero_drift', solution.of(order @ np.abs(gaps) / 2 / (order @ order), 'm'), solution.dof)
 
 
 def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Iterator[Check]:
@@ -215,7 +216,7 @@ def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Ite
             value = float(new @ solution.residual) / square
             rest = solution.residual - value * new
             sigma = max(float(np.sqrt(rest @ rest / dof)), solution.floor)
-            yield _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square))), 'm', dof)
+            yield _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square)), 'm'), dof)
 
 
 def _gap_repeatability(solution: LeastSquares, gaps: Floats, rows: Indices) -> Check | None:

@@ -47,7 +47,7 @@ from scara_kinetostatic.studies.loops.dependence import (
 )
 from scara_kinetostatic.studies.loops.estimates import Estimate
 from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, effective_count, evaluate, fit_law, predict
-from scara_kinetostatic.studies.loops.laws import FAMILIES, Law
+from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, Law
 from scara_kinetostatic.studies.loops.path import RecordPath, block_means
 from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record
 
@@ -159,14 +159,14 @@ class Study:
         whole = fit_law(moments)
         if self.is_single:
             held_out: tuple[Prediction, ...] = (self._halves(law, whole),)
-            parameters = {name: Estimate(value, float('nan')) for name, value in whole.reported.items()}
+            parameters = self._with_std(whole, [])
         else:
             fits = []
             for k in range(len(moments)):
                 warm_start = whole._replace(states=np.delete(whole.states, k))
                 fits.append(fit_law(moments[:k] + moments[k + 1 :], warm_start))
             held_out = tuple(predict(each, path, path.known) for each, path in zip(fits, self.paths, strict=True))
-            parameters = _jackknife(whole, fits)
+            parameters = self._with_std(whole, fits)
         along = self._along(whole)
         return Candidate(law, whole, along, held_out, self._rms(along), self._rms(held_out), parameters)
 
@@ -187,7 +187,7 @@ class Study:
             fit_law([Moments(candidate.law, block, parts != each, self.size)], whole, near=True)
             for each in np.unique(parts)
         ]
-        return candidate._replace(parameters=_jackknife(whole, several))
+        return candidate._replace(parameters=self._with_std(whole, several))
 
     def dependences(self, candidate: Candidate) -> tuple[Dependence, ...]:
         """Of the residual along the records."""
@@ -256,6 +256,15 @@ class Study:
         is_motion = self.driven_by == MOTION
         return self._in_blocks(found, [path.scored if is_motion else ~path.rest for path in self.paths])
 
+    def _with_std(self, whole: Fit, without: Sequence[Fit]) -> dict[str, Estimate]:
+        """Parameters with their standard deviations from the fits without one part each; NaN without fits."""
+        share, found = (len(without) - 1) / max(len(without), 1), {}
+        for name, value in whole.reported.items():
+            several = np.array([each.reported[name] for each in without])
+            std = float(np.sqrt(share * ((several - several.mean()) ** 2).sum())) if without else np.nan
+            found[name] = Estimate(value, std, self.records[0].unit(PARAMETERS[name][1]))
+        return found
+
     def _moments(self, law: Law) -> list[Moments]:
         return [Moments(law, block, np.ones(len(block.time), dtype=bool), self.size) for block in self.blocks]
 
@@ -274,15 +283,6 @@ class Study:
     def _is_extrapolated(self, path: RecordPath) -> bool:
         """Whether its load is far beyond those of all others."""
         return all(path.size > 1.5 * other.size for other in self.paths if other is not path)
-
-
-def _jackknife(whole: Fit, without: Sequence[Fit]) -> dict[str, Estimate]:
-    """Parameters with their standard deviations from the fits without one part each."""
-    share, found = (len(without) - 1) / len(without), {}
-    for name, value in whole.reported.items():
-        several = np.array([each.reported[name] for each in without])
-        found[name] = Estimate(value, float(np.sqrt(share * ((several - several.mean()) ** 2).sum())))
-    return found
 
 
 def check_sense(paths: Sequence[RecordPath], direction: float | None = None) -> None:
