@@ -17,11 +17,7 @@ from scara_kinetostatic.studies.loops.estimates import Estimate
 from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, TIP, Readings, table_readings
 from scara_kinetostatic.studies.loops.simulation import DialGaugeBench, load_cycles, simulate_experiments
 
-BENCH, EXACT, COARSE = (
-    DialGaugeBench(),
-    DialGaugeBench(noise=0.0),
-    DialGaugeBench(noise=3e-6, resolution=1e-6, force_noise=0.1),
-)
+BENCH, EXACT = DialGaugeBench(), DialGaugeBench(noise=0.0)
 
 
 @pytest.fixture(scope='module')
@@ -106,7 +102,11 @@ def test_no_ellipse_from_two_axes_or_from_no_gap():
 
 
 def joint_at_the_tip(seed: int) -> Readings:
-    return BENCH.joint(np.random.default_rng(seed), 2, gauge_at=TIP)
+    """Joint and gripper in series."""
+    run = BENCH.joint(np.random.default_rng(seed), 2)
+    _, sense, _ = load_cycles()
+    gripper = BENCH.p_ee * run.force + BENCH.gripper_gap(0.0) / 2 * sense
+    return replace(run, displacement=run.displacement + gripper, gauge_at=TIP)
 
 
 def test_at_the_tip_the_gripper_along_the_same_direction_is_subtracted():
@@ -184,16 +184,13 @@ def test_a_simulated_joint_moves_the_end_as_the_model_does(joint, lever):
 
 
 def test_simulated_experiments_are_those_of_the_plan():
-    exact, readings = simulate_experiments(EXACT), simulate_experiments(COARSE, seed=4)
+    exact, readings = simulate_experiments(EXACT), simulate_experiments(seed=4)
     assert [sum(run.part == part for run in exact) for part in (GRIPPER, JOINT1, JOINT2)] == [12, 1, 1]
     one = exact[-1]
     assert (len(one), set(one.cycle), one.force.max(), one.force.min()) == (97, {1, 2, 3}, 40.0, -40.0)
     assert np.array_equal(one.force, load_cycles()[0])
     moved, exactly = (np.concatenate([run.displacement for run in each]) for each in (readings, exact))
-    force, exact_force = (np.concatenate([run.force for run in each]) for each in (readings, exact))
-    assert np.std(moved - exactly) == pytest.approx(np.hypot(3e-6, 1e-6 / 12**0.5), rel=0.1)
-    assert np.std(force - exact_force) == pytest.approx(0.1, rel=0.1)
-    np.testing.assert_allclose(moved / 1e-6, np.round(moved / 1e-6), atol=1e-6)
-    again, other = simulate_experiments(COARSE, seed=4), simulate_experiments(COARSE, seed=5)
-    assert all(np.array_equal(one.displacement, two.displacement) for one, two in zip(again, readings, strict=True))
-    assert any(np.any(one.force != two.force) for one, two in zip(other, readings, strict=True))
+    assert np.std(moved - exactly) == pytest.approx(2e-6, rel=0.1)
+    again, other = (np.concatenate([run.displacement for run in simulate_experiments(seed=seed)]) for seed in (4, 5))
+    assert np.array_equal(again, moved)
+    assert np.all(other != moved)

@@ -10,7 +10,7 @@ from studies.load_records import RATE, columns, record, torque
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.play_operator import play_operator
-from scara_kinetostatic.report import as_page, as_text
+from scara_kinetostatic.report import as_page, as_text, plain
 from scara_kinetostatic.studies.loops.dependence import p_independent
 from scara_kinetostatic.studies.loops.path import RecordPath
 from scara_kinetostatic.studies.loops.record import Record
@@ -160,7 +160,7 @@ def test_what_was_not_tested_is_said() -> None:
     part = np.concatenate([torque()[:500], np.full(200, -1.0)])
     found = select_model(Study([record(part, 1), record(part, 2)]))
     assert any('to test the dependence on the load before' in each for each in verdict(found).sentences)
-    document = hysteresis_document([found])
+    document = plain(hysteresis_document([found]))
     assert document['residual_dependence']['before']['memory']['p_value'] is None
     assert document['residual_dependence']['before']['load']['p_value'] > 0.01
 

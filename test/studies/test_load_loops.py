@@ -14,7 +14,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.report import as_text
 from scara_kinetostatic.studies.loops.path import RecordPath
 from scara_kinetostatic.studies.loops.record import LOAD, Record, load_record, what_drives
-from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report, record_errors, verdict
+from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report, verdict
 from scara_kinetostatic.studies.loops.selection import Selection, Study, analyse, predict_records, select_model
 
 C, MU, COMPLIANCE, HALF_GAP = 2.0, 0.3, 3e-3, 15e-3
@@ -121,9 +121,9 @@ def test_records_in_loops_and_from_rest_are_taken_together(place: int) -> None:
     assert (found.verdict, found.final.law.name) == ('explained', 'load_friction')
     for name, true in (('friction', C), ('friction_ratio', MU), ('compliance', COMPLIANCE), ('half_gap', HALF_GAP)):
         assert found.final.parameters[name].value == pytest.approx(true, rel=0.05)
-    assert max(record_errors(found, found.final)) < 2 * 3e-4
+    assert max(each.after_rms for each in found.judged) < 2 * 3e-4
     for each in found.dependence_before:
-        assert [bool(np.isnan(p)) for p in each.by_record] == [k == place for k in range(3)]
+        assert [bool(np.isnan(p)) for p in each.p_value_by_record] == [k == place for k in range(3)]
     said = ' '.join(as_text(hysteresis_report([found])).split())
     assert 'Of a record that begins at rest: after the unloading' in said
     alone = select_model(Study([each for k, each in enumerate(records) if k != place]))

@@ -63,26 +63,26 @@ class Dependence(NamedTuple):
     Attributes:
         variable: a key of `VARIABLES`.
         share: explained share of the squared residual, for a motion on the half held out; below 0 if it increases.
-        p_value: of no dependence, all records together.
-        by_record: the same of each record driven by its load; NaN where it could not be tested.
-        detectable: share that the test would have found with a probability of `POWER`; 1 where none.
+        p_value: of no dependence, all records together; NaN where it could not be tested.
+        detectable_share: share that the test would have found with a probability of `POWER`; NaN likewise.
+        p_value_by_record: of each record driven by its load; NaN where it could not be tested.
     """
 
     variable: str
     share: float
     p_value: float
-    by_record: tuple[float, ...] = ()
-    detectable: float = 1.0
+    detectable_share: float
+    p_value_by_record: tuple[float, ...] = ()
 
     @property
     def is_tested(self) -> bool:
-        """Whether it could be tested in any record; if not, `p_value` is 1."""
-        return not self.by_record or bool(np.any(np.isfinite(self.by_record)))
+        """Whether it could be tested in any record."""
+        return bool(np.isfinite(self.p_value))
 
 
 def p_independent(found: Sequence[Dependence]) -> float:
     """p-value of no dependence on any variable (Bonferroni)."""
-    return min(1.0, len(found) * min(each.p_value for each in found))
+    return min([1.0, *(len(found) * each.p_value for each in found if each.is_tested)])
 
 
 def loop_dependences(paths: Sequence[RecordPath], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
@@ -101,16 +101,17 @@ def loop_dependences(paths: Sequence[RecordPath], residuals: Sequence[Floats]) -
         name = variable.replace('driver', _DRIVER[driven_by])
         tested = (_on_variable(path, r, variable) if path.in_loops else (0.0, np.nan, 1.0) for path, r in records)
         shares, p_values, detectable = zip(*tested, strict=True)
-        by_record, finite = p_values if driven_by == LOAD else (), [p for p in p_values if np.isfinite(p)]
-        found.append(Dependence(name, float(weights @ shares), _fisher(finite), by_record, min(detectable)))
+        by_record = p_values if driven_by == LOAD else ()
+        found.append(Dependence(name, float(weights @ shares), _fisher(p_values), min(detectable), by_record))
     return _by_share(found)
 
 
 def _fisher(p_values: Sequence[float]) -> float:
-    """p-value of all together; 1 where there is none."""
-    if len(p_values) == 1:
-        return p_values[0]
-    return float(stats.chi2.sf(-2 * np.log(np.maximum(p_values, 1e-300)).sum(), 2 * len(p_values)))
+    """p-value of all together; NaN where there is none."""
+    finite = [p for p in p_values if np.isfinite(p)]
+    if len(finite) < 2:
+        return finite[0] if finite else float('nan')
+    return float(stats.chi2.sf(-2 * np.log(np.maximum(finite, 1e-300)).sum(), 2 * len(finite)))
 
 
 def _by_share(found: Iterable[Dependence]) -> tuple[Dependence, ...]:
@@ -180,8 +181,8 @@ def load_dependences(paths: Sequence[RecordPath], residuals: Sequence[Floats]) -
     for variable in _OF_LOAD:
         p_values, explained, detectable = zip(*(by_variable[variable] for _, by_variable in tested), strict=True)
         share, limit = ((sum(each) / total if total > 0 else 0.0) for each in (explained, detectable))
-        finite = [p for p in p_values if np.isfinite(p)]
-        found.append(Dependence(variable, share, _fisher(finite) if finite else 1.0, p_values, min(limit, 1.0)))
+        p_value = _fisher(p_values)
+        found.append(Dependence(variable, share, p_value, min(limit, 1.0) if p_value >= 0 else np.nan, p_values))
     return _by_share(found)
 
 

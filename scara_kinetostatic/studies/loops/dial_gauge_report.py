@@ -184,10 +184,10 @@ def part_figures(part: Part) -> tuple[Figures, ...]:
     maps = [Figure(partial(map_picture, each, what, f'{part.name}_{what}')) for what, each in part.maps.items()]
     dead_zone = 'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.'
     gaps = [run.gap.value for run in part.runs]
+    runs = {k: part.runs[k] for k in (int(np.argmax(gaps)), int(np.argmin(gaps)))}
     forces = [
         Figure(partial(force_picture, run, f'{part.name}_force{k}'), title=run.readings.name.capitalize())
-        for k, run in enumerate(part.runs)
-        if gaps[k] in (max(gaps), min(gaps))
+        for k, run in runs.items()
     ]
     found = Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')
     return (Figures(tuple(maps), dead_zone), found) if maps else (found,)

@@ -131,26 +131,19 @@ class CombinedEstimate(NamedTuple):
         return Estimate(self.value, self.std, self.unit)
 
 
-def between_variance(values: Floats, std: Floats, dof: int, centre: Floats | None = None) -> float:
-    """The variance to be added for χ² of the deviations to equal its expectation (Paule and Mandel).
-
-    Args:
-        values: (n,).
-        std: standard deviation of each, (n,).
-        dof: expected χ².
-        centre: what the values deviate from, (n,); their weighted mean if not given.
+def _between_variance(values: Floats, std: Floats) -> float:
+    """The variance to be added to those of estimates for χ² to equal its expectation.
 
     Source: Paule and Mandel, J. Res. Nat. Bur. Standards 87 (1982) 377.
     """
 
     def surplus(variance: float) -> float:
         weight = 1 / (std**2 + variance)
-        return float(weight @ (values - (np.average(values, weights=weight) if centre is None else centre)) ** 2) - dof
+        return float(weight @ (values - np.average(values, weights=weight)) ** 2) - (len(values) - 1)
 
     if surplus(0.0) <= 0:
         return 0.0
-    most = float(((values - (values.mean() if centre is None else centre)) ** 2).sum()) / dof
-    return float(optimize.brentq(surplus, 0.0, most, xtol=1e-40, rtol=1e-12))
+    return float(optimize.brentq(surplus, 0.0, float(values.var(ddof=1)), xtol=1e-40, rtol=1e-12))
 
 
 def combine_estimates(estimates: Sequence[Estimate], dof: Floats | float) -> CombinedEstimate:
@@ -174,7 +167,7 @@ def combine_estimates(estimates: Sequence[Estimate], dof: Floats | float) -> Com
         ratio /= 1 + 2 * (count - 2) / (count**2 - 1) * unevenness
         denominator = (count**2 - 1) / (3 * unevenness)
     p_value = float(stats.f.sf(ratio, count - 1, denominator))
-    between = between_variance(values, std, count - 1)
+    between = _between_variance(values, std)
     if p_value < FALSE_ALARM_LEVEL:
         weight = 1 / (std**2 + between)
         centre = float(np.average(values, weights=weight))

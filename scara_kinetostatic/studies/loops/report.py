@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.model.arrays import Floats, Mask, rms
+from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.report import (
     NOT_DETERMINED,
     Block,
@@ -27,7 +27,6 @@ from scara_kinetostatic.report import (
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals, scale_of, shown
 from scara_kinetostatic.studies.loops.dependence import VARIABLES, Dependence
-from scara_kinetostatic.studies.loops.fit import Prediction
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
 from scara_kinetostatic.studies.loops.path import RecordPath, block_means, repeatability
 from scara_kinetostatic.studies.loops.record import LEVEL, LOAD, MOTION, Record
@@ -37,13 +36,13 @@ from scara_kinetostatic.studies.loops.selection import (
     UNDECIDED,
     UNEXPLAINED,
     Candidate,
-    PredictedRecord,
+    Judged,
     Selection,
     Study,
 )
 
 
-def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[PredictedRecord] = ()) -> Document:
+def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Document:
     """`hysteresis.json`: SI units; null where a quantity does not exist.
 
     Of records driven by their motion each has a selection, those that are driven by their load have one together.
@@ -63,16 +62,17 @@ def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Pre
     has_state = selection.final.law.has_state
     others = [
         {
-            'file': each.record.source,
+            'file': each.path.record.source,
             'before': each.before_rms,
             'after': each.after_rms,
             'unit': unit,
-            'from_s': each.record.time[each.record.judged_from],
+            'from_s': each.path.time[each.rows.argmax()],
             'state': each.after.state if has_state else None,
         }
         for each in predicted
     ]
-    return {**head, **_content(selection), 'records': _load_facts(selection), 'predicted': others}
+    facts = [_load_facts(selection, k) for k in range(len(study.records))]
+    return {**head, **_content(selection), 'records': facts, 'predicted': others}
 
 
 def _content(selection: Selection) -> Document:
@@ -90,8 +90,8 @@ def _content(selection: Selection) -> Document:
         'effects': effects[:1],
         'rivals': [effects] if selection.rivals else [],
         'residual_dependence': {
-            'before': _dependences(selection.dependence_before),
-            'after': _dependences(selection.dependence_after),
+            'before': {each.variable: each for each in selection.dependence_before},
+            'after': {each.variable: each for each in selection.dependence_after},
         },
         'p_value_without_memory': selection.p_without_memory,
         'direction': selection.study.direction,
@@ -102,18 +102,6 @@ def _content(selection: Selection) -> Document:
         },
         'candidates': [_compared(each, selection) for each in (selection.before, *selection.candidates)],
         'parameters': {each.law.name: each.parameters for each in laws},
-    }
-
-
-def _dependences(found: Sequence[Dependence]) -> Document:
-    return {
-        each.variable: {
-            'share': each.share,
-            'detectable_share': each.detectable if each.is_tested else None,
-            'p_value': each.p_value if each.is_tested else None,
-            **({'p_value_by_record': each.by_record} if each.by_record else {}),
-        }
-        for each in found
     }
 
 
@@ -145,27 +133,23 @@ def _motion_facts(path: RecordPath) -> Document:
     }
 
 
-def _load_facts(selection: Selection) -> list[dict[str, Any]]:
-    study, selected, found = selection.study, selection.selected, []
-    before = record_errors(selection, selection.before)
-    after = record_errors(selection, selected) if selected else [None] * len(before)
-    for k, (record, path, block) in enumerate(zip(study.records, study.paths, study.blocks, strict=True)):
-        moved, rests = block.driven - record.response[0] + record.response_change[0], record.is_at_rest_first
-        found.append(
-            {
-                'source': record.source,
-                'samples': len(record),
-                'loaded': record.time[record.rest][-1] if rests else None,
-                'judged_from': record.time[record.judged_from],
-                'largest_load': path.smooth[int(np.abs(path.smooth).argmax())],
-                'deflection': moved[int(np.abs(moved).argmax())],
-                'remaining': record.remaining if rests else None,
-                'noise': {'load': record.noise(record.load), 'response': record.noise(record.response)},
-                'response_error': {'before': before[k], 'after': after[k]},
-                'state': selected.along[k].state if selected and selected.law.has_state else None,
-            }
-        )
-    return found
+def _load_facts(selection: Selection, number: int) -> Document:
+    study, record = selection.study, selection.study.records[number]
+    path, block, judged = study.paths[number], study.blocks[number], selection.judged[number]
+    moved, rests = block.driven - record.response[0] + record.response_change[0], record.is_at_rest_first
+    selected = selection.selected
+    return {
+        'source': record.source,
+        'samples': len(record),
+        'loaded': record.time[record.rest][-1] if rests else None,
+        'judged_from': record.time[record.judged_from],
+        'largest_load': path.smooth[int(np.abs(path.smooth).argmax())],
+        'deflection': moved[int(np.abs(moved).argmax())],
+        'remaining': record.remaining if rests else None,
+        'noise': {'load': record.noise(record.load), 'response': record.noise(record.response)},
+        'response_error': {'before': judged.before_rms, 'after': judged.after_rms if selected else None},
+        'state': selected.along[number].state if selected and selected.law.has_state else None,
+    }
 
 
 class _Words(NamedTuple):
@@ -190,17 +174,15 @@ def _words(study: Study) -> _Words:
             'delete-one-sweep jackknife' if study.in_loops else 'one record gives none',
             'Errors: rms of the {response} of the later half. Held out: predicted by a fit to the earlier half.',
         )
-    counted, state = 'after unloading', 'from its own samples up to the unloading.'
-    if study.in_loops:
-        counted, state = 'after the first third', 'from the first third.'
+    judged = 'after the first third' if study.in_loops else 'after unloading'
+    errors = f'Errors: rms of the {{response}} {judged}.'
     if study.in_loops and not all(path.in_loops for path in study.paths):
-        state += ' Of a record that begins at rest: after the unloading, with the zero of its rest; tests are those of '
-        state += 'the loops.'
+        errors += ' Of a record that begins at rest: after the unloading; tests are those of the loops.'
     return _Words(
-        f'Each record predicted from the others, the error {counted}',
+        f'Each record predicted from the others, the error {judged}',
         'delete-one-record jackknife',
-        f'Errors: rms of the {{response}} {counted}{" of the samples" * study.in_loops}. Held out: predicted with the '
-        f'parameters of the other records; zero and state of friction {state}',
+        f'{errors} Held out: predicted with the parameters of the other records; zero and state of friction from its '
+        'own samples before.',
     )
 
 
@@ -217,7 +199,7 @@ _DEPENDENCE[LOAD] = (
 )
 
 
-def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[PredictedRecord] = ()) -> Report:
+def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Report:
     """The report of records driven by their motion, one selection each, or of all that are driven by their load."""
     first = selections[0].study.records[0]
     verdicts = [verdict(each) for each in selections]
@@ -319,7 +301,7 @@ def _repeats(selection: Selection) -> list[str]:
 
 
 def _strongest(found: Sequence[Dependence], record: Record) -> str:
-    best = min(found, key=lambda each: each.p_value)
+    best = min(filter(lambda each: each.is_tested, found), key=lambda each: each.p_value)
     return record.words(f'depends on {VARIABLES[best.variable]}')
 
 
@@ -348,9 +330,7 @@ def _number(value: float) -> str:
 
 def _scale(size: float, unit: str) -> Scale:
     """The unit with the prefix in which a size is at least 0.1."""
-    prefixes = (('', 1.0), ('m', 1e3), ('µ', 1e6), ('n', 1e9))
-    prefix, per_si = next((each for each in prefixes if size * each[1] >= 0.1), prefixes[-1])
-    return Scale(prefix + unit, per_si)
+    return scale_of(10 * size, unit)
 
 
 def _error_scale(selection: Selection) -> Scale:
@@ -373,22 +353,15 @@ def _record_table(selection: Selection) -> Table:
     if not study.in_loops:
         stays = [f'{round(moved.per_si * record.remaining, 3) + 0.0:.3f}' for record in study.records]
         memory = next(each for each in selection.dependence_before if each.variable == 'memory')
-        p_values = [chance(p) if np.isfinite(p) else NOT_DETERMINED for p in memory.by_record]
+        p_values = [chance(p) if np.isfinite(p) else NOT_DETERMINED for p in memory.p_value_by_record]
         columns += [('stays', moved.unit, stays), ('p of no memory', '', p_values)]
-    for title, candidate in (('before', selection.before), ('after', selected)):
-        if candidate:
-            errors = [_number(error.per_si * each) for each in record_errors(selection, candidate)]
-            columns.append((title, error.unit, errors))
+    errors = [('before', [each.before_rms for each in selection.judged])]
+    errors += [('after', [each.after_rms for each in selection.judged])] if selected else []
+    columns += [(title, error.unit, [_number(error.per_si * each) for each in several]) for title, several in errors]
     if selected and selected.law.has_state:
         columns.append(('state at the start', '', [f'{each.state:+.2f}' for each in selected.along]))
     headings, units, cells = zip(*columns, strict=True)
     return Table(headings, units, tuple(zip(*cells, strict=True)))
-
-
-def record_errors(selection: Selection, candidate: Candidate) -> list[float]:
-    """Rms error of each record held out, SI."""
-    pairs = zip(candidate.held_out, selection.study.judged, strict=True)
-    return [rms(each.residual[rows]) for each, rows in pairs]
 
 
 def _candidate_table(selection: Selection) -> Table:
@@ -434,23 +407,11 @@ def _parameter_table(selection: Selection) -> Table:
     elif selection.selected:
         laws['after'] = selection.selected
     rows = []
-    for name, (title, unit) in PARAMETERS.items():
-        found = [each.parameters[name] for each in laws.values() if name in each.parameters]
-        size = float(np.nanmax([0.0, *(abs(number) for each in found for number in (each.value, each.std))]))
-        cells = [_value(each, name, record.unit(unit), size) for each in laws.values()]
-        if any(cells):
-            rows.append((record.words(title), *cells))
+    for name, (title, _) in PARAMETERS.items():
+        found = [each.parameters.get(name) for each in laws.values()]
+        if any(found):
+            rows.append((record.words(title), *(shown(*each).text if each else '' for each in found)))
     return Table(('parameter', *laws), ('',) * (1 + len(laws)), tuple(rows))
-
-
-def _value(candidate: Candidate, name: str, unit: str, size: float) -> str:
-    """A parameter with its standard deviation, in the unit that fits a size; empty where the law has none."""
-    estimate = candidate.parameters.get(name)
-    if estimate is None:
-        return ''
-    if np.nanmax(np.abs([estimate.value, estimate.std])) < 1e-12:  # at a bound of 0
-        return '0'
-    return shown(estimate.value, estimate.std, unit, {unit: scale_of(size, unit)}).text
 
 
 def _parameter_note(selection: Selection) -> str:
@@ -461,12 +422,12 @@ def _parameter_note(selection: Selection) -> str:
     return record.words(f'The {{response}} changes {along} a positive {{load}}; parameters are magnitudes. {note}')
 
 
-def _predicted_section(selection: Selection, predicted: Sequence[PredictedRecord]) -> Section:
+def _predicted_section(selection: Selection, predicted: Sequence[Judged]) -> Section:
     scale = _error_scale(selection)
     has_state = selection.final.law.has_state
     rows = tuple(
         (
-            each.record.name,
+            each.path.record.name,
             _number(scale.per_si * each.before_rms),
             _number(scale.per_si * each.after_rms),
             f'{each.after.state:+.2f}' if has_state else NOT_DETERMINED,
@@ -476,22 +437,14 @@ def _predicted_section(selection: Selection, predicted: Sequence[PredictedRecord
     table = Table(('predicted', 'before', 'after', 'state at the start'), ('', scale.unit, scale.unit, ''), rows)
     begins = 'the unloading' if selection.study.records[0].is_at_rest_first else 'the end of the first third'
     note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'
-    sections = []
-    for k, each in enumerate(predicted):
-        path = RecordPath(each.record, direction=selection.study.direction)
-        after = each.after if selection.selected else None
-        sections.append(_pictures(path, ~path.known, each.before, after, scale, f'other{k}'))
-    return Section('Further records, predicted', (note, table, *sections))
+    pictures = [_pictures(selection, each, f'other{k}') for k, each in enumerate(predicted)]
+    return Section('Further records, predicted', (note, table, *pictures))
 
 
 def _figures(selection: Selection, name: str) -> list[Block]:
     """Pictures of each record, that with the largest error of law (6) first; all but the first four are folded."""
-    study, sections = selection.study, []
-    errors, scale = record_errors(selection, selection.before), _error_scale(selection)
-    for k in sorted(range(len(errors)), key=lambda number: -errors[number]):
-        after = selection.selected.held_out[k] if selection.selected else None
-        before = selection.before.held_out[k]
-        sections.append(_pictures(study.paths[k], study.judged[k], before, after, scale, f'{name}_{k}'))
+    order = sorted(enumerate(selection.judged), key=lambda numbered: -numbered[1].before_rms)
+    sections = [_pictures(selection, each, f'{name}_{k}') for k, each in order]
     more = Section(f'{len(sections) - 4} more', tuple(sections[4:]), folded=True)
     return [Note(_PICTURES), *sections[:4], *([more] if sections[4:] else [])]
 
@@ -502,16 +455,14 @@ _PICTURES = (
 )
 
 
-def _pictures(
-    path: RecordPath, judged: Mask, before: Prediction, after: Prediction | None, scale: Scale, name: str
-) -> Section:
-    residuals = [(before.residual, SERIES[1], 'law (6)')]
-    residuals += [(after.residual, SERIES[0], 'selected law')] if after else []
+def _pictures(selection: Selection, judged: Judged, name: str) -> Section:
+    residuals = [(judged.before.residual, SERIES[1], 'law (6)')]
+    residuals += [(judged.after.residual, SERIES[0], 'selected law')] if selection.selected else []
     pictures = (
-        Figure(partial(_loop_picture, path, residuals, name)),
-        Figure(partial(_residual_picture, path, judged, residuals, scale, name)),
+        Figure(partial(_loop_picture, judged.path, residuals, name)),
+        Figure(partial(_residual_picture, judged, residuals, _error_scale(selection), name)),
     )
-    return Section(path.record.name, (Figures(pictures),))
+    return Section(judged.path.record.name, (Figures(pictures),))
 
 
 _Residuals = list[tuple[Floats, str, str]]
@@ -524,19 +475,16 @@ def _averaged(*several: Floats) -> list[Floats]:
 
 def _loop_picture(path: RecordPath, residuals: _Residuals, name: str) -> Markup:
     """What is driven over what drives: measured and predicted."""
-    record = path.record
-    if path.driven_by == MOTION:
-        driver, driven, words = path.driver, path.driven, ('{response}', '{load}')
-    else:
-        driver, driven, words = record.load_change, record.response_change, ('{load}', '{response}')
-    scales = [
-        _scale(float(np.ptp(values)), record.load_unit if word == '{load}' else record.unit('m'))
-        for values, word in ((driver, words[0]), (driven, words[1]))
-    ]
+    record, is_motion = path.record, path.driven_by == MOTION
+    words, units = ['{response}', '{load}'], [record.unit('m'), record.load_unit]
+    if not is_motion:
+        words, units = words[::-1], units[::-1]
+    driven = path.driven if is_motion else record.response_change
+    scales = [_scale(float(np.ptp(each)), unit) for each, unit in zip((path.driver, driven), units, strict=True)]
     figure, (axes,) = new_figure(450.0, 300.0, margins=_MARGINS)
     curves = [(driven, INK, 'measured'), *((driven - left, colour, label) for left, colour, label in residuals)]
     for values, colour, label in curves:
-        x, y = _averaged(scales[0].per_si * driver, scales[1].per_si * values)
+        x, y = _averaged(scales[0].per_si * path.driver, scales[1].per_si * values)
         axes.plot(x, y, color=colour, lw=0.8 if colour == INK else 1.4, label=label)
     labels = [f'{record.words(word)}  [{scale.unit}]' for word, scale in zip(words, scales, strict=True)]
     axes.set(xlabel=labels[0], ylabel=labels[1])
@@ -544,15 +492,16 @@ def _loop_picture(path: RecordPath, residuals: _Residuals, name: str) -> Markup:
     return as_svg(figure, f'{name}_loop', record.words(f'{words[1]} over {words[0]}, measured and predicted'))
 
 
-def _residual_picture(path: RecordPath, judged: Mask, residuals: _Residuals, scale: Scale, name: str) -> Markup:
+def _residual_picture(judged: Judged, residuals: _Residuals, scale: Scale, name: str) -> Markup:
     """Residuals over time, what is judged shaded."""
     figure, (axes,) = new_figure(450.0, 300.0, margins=_MARGINS)
-    axes.axvspan(path.time[int(judged.argmax())], path.time[-1], color=LINE, lw=0, alpha=0.5)
+    every = judged.path.time
+    axes.axvspan(every[judged.rows.argmax()], every[-1], color=LINE, lw=0, alpha=0.5)
     axes.axhline(0, color=FAINT, lw=0.9)
     for residual, colour, label in residuals:
-        time, left = _averaged(path.time, scale.per_si * residual)
+        time, left = _averaged(every, scale.per_si * residual)
         axes.plot(time, left, color=colour, lw=1.0, label=label)
-    axes.set(xlabel='time  [s]', ylabel=f'residual  [{scale.unit}]', xlim=(path.time[0], path.time[-1]))
+    axes.set(xlabel='time  [s]', ylabel=f'residual  [{scale.unit}]', xlim=(every[0], every[-1]))
     axes.legend(**_LEGEND)
     return as_svg(figure, f'{name}_residual', 'residual over time by each law; what is judged is shaded')
 

@@ -39,7 +39,6 @@ from scara_kinetostatic.studies.loops.estimates import (
     FALSE_ALARM_LEVEL,
     Estimate,
     LeastSquares,
-    between_variance,
     find_resolution,
     least_squares,
 )
@@ -221,38 +220,34 @@ def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Ite
 
 def _gap_repeatability(solution: LeastSquares, gaps: Floats, rows: Indices) -> Check | None:
     """Whether the gap is the same in every cycle; `rows`: number of rows of each pass, (k,)."""
-    dof = len(gaps) - 1
-    if dof < 1:
-        return None
-    steps = np.diff(gaps, axis=0)
-    change = steps @ solution.beta
-    square = float(change @ np.linalg.solve(steps @ solution.unscaled @ steps.T, change))
-    p_value = float(stats.f.sf(square / dof / solution.sigma**2, dof, solution.dof))
     values = gaps @ solution.beta
-    own = solution.sigma * np.sqrt((gaps[:, : len(rows)] ** 2) @ (1 / rows))  # the slopes' part is common to all
-    variance = between_variance(values, own, dof, np.full(len(values), values.mean()))
-    return Check('gap_repeatability', float(np.sqrt(variance)), np.nan, 'm', p_value)
+    std = solution.sigma * np.sqrt((gaps[:, : len(rows)] ** 2) @ (1 / rows))  # the slopes' part is common to all
+    centre = np.average(values, weights=1 / std**2)
+    return _repeatability('gap_repeatability', 'm', (values - centre) / std, std, len(gaps) - 1, solution.dof)
 
 
 def _slope_repeatability(
     solution: LeastSquares, force: Floats, displacement: Floats, passes: Indices, sense: Floats
 ) -> Check | None:
     """Whether the slope is the same in every pass of a sense; a pass with a single load has none."""
-    slopes, own, common = [], [], []
+    off, std = [], []
     for number, sign in enumerate(sense):
         x, y = force[passes == number], displacement[passes == number]
         squares = float(((x - x.mean()) ** 2).sum())
         if squares > 1e-12 * float(x @ x):
-            slopes.append(float((x - x.mean()) @ y) / squares)
-            own.append(solution.sigma / np.sqrt(squares))
-            common.append(solution.beta[-1 if sign > 0 else -2])
-    values, std, centre = np.array(slopes), np.array(own), np.array(common)
-    dof = len(values) - 2
+            slope = float((x - x.mean()) @ y) / squares
+            std.append(solution.sigma / np.sqrt(squares))
+            off.append((slope - solution.beta[-1 if sign > 0 else -2]) / std[-1])
+    return _repeatability('slope_repeatability', 'm/N', np.array(off), np.array(std), len(off) - 2, solution.dof)
+
+
+def _repeatability(name: str, unit: str, off: Floats, std: Floats, dof: int, of_sigma: int) -> Check | None:
+    """F-test of what several estimates are off, in units of their std; the value is what they scatter beyond it."""
     if dof < 1:
         return None
-    p_value = float(stats.f.sf(float((((values - centre) / std) ** 2).sum()) / dof, dof, solution.dof))
-    variance = between_variance(values, std, dof, centre)
-    return Check('slope_repeatability', float(np.sqrt(variance)), np.nan, 'm/N', p_value)
+    chi_square = float(off @ off)
+    between = float(np.sqrt(max(chi_square / dof - 1, 0.0) * (std**2).mean()))
+    return Check(name, between, np.nan, unit, float(stats.f.sf(chi_square / dof, dof, of_sigma)))
 
 
 def _row_p_values(solution: LeastSquares) -> Floats:

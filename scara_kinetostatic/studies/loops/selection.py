@@ -305,6 +305,32 @@ def check_sense(paths: Sequence[RecordPath], direction: float | None = None) -> 
             raise RecordingError(path.record.source, problem, 'give records of one joint, or reverse a sign')
 
 
+class Judged(NamedTuple):
+    """A record predicted by law (6) and by the selected law, law (6) if none is, by fits that have not seen it.
+
+    Attributes:
+        path: the record as measured.
+        rows: samples for the errors, (n,).
+        before: by law (6).
+        after: by the selected law.
+    """
+
+    path: RecordPath
+    rows: Mask
+    before: Prediction
+    after: Prediction
+
+    @property
+    def before_rms(self) -> float:
+        """Rms error of law (6)."""
+        return rms(self.before.residual[self.rows])
+
+    @property
+    def after_rms(self) -> float:
+        """Rms error of the selected law."""
+        return rms(self.after.residual[self.rows])
+
+
 class Selection(NamedTuple):
     """Model selection on a record driven by its motion, or on all records driven by their load.
 
@@ -338,6 +364,12 @@ class Selection(NamedTuple):
         return self.selected or self.before
 
     @property
+    def judged(self) -> tuple[Judged, ...]:
+        """The records, each held out."""
+        laws = self.before.held_out, self.final.held_out
+        return tuple(map(Judged, self.study.paths, self.study.judged, *laws))
+
+    @property
     def p_value(self) -> float:
         """p-value of law (6) as a sufficient law."""
         return p_independent(self.dependence_before)
@@ -350,7 +382,7 @@ class Selection(NamedTuple):
     @property
     def detectable(self) -> float:
         """Share of the squared residual of law (6) that each test would have found; 1 where there was none."""
-        return max((each.detectable for each in self.dependence_before if each.is_tested), default=1.0)
+        return max((each.detectable_share for each in self.dependence_before if each.is_tested), default=1.0)
 
     @property
     def share_of_range(self) -> float:
@@ -431,25 +463,7 @@ def select_model(study: Study) -> Selection:
     return found._replace(verdict=UNDECIDED) if is_open and found.share_of_range > MATERIAL else found
 
 
-class PredictedRecord(NamedTuple):
-    """A record predicted from others.
-
-    Attributes:
-        record: the record.
-        before: by law (6).
-        after: by the law selected; by law (6) if none is.
-        before_rms: rms error of the response from `Record.judged_from` on, m or rad.
-        after_rms: the same by the law selected.
-    """
-
-    record: Record
-    before: Prediction
-    after: Prediction
-    before_rms: float
-    after_rms: float
-
-
-def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[PredictedRecord, ...]:
+def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[Judged, ...]:
     """Predicts further records driven by their load, each from `Record.judged_from` on.
 
     Args:
@@ -466,6 +480,5 @@ def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[Pre
     for record in others:
         path = RecordPath(record, direction=direction)
         before, after = (predict(each.whole, path, path.known) for each in (selection.before, selection.final))
-        errors = [rms(each.residual[~path.known]) for each in (before, after)]
-        found.append(PredictedRecord(record, before, after, errors[0], errors[1]))
+        found.append(Judged(path, ~path.known, before, after))
     return tuple(found)

@@ -8,7 +8,7 @@ Both links of the robot are along y. Three set-ups:
   ΔS = l (p F l + ½ gap sense) (6);
 - joint 1: joint 2 locked, likewise with the lever l1 + l2.
 
-At the end of link 2 the gauge measures the joint alone; at the end-effector joint and gripper in series.
+At the end of link 2 the gauge measures the joint alone.
 
 **Backlash over the direction.** Figure 4(c) is not isotropic; (7) is. Here the dead zone of the gripper is an ellipse:
 under a load along u, without friction, the tip is at the point of the ellipse that is farthest along u, so that the gap
@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, TIP, Readings
+from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, Readings
 
 LEVELS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
 """Loads in increasing order, N; they are removed in the reverse order."""
@@ -52,8 +52,6 @@ class DialGaugeBench:
         gap: of joint 1 and 2, rad.
         links: their lengths, m.
         noise: of the dial gauge, one standard deviation, m.
-        resolution: of the dial gauge, m; 0 for none.
-        force_noise: of the force, one standard deviation, N.
     """
 
     p_ee: float = 3.76e-5
@@ -64,39 +62,26 @@ class DialGaugeBench:
     gap: tuple[float, float] = (2.64e-4, 2.68e-4)
     links: tuple[float, float] = (0.33, 0.33)
     noise: float = 2e-6
-    resolution: float = 0.0
-    force_noise: float = 0.0
 
     def gripper_gap(self, direction: ArrayLike) -> Floats:
         """Gap of the gripper along directions (rad), m."""
         turned = np.asarray(direction, dtype=float) - self.axis
         return np.hypot(self.gap_major * np.cos(turned), self.gap_minor * np.sin(turned))
 
-    def read(self, force: Floats, displacement: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """Force (N) and displacement (m) as read."""
-        force = force + self.force_noise * rng.standard_normal(force.shape)
-        displacement = displacement + self.noise * rng.standard_normal(displacement.shape)
-        if self.resolution:
-            displacement = self.resolution * np.round(displacement / self.resolution)
-        return force, displacement
-
     def gripper(self, rng: np.random.Generator, direction: float, levels: Sequence[float] = LEVELS) -> Readings:
         """The gripper's experiment along one direction, joints locked."""
         force, sense, cycle = load_cycles(levels)
         displacement = self.p_ee * force + self.gripper_gap(direction) / 2 * sense
-        return Readings(*self.read(force, displacement, rng), cycle, direction=direction, source=GRIPPER)
+        displacement = displacement + self.noise * rng.standard_normal(len(force))
+        return Readings(force, displacement, cycle, direction=direction, source=GRIPPER)
 
-    def joint(
-        self, rng: np.random.Generator, joint: int, levels: Sequence[float] = LEVELS, gauge_at: str = ''
-    ) -> Readings:
+    def joint(self, rng: np.random.Generator, joint: int, levels: Sequence[float] = LEVELS) -> Readings:
         """The experiment at joint 1 or 2, the other locked: loads along x at the end of the arm stretched along y."""
         force, sense, cycle = load_cycles(levels)
         part, lever = (JOINT1, sum(self.links)) if joint == 1 else (JOINT2, self.links[1])
         displacement = lever * (self.p[joint - 1] * lever * force + self.gap[joint - 1] / 2 * sense)
-        if gauge_at == TIP:
-            displacement = displacement + self.p_ee * force + self.gripper_gap(0.0) / 2 * sense
-        read = self.read(force, displacement, rng)
-        return Readings(*read, cycle, part=part, gauge_at=gauge_at, direction=0.0, lever=lever, source=part)
+        displacement = displacement + self.noise * rng.standard_normal(len(force))
+        return Readings(force, displacement, cycle, part=part, direction=0.0, lever=lever, source=part)
 
 
 def load_cycles(levels: Sequence[float] = LEVELS, cycles: int = 3) -> tuple[Floats, Floats, Floats]:
