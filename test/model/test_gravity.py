@@ -18,7 +18,6 @@ from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.model.touch_equations import free_state
-from scara_kinetostatic.planning.prediction import Robot
 
 GRAVITY = (1.2, -9.7)
 TRUTH = sk.PAPER_ACTUAL.replace(s1=1.6, s2=0.5, gravity=GRAVITY)
@@ -221,11 +220,6 @@ def test_moments_need_gravity():
     text = dump_cell(CELL).replace(f'gravity: {list(GRAVITY)}', '')
     with pytest.raises(sk.ScaraKinetostaticError, match='moments'):
         parse_cell(text)
-
-
-def test_touches_are_not_planned_for_an_upright_arm():
-    with pytest.raises(sk.ScaraKinetostaticError, match='upright'):
-        Robot.of(CELL)
 
 
 @pytest.mark.parametrize('gravity', [(0.0, -98.1), (np.nan, 0.0), (9.81,), 9.81])

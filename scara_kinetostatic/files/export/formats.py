@@ -19,7 +19,7 @@ from scara_kinetostatic.files import escaping
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
-from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.kinematics import forward
@@ -187,13 +187,10 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         facts: of it.
 
     Raises:
-        UnsupportedDataError: an upright arm, a general gripper or effects of its own, which the functions do not have.
+        UnsupportedDataError: a general gripper or effects of its own, which the functions do not have.
     """
     if facts.robot_effects:
         problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
-        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
-    if arm.cell.nominal.has_gravity:
-        problem = 'a C header has no torque of gravity, and the cell description states `gravity`'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
@@ -207,6 +204,8 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         lines=(*facts.lines, unchecked) if limits else facts.lines,
         constants=_values(arm, facts),
         coupling=arm.cell.coupling,
+        gravity=[arm.model.parameters.gravity] * 2 if arm.model.parameters.has_gravity else [],
+        gravity_std=Predictor(arm).law.gravity_std,
         force_std=arm.noise.force_rms,
         force_growth=arm.noise.growth,
         compliance_sign='-' if arm.cell.gripper_sign is GripperSign.PHYSICAL else '+',
