@@ -292,7 +292,7 @@ def false_alarms(count: int, form: str, seed: int) -> int:
 
 def fitted(analysis: Selection) -> str:
     """Residuals of the fits of all laws to all records."""
-    samples = sum(len(RecordPath.in_blocks(record).time) for record in analysis.study.records)
+    samples = sum(len(RecordPath(record, in_blocks=True).time) for record in analysis.study.records)
     several = (analysis.before, *analysis.candidates)
     return ', '.join(f'{each.law.name} {1e3 * (each.whole.square / samples) ** 0.5:.4f}' for each in several)
 

@@ -17,7 +17,7 @@ independent means of half a second: a vibration is no evidence on the state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from itertools import product
 from typing import NamedTuple
@@ -73,67 +73,9 @@ class Prediction(NamedTuple):
     zero: float = 0.0
 
 
-def minimise(
-    residual: Callable[[Floats], Floats],
-    jacobian: Callable[[Floats], Floats],
-    first: Floats,
-    bounds: tuple[Floats, Floats],
-    penalty: float | Floats,
-) -> Floats:
-    """The parameters of the least sum of squares near a starting point.
-
-    Args:
-        residual: of the parameters, which are scaled to the order of 1.
-        jacobian: its derivatives.
-        first: the starting point.
-        bounds: least and largest values.
-        penalty: of a change of a parameter by 1 from its start, over the norm of the residual there.
-    """
-    inside = np.clip(first, bounds[0] + 1e-9, bounds[1] - 1e-9)
-    scale = float(np.linalg.norm(residual(inside))) or 1.0
-    weight = np.diag(np.broadcast_to(penalty, inside.shape))
-    found = least_squares(
-        lambda scaled: np.concatenate([residual(scaled) / scale, weight @ (scaled - inside)]),
-        inside,
-        lambda scaled: np.concatenate([jacobian(scaled) / scale, weight]),
-        bounds=bounds,
-        x_scale='jac',
-        max_nfev=60,
-        ftol=1e-9,
-        xtol=1e-9,
-        gtol=None,
-    )
-    return np.asarray(found.x)
-
-
-def out_of_kinks(residual: Callable[[Floats], Floats], scaled: Floats, bounds: tuple[Floats, Floats]) -> Floats:
-    """Steps along single parameters as long as they gain a share of 1e-9 of the sum of squares, the largest first."""
-    square, step = float(np.sum(residual(scaled) ** 2)), 1e-2
-    for _ in range(20):
-        before = square
-        for change in step * np.concatenate([np.eye(len(scaled)), -np.eye(len(scaled))]):
-            tried = np.clip(scaled + change, *bounds)
-            new = float(np.sum(residual(tried) ** 2))
-            if new < square * (1 - 1e-9):
-                scaled, square = tried, new
-        step = step / 4 if square == before else step
-    return scaled
-
-
 def _first_least(squares: Sequence[float]) -> int:
     """Index of the first of the sums of squares that are the least but for rounding."""
     return int(np.argmax(np.asarray(squares) <= min(squares) * (1 + 1e-6)))
-
-
-def _best(problem: _Problem, firsts: Sequence[Floats]) -> Floats:
-    """The parameters of the least sum of squares near any of some starting points."""
-    if not len(firsts[0]):
-        return firsts[0]
-    found = [
-        minimise(problem.residual, problem.jacobian, first, problem.bounds, problem.penalty(first)) for first in firsts
-    ]
-    best = found[_first_least([float(np.sum(problem.residual(each) ** 2)) for each in found])]
-    return out_of_kinks(problem.residual, best, problem.bounds) if problem.has_kinks else best
 
 
 class Moments:
@@ -191,12 +133,11 @@ def fit_law(records: Sequence[Moments], warm_start: Fit | None = None, near: boo
         warm_start: a fit to the same records or more samples of them, a further starting point.
         near: whether it is the only one.
     """
-    problem = _Problem(records)
     if warm_start is not None and near:
-        return problem.fitted(_best(problem, [problem.scaled(warm_start)]))
+        return _Problem(records).fitted([warm_start])
     starts = _starts(records)
     followed = [warm_start, starts[0]] if warm_start else starts[: _FOLLOWED[records[0].path.driven_by]]
-    return problem.fitted(_best(problem, [problem.scaled(start) for start in followed]))
+    return _Problem(records).fitted(followed)
 
 
 def _starts(records: Sequence[Moments]) -> list[Fit]:
@@ -255,24 +196,60 @@ class _Problem:
         upper = np.array([each.most for each in self.law.shape] + [1.0] * states)
         self.bounds = lower, upper
 
-    def scaled(self, start: Fit) -> Floats:
-        values = np.array([start.values[each.name] for each in self.law.shape])
-        return np.concatenate([values / self._scales, start.states if self.law.has_state else []])
-
-    def penalty(self, first: Floats) -> Floats:
-        is_shape = np.arange(len(first)) < len(self._scales)
-        return np.where(is_shape, 1e-5 / np.maximum(np.abs(first), 1e-3), 1e-3)
-
-    def fitted(self, scaled: Floats) -> Fit:
-        """The law with these parameters and the best amplitudes for them."""
-        shape, states = self._split(scaled)
+    def fitted(self, starts: Sequence[Fit]) -> Fit:
+        """The law with the parameters of the least sum of squares near any of some starting points."""
+        found = [self._refined(self._scaled(start)) for start in starts]
+        best = found[_first_least([self._square(each) for each in found])]
+        shape, states = self._split(self._out_of_kinks(best) if self.has_kinks else best)
         basis = self._basis(shape, states)
         amplitudes = self._amplitudes(basis)
         left = self._driven - basis @ amplitudes
         values = dict(zip(self.law.amplitudes, amplitudes.tolist(), strict=True)) | shape
-        found, first = Fit(self.law, values, states, float(left @ left)), self.records[0]
-        off = first.path.driven - evaluate(found, first.path, float(states[0]))
-        return found._replace(zero=float(off[first.rows].mean()))
+        fit, first = Fit(self.law, values, states, float(left @ left)), self.records[0]
+        off = first.path.driven - evaluate(fit, first.path, float(states[0]))
+        return fit._replace(zero=float(off[first.rows].mean()))
+
+    def _scaled(self, start: Fit) -> Floats:
+        values = np.array([start.values[each.name] for each in self.law.shape])
+        return np.concatenate([values / self._scales, start.states if self.law.has_state else []])
+
+    def _square(self, scaled: Floats) -> float:
+        return float(np.sum(self.residual(scaled) ** 2))
+
+    def _refined(self, first: Floats) -> Floats:
+        """The parameters of the least sum of squares near a starting point; a small penalty keeps those left open."""
+        if not len(first):
+            return first
+        lower, upper = self.bounds
+        start = np.clip(first, lower + 1e-9, upper - 1e-9)
+        scale = float(np.linalg.norm(self.residual(start))) or 1.0
+        is_shape = np.arange(len(first)) < len(self._scales)
+        penalty = np.diag(np.where(is_shape, 1e-5 / np.maximum(np.abs(first), 1e-3), 1e-3))
+        found = least_squares(
+            lambda scaled: np.concatenate([self.residual(scaled) / scale, penalty @ (scaled - start)]),
+            start,
+            lambda scaled: np.concatenate([self.jacobian(scaled) / scale, penalty]),
+            bounds=self.bounds,
+            x_scale='jac',
+            max_nfev=60,
+            ftol=1e-9,
+            xtol=1e-9,
+            gtol=None,
+        )
+        return np.asarray(found.x)
+
+    def _out_of_kinks(self, scaled: Floats) -> Floats:
+        """Steps along single parameters, ever smaller, as long as they gain a share of 1e-9 of the sum of squares."""
+        square, step = self._square(scaled), 1e-2
+        for _ in range(20 if len(scaled) else 0):
+            before = square
+            for change in step * np.concatenate([np.eye(len(scaled)), -np.eye(len(scaled))]):
+                tried = np.clip(scaled + change, *self.bounds)
+                new = self._square(tried)
+                if new < square * (1 - 1e-9):
+                    scaled, square = tried, new
+            step = step / 4 if square == before else step
+        return scaled
 
     def residual(self, scaled: Floats) -> Floats:
         """Prediction less what is driven of all samples, without the records' zeros."""

@@ -38,7 +38,6 @@ Driven by its load τ, the response is predicted:
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +48,7 @@ from scara_kinetostatic.studies.loops.path import RecordPath
 from scara_kinetostatic.studies.loops.record import LOAD, MOTION
 
 Values = Mapping[str, float]
-Function = Callable[[RecordPath, Values], Floats]
+Columns = Callable[[RecordPath, Values], tuple[Floats, ...]]
 PARAMETERS = {
     'zero': ('zero of the {response}', 'm'),
     'compliance': ('compliance p', 'm/N'),
@@ -97,7 +96,7 @@ class Law(NamedTuple):
         meaning: the same as a sentence, with {load} and {response}.
         amplitudes: names of the linear parameters.
         shape: the other parameters.
-        functions: B, one for each amplitude, of a path and of the shape parameters with the 'state' of friction.
+        columns: B, one for each amplitude, of a path and of the shape parameters with the 'state' of friction.
         has_state: whether each record has an initial state of friction to be found.
     """
 
@@ -107,7 +106,7 @@ class Law(NamedTuple):
     meaning: str
     amplitudes: tuple[str, ...]
     shape: tuple[Shape, ...]
-    functions: tuple[Function, ...]
+    columns: Columns
     has_state: bool = False
 
     @property
@@ -117,7 +116,7 @@ class Law(NamedTuple):
 
     def basis(self, path: RecordPath, values: Values) -> Floats:
         """The functions side by side, in the direction of the path, (n, k)."""
-        return path.direction * np.stack([each(path, values) for each in self.functions], axis=1)
+        return path.direction * np.stack(self.columns(path, values), axis=1)
 
 
 def reported(values: Values, zero: float) -> dict[str, float]:
@@ -145,61 +144,52 @@ def _spring(path: RecordPath, values: Values) -> Floats:
     return _dead_zone(path.driver - path.driver.mean() - values['zero'], values['half_gap'])
 
 
-def _softening(path: RecordPath, values: Values) -> Floats:
+def _softening(path: RecordPath, values: Values) -> tuple[Floats]:
     spring = _spring(path, values)
     limit = np.where(spring > 0, values['limit_positive'], values['limit_negative'])
-    return np.asarray(limit * np.tanh(spring / limit))
+    return (limit * np.tanh(spring / limit),)
 
 
-def _slip(path: RecordPath, values: Values) -> Floats:
+def _slip(path: RecordPath, values: Values) -> tuple[Floats]:
     half_gap = values['half_gap']
     rising, falling = half_gap + values['limit_positive'], half_gap + values['limit_negative']
     held = path.driver - path.play_operator((rising + falling) / 2, values['state'])
-    return _dead_zone(held + (rising - falling) / 2, half_gap)
-
-
-def _slip_no_gap(path: RecordPath, values: Values) -> Floats:
-    return path.driver - path.play_operator(values['limit'], values['state'])
-
-
-def _speed(path: RecordPath, values: Values) -> Floats:
-    return path.speed
-
-
-def _sense(path: RecordPath, values: Values) -> Floats:
-    return path.sense
+    return (_dead_zone(held + (rising - falling) / 2, half_gap),)
 
 
 _GAP = Shape('half_gap', (0.01, 0.03, 0.08, 0.2), least=0.0)
 _SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), _GAP)
 _LIMITS = tuple(Shape(name, (0.02, 0.06, 0.15, 0.4)) for name in ('limit_positive', 'limit_negative'))
 _TITLE = 'law (6): slope and gap'
-BACKLASH = Law('backlash', 'backlash', _TITLE, '', ('stiffness',), _SPRING, (_spring,))
+BACKLASH = Law(
+    'backlash', 'backlash', _TITLE, '', ('stiffness',), _SPRING, lambda path, values: (_spring(path, values),)
+)
 MOTION_LAWS = (
     Law(
         'softening', 'softening', 'softening spring',
         'a softening spring: the stiffness decreases with the load',
-        ('stiffness',), (*_SPRING, *_LIMITS), (_softening,),
+        ('stiffness',), (*_SPRING, *_LIMITS), _softening,
     ),
     Law(
         'viscous', 'viscous', 'damper in parallel',
         'viscous damping in parallel: a {load} proportional to the speed',
-        ('stiffness', 'damping'), _SPRING, (_spring, _speed),
+        ('stiffness', 'damping'), _SPRING, lambda path, values: (_spring(path, values), path.speed),
     ),
     Law(
         'friction', 'friction', 'friction in parallel',
         'Coulomb friction in parallel: the {load} jumps with the sense of motion',
-        ('stiffness', 'friction'), _SPRING, (_spring, _sense),
+        ('stiffness', 'friction'), _SPRING, lambda path, values: (_spring(path, values), path.sense),
     ),
     Law(
         'slip_no_gap', 'slip', 'slip in series, no gap',
         'Coulomb friction in series, without a gap: the joint slips at a limit of the {load}',
-        ('stiffness',), (Shape('limit', (0.02, 0.06, 0.15, 0.4)),), (_slip_no_gap,), True,
+        ('stiffness',), (Shape('limit', (0.02, 0.06, 0.15, 0.4)),),
+        lambda path, values: (path.driver - path.play_operator(values['limit'], values['state']),), True,
     ),
     Law(
         'slip', 'slip', 'slip in series',
         'Coulomb friction in series: the joint slips at a limit of the {load}',
-        ('stiffness',), (_GAP, *_LIMITS), (_slip,), True,
+        ('stiffness',), (_GAP, *_LIMITS), _slip, True,
     ),
 )  # fmt: skip
 """Laws that are compared with law (6) where the motion drives."""
@@ -208,78 +198,70 @@ _BAND = 4.0
 """Loads below so many of their standard deviations at rest have no certain sign."""
 
 
-def _load(path: RecordPath, values: Values) -> Floats:
-    return path.driver
+def _gap_that_returns(band: float) -> Columns:
+    """Load and its sign, certain beyond so many of its standard deviations at rest."""
+    return lambda path, values: (path.driver, path.sign(band))
 
 
-def _sign(path: RecordPath, values: Values, band: float = _BAND) -> Floats:
-    return path.sign(band)
+def _gap_that_stays(band: float) -> Columns:
+    """Load and its last sign beyond so many of its standard deviations at rest."""
+    return lambda path, values: (path.driver, path.last_sign(band, values['state']))
 
 
-def _last_sign(path: RecordPath, values: Values, band: float = _BAND) -> Floats:
-    return path.last_sign(band, values['state'])
+def _friction(path: RecordPath, values: Values) -> tuple[Floats, Floats]:
+    """The load that friction in parallel leaves to the spring, and its sign, rounded."""
+    elastic = path.play_operator(values['friction'], values['state'], values.get('friction_ratio', 0.0))
+    return elastic, elastic / np.hypot(elastic, values['rounding'])
 
 
-def _slipping(path: RecordPath, values: Values) -> Floats:
-    return path.play_operator(values['slip_load'], values['state'])
-
-
-def _slipping_later(path: RecordPath, values: Values) -> Floats:
-    return path.play_operator(values['slip_load'] + values['further_load'], values['state'])
-
-
-def _elastic(path: RecordPath, values: Values) -> Floats:
-    """The load that friction in parallel leaves to the spring."""
-    return path.play_operator(values['friction'], values['state'], values.get('friction_ratio', 0.0))
-
-
-def _rounded_sign(path: RecordPath, values: Values) -> Floats:
-    elastic = _elastic(path, values)
-    return elastic / np.hypot(elastic, values['rounding'])
+def _slips(path: RecordPath, values: Values) -> tuple[Floats, ...]:
+    first = values['slip_load']
+    slipping = (path.play_operator(load, values['state']) for load in (first, first + values['further_load']))
+    return path.driver, *slipping
 
 
 _SLOPE_AND_GAP = ('compliance', 'half_gap')
 _SLIP_LOAD = Shape('slip_load', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0)
 _FRICTION = Shape('friction', (0.04, 0.1, 0.2, 0.35), most=3.0)
 _ROUNDING = Shape('rounding', (0.01, 0.03, 0.1), most=1.0)
-_IN_PARALLEL = (_elastic, _rounded_sign)
 _MEMORY = 'slip in series with memory: part of the compliance slips under load and stays when the load has gone'
-LOAD_BACKLASH = BACKLASH._replace(amplitudes=_SLOPE_AND_GAP, shape=(), functions=(_load, _sign))
+LOAD_BACKLASH = BACKLASH._replace(amplitudes=_SLOPE_AND_GAP, shape=(), columns=_gap_that_returns(_BAND))
 GAP = Law(
     'gap', 'gap', 'gap that keeps its place when unloaded',
     'a gap that keeps its place when unloaded: the joint stays where the load left it',
-    _SLOPE_AND_GAP, (), (_load, _last_sign), True,
+    _SLOPE_AND_GAP, (), _gap_that_stays(_BAND), True,
 )  # fmt: skip
 BACKLASH_FORMS = (
     LOAD_BACKLASH,
-    *(LOAD_BACKLASH._replace(functions=(_load, partial(_sign, band=band))) for band in (2 * _BAND, 0.0)),
-    LOAD_BACKLASH._replace(functions=(_load, lambda path, values: path.sign_as_given())),
+    *(LOAD_BACKLASH._replace(columns=_gap_that_returns(band)) for band in (2 * _BAND, 0.0)),
+    LOAD_BACKLASH._replace(columns=lambda path, values: (path.driver, path.sign_as_given())),
 )
 """Law (6) says nothing of a joint without load; what these records show of it there decides between the forms."""
-GAP_FORMS = (GAP, *(GAP._replace(functions=(_load, partial(_last_sign, band=k * _BAND))) for k in (2, 4)))
+GAP_FORMS = (GAP, *(GAP._replace(columns=_gap_that_stays(band)) for band in (2 * _BAND, 4 * _BAND)))
 """The same for the largest load that counts as none."""
 LOAD_LAWS = (
     Law(
         'friction', 'friction', 'friction in parallel',
         'friction in parallel with the spring: it holds part of the load in either sense',
-        _SLOPE_AND_GAP, (_FRICTION, _ROUNDING), _IN_PARALLEL, True,
+        _SLOPE_AND_GAP, (_FRICTION, _ROUNDING), _friction, True,
     ),
     Law(
         'load_friction', 'load_friction', 'friction in parallel that grows with the load',
         'friction in parallel with the spring that grows with the load',
         _SLOPE_AND_GAP,
         (_FRICTION, Shape('friction_ratio', (0.1, 0.3, 0.5), most=LARGEST_RATIO, is_ratio=True), _ROUNDING),
-        _IN_PARALLEL, True,
+        _friction, True,
     ),
     Law(
         'slip', 'slip', 'slip in series with memory', _MEMORY,
-        ('compliance', 'slip_compliance'), (_SLIP_LOAD,), (_load, _slipping), True,
+        ('compliance', 'slip_compliance'), (_SLIP_LOAD,),
+        lambda path, values: (path.driver, path.play_operator(values['slip_load'], values['state'])), True,
     ),
     Law(
         'slips', 'slip', 'two slips in series with memory', _MEMORY,
         ('compliance', 'slip_compliance', 'further_compliance'),
         (_SLIP_LOAD, Shape('further_load', (0.1, 0.3, 0.6), most=3.0)),
-        (_load, _slipping, _slipping_later), True,
+        _slips, True,
     ),
 )  # fmt: skip
 """Laws that are compared with law (6) where the load drives, beside `GAP`."""

@@ -36,7 +36,7 @@ class RecordPath:
     Attributes:
         record: the record.
         driven_by: `LOAD` or `MOTION`.
-        block: number of samples in a block; 1: as measured.
+        block: number of samples in a block, `SMOOTHING` where the load drives, enough for a fit; 1: as measured.
         direction: +1 or -1: sign of what is driven under a positive driver.
         time: s.
         driver: the load counted from its mean at rest (N, Nm), or the displacement (m, rad).
@@ -56,17 +56,19 @@ class RecordPath:
         UnsupportedDataError: there are too few sweeps; see `check_driven_by_load`.
     """
 
-    def __init__(self, record: Record, driven_by: str = LOAD, block: int = 1, direction: float = 1.0) -> None:
-        self.record, self.driven_by, self.block, self.direction = record, driven_by, block, direction
+    def __init__(self, record: Record, driven_by: str = LOAD, in_blocks: bool = False, direction: float = 1.0) -> None:
+        self.record, self.driven_by, self.direction = record, driven_by, direction
         self.in_loops = driven_by == MOTION or not record.is_at_rest_first
         if driven_by == LOAD:
             check_driven_by_load(record)
             driver, driven, time = record.load_change, record.response, record.time
-            smooth: Floats = uniform_filter1d(driver, _samples(record), mode='nearest')
+            samples = max(round(SMOOTHING / float(np.median(np.diff(time)))), 1)
+            smooth: Floats = uniform_filter1d(driver, samples, mode='nearest')
         else:
             moving = _moving(record.response)
             driver, driven, time = record.response[moving], record.load[moving], record.time[moving]
-            smooth = driver
+            smooth, samples = driver, 1
+        self.block = block = samples if in_blocks else 1
         count = len(driver) // block * block
         self._middle = slice(block // 2, count, block)
         self.time, self.driver, self.driven = map(self._means, (time, driver, driven))
@@ -94,11 +96,6 @@ class RecordPath:
         self.sense = np.where(end > start, 1.0, -1.0)[sweep]
         self.distance = np.abs(driver - start[sweep])
         self.speed: Floats = np.gradient(driver, time)
-
-    @classmethod
-    def in_blocks(cls, record: Record, driven_by: str = LOAD) -> RecordPath:
-        """Means of blocks of `SMOOTHING` where the load drives, enough for a fit."""
-        return cls(record, driven_by, _samples(record) if driven_by == LOAD else 1)
 
     @property
     def sweeps(self) -> int:
@@ -181,11 +178,6 @@ def block_means(values: Floats, block: int) -> Floats:
     """Means of successive blocks of samples, without an incomplete last one."""
     count = len(values) // block * block
     return np.asarray(values[:count].reshape(-1, block).mean(axis=1))
-
-
-def _samples(record: Record) -> int:
-    """Samples in `SMOOTHING`."""
-    return max(round(SMOOTHING / float(np.median(np.diff(record.time)))), 1)
 
 
 def _moving(displacement: Floats) -> slice:

@@ -29,7 +29,7 @@ from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals,
 from scara_kinetostatic.studies.loops.dependence import VARIABLES, Dependence
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
 from scara_kinetostatic.studies.loops.path import RecordPath, block_means, repeatability
-from scara_kinetostatic.studies.loops.record import LEVEL, LOAD, MOTION, Record
+from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record
 from scara_kinetostatic.studies.loops.selection import (
     AMBIGUOUS,
     NONE,
@@ -186,16 +186,10 @@ def _words(study: Study) -> _Words:
     )
 
 
-_DRIVEN = {
-    MOTION: 'Driven by their motion: the {load} is predicted from the {response}.',
-    LOAD: 'Driven by their load: the {response} is predicted from the {load}.',
-}
-_DEPENDENCE = {
-    MOTION: 'Share of the square of the residual that the variable explains, and the p-value of no dependence on it. '
-    'The verdict states that of no dependence on any of them.'
-}
-_DEPENDENCE[LOAD] = (
-    f'{_DEPENDENCE[MOTION]} The load before: at rest after the load the residual is not that at rest before it.'
+_DEPENDENCE = Note(
+    'Share of the square of the residual that the variable explains, and the p-value of no dependence on it. The '
+    'verdict states that of no dependence on any of them. The load before: at rest after the load the residual is not '
+    'that at rest before it.'
 )
 
 
@@ -215,12 +209,14 @@ def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judge
         )
     if predicted:
         blocks += (_predicted_section(selections[0], predicted),)
+    source, driven = ('response', 'load') if selections[0].study.driven_by == MOTION else ('load', 'response')
+    predicted_from = f'the {{{driven}}} is predicted from the {{{source}}}.'
     records = [record for each in selections for record in each.study.records]
     size = f'{count(len(records), "record")}, {count(sum(map(len, records)), "sample")}'
     return Report(
         title=first.words('Hysteresis of {load} and {response}: is law (6) sufficient?'),
         answer=answer,
-        blocks=(first.words(_DRIVEN[selections[0].study.driven_by]), *blocks),
+        blocks=(first.words(f'Driven by their {selections[0].study.driven_by}: {predicted_from}'), *blocks),
         source=f'{size}: {", ".join(record.source for record in records)}',
         footer='all numbers in full in hysteresis.json',
     )
@@ -307,11 +303,10 @@ def _strongest(found: Sequence[Dependence], record: Record) -> str:
 
 def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
     record, words = selection.study.records[0], _words(selection.study)
-    dependence = Note(_DEPENDENCE[selection.study.driven_by])
     return (
         Section('Records', (_record_table(selection), *_figures(selection, name))),
         Section('Laws compared', (_candidate_table(selection), record.words(words.errors), _COMPARED)),
-        Section('What the residual depends on', (_dependence_table(selection), dependence)),
+        Section('What the residual depends on', (_dependence_table(selection), _DEPENDENCE)),
         Section('Parameters', (_parameter_table(selection), _parameter_note(selection))),
     )
 

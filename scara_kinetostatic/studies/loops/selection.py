@@ -111,7 +111,7 @@ class Study:
     def __init__(self, records: Sequence[Record], driven_by: str = LOAD, laws: Sequence[Law] | None = None) -> None:
         self.records, self.driven_by = tuple(records), driven_by
         self.paths = tuple(RecordPath(record, driven_by) for record in records)
-        self.blocks = [RecordPath.in_blocks(record, driven_by) for record in records]
+        self.blocks = [RecordPath(record, driven_by, in_blocks=True) for record in records]
         self.size = max(path.size for path in self.paths)
         joint = sum(float(np.dot(p.driven - p.driven.mean(), p.driver - p.driver.mean())) for p in self.blocks)
         self.direction = 1.0 if joint >= 0 else -1.0
@@ -150,7 +150,7 @@ class Study:
     def _best_form(self, laws: Sequence[Law]) -> tuple[Law, tuple[Dependence, ...]]:
         """Of several forms the one of the least squares, and the dependence of that which explains best."""
         fits = [fit_law(self._moments(law)) for law in laws]
-        found = [self._dependences(self._along(fitted)) for fitted in fits]
+        found = [self.dependences(self._along(fitted)) for fitted in fits]
         return min(fits, key=lambda each: each.square).law, max(found, key=p_independent)
 
     def candidate(self, law: Law) -> Candidate:
@@ -189,11 +189,8 @@ class Study:
         ]
         return candidate._replace(parameters=self._with_std(whole, several))
 
-    def dependences(self, candidate: Candidate) -> tuple[Dependence, ...]:
+    def dependences(self, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
         """Of the residual along the records."""
-        return self._dependences(candidate.along)
-
-    def _dependences(self, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
         residuals = [each.residual for each in along]
         return loop_dependences(self.paths, residuals) if self.in_loops else load_dependences(self.paths, residuals)
 
@@ -218,7 +215,8 @@ class Study:
     def _p_by_blocks(self, one: Candidate, other: Candidate) -> float:
         """From rest to rest, by Pitman and Morgan's test."""
         rows = [~path.earlier if self.is_single else ~path.rest for path in self.paths]
-        compared = [self.is_single or not self._is_extrapolated(path) for path in self.paths]
+        sizes = sorted(path.size for path in self.paths)  # a load far beyond those of all others is left out
+        compared = [self.is_single or path.size <= 1.5 * sizes[-2] for path in self.paths]
         residuals = []
         for each in (one, other):
             parts = self._in_blocks([prediction.residual for prediction in each.held_out], rows)
@@ -279,10 +277,6 @@ class Study:
             block_means(residual[which], block.block)
             for residual, block, which in zip(residuals, self.blocks, rows, strict=True)
         ]
-
-    def _is_extrapolated(self, path: RecordPath) -> bool:
-        """Whether its load is far beyond those of all others."""
-        return all(path.size > 1.5 * other.size for other in self.paths if other is not path)
 
 
 def check_sense(paths: Sequence[RecordPath], direction: float | None = None) -> None:
@@ -455,7 +449,7 @@ def select_model(study: Study) -> Selection:
         candidates=tuple(compared),
         selected=selected and study.with_std(selected),
         rivals=tuple(rivals),
-        dependence_after=study.dependences(selected) if selected else dependence_before,
+        dependence_after=study.dependences(selected.along) if selected else dependence_before,
     )
     if selected or not is_independent:
         return found._replace(verdict=AMBIGUOUS if rivals else EXPLAINED if selected else UNEXPLAINED)
@@ -475,7 +469,7 @@ def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[Jud
         UnsupportedDataError: a record does not go from rest to rest.
     """
     direction = selection.study.direction
-    check_sense([RecordPath.in_blocks(record) for record in others], direction)
+    check_sense([RecordPath(record, in_blocks=True) for record in others], direction)
     found = []
     for record in others:
         path = RecordPath(record, direction=direction)
