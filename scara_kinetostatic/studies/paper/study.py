@@ -27,7 +27,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_tables
 from scara_kinetostatic.studies.loops.readings import GaugeTable
-from scara_kinetostatic.studies.loops.simulation import simulate_experiments
+from scara_kinetostatic.studies.paper.dial_gauge import simulate_experiments
 from scara_kinetostatic.studies.paper.table_2 import (
     ONE_LEVEL,
     THREE_LEVELS,
