@@ -124,7 +124,7 @@ def reported(values: Values, zero: float) -> dict[str, float]:
     if 'stiffness' not in values:
         return dict(values)
     stiffness = values['stiffness']
-    found = {'compliance': 1 / stiffness if stiffness > 0 else np.inf}
+    found = {'compliance': 1 / stiffness if stiffness > 0 else np.nan}
     for name, value in values.items():
         if name == 'limit':  # what makes the limits of the force differ is its zero
             return {**found, 'slip_positive': stiffness * value + zero, 'slip_negative': stiffness * value - zero}
