@@ -47,7 +47,7 @@ ORDER = (
 """The packages from the ground up: each imports from those before it alone."""
 ANYWHERE = {'numpy'}
 KEPT_IN = {
-    'scipy': ('assessment', 'calibration', 'diagnosis', 'monitoring', 'planning', 'studies'),
+    'scipy': ('assessment', 'calibration', 'diagnosis', 'files', 'model', 'monitoring', 'planning', 'studies'),
     'yaml': ('files', 'simulation', 'bags'),
     'matplotlib': ('planning', 'report', 'results', 'studies'),
     'markupsafe': ('contour', 'files', 'monitoring', 'report', 'planning', 'results', 'simulation', 'studies'),

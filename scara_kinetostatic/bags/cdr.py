@@ -318,7 +318,7 @@ def wrench_messages(stamp: NDArray[np.int64], force: Floats, frame_id: str) -> l
 
     Args:
         stamp: header stamps, (n,), ns.
-        force: fx, fy, (n, 2), N.
+        force: fx, fy, and fz where it is not 0, (n, 2) or (n, 3), N.
         frame_id: of the header.
 
     Returns:

@@ -20,6 +20,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.report import as_text
 from scara_kinetostatic.simulation.outline import polygon
 from scara_kinetostatic.simulation.slides import Slide, SlideTiming, simulate_slides
@@ -100,7 +101,7 @@ def _exact_line(contour):
 
 
 def test_csv(contour):
-    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ())))))
+    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ()), Plane()))))
     assert tuple(rows[0]) == COLUMNS
     assert len(rows) == len(contour)
     values = np.array([[float(row[name]) for name in COLUMNS] for row in rows])

@@ -30,6 +30,7 @@ from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Identification, Lift, Sensor
 from scara_kinetostatic.model.online import OnlineArm
+from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
 from scara_kinetostatic.nodes.compensator import Compensator
 from scara_kinetostatic.nodes.conversion import PlanarPose, joint_state, pose_bytes, wrench
@@ -424,7 +425,7 @@ def test_the_bytes_of_a_pose_are_those_of_the_message() -> None:
     for frame in ('base_link', 'left/base_link', '', 'abc'):
         covariance = [[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]]
         message = deserialize_message(
-            pose_bytes(1_500_000_007, frame, PlanarPose(0.1, 0.2, 0.3, covariance)), PoseWithCovarianceStamped
+            pose_bytes(1_500_000_007, Plane(frame), PlanarPose(0.1, 0.2, 0.3, covariance)), PoseWithCovarianceStamped
         )
         assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_007)
         assert message.header.frame_id == frame

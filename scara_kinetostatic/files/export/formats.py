@@ -16,6 +16,7 @@ from markupsafe import Markup, escape
 from scara_kinetostatic import __version__
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files import escaping
+from scara_kinetostatic.files.cell_file import in_sense
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
@@ -128,6 +129,7 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         properties=[row for row in _values(arm, facts) if row[0] in RIGID],
         joints=[escaping.xacro(name) for name in arm.cell.joint_names],
         back=-arm.cell.coupling,
+        axes=arm.cell.direction,
     )
 
 
@@ -165,6 +167,7 @@ def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
     ]
     if convention == 'modified':
         rows.append(('tool', '', p.l2, 0.0, 0.0, 0.0, 0.0, 0.0))
+    signs = f'{arm.cell.direction[0]} and {arm.cell.direction[1]}'
     formula = {
         'standard': 'T = Rot_z(q + theta_offset) Trans_z(d) Trans_x(a) Rot_x(alpha)',
         'modified': 'T = Rot_x(alpha) Trans_x(a) Rot_z(q + theta_offset) Trans_z(d)',
@@ -173,6 +176,7 @@ def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
         *(f'# {line}' for line in facts.lines),
         f'# {convention} convention: {formula}; x_m and y_m of base and tool are translations.',
         *([f'# q of {j2} is its reading less {arm.cell.coupling!r} times that of {j1}.'] if arm.cell.coupling else []),
+        *([f'# Then q is {signs} times the reading: the joints turn so.'] if arm.cell.direction != (1, 1) else []),
         'row,joint_name,x_m,y_m,theta_offset_rad,d_m,a_m,alpha_rad',
         *(','.join(part if isinstance(part, str) else repr(part) for part in row) for row in rows),
     ]
@@ -198,7 +202,7 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
-    pairs = zip(arm.cell.joint_names, arm.cell.limits or (), strict=False)
+    pairs = zip(arm.cell.joint_names, in_sense(arm.cell.limits, arm.cell.direction) or (), strict=False)
     limits = ', '.join(f'{name} {low:g} to {high:g} rad' for name, (low, high) in pairs)
     unchecked = escaping.comment(f'The limits of the joints are not checked: {limits}.')
     return render(
@@ -207,6 +211,7 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         lines=(*facts.lines, unchecked) if limits else facts.lines,
         constants=_values(arm, facts),
         coupling=arm.cell.coupling,
+        direction=arm.cell.direction,
         force_std=arm.noise.force_rms,
         force_growth=arm.noise.growth,
         compliance_sign='-' if arm.cell.gripper_sign is GripperSign.PHYSICAL else '+',
