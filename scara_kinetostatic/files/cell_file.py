@@ -153,7 +153,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
         identification=_identification(top.section('identification', (), Identification._fields)),
     )
     cell = replace(cell, uncertainty=replace(cell.uncertainty, effects=_effects(top, cell)))
-    if check_layout:
+    if check_layout and cell.discs:
         _check_layout(cell, top)
     return cell
 
