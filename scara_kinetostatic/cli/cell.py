@@ -21,6 +21,7 @@ import argparse
 from pathlib import Path
 
 from scara_kinetostatic.cli.arguments import add_options, check_file, note, real
+from scara_kinetostatic.errors import InputError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,12 +64,14 @@ def run(args: argparse.Namespace) -> int:
         check_file(args.out, [args.urdf])
         robot = read_robot(args.urdf)
     else:
-        from scara_kinetostatic.nodes.description import heard_description
-
+        try:
+            from scara_kinetostatic.nodes.description import heard_description
+        except ImportError as error:
+            raise InputError('rclpy', f'cannot be imported: {error}', 'source ROS 2, or give --urdf FILE') from error
         robot = Robot(heard_description(args.topic).encode(), args.topic)
-    cell = robot_cell(robot, tuple(args.joints), args.tip, dict(args.at), args.sensor)
-    write_texts(args.out.parent, {args.out.name: cell.text})
+    text, notes = robot_cell(robot, tuple(args.joints), args.tip, dict(args.at), args.sensor)
+    write_texts(args.out.parent, {args.out.name: text})
     print(args.out)
-    for text in cell.notes:
-        note(text)
+    for each in notes:
+        note(each)
     return 0

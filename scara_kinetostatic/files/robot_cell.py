@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.errors import one_line
 from scara_kinetostatic.files.robot_urdf import Robot, axis_of
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.yaml_file import dump_yaml
@@ -34,11 +35,10 @@ GRAVITY = 9.81
 """m/s², along -z of the root."""
 MOST_TILT = 0.035
 """Axes farther from parallel are not those of a planar arm, rad: 2 degrees."""
-_EXACT = 1e-9
+_EXACT, _SAID = 1e-9, 1e-4
+"""Axes nearer to parallel are called so, and those that are farther from it are said, rad."""
 _LEAST = 1e-4
 """A link of no length, m; gravity of no size, m/s²."""
-_PLACES = 15
-"""Decimals to which numbers are rounded, so that no rounding error is written as a digit."""
 
 
 class PlanarArm(NamedTuple):
@@ -49,8 +49,6 @@ class PlanarArm(NamedTuple):
         direction: sign of both readings.
         plane: in the root of the robot.
         tilt: angle between the axes, rad.
-        off_plane: by how much the tip leaves the plane at most, m.
-        off_model: distance of its projection from the tip of the model at most, m.
         mass: of what joint 1 and joint 2 move, kg.
     """
 
@@ -58,8 +56,6 @@ class PlanarArm(NamedTuple):
     direction: tuple[int, int]
     plane: Plane
     tilt: float
-    off_plane: float
-    off_model: float
     mass: tuple[float, float]
 
 
@@ -75,98 +71,62 @@ def planar_arm(robot: Robot, joints: tuple[str, str], tip: str, held: Mapping[st
     Raises:
         InputError: they make none.
     """
-    (a1, o1), (a2, o2) = (_axis(robot, joint, held) for joint in joints)
+    frames = [robot.frame(robot.turning(name).child, held) for name in joints]
+    a1, a2 = (frame[:3, :3] @ axis_of(robot.joints[name]) for name, frame in zip(joints, frames, strict=True))
     end = robot.frame(tip, held)[:3, 3]
     tilt = asin(min(1.0, float(np.linalg.norm(np.cross(a1, a2)))))
     if tilt > MOST_TILT:
         problem = f'the axes of {joints[0]} and {joints[1]} are {degrees(tilt):.3g} degrees from parallel'
         raise robot.error(problem, 'choose two parallel joints; --at sets the joints between')
-    x, y = _axes_of_plane(a1)
-    n = np.cross(x, y)
-    axes = np.stack([x, y])
-    p1, p2 = (o + a * (n @ (end - o)) / (n @ a) for o, a in ((o1, a1), (o2, a2)))
-    e1, e2 = (complex(*(axes @ line)) for line in (p2 - p1, end - p2))
-    for length, problem in ((abs(e1), 'the axes of both joints are one'), (abs(e2), 'the tip is on the axis of joint 2')):
-        if length < _LEAST:
-            raise robot.error(f'{problem}: a link of length zero', 'choose another joint, or another --tip')
-    gravity = axes @ (0.0, 0.0, -GRAVITY)
-    geometry = Parameters(
-        theta1=_rounded(np.angle(e1)), l1=_rounded(abs(e1)), theta2=_rounded(np.angle(e2 / e1)), l2=_rounded(abs(e2))
+    axes, normal = _axes_of_plane(a1)
+    p1, p2 = (
+        frame[:3, 3] + a * (normal @ (end - frame[:3, 3])) / (normal @ a)
+        for frame, a in zip(frames, (a1, a2), strict=True)
     )
-    direction = int(np.sign(n @ a1)), int(np.sign(n @ a2))
-    plane = Plane(robot.root, _vector(p1), _vector(x), _vector(y), tip)
-    beyond2 = {name: (mass, at) for name, mass, at in robot.masses_beyond(joints[1], held)}
-    own = [(mass, at) for name, mass, at in robot.masses_beyond(joints[0], held) if name not in beyond2]
-    moment2 = sum((mass * complex(*(axes @ (at - p2))) for mass, at in beyond2.values()), 0j)
-    mass2 = sum(mass for mass, _ in beyond2.values())
-    moment1 = sum((mass * complex(*(axes @ (at - p1))) for mass, at in own), mass2 * e1)
+    e1, e2 = complex(*(axes @ (p2 - p1))), complex(*(axes @ (end - p2)))
+    for link, problem in ((e1, 'the axes of both joints are one'), (e2, 'the tip is on the axis of joint 2')):
+        if abs(link) < _LEAST:
+            raise robot.error(f'{problem}: a link of length zero', 'choose another joint, or another --tip')
+    found = {'theta1': np.angle(e1), 'l1': abs(e1), 'theta2': np.angle(e2 / e1), 'l2': abs(e2)}
+    beyond1, beyond2 = (dict(robot.masses_beyond(name, held)) for name in joints)
+    mass1, mass2 = (sum(mass for mass, _ in beyond.values()) for beyond in (beyond1, beyond2))
+    gravity = axes @ (0.0, 0.0, -GRAVITY)
     if np.hypot(*gravity) > _LEAST:
-        geometry = geometry.replace(
-            gravity=_vector(gravity), s1=_rounded(abs(moment1)), s2=_rounded(abs(moment2)),
-            phi1=_rounded(np.angle(moment1 / e1)), phi2=_rounded(np.angle(moment2 / e2)),
-        )  # fmt: skip
-    off_plane, off_model = _errors(robot, joints, held, geometry, direction, plane)
-    mass1 = mass2 + sum(mass for mass, _ in own)
-    return PlanarArm(geometry, direction, plane, tilt, off_plane, off_model, (mass1, mass2))
-
-
-def _axis(robot: Robot, joint: str, held: Mapping[str, float]) -> tuple[Floats, Floats]:
-    """Axis and a place on it of a joint in the root, (3,) each."""
-    frame = robot.frame(robot.joints[joint].child, held)
-    return frame[:3, :3] @ axis_of(robot.joints[joint]), frame[:3, 3]
+        own = [beyond1[name] for name in beyond1.keys() - beyond2.keys()]
+        moment1 = sum((mass * complex(*(axes @ (at - p1))) for mass, at in own), mass2 * e1)
+        moment2 = sum((mass * complex(*(axes @ (at - p2))) for mass, at in beyond2.values()), 0j)
+        found |= {'s1': abs(moment1), 's2': abs(moment2)}
+        found |= {'phi1': np.angle(moment1 / e1), 'phi2': np.angle(moment2 / e2)}
+    nominal = Parameters(**dict(zip(found, _rounded(list(found.values())), strict=True)), gravity=_rounded(gravity))
+    plane = Plane(robot.root, _rounded(p1), _rounded(axes[0]), _rounded(axes[1]), tip)
+    direction = int(np.sign(normal @ a1)), int(np.sign(normal @ a2))
+    return PlanarArm(nominal, direction, plane, tilt, (mass1, mass2))
 
 
 def _axes_of_plane(axis: Floats) -> tuple[Floats, Floats]:
-    """X and y of the plane at right angles to an axis."""
+    """X and y, (2, 3), and the normal of the plane at right angles to an axis."""
     ahead, left, up = np.eye(3)
-    upright = up - axis * (axis @ up)
-    if np.linalg.norm(upright) * GRAVITY <= _LEAST:  # a SCARA
+    y = up - axis * (axis @ up)
+    if np.linalg.norm(y) * GRAVITY <= _LEAST:  # a SCARA
+        normal = axis * np.sign(axis @ up)
         x = ahead - axis * (axis @ ahead)
         x /= np.linalg.norm(x)
-        return x, np.cross(axis * np.sign(axis @ up), x)
-    y = upright / np.linalg.norm(upright)
+        return np.stack([x, np.cross(normal, x)]), normal
+    y /= np.linalg.norm(y)
     x = np.cross(y, axis)
-    forward_part = x @ ahead if abs(x @ ahead) > 1e-6 else x @ left
-    return x * np.sign(forward_part), y
+    x *= np.sign(x @ (ahead if abs(x @ ahead) > 1e-6 else left))
+    return np.stack([x, y]), np.cross(x, y)
 
 
-def _errors(
-    robot: Robot, joints: tuple[str, str], held: Mapping[str, float], nominal: Parameters, direction: tuple[int, int],
-    plane: Plane,
-) -> tuple[float, float]:  # fmt: skip
-    """What axes that are not parallel cost, over positions of both joints: off the plane, and off the model in it, m."""
-    turns = np.linspace(-pi, pi, 9)
-    readings = np.stack(np.meshgrid(turns, turns), axis=-1).reshape(-1, 2)
-    tips = [robot.frame(plane.tip, {**held, **dict(zip(joints, pair, strict=True))})[:3, 3] for pair in readings.tolist()]
-    places = plane.in_plane(np.array(tips))
-    off = places[:, :2] - forward(nominal, readings * direction)
-    return float(np.abs(places[:, 2]).max()), float(np.hypot(*off.T).max())
-
-
-def _rounded(value: float) -> float:
-    return round(float(value), _PLACES) + 0.0
-
-
-def _vector(values: Floats) -> tuple[Any, ...]:
-    return tuple(_rounded(value) for value in values)
-
-
-class RobotCell(NamedTuple):
-    """A cell description without objects.
-
-    Attributes:
-        text: YAML with comments that say where each number comes from.
-        notes: what is to be known of it, one sentence each.
-    """
-
-    text: str
-    notes: tuple[str, ...]
+def _rounded(values: Any) -> tuple[Any, ...]:
+    """Numbers without the digits of rounding errors."""
+    return tuple((np.round(values, 15) + 0.0).tolist())
 
 
 def robot_cell(
     robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, float], sensor: str = ''
-) -> RobotCell:
-    """The cell description of two joints of a robot.
+) -> tuple[str, list[str]]:
+    """The cell description of two joints of a robot, without objects; and what is to be known of it.
 
     Args:
         robot: whose they are.
@@ -178,72 +138,65 @@ def robot_cell(
     Raises:
         InputError: they make no arm; or a joint between or beyond does not stay where it is put.
     """
-    chain = _chain(robot, joints, tip)
-    held = _held(robot, chain, joints, at)
+    held = _held(robot, joints, tip, at)
     arm = planar_arm(robot, joints, tip, held)
-    limits, notes = [_limits(robot, name) for name in joints], _notes(robot, arm)
+    parallel = _parallel(robot, joints, held, arm)
     mounted = _mounting(robot, sensor or tip, joints, held, arm)
-    p, has_mass = arm.nominal, arm.nominal.has_gravity and arm.mass[0] > 0
-    shown = {key: repr(getattr(p, key)) for key in ('theta1', 'l1', 'theta2', 'l2', 's1', 's2', 'phi1', 'phi2')}
+    has_weight = arm.nominal.has_gravity and arm.mass[0] > 0
+    notes = [f'the axes are {parallel}'] if arm.tilt > _SAID else []
+    if not arm.nominal.has_gravity:
+        notes.append('gravity is across the plane: none in it')
+    elif not has_weight:
+        notes.append(f'{robot.where} has no inertias: state robot.moments, {{s1, s2}} in kg m')
+    plane = arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}
     text = render(
         Path(__file__).with_name('cell.yaml.j2'),
         escape=False,
-        source=robot.where,
-        names=joints,
-        joint_names=_flow(list(joints)),
-        tip=tip,
-        direction=list(arm.direction),
-        parallel=_parallel(arm),
-        plane=_flow(arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}),
-        root=robot.root,
-        limits=_flow(dict(zip(joints, limits, strict=True))),
-        continuous=[name for name in joints if robot.joints[name].type == 'continuous'],
-        held=_flow({name: value for name, value in held.items() if name in {joint.name for joint in chain} or name in at}),
-        assumed=' '.join(name for name in held if name not in at),
-        gravity=list(p.gravity) if p.has_gravity else None,
-        has_mass=has_mass,
-        mass=[f'{mass:.4g}' for mass in arm.mass],
-        sensor=sensor or tip,
+        arm=arm,
+        source=one_line(robot.where),
+        joints=[one_line(name) for name in joints],
+        continuous=[one_line(name) for name in joints if robot.joints[name].type == 'continuous'],
+        assumed=one_line(' '.join(name for name in held if name not in at)),
+        root=one_line(robot.root),
+        tip=one_line(tip),
+        sensor=one_line(sensor or tip),
+        parallel=parallel,
+        has_weight=has_weight,
         mounted=mounted,
-        spread={key: f'{0.3 * getattr(p, key):.3g}' for key in ('s1', 's2')},
-        **shown,
+        names=_flow(list(joints)),
+        plane=_flow(plane),
+        limits=_flow({name: _limits(robot.joints[name]) for name in joints}),
+        held=_flow(held) if held else '',
     )
-    return RobotCell(text, tuple(notes))
+    return text, notes
 
 
-def _chain(robot: Robot, joints: tuple[str, str], tip: str) -> list[Any]:
-    """The joints from the root to the tip.
+def _held(robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, float]) -> dict[str, float]:
+    """Positions of the other joints on the way to the tip, and of those that are stated.
 
     Raises:
-        InputError: the two are not among them in their order, or one mimics another or does not stay where it is put.
+        InputError: the two do not move the tip in their order, or another joint does not stay where it is put.
     """
     for name in joints:
         robot.turning(name)
     chain = robot.chain(tip)
-    names = [joint.name for joint in chain]
+    names = [joint.name for joint in chain if joint.type != 'fixed']
     if missing := [name for name in joints if name not in names]:
-        moved = ' '.join(joint.name for joint in chain if joint.type != 'fixed') or 'none'
-        raise robot.error(f'{missing[0]} does not move link {tip!r}', f'choose another --tip; it is moved by {moved}')
-    first, second = map(names.index, joints)
-    if first >= second:
+        raise robot.error(f'{missing[0]} does not move link {tip!r}', f'it is moved by {" ".join(names) or "none"}')
+    if names.index(joints[0]) >= names.index(joints[1]):
         raise robot.error(f'{joints[1]} comes before {joints[0]}', f'write --joints {joints[1]} {joints[0]}')
-    for place, joint in enumerate(chain):
+    between = names[names.index(joints[0]) : names.index(joints[1])]
+    for joint in (joint for joint in chain if joint.name not in joints):
         if joint.mimic or joint.type not in ('fixed', 'revolute', 'continuous', 'prismatic'):
             kind = f'mimics {joint.mimic.joint}' if joint.mimic else f'is {joint.type}'
-            raise robot.error(f'joint {joint.name!r} on the way to {tip!r} {kind}', 'an arm of two joints has none such')
-        if joint.type == 'prismatic' and first < place < second:
+            raise robot.error(f'joint {joint.name!r} on the way to {tip!r} {kind}', 'choose another --tip')
+        if joint.type == 'prismatic' and joint.name in between:
             problem = f'joint {joint.name!r} between the two is prismatic: link 1 has no length of its own'
             raise robot.error(problem, 'choose other joints, or make it fixed in a copy of the URDF')
-    return chain
-
-
-def _held(robot: Robot, chain: list[Any], joints: tuple[str, str], at: Mapping[str, float]) -> dict[str, float]:
-    """Positions of the other joints of the chain, and of those that are stated."""
     for name in at:
         if name in joints or robot.joint(name).type == 'fixed' or robot.joint(name).mimic:
             raise robot.error(f'--at {name}: it is not a joint to be held', 'name other joints that move')
-    others = [joint.name for joint in chain if joint.type != 'fixed' and joint.name not in joints]
-    held = {name: at.get(name, 0.0) for name in dict.fromkeys((*others, *at))}
+    held = {name: at.get(name, 0.0) for name in dict.fromkeys((*names, *at)) if name not in joints}
     for name, value in held.items():
         limit = robot.joints[name].limit
         if limit and robot.joints[name].type != 'continuous' and not limit.lower <= value <= limit.upper:
@@ -252,43 +205,39 @@ def _held(robot: Robot, chain: list[Any], joints: tuple[str, str], at: Mapping[s
     return held
 
 
-def _limits(robot: Robot, name: str) -> list[float]:
-    joint = robot.joints[name]
+def _limits(joint: Any) -> list[float]:
     if joint.type == 'continuous' or not joint.limit or joint.limit.lower >= joint.limit.upper:
         return [-3.14, 3.14]
     return [max(-12.5, joint.limit.lower), min(12.5, joint.limit.upper)]
 
 
-def _mounting(
-    robot: Robot, sensor: str, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm
-) -> str:
+def _mounting(robot: Robot, sensor: str, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm) -> str:
     """The key that says how the sensor is mounted on link 2: `rotation`, or `axes` where its z axis is not across."""
     if joints[1] not in [joint.name for joint in robot.chain(sensor)]:
         raise robot.error(f'link {sensor!r} is not moved by {joints[1]}', 'name the link of the sensor by --sensor')
-    angle = arm.nominal.theta1 + arm.nominal.theta2
-    turned = arm.plane.axes @ [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
-    of_link2 = robot.frame(sensor, held)[:3, :3].T @ turned  # axes of link 2 in the sensor, as columns
-    if of_link2[2, 2] > 1 - 1e-9:
-        return f'rotation: {_rounded(-np.arctan2(of_link2[1, 0], of_link2[0, 0]))!r}'
-    return f'axes: {_flow({name: list(_vector(of_link2[:, k])) for k, name in enumerate("xy")})}'
+    turn = np.exp(1j * (arm.nominal.theta1 + arm.nominal.theta2))
+    link2 = arm.plane.axes @ [[turn.real, -turn.imag, 0], [turn.imag, turn.real, 0], [0, 0, 1]]
+    seen = robot.frame(sensor, held)[:3, :3].T @ link2  # axes of link 2 in the sensor, as columns
+    if seen[2, 2] > 1 - 1e-9:
+        return f'rotation: {_rounded([-np.arctan2(seen[1, 0], seen[0, 0])])[0]}'
+    return f'axes: {_flow({"x": list(_rounded(seen[:, 0])), "y": list(_rounded(seen[:, 1]))})}'
 
 
-def _parallel(arm: PlanarArm) -> str:
+def _parallel(robot: Robot, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm) -> str:
+    """How exactly the axes are parallel, and what it costs over all positions of both joints."""
     if arm.tilt < _EXACT:
         return 'parallel to rounding'
-    cost = f'the tip leaves the plane by up to {quantity(arm.off_plane, "m")}'
-    off = f'{arm.off_model:.1g} m' if arm.off_model < 1e-6 else quantity(arm.off_model, 'm')
-    return f'{degrees(arm.tilt):.3g} degrees off parallel: {cost}, and is up to {off} off the model in it'
-
-
-def _notes(robot: Robot, arm: PlanarArm) -> list[str]:
-    found = [f'the axes are {_parallel(arm)}'] if arm.tilt > 1e-4 else []
-    if not arm.nominal.has_gravity:
-        found.append('gravity is across the plane: none in it')
-    elif not arm.mass[0]:
-        found.append(f'{robot.where} has no inertias: state robot.moments, {{s1, s2}} in kg m')
-    return found
+    turns = np.linspace(-pi, pi, 9)
+    readings = np.stack(np.meshgrid(turns, turns), axis=-1).reshape(-1, 2)
+    positions = ({**held, joints[0]: one, joints[1]: two} for one, two in readings.tolist())
+    places = arm.plane.in_plane(np.array([robot.frame(arm.plane.tip, each)[:3, 3] for each in positions]))
+    off = np.hypot(*(places[:, :2] - forward(arm.nominal, readings * arm.direction)).T).max()
+    leaves, misses = quantity(float(np.abs(places[:, 2]).max()), 'm'), f'{1e6 * off:.2g} µm'
+    return (
+        f'{degrees(arm.tilt):.3g} degrees off parallel: the tip leaves the plane by up to {leaves}, and is up to '
+        f'{misses} off the model in it'
+    )
 
 
 def _flow(value: Any) -> str:
-    return dump_yaml(value, flow=True).removesuffix('\n').removesuffix('\n...')
+    return dump_yaml(value, flow=True).removesuffix('\n')

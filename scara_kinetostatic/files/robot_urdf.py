@@ -1,6 +1,6 @@
 """A robot as its URDF describes it: links and joints, and where they are at given positions of the joints.
 
-`urdfdom_py` of ROS reads the URDF; of each link only its inertia counts, of each joint what moves it. A joint that is not
+`urdfdom_py` of ROS reads the URDF; of each link its inertia counts, of each joint what moves it. A joint that is not
 told stands at 0, one that mimics another where that brings it.
 """
 
@@ -10,7 +10,7 @@ import io
 from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -25,13 +25,6 @@ _KEPT = {'link': {'inertial'}, 'joint': {'parent', 'child', 'origin', 'axis', 'l
 _TURNING = ('revolute', 'continuous')
 
 
-class Inertia(NamedTuple):
-    """The mass of a link, kg, and its centre in the frame of the link, (3,), m."""
-
-    mass: float
-    center: Floats
-
-
 class Robot:
     """A robot.
 
@@ -43,7 +36,7 @@ class Robot:
         where: as given.
         joints: of the library, by name: `type`, `parent`, `child`, `axis`, `limit`, `mimic`.
         root: name of the link on which all others stand.
-        masses: of the links that have some.
+        inertias: of the links that have some: mass, kg, and its centre in the link, (3,), m.
 
     Raises:
         InputError: the library is missing, or the text is no URDF, or its links make no tree.
@@ -57,15 +50,15 @@ class Robot:
         self._parents: dict[str, Any] = {}
         for joint in robot.joints:
             if joint.child in self._parents:
-                problem = f'link {joint.child!r} hangs on two joints, {self._parents[joint.child].name} and {joint.name}'
+                problem = f'{joint.child!r} hangs on two joints, {self._parents[joint.child].name} and {joint.name}'
                 raise self.error(f'{problem}: a loop', 'describe the arm as a tree')
             self._parents[joint.child] = joint
         roots = [name for name in self._links if name not in self._parents]
         if len(roots) != 1:
             raise self.error(f'expected one link without a parent, got {" ".join(roots) or "none: a loop"}')
         self.root = roots[0]
-        inertias = {name: link.inertial for name, link in self._links.items() if link.inertial}
-        self.masses = {name: Inertia(i.mass, _matrix(i.origin)[:3, 3]) for name, i in inertias.items() if i.mass}
+        weighing = {name: link.inertial for name, link in self._links.items() if link.inertial and link.inertial.mass}
+        self.inertias = {name: (float(i.mass), _matrix(i.origin)[:3, 3]) for name, i in weighing.items()}
 
     def _parsed(self, text: bytes) -> Any:
         try:
@@ -154,11 +147,11 @@ class Robot:
         of = float(positions.get(mimic.joint, 0.0))
         return of * (1.0 if mimic.multiplier is None else mimic.multiplier) + (mimic.offset or 0.0)
 
-    def masses_beyond(self, joint: str, positions: Mapping[str, float]) -> Iterator[tuple[str, float, Floats]]:
+    def masses_beyond(self, joint: str, positions: Mapping[str, float]) -> Iterator[tuple[str, tuple[float, Floats]]]:
         """Name, mass, kg, and centre in the root, (3,), m, of each link that a joint moves."""
-        for name, inertia in self.masses.items():
+        for name, (mass, center) in self.inertias.items():
             if any(each.name == joint for each in self.chain(name)):
-                yield name, inertia.mass, (self.frame(name, positions) @ [*inertia.center, 1.0])[:3]
+                yield name, (mass, (self.frame(name, positions) @ [*center, 1.0])[:3])
 
 
 def axis_of(joint: Any) -> tuple[float, float, float]:

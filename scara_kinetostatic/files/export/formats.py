@@ -18,6 +18,8 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files import escaping
 from scara_kinetostatic.files.cell_file import in_sense
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
+from scara_kinetostatic.files.export.into_urdf import corrected_origins, origins_yaml, with_origins
+from scara_kinetostatic.files.robot_urdf import Robot, read_bytes
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
 from scara_kinetostatic.model.arm import CalibratedArm
@@ -29,6 +31,7 @@ from scara_kinetostatic.model.parameters import UNITS
 
 RIGID = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2')
 """The parameters of the rigid arm."""
+_SOFT = ('p_', 'p1', 'p2', 'g_', 'g1', 'g2')
 _FREE = 'not determined'
 
 
@@ -269,6 +272,28 @@ FORMATS = {
     ),
 }
 """The formats by name."""
+
+
+def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[dict[str, str], list[str]]:
+    """The user's URDF with corrected origins, and these as YAML, by suffix; and what is to be known of them.
+
+    Args:
+        arm: the calibrated arm.
+        urdf: the file.
+        source: the file that the arm was read from.
+
+    Raises:
+        InputError: the file cannot be read, or is that of another robot.
+    """
+    content = read_bytes(urdf)
+    robot = Robot(content, str(urdf))
+    origins, p = corrected_origins(arm, robot), arm.model.parameters
+    facts = ExportFacts.of(arm, source, f'Calibrated by touch: origins of {", ".join(origins) or "no joint"}; rigid.')
+    soft = ', '.join(f'{name} {value:.3g} {UNITS[name]}' for name, value in p.as_dict().items() if name[:2] in _SOFT)
+    rest = f'a rigid URDF cannot hold compliance and backlash ({soft}): use `compensate` or `locate` under load'
+    facts = facts._replace(lines=(*facts.lines, escaping.comment(f'{rest[:1].upper()}{rest[1:]}.')))
+    text = with_origins(content, origins, _comment(facts), robot)
+    return {'.urdf': text, '.yaml': origins_yaml(origins, facts.lines)}, [*facts.notes(is_rigid=True), rest]
 
 
 def exported(arm: CalibratedArm, kind: str, source: str, options: Options = Options()) -> tuple[str, list[str]]:  # noqa: B008 - immutable
