@@ -80,7 +80,8 @@ def _moved(robot: Robot, name: str, positions: Mapping[str, float], move: Floats
     parent = robot.frame(joint.parent, positions)[:3, :3]
     turned = Rotation.from_euler('xyz', rpy) * Rotation.from_rotvec(turn * np.array(axis_of(joint)))
     rpy = turned.as_euler('xyz') if turn else rpy
-    return Origin(*(np.round(values, 15) + 0.0 for values in (xyz + parent.T @ move, rpy)), joint.child)
+    xyz = xyz + parent.T @ move
+    return Origin(np.round(xyz, 15) + 0.0, np.round(rpy, 15) + 0.0, joint.child)
 
 
 def with_origins(content: bytes, origins: Mapping[str, Origin], comment: str, robot: Robot) -> str:
