@@ -290,7 +290,7 @@ def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[dict[str
     origins, p = corrected_origins(arm, robot), arm.model.parameters
     facts = ExportFacts.of(arm, source, f'Calibrated by touch: origins of {", ".join(origins) or "no joint"}; rigid.')
     soft = ', '.join(f'{name} {value:.3g} {UNITS[name]}' for name, value in p.as_dict().items() if name[:2] in _SOFT)
-    rest = f'a rigid URDF cannot hold compliance and backlash ({soft}): use `compensate` or `locate` under load'
+    rest = f'a rigid URDF cannot hold compliance and backlash ({soft}), nor effects too small to be detected'
     facts = facts._replace(lines=(*facts.lines, escaping.comment(f'{rest[:1].upper()}{rest[1:]}.')))
     text = with_origins(content, origins, _comment(facts), robot)
     return {'.urdf': text, '.yaml': origins_yaml(origins, facts.lines)}, [*facts.notes(is_rigid=True), rest]

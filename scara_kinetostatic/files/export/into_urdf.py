@@ -12,7 +12,9 @@ All other bytes stay. The tip is then that of the rigid arm, H(L, Q).
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
+from math import pi
 from typing import Any, NamedTuple
 from xml.parsers import expat
 
@@ -79,9 +81,19 @@ def _moved(robot: Robot, name: str, positions: Mapping[str, float], move: Floats
     xyz, rpy = np.array((origin and (origin.xyz, origin.rpy)) or np.zeros((2, 3)), dtype=float)
     parent = robot.frame(joint.parent, positions)[:3, :3]
     turned = Rotation.from_euler('xyz', rpy) * Rotation.from_rotvec(turn * np.array(axis_of(joint)))
-    rpy = turned.as_euler('xyz') if turn else rpy
+    rpy = _angles_near(rpy, turned) if turn else rpy
     xyz = xyz + parent.T @ move
     return Origin(np.round(xyz, 15) + 0.0, np.round(rpy, 15) + 0.0, joint.child)
+
+
+def _angles_near(rpy: Floats, turned: Rotation) -> Floats:
+    """Those angles of a rotation, of the two triples that it has, that are near to others, (3,), rad."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')  # where roll and yaw turn about one axis, one of them is taken as 0
+        roll, pitch, yaw = turned.as_euler('xyz')
+    both = np.array([[roll, pitch, yaw], [roll + pi, pi - pitch, yaw + pi]])
+    off = wrap(both - rpy)
+    return np.asarray(rpy + off[np.abs(off).sum(axis=1).argmin()])
 
 
 def with_origins(content: bytes, origins: Mapping[str, Origin], comment: str, robot: Robot) -> str:
