@@ -211,9 +211,10 @@ class FollowedTip:
         if cell.limits is not None:
             low, high = np.array(cell.limits).T
         angles = cell.in_turn(_in_turn(found.joints[0], present))
-        for name, at, least, most in zip(cell.joint_names, angles, low, high, strict=True):
-            if not least <= at <= most:
-                problem = f'{wanted} needs {name} at {at:.4g}, its limits are {least:.4g} and {most:.4g} rad'
+        for name, sign, at, *limits in zip(cell.joint_names, cell.direction, angles, low, high, strict=True):
+            if not limits[0] <= at <= limits[1]:
+                least, most = sorted((sign * limits[0], sign * limits[1]))
+                problem = f'{wanted} needs {name} at {sign * at:.4g}, its limits are {least:.4g} and {most:.4g} rad'
                 raise InputError('the wanted pose', problem, 'wish for another, or the other elbow')
         others = self._others | dict(cell.hold)
         return Answer(
