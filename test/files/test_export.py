@@ -46,7 +46,8 @@ int main(void)
     double q[2], f[2], tip[2], back[2], torque[2];
     while (scanf("%lf %lf %lf %lf", &q[0], &q[1], &f[0], &f[1]) == 4) {
         int status = scara_locate(q, f, tip);
-        int elbow = sin(SCARA_DIRECTION2 * (q[1] - SCARA_COUPLING * q[0]) + SCARA_THETA2) > 0 ? SCARA_LEFT : SCARA_RIGHT;
+        double bend = SCARA_DIRECTION2 * (q[1] - SCARA_COUPLING * q[0]) + SCARA_THETA2;
+        int elbow = sin(bend) > 0 ? SCARA_LEFT : SCARA_RIGHT;
         status += scara_compensate(tip, f, elbow, back, torque);
         printf("%d %.17g %.17g %.17g ", status, tip[0], tip[1], back[0]);
         printf("%.17g %.17g %.17g\\n", back[1], torque[0], torque[1]);
