@@ -214,11 +214,16 @@ def keep_flanks(parameters: Parameters, state: State, before: State, arm: Arm) -
     pull = pull_of(parameters, arm.link1, arm.link2)
     if pull is None:
         return state
-    largest = (abs(parameters.s1) + abs(parameters.s2)) * np.hypot(*parameters.gravity)
-    torque = np.abs(state.magnitude * arm.lever + pull.torque)
-    small = (torque < SMALL_TORQUE * largest) & (parameters.joint_compliances * torque < SMALL_DEFLECTION)
+    small = has_no_sure_sign(parameters, state.magnitude * arm.lever + pull.torque)
     mode1, mode2 = np.where(small, before[4:], state[4:])
     return state._replace(mode1=mode1, mode2=mode2)
+
+
+def has_no_sure_sign(parameters: Parameters, torque: Floats) -> Mask:
+    """Which torques (2, n), Nm, are too small for their sign to be known under gravity."""
+    largest, torque = (abs(parameters.s1) + abs(parameters.s2)) * np.hypot(*parameters.gravity), np.abs(torque)
+    small = (torque < SMALL_TORQUE * largest) & (parameters.joint_compliances * torque < SMALL_DEFLECTION)
+    return np.asarray(small)
 
 
 class Edges(NamedTuple):

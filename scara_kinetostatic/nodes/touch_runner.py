@@ -95,8 +95,6 @@ class TouchRunner(CellNode):
         self._most = declare.parameter(self, 'max_touches', 100, meaning, Range(FIRST, 1000))
         if self._cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them to the cell description')
-        if self._cell.nominal.has_gravity:
-            raise CellError('gravity', 'touches are not planned for an upright arm', 'guide the robot by hand')
         self._work: ProcessPoolExecutor | None = None
         self._runner = self._new_runner()
         self._session: Session | None = None

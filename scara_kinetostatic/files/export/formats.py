@@ -22,7 +22,7 @@ from scara_kinetostatic.files.export.into_urdf import corrected_origins, origins
 from scara_kinetostatic.files.robot_urdf import Robot, read_bytes
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
-from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.kinematics import forward
@@ -194,19 +194,18 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         facts: of it.
 
     Raises:
-        UnsupportedDataError: an upright arm, a general gripper or effects of its own, which the functions do not have.
+        UnsupportedDataError: a general gripper or effects of its own, which the functions do not have.
     """
     if facts.robot_effects:
         problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
-        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
-    if arm.cell.nominal.has_gravity:
-        problem = 'a C header has no torque of gravity, and the cell description states `gravity`'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
     pairs = zip(arm.cell.joint_names, in_sense(arm.cell.limits, arm.cell.direction) or (), strict=False)
     limits = ', '.join(f'{name} {low:g} to {high:g} rad' for name, (low, high) in pairs)
+    p = arm.model.parameters
+    pulls = [(pull.real, pull.imag) for pull in p.gravity_of_links] if p.has_gravity else []
     unchecked = escaping.comment(f'The limits of the joints are not checked: {limits}.')
     return render(
         Path(__file__).with_name('header.h.j2'),
@@ -215,6 +214,8 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         constants=_values(arm, facts),
         coupling=arm.cell.coupling,
         direction=arm.cell.direction,
+        gravity=pulls,
+        gravity_std=Predictor(arm).law.gravity_std,
         force_std=arm.noise.force_rms,
         force_growth=arm.noise.growth,
         compliance_sign='-' if arm.cell.gripper_sign is GripperSign.PHYSICAL else '+',
