@@ -5,7 +5,8 @@ with `frame_prefix` before it: on `~/markers`,
 latched, what changes with touches and results (objects, touches with their forces, residual forces magnified, what was
 found, the touch to make next), on `~/arm` the nominal and the calibrated arm at the present joint angles and the
 uncertainty of the tip. The URDF of both arms is on `robot_description`, latched, and is handed to a
-`robot_state_publisher` in the same namespace, which publishes their frames.
+`robot_state_publisher` in the same namespace, which publishes their frames. Where the cell states the link that carries
+the tip (`robot.plane.tip`), the robot has a URDF of its own, and this one is not published.
 
 It hears the collector's `~/touch` and the calibrator's `~/result`; single touches of a result, with their residuals,
 and the covariance, it reads from the file that the result names; without the file they are not shown, and that is said.
@@ -159,7 +160,9 @@ class Visualizer(CellNode):
         self._next_text = text
 
     def _describe(self, calibrated: Parameters | None) -> None:
-        """Publishes the URDF."""
+        """Publishes the URDF; none where the robot has its own."""
+        if self._cell.plane.tip:
+            return
         self._untold = side_by_side('scara', self._cell, calibrated)
         self._description.publish(String(data=self._untold))
 

@@ -131,8 +131,8 @@ def _places(content: bytes, wanted: set[str]) -> tuple[dict[str, tuple[int, bool
     def start(tag: str, attributes: Mapping[str, str]) -> None:
         path.append((tag, attributes.get('name', '')))
         begins.append(parser.CurrentByteIndex)
-        tags, name = [each for each, _ in path], path[min(1, len(path) - 1)][1]
-        if tags in (['robot', 'joint'], ['robot', 'joint', 'origin']) and name in wanted:
+        kinds, name = [each for each, _ in path], path[min(1, len(path) - 1)][1]
+        if kinds in (['robot', 'joint'], ['robot', 'joint', 'origin']) and name in wanted:
             found[name] = parser.CurrentByteIndex, len(path) == 3
 
     parser.StartElementHandler = start
