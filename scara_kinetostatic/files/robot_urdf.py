@@ -55,7 +55,8 @@ class Robot:
             self._parents[joint.child] = joint
         roots = [name for name in self._links if name not in self._parents]
         if len(roots) != 1:
-            raise self.error(f'expected one link without a parent, got {" ".join(roots) or "none: a loop"}')
+            remedy = 'describe a tree of links, without a loop'
+            raise self.error(f'expected one link without a parent, got {" ".join(roots) or "none"}', remedy)
         self.root = roots[0]
         weighing = {name: link.inertial for name, link in self._links.items() if link.inertial and link.inertial.mass}
         self.inertias = {name: (float(i.mass), _matrix(i.origin)[:3, 3]) for name, i in weighing.items()}
@@ -129,6 +130,8 @@ class Robot:
         found = np.eye(4)
         for joint in self.chain(link):
             found = found @ _matrix(joint.origin) @ self._motion(joint, positions)
+            if not np.isfinite(found).all():
+                raise self.error(f'joint {joint.name!r} has no axis, or a number that is not finite', 'correct it')
         return found
 
     def _motion(self, joint: Any, positions: Mapping[str, float]) -> Floats:
@@ -157,7 +160,7 @@ class Robot:
 def axis_of(joint: Any) -> tuple[float, float, float]:
     """The axis of a joint in its own frame, of unit length."""
     axis = np.array(joint.axis or (1.0, 0.0, 0.0), dtype=float)
-    x, y, z = (axis / (np.linalg.norm(axis) or 1.0)).tolist()
+    x, y, z = (axis / (np.linalg.norm(axis) or np.nan)).tolist()
     return x, y, z
 
 
