@@ -3,8 +3,8 @@
 All three hold the same: the cell under `cell`, the model with its covariance under `model`, `assessment.grade` and
 `diagnosis.diagnose`. In `calibration.yaml` it is the text of the ROS parameter `calibration.model`.
 
-Of the effects only those of the catalogue of the cell, the other laws that these may follow, and what a diagnosis adds
-by itself are made again: a file never names a module to import.
+Of the effects only those of the catalogue of the cell and what a diagnosis adds by itself are made again: a file never
+names a module to import.
 """
 
 from __future__ import annotations
