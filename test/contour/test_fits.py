@@ -111,6 +111,15 @@ def test_csv(contour):
     assert np.all(np.diff(values[:, 0]) > 0)
 
 
+def test_csv_in_the_frame_of_a_robot(contour):
+    plane = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ()), plane))))
+    names = ('robot_x_m', 'robot_y_m', 'robot_z_m')
+    assert tuple(rows[0]) == (*COLUMNS, *names)
+    found = [[float(row[name]) for name in names] for row in rows]
+    np.testing.assert_allclose(found, plane.in_robot(contour.surface), rtol=0, atol=1e-9)
+
+
 def test_drawings_are_closed_and_in_millimetres(contour):
     pairs = dxf_text(contour.outlines).splitlines()
     codes, values = [int(code) for code in pairs[::2]], pairs[1::2]
