@@ -53,7 +53,8 @@ class Robot:
                 problem = f'{joint.child!r} hangs on two joints, {self._parents[joint.child].name} and {joint.name}'
                 raise self.error(f'{problem}: a loop', 'describe the arm as a tree')
             self._parents[joint.child] = joint
-        roots = [name for name in self._links if name not in self._parents]
+        links = dict.fromkeys((*self._links, *(joint.parent for joint in robot.joints)))
+        roots = [name for name in links if name not in self._parents]
         if len(roots) != 1:
             remedy = 'describe a tree of links, without a loop'
             raise self.error(f'expected one link without a parent, got {" ".join(roots) or "none"}', remedy)

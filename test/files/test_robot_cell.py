@@ -112,6 +112,7 @@ QUILL = '<axis xyz="0 0 -1"/>\n    <limit lower="0"'
         (('xyz="0.3 0.02', 'xyz="0.3 nan'), {}, "joint 'elbow' has no axis, or a number that is not finite"),
         ((ELBOW, ELBOW.replace('0 0 -1', '0 0 0')), {}, "joint 'elbow' has no axis"),
         (('xyz="0.3 0.02', 'xyz="0.3'), {}, 'is no valid URDF: ParseError'),
+        (('parent link="quill_link"', 'parent link="quil"'), {}, 'one link without a parent, got base quil'),
         ((SCARA, '<robot name="a"/>'), {}, 'expected one link without a parent, got none; describe a tree'),
         (('</robot>', ''), {}, 'is no valid URDF: no element found'),
         (('type="prismatic"', 'type="floating"'), {'at': {}}, "joint 'quill' on the way to 'tool' is floating"),
