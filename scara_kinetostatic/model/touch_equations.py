@@ -164,7 +164,8 @@ def pull_of(parameters: Parameters, link1: Complexes, link2: Complexes) -> Pull 
     """Gravity on links along unit vectors, (n,), complex; None where there is none."""
     if not parameters.has_gravity:
         return None
-    seen = -complex(*parameters.gravity) * np.array([link1, link2]).conj()
+    gravity1, gravity2 = parameters.gravity_of_links
+    seen = -np.array([gravity1 * link1.conj(), gravity2 * link2.conj()])
     first, second = parameters.s1 * seen[0], parameters.s2 * seen[1]
     torques = np.array([first + second, second])
     return Pull(torques.imag, torques.real, seen.imag)

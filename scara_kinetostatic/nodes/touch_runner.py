@@ -35,7 +35,6 @@ from rclpy.task import Future as RclpyFuture
 from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import CellError, InputError, ScaraKinetostaticError
-from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
@@ -397,7 +396,7 @@ class TouchRunner(CellNode):
         target = self._runner.target
         if target is not None and self._runner.status.phase == 'travel':
             (x, y), angle = target.plan.contact(self._cell)[0].tolist(), float(target.plan.direction(self._cell)[0])
-            self._next.publish(pose_stamped(self._now(), BASE_FRAME, (x, y, angle)))
+            self._next.publish(pose_stamped(self._now(), self._cell.plane, (x, y, angle)))
 
     def _report(self) -> Condition:
         self._streams.look_at_publishers()

@@ -113,6 +113,8 @@ names = st.text(
         st.sampled_from(SensorFrame),
         st.sampled_from(SensorSign),
         st.none() | st.floats(-4e9, 4e9),
+        rotation=st.floats(-6, 6),
+        axes=st.none(),
     ),
     noise=st.none()
     | st.builds(
