@@ -8,7 +8,9 @@ NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 PHYSICS = ['mujoco>=3.13']  # first version with the integrator `discrete`; for the verb `mujoco` only
 CLUSTER = ['dask[distributed]']  # for `recalibrate --dask`
-TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'xacro', *PHYSICS, *CLUSTER]
+URDF = ['urdfdom_py', 'xacro']  # for the verb `cell` and `export --into`
+TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'example-robot-data']
+TEST += [*URDF, *PHYSICS, *CLUSTER]
 BENCH = [
     'casadi',
     'mcap-ros2-support',
@@ -66,7 +68,15 @@ setup(
         'lz4',
         'zstandard',
     ],
-    extras_require={'ros': ROS, 'test': TEST, 'physics': PHYSICS, 'cluster': CLUSTER, 'bench': BENCH, 'docs': DOCS},
+    extras_require={
+        'ros': ROS,
+        'urdf': URDF,
+        'test': TEST,
+        'physics': PHYSICS,
+        'cluster': CLUSTER,
+        'bench': BENCH,
+        'docs': DOCS,
+    },
     zip_safe=False,
     entry_points={
         'console_scripts': [

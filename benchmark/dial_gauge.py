@@ -13,27 +13,27 @@ import sys
 import numpy as np
 
 from benchmark.common import parser, print_and_save
-from scara_kinetostatic.studies.dial_gauge.analysis import analyse_points
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2
-from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeTruth, simulate_experiments
+from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs
+from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2
+from scara_kinetostatic.studies.paper.dial_gauge import DialGaugeBench, simulate_experiments
 
 
 def evaluate(number: int) -> dict[str, object]:
     """Pooled figures of so many files."""
-    truth = DialGaugeTruth()
+    bench = DialGaugeBench()
     z, warned, isotropy, ellipse = [], 0, [], []
     for seed in range(number):
-        found = analyse_points(simulate_experiments(truth, seed=seed))
-        gripper = found.parts[GRIPPER]
-        wanted = [(run, truth.p_ee, float(truth.gripper_gap(run.direction))) for run in gripper.runs]
-        wanted += [(found.parts[JOINT1], truth.p1, truth.gap1), (found.parts[JOINT2], truth.p2, truth.gap2)]
+        parts, warnings = analyse_runs(simulate_experiments(bench, seed=seed))
+        gripper = parts[GRIPPER]
+        wanted = [(run, bench.p_ee, float(bench.gripper_gap(run.readings.direction))) for run in gripper.runs]
+        wanted += [(parts[part], bench.p[k], bench.gap[k]) for k, part in enumerate((JOINT1, JOINT2))]
         z.append(
             [
                 ((each.compliance.value - p) / each.compliance.std, (each.gap.value - gap) / each.gap.std)
                 for each, p, gap in wanted
             ]
         )
-        warned += bool(found.warnings)
+        warned += bool(warnings)
         isotropy.append([each.isotropy.p_value for each in gripper.maps.values()])
         found_ellipse = gripper.maps['gap'].ellipse
         ellipse.append(np.nan if found_ellipse is None else found_ellipse.p_value)

@@ -19,19 +19,12 @@ import numpy as np
 from scipy.signal import lfilter
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.hysteresis.dependence import loop_dependences, p_independent
-from scara_kinetostatic.studies.hysteresis.fit import fit_motion
-from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, MOTION_LAWS, Law, Values
-from scara_kinetostatic.studies.hysteresis.model_selection import (
-    NONE,
-    UNDECIDED,
-    UNEXPLAINED,
-    MotionStudy,
-    Selection,
-    select_model,
-)
-from scara_kinetostatic.studies.hysteresis.motion import cut_at_reversals
-from scara_kinetostatic.studies.hysteresis.record import LEVEL, Record
+from scara_kinetostatic.studies.loops.dependence import p_independent
+from scara_kinetostatic.studies.loops.fit import Fit, evaluate
+from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS, Law, Values
+from scara_kinetostatic.studies.loops.path import RecordPath
+from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record
+from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, UNEXPLAINED, Selection, Study, select_model
 
 NOISE = 100.0
 CORRELATIONS = (0.0, 0.9)
@@ -65,18 +58,29 @@ def simulate_record(law: Law, values: Values, noise: float, seed: int, correlati
     time, displacement = sine()
     rest = np.zeros(len(time))
     rest[-1] = 1.0  # no record has a constant force
-    motion = cut_at_reversals(Record('simulated', time, rest, displacement, 'N'))
-    force = law.function(motion, values)
+    path = RecordPath(Record('simulated', time, rest, displacement, 'N'), MOTION)
+    force = exact_force(law, path, values)
     white = np.random.default_rng(seed).standard_normal(len(force))
     white[1:] *= np.sqrt(1 - correlation**2)
     measured = force + noise * lfilter([1.0], [1.0, -correlation], white)
-    return Record('simulated', motion.time, measured, motion.driver, 'N')
+    return Record('simulated', path.time, measured, path.driver, 'N')
+
+
+def exact_force(law: Law, path: RecordPath, values: Values) -> Floats:
+    """The force of a law along a motion, its parameters those that are reported, 'state' that of friction."""
+    p = values['compliance']
+    slips = {f'limit_{sense}': p * values.get(f'slip_{sense}', 0.0) for sense in ('positive', 'negative')}
+    zero = values.get('force_zero', (slips['limit_positive'] - slips['limit_negative']) / (2 * p))
+    fitted = {'stiffness': 1 / p, 'limit': sum(slips.values()) / 2, **slips, **values}
+    return zero + evaluate(Fit(law, fitted, np.empty(0), 0.0), path, values.get('state', 0.0))
 
 
 def values(law: Law, size: float) -> dict[str, float]:
     """Parameters of a law at a size."""
-    more = {'start': 0.0, 'slip_positive': size, 'slip_negative': 0.9 * size, 'damping': size, 'friction': size}
-    return {each.name: {**TRUTH, **more}[each.name] for each in law.parameters}
+    found = {**TRUTH, 'slip_positive': size, 'slip_negative': 0.9 * size, 'damping': size, 'friction': size}
+    if law.name == 'slip_no_gap':
+        del found['force_zero']
+    return found
 
 
 def named(selection: Selection) -> str:
@@ -88,10 +92,7 @@ def named(selection: Selection) -> str:
 
 def alarmed(record: Record) -> bool:
     """Whether the residual of law (6) is found to have structure."""
-    motion = cut_at_reversals(record)
-    fitted = fit_motion(BACKLASH, motion, np.ones(len(motion), dtype=bool))
-    residual = motion.driven - BACKLASH.function(motion, fitted.values)
-    return p_independent(loop_dependences([motion], [residual])) < LEVEL / 2
+    return p_independent(Study([record], MOTION).law6()[1]) < LEVEL / 2
 
 
 def main() -> int:
@@ -110,7 +111,7 @@ def main() -> int:
                 records = (
                     simulate_record(law, values(law, size), NOISE, seed, correlation) for seed in range(args.seeds)
                 )
-                counts = Counter(named(select_model(MotionStudy(record))) for record in records)
+                counts = Counter(named(select_model(Study([record], MOTION))) for record in records)
                 found[f'{law.name} {size:g}, correlation {correlation:g}'] = dict(counts)
     right = sum(counts.get(name.split()[0], 0) for name, counts in found.items() if not name.startswith('backlash'))
     total = sum(sum(counts.values()) for name, counts in found.items() if not name.startswith('backlash'))

@@ -35,18 +35,12 @@ from scara_kinetostatic.model.kinetostatics import joint_deflection
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.report.quantities import p_equals
-from scara_kinetostatic.studies.hysteresis.dependence import p_independent
-from scara_kinetostatic.studies.hysteresis.fit import Fit, Moments, Prediction, fit_load, predict
-from scara_kinetostatic.studies.hysteresis.laws import LOAD_BACKLASH, LOAD_LAWS, Law
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.model_selection import (
-    Candidate,
-    LoadStudy,
-    Selection,
-    predict_records,
-    select_model,
-)
-from scara_kinetostatic.studies.hysteresis.record import LEVEL, Record, load_record
+from scara_kinetostatic.studies.loops.dependence import p_independent
+from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, fit_law, predict
+from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS, Law
+from scara_kinetostatic.studies.loops.path import RecordPath
+from scara_kinetostatic.studies.loops.record import LEVEL, Record, load_record
+from scara_kinetostatic.studies.loops.selection import Candidate, Selection, Study, predict_records, select_model
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'panda'
 LOADING = 'loading.csv'
@@ -93,13 +87,13 @@ def poses(joint: int, nested: bool = False, with_long: bool = True) -> Poses:
         with_long: whether the long record is among the others.
     """
     records = read(joint) if with_long else read(joint)[:-1]
-    analysis = select_model(LoadStudy(records))
+    analysis = select_model(Study(records))
     residuals: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
     by_pose: dict[str, tuple[float, float]] = {}
     laws: list[str] = []
     for number, record in enumerate(each for each in records if each.name != LOADING):
         if nested:
-            others = select_model(LoadStudy([each for each in records if each is not record]))
+            others = select_model(Study([each for each in records if each is not record]))
             found = predict_records(others, [record])[0]
             pair, law = (found.before, found.after), (others.selected or others.before).law.name
         else:
@@ -118,7 +112,7 @@ def poses(joint: int, nested: bool = False, with_long: bool = True) -> Poses:
 class Half(NamedTuple):
     """The later half of the long record of a joint, three predictions along all of it."""
 
-    path: LoadPath
+    path: RecordPath
     before: Prediction
     own: Prediction
     carried: Prediction
@@ -134,7 +128,7 @@ class Half(NamedTuple):
 def later_half(joint: int) -> tuple[Half, Fit]:
     """The later half of the long record from the earlier one, and law (6) as fitted there."""
     *others, record = read(joint)
-    alone, poses_alone = LoadStudy([record]), LoadStudy(others)
+    alone, poses_alone = Study([record]), Study(others)
     (path,), (block,) = alone.paths, alone.blocks
     slip = next(law for law in LOAD_LAWS if law.name == 'slip')
     before, own = (_fit(law, alone, [block.earlier]) for law in (LOAD_BACKLASH, slip))
@@ -142,8 +136,8 @@ def later_half(joint: int) -> tuple[Half, Fit]:
     return Half(path, *(predict(each, path, path.earlier) for each in (before, own, carried))), before
 
 
-def _fit(law: Law, study: LoadStudy, rows: Sequence[Mask]) -> Fit:
-    return fit_load([Moments(law, path, which, study.size) for path, which in zip(study.blocks, rows, strict=True)])
+def _fit(law: Law, study: Study, rows: Sequence[Mask]) -> Fit:
+    return fit_law([Moments(law, path, which, study.size) for path, which in zip(study.blocks, rows, strict=True)])
 
 
 class Arm(NamedTuple):
@@ -206,7 +200,7 @@ def tip_displacement(halves: Sequence[Half], laws: Sequence[Fit]) -> Tip:
     arm = planar_arm()
     turns = np.array([1.0, arm.sense])
     directions = np.array([half.path.direction for half in halves])
-    torques = -directions * turns * np.stack([half.path.load for half in halves], axis=1)
+    torques = -directions * turns * np.stack([half.path.driver for half in halves], axis=1)
     values = [law.values for law in laws]
     robot = Parameters(
         x0=0.0, y0=0.0, theta1=0.0, l1=arm.link_1, theta2=arm.angle, l2=arm.link_2, p_ee=0.0,
@@ -218,7 +212,7 @@ def tip_displacement(halves: Sequence[Half], laws: Sequence[Fit]) -> Tip:
     def moved(angles: Floats) -> Floats:
         return np.asarray(forward(robot, turns * (angles - rest)) - forward(robot, np.zeros(2)))
 
-    angles = np.stack([half.path.response for half in halves], axis=1)
+    angles = np.stack([half.path.driven for half in halves], axis=1)
     own, carried = (
         angles - np.stack([each.residual for each in several], axis=1)
         for several in ([half.own for half in halves], [half.carried for half in halves])
@@ -285,20 +279,20 @@ def false_alarms(count: int, form: str, seed: int) -> int:
         compliance, half_gap = random.uniform(7e-5, 2e-4), random.uniform(1e-5, 1e-4)
         simulated = []
         for each in records:
-            path = LoadPath(each)
-            sign = {'none': np.zeros_like(path.load), 'sign': path.sign_as_given(), 'gap': path.last_sign(8.0, 0.0)}[
+            path = RecordPath(each)
+            sign = {'none': np.zeros_like(path.driver), 'sign': path.sign_as_given(), 'gap': path.last_sign(8.0, 0.0)}[
                 form
             ]
             exact = compliance * each.load + half_gap * sign
             noise = random.normal(0.0, each.response[each.rest].std(ddof=1), len(each))
             simulated.append(Record(each.source, each.time, each.load, exact + noise))
-        alarms += p_independent(LoadStudy(simulated).law6()[1]) < LEVEL / 2
+        alarms += p_independent(Study(simulated).law6()[1]) < LEVEL / 2
     return alarms
 
 
 def fitted(analysis: Selection) -> str:
     """Residuals of the fits of all laws to all records."""
-    samples = sum(len(LoadPath.in_blocks(record).time) for record in analysis.study.records)
+    samples = sum(len(RecordPath(record, in_blocks=True).time) for record in analysis.study.records)
     several = (analysis.before, *analysis.candidates)
     return ', '.join(f'{each.law.name} {1e3 * (each.whole.square / samples) ** 0.5:.4f}' for each in several)
 

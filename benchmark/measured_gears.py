@@ -35,11 +35,11 @@ from benchmark.svg import svg_file
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.report.figure import INK, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.report.quantities import p_equals
-from scara_kinetostatic.studies.hysteresis.fit import Moments, fit_load, predict
-from scara_kinetostatic.studies.hysteresis.laws import LOAD_BACKLASH, LOAD_LAWS
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.model_selection import NONE, UNDECIDED, Candidate, LoadStudy, select_model
-from scara_kinetostatic.studies.hysteresis.record import Record, load_record
+from scara_kinetostatic.studies.loops.fit import Moments, fit_law, predict
+from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS
+from scara_kinetostatic.studies.loops.path import RecordPath
+from scara_kinetostatic.studies.loops.record import Record, load_record
+from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, Candidate, Study, select_model
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'cycloidal'
 LAWS = {law.name: law for law in (LOAD_BACKLASH, *LOAD_LAWS)}
@@ -82,7 +82,7 @@ def read(name: str) -> Record:
 
 def examine(name: str) -> Found:
     """One record by itself."""
-    study = LoadStudy([read(name)])
+    study = Study([read(name)])
     selection = select_model(study)
     errors = {each.law.name: each.held_out_rms for each in (selection.before, *selection.candidates)}
     errors = {law: errors[law] for law in (BEFORE, CONSTANT, GROWING)} | {'selected': selection.final.held_out_rms}
@@ -100,12 +100,12 @@ def _parameters(candidate: Candidate) -> dict[str, tuple[float, float]]:
 def predicted_place(place: tuple[str, str]) -> dict[str, float]:
     """Sums of squares after the first third of one place of a mechanism, by law, and number of samples."""
     mechanism, tested = place
-    study = LoadStudy([read(mechanism + other) for other in PLACES if other != tested])
-    path = LoadPath(read(mechanism + tested), direction=study.direction)
+    study = Study([read(mechanism + other) for other in PLACES if other != tested])
+    path = RecordPath(read(mechanism + tested), direction=study.direction)
     found = {'samples': float((~path.known).sum())}
     for law in (BEFORE, CONSTANT, GROWING):
         blocks = [Moments(LAWS[law], each, np.ones(len(each.time), dtype=bool), study.size) for each in study.blocks]
-        residual = predict(fit_load(blocks), path, path.known).residual[~path.known]
+        residual = predict(fit_law(blocks), path, path.known).residual[~path.known]
         found[law] = float(residual @ residual)
     return found
 
@@ -118,12 +118,12 @@ def simulate(seed: int, law: str) -> tuple[Record, dict[str, float]]:
     random = np.random.default_rng([seed, law == GROWING])
     names = sorted(each.stem for each in FOLDER.glob('*.csv'))
     record = read(names[random.integers(len(names))])
-    path = LoadPath(record)
+    path = RecordPath(record)
     values = {'compliance': random.uniform(1e-3, 5e-3), 'half_gap': random.uniform(5e-3, 3e-2),
               'friction': random.uniform(1.5, 4.5), 'friction_ratio': random.uniform(0.15, 0.5),
               'rounding': random.uniform(0.3, 3.0), 'state': random.uniform(-1.0, 1.0)}  # fmt: skip
     amplitudes = np.array([values['compliance'], values['half_gap']])
-    exact = np.column_stack([path.load, path.sign_as_given()]) if law == BEFORE else LAWS[law].function(path, values)
+    exact = np.column_stack([path.driver, path.sign_as_given()]) if law == BEFORE else LAWS[law].basis(path, values)
     noise = random.normal(0.0, record.noise(record.response), len(record))
     return replace(record, source=f'{seed}: {values}', response=exact @ amplitudes + noise), values
 
@@ -131,7 +131,7 @@ def simulate(seed: int, law: str) -> tuple[Record, dict[str, float]]:
 def simulated(seed: int, law: str) -> dict[str, Any]:
     """Verdict on a simulated record; errors of c and μ in standard deviations where they are in it."""
     record, values = simulate(seed, law)
-    study = LoadStudy([record])
+    study = Study([record])
     selection = select_model(study)
     found: dict[str, Any] = {'seed': seed, 'verdict': selection.verdict, 'law': selection.final.law.name}
     if law == GROWING:
@@ -211,15 +211,15 @@ def print_parameters(found: dict[str, Found]) -> None:
 
 def loop_picture(name: str) -> Markup:
     """Angle over torque of the later half of a record: measured, law (6), the law with friction."""
-    study = LoadStudy([read(name)])
+    study = Study([read(name)])
     (path,), (block,) = study.paths, study.blocks
     later = ~path.earlier
     figure, (axes,) = new_figure(520.0, 320.0, margins=_MARGINS)
-    axes.plot(path.load[later], 1e3 * path.response[later], color=INK, lw=0.9, label='measured')
+    axes.plot(path.driver[later], 1e3 * path.driven[later], color=INK, lw=0.9, label='measured')
     for law, colour, label in ((BEFORE, SERIES[1], 'law (6)'), (GROWING, SERIES[0], 'friction grows with the load')):
-        fitted = fit_load([Moments(LAWS[law], block, block.earlier, study.size)])
+        fitted = fit_law([Moments(LAWS[law], block, block.earlier, study.size)])
         residual = predict(fitted, path, path.earlier).residual
-        axes.plot(path.load[later], 1e3 * (path.response - residual)[later], color=colour, lw=1.3, label=label)
+        axes.plot(path.driver[later], 1e3 * (path.driven - residual)[later], color=colour, lw=1.3, label=label)
     axes.set(xlabel='torque  [Nm]', ylabel='angle  [mrad]', title=f'{name}, loops 101 and 102, from the earlier ones')
     axes.legend(loc='upper left', frameon=False)
     return as_svg(figure, 'gear_loop', 'Angle over torque of a gear with backlash, measured and predicted')

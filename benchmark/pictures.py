@@ -49,10 +49,10 @@ from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
-from scara_kinetostatic.studies.dial_gauge.analysis import analyse_points
-from scara_kinetostatic.studies.dial_gauge.report import force_picture, map_picture
-from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
+from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs
+from scara_kinetostatic.studies.loops.dial_gauge_report import force_picture, map_picture
 from scara_kinetostatic.studies.paper import report as paper_pictures
+from scara_kinetostatic.studies.paper.dial_gauge import simulate_experiments
 from scara_kinetostatic.studies.paper.study import reproduce
 
 UNDECLARED = Path(__file__).parents[1] / 'bags' / 'undeclared_a.mcap'
@@ -89,8 +89,8 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'number_of_touches', design_pictures.number_picture(design)
     yield 'tip', design_pictures.tip_picture(design)
     yield 'scatter', paper_pictures.scatter_picture(paper)
-    gripper = analyse_points(simulate_experiments()).parts['gripper']
-    yield 'gripper_backlash', map_picture(gripper.maps['gap'], 'µm', 'backlash (gap)', 'gap')
+    gripper = analyse_runs(simulate_experiments())[0]['gripper']
+    yield 'gripper_backlash', map_picture(gripper.maps['gap'], 'backlash (gap)', 'gap')
     yield 'gripper_force', force_picture(gripper.runs[0], 'force')
     yield 'closed_loop', loop_picture(closed_loop())
 

@@ -28,7 +28,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.urdf import BASE_FRAME, side_by_side
+from scara_kinetostatic.files.urdf import side_by_side
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 
 PACKAGE = 'scara_kinetostatic'
@@ -106,7 +106,9 @@ class CellNodes:
         if not (self._on('simulate') or self._text('cell')):
             return [*actions, LogInfo(msg='no cell given: the visualizer is not started')]
         actions.append(self._node('visualizer', self._framed, on_exit=None))
-        if self._on('frames') and _is_installed('robot_state_publisher'):
+        if self._cell.plane.tip:
+            actions.append(LogInfo(msg='the robot of robot.plane has frames of its own: none are published'))
+        elif self._on('frames') and _is_installed('robot_state_publisher'):
             actions.append(self._robot_state_publisher())
         elif self._on('frames'):
             actions.append(LogInfo(msg='robot_state_publisher is not installed: markers are shown, frames are not'))
@@ -195,7 +197,8 @@ class CellNodes:
 
     def _rviz(self) -> Iterable[Node]:
         if self._on('rviz'):
-            configuration = ['-d', PathJoinSubstitution([CONFIG, 'cell.rviz']), '-f', self._prefix + BASE_FRAME]
+            frame = self._prefix + self._cell.plane.frame
+            configuration = ['-d', PathJoinSubstitution([CONFIG, 'cell.rviz']), '-f', frame]
             yield self._any_node(
                 'rviz2', 'rviz2', arguments=configuration, parameters=[{'use_sim_time': self._on('use_sim_time')}]
             )

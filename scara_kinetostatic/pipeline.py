@@ -240,7 +240,7 @@ def _check_limits(touches: TouchSet, cell: Cell) -> None:
     beyond = int((~cell.can_take(touches.joints)).sum())
     if beyond <= (1 - LEAST_WITHIN) * len(touches):
         return
-    pairs = zip(cell.joint_names, touches.joints.T, strict=True)
+    pairs = zip(cell.joint_names, cell.in_sense(touches.joints).T, strict=True)
     angles = ', '.join(f'{name} from {at.min():.3g} to {at.max():.3g}' for name, at in pairs)
     number = 'all' if beyond == len(touches) else f'{beyond} of'
     problem = f'they exclude {number} {len(touches)} touches, {angles} rad'

@@ -112,10 +112,6 @@ class EffectCatalogue(MarkdownDirective):
         ]
         if first.grid_parameter:
             facts.append(('Searched on a grid', code(first.grid_parameter)))
-        laws = first.alternative_laws()
-        if laws:
-            units = ' or '.join(dict.fromkeys(parameter.unit for law in laws for parameter in law.parameters))
-            facts.append(('Alternative laws', f'{len(laws)}, with parameters in {units}'))
         parts.append('\n'.join(f':{name}: {value}' for name, value in facts))
         head = ['parameter', 'unit', 'plausible size', 'meaning']
         rows = [[code(p.name), p.unit, f'{p.scale:.2g}', p.meaning] for p in parameters(kind)]

@@ -483,6 +483,9 @@ def _candidates(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]
         where = 'joint angles'
         if origin is Origin.RECORDING and number == 0:
             where, action = 'robot.joint_names', f'set robot.joint_names to [{", ".join(reversed(cell.joint_names))}]'
+        elif origin is not Origin.ARRAYS and number in (1, 2, 3):
+            signs = [sign * turned for sign, turned in zip(cell.direction, matrix[::3], strict=True)]
+            where, action = 'robot.direction', f'set robot.direction to {signs}'
         yield _Candidate(where, statement, action, r._replace(joints=_applied(matrix, r.joints)), common=number < 4)
     yield from _coupled(r, cell, origin)
     yield from _of_objects(r, cell)
@@ -502,7 +505,8 @@ def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
     part = float(minimize_scalar(misfit, bounds=(near - step, near + step), method='bounded').x)
     if abs(part) < _LIMITS.least_coupling:
         return
-    ratio = round(part + (0.0 if origin is Origin.ARRAYS else cell.coupling), 4)
+    same = cell.direction[0] * cell.direction[1]
+    ratio = round(part if origin is Origin.ARRAYS else same * part + cell.coupling, 4)
     statement = f'the reading of joint 2 contains {ratio:g} of that of joint 1'
     where, action = 'robot.coupling', f'set robot.coupling to {ratio:g}, better to the exact ratio of the drive'
     if abs(ratio - 1) < _LIMITS.least_coupling:

@@ -318,7 +318,7 @@ def wrench_messages(stamp: NDArray[np.int64], force: Floats, frame_id: str) -> l
 
     Args:
         stamp: header stamps, (n,), ns.
-        force: fx, fy, (n, 2), N.
+        force: fx, fy, and fz where it is not 0, (n, 2) or (n, 3), N.
         frame_id: of the header.
 
     Returns:
@@ -347,11 +347,11 @@ def _header(frame_id: str) -> Any:
 
 
 def _filled(template: bytes, begin: int, stamp: NDArray[np.int64], values: Floats) -> list[bytes]:
-    """Messages as the template, with their stamps and first two numbers."""
+    """Messages as the template, with their stamps and first numbers, (n, k)."""
     size = len(template)
     rows = np.tile(np.frombuffer(template, np.uint8), (len(stamp), 1))
     time = np.stack(np.divmod(np.asarray(stamp, dtype=np.int64), 1_000_000_000), axis=1)
     rows[:, 4:12] = time.astype('<u4').view(np.uint8)
-    rows[:, begin : begin + 16] = np.ascontiguousarray(values, dtype='<f8').view(np.uint8)
+    rows[:, begin : begin + 8 * values.shape[1]] = np.ascontiguousarray(values, dtype='<f8').view(np.uint8)
     data = rows.tobytes()
     return [data[at : at + size] for at in range(0, len(data), size)]

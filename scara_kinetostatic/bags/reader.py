@@ -133,7 +133,7 @@ def _read(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
     types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
     decoders = dict(zip(names, (Decoder(cell.joint_names, cell.other_joints), Decoder()), strict=True))
     budget = Budget(Path(path))
-    contents = _Contents(open_recording(path, budget), decoders, [], WrenchFrame(cell.sensor.frame))
+    contents = _Contents(open_recording(path, budget), decoders, [], WrenchFrame(cell))
     transforms = 0
     for batch in contents.source.batches((*types, DISCARD_TOPIC, TF_STATIC)):
         topic = batch.topic

@@ -338,7 +338,7 @@ def _messages(streams: Streams, cell: Cell, with_cell: bool) -> Iterator[tuple[s
     joints, wrench = streams.joints, streams.wrench
     stamp = np.concatenate([joints.stamp, wrench.stamp])
     payloads = joint_state_messages(joints.stamp, cell.readings(joints.position), cell.joint_names)
-    payloads += wrench_messages(wrench.stamp, wrench.force, cell.sensor.frame.value)
+    payloads += wrench_messages(wrench.stamp, wrench.force @ cell.force_axes, cell.sensor.frame.value)
     order = np.argsort(stamp, kind='stable')
     if with_cell:
         yield CELL_TOPIC, string_message(dump_cell(cell)), int(stamp[order[0]])

@@ -23,7 +23,7 @@ from scara_kinetostatic.calibration.gauss_helmert import (
     squared_distance,
     whiten,
 )
-from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observations, in_blocks, pick
+from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observations, in_blocks, pick, put
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import contact
@@ -190,14 +190,18 @@ def moved(observations: Observations, point: Point, change: Floats, noise: Noise
         return Point(model, *in_blocks(len(observations.joints), part), errors)
 
 
+_OF_TOUCHES = ('adjusted', 'linear', 'whitened', 'distance')
+"""What of a point is an array over the touches, or a tuple of such."""
+
+
 def select(point: Point, which: Mask | Indices | slice) -> Point:
     """The touches of a point that a mask, an array of positions or a slice picks."""
-    return point._replace(
-        adjusted=pick(point.adjusted, which),
-        linear=pick(point.linear, which),
-        whitened=pick(point.whitened, which),
-        distance=pick(point.distance, which),
-    )
+    return point._replace(**{name: pick(getattr(point, name), which) for name in _OF_TOUCHES})
+
+
+def replaced(point: Point, which: Indices, part: Point) -> Point:
+    """A point with some touches in place of those that were there."""
+    return point._replace(**{name: put(getattr(point, name), which, getattr(part, name)) for name in _OF_TOUCHES})
 
 
 def turn_radial(observations: Observations, point: Point) -> Adjusted:
@@ -223,17 +227,23 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
     """
     with np.errstate(all='ignore'):
         point = evaluate(observations, model, first_guess(observations, model), noise, COARSE)
-        adjusted, arm = turn_radial(observations, point), None
-        before = np.full(len(observations.joints), np.inf)
-        for number in range(20):
-            point = evaluate(observations, model, adjusted, noise, arm=arm)
-            # five rounds suffice for forces along the normal; with off-normal angles some touches need more
-            if number >= 5 and not np.any(np.abs(point.distance - before) > 1e-3 * (1 + point.distance)):
-                return point
-            before = point.distance
-            still = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors))
-            adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
-        return evaluate(observations, model, adjusted, noise, arm=arm)
+        point = evaluate(observations, model, turn_radial(observations, point), noise)
+        # five rounds suffice for forces along the normal; with off-normal angles some touches need more
+        point, moving = _in_rounds(observations, point, noise, 5)
+        if len(moving):
+            rest, _ = _in_rounds(observations.select(moving), select(point, moving), noise, 15)
+            point = replaced(point, moving, rest)
+        return point
+
+
+def _in_rounds(observations: Observations, point: Point, noise: Noise, rounds: int) -> tuple[Point, Indices]:
+    """Touches adjusted in some rounds, L̄ held, and which of them the last one has still moved."""
+    still, before = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors)), point
+    for _ in range(rounds):
+        before, model = point, point.model
+        adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
+        point = evaluate(observations, model, adjusted, noise, arm=arm)
+    return point, np.flatnonzero(np.abs(point.distance - before.distance) > 1e-3 * (1 + point.distance))
 
 
 def base_force(observations: Observations, model: ExtendedModel) -> Floats:

@@ -58,6 +58,17 @@ def pick(item: T, which: Any) -> T:
     return _each(lambda array: array[which], item)
 
 
+def put(item: T, which: Any, part: T) -> T:
+    """An array, or a tuple of such, with some touches in place of those that were there."""
+
+    def placed(array: Any, values: Any) -> Any:
+        array = array.copy()
+        array[which] = values
+        return array
+
+    return _each(placed, item, part)
+
+
 def _each(change: Callable[..., Any], *items: Any) -> Any:
     """A function of arrays applied to tuples of such, part by part; None stays."""
     first = items[0]

@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     compared = deviations(contour, cell)
     report = contour_report(contour, fits, compared, str(args.calibration))
     files = {
-        CSV: csv_text(contour, of_all_points(contour, compared)),
+        CSV: csv_text(contour, of_all_points(contour, compared), cell.plane),
         SVG: svg_text(contour.outlines),
         DXF: dxf_text(contour.outlines),
         'contour.html': as_page(report),

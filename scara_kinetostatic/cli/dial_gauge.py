@@ -30,7 +30,7 @@ from scara_kinetostatic.cli.arguments import add_options, add_results, print_res
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
+    from scara_kinetostatic.studies.loops.readings import GaugeTable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,8 +57,8 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: there is no reversal, or there are too few rows.
     """
     from scara_kinetostatic.report import as_page, as_text, json_text
-    from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
-    from scara_kinetostatic.studies.dial_gauge.report import dial_gauge_document, dial_gauge_report
+    from scara_kinetostatic.studies.loops.dial_gauge import analyse_tables
+    from scara_kinetostatic.studies.loops.dial_gauge_report import dial_gauge_document, dial_gauge_report
 
     if args.zero_band >= 1:
         raise InputError('--zero-band', f'expected a share below 1, got {args.zero_band:g}')
@@ -70,9 +70,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tables(args: argparse.Namespace) -> list[DialGaugeReadings]:
+def _tables(args: argparse.Namespace) -> list[GaugeTable]:
     from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.studies.dial_gauge.readings import load_readings
+    from scara_kinetostatic.studies.loops.readings import load_readings
 
     if args.lever > 5.0:  # no arm is longer
         remedy = f'it is in m, not mm: give {1e-3 * args.lever:g}'

@@ -16,8 +16,13 @@ URDF, xacro and DH table hold the geometry alone; compliance and backlash are in
 csv and header. Each file says from which calibration it is. The exit status is 3
 where the format cannot hold the calibrated model.
 
+--into takes the URDF from which the cell was described: the origins of the two
+joints are corrected in it, and that of the next one by l2, nothing else. A YAML
+beside FILE has these origins as ur_calibration writes them.
+
 Example:
   scara-kinetostatic export result/calibration.json --format urdf --out arm.urdf
+  scara-kinetostatic export result/calibration.json --format urdf --into robot.urdf --out calibrated.urdf
   scara-kinetostatic export result/calibration.json --format csv --force 0 --force 20 --out corrections.csv
 """
 
@@ -27,6 +32,7 @@ import argparse
 from pathlib import Path
 
 from scara_kinetostatic.cli.arguments import SEVERAL, add_options, check_file, note, real
+from scara_kinetostatic.errors import ParameterError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('calibration', 'CALIBRATION.json', Path, 'of the result of calibrate'),
         ('--format', '', formats, 'of the file', {'required': True}),
         ('--out', 'FILE', Path, 'the file (default: stdout)'),
+        ('--into', 'FILE', Path, 'of urdf: the URDF of the robot, which is corrected'),
         ('--convention', '', conventions, 'of dh (default: standard)', {'default': 'standard'}),
     )
     force = 'in eight directions, 0 for none; repeatable (default: 0, and the middle of the forces of the touches)'
@@ -58,11 +65,21 @@ def run(args: argparse.Namespace) -> int:
     """
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.files.calibration_file import load_calibration
-    from scara_kinetostatic.files.export.formats import Options, exported
+    from scara_kinetostatic.files.export.formats import Options, exported, exported_into
 
     out: Path | None = args.out
+    if args.into and (out is None or args.format != 'urdf'):
+        raise ParameterError('--into', 'is for --format urdf with --out FILE', 'give both')
     if out is not None:
-        check_file(out, [args.calibration])
+        check_file(out, [args.calibration, *([args.into] if args.into else [])])
+    if args.into and out is not None:
+        files, notes = exported_into(load_calibration(args.calibration), args.into, args.calibration.name)
+        named = {out.name if kind == '.urdf' else out.stem + kind: text for kind, text in files.items()}
+        write_texts(out.parent, named)
+        print(*(out.parent / name for name in named), sep='\n')
+        for text in notes:
+            note(text)
+        return 0
     options = Options(args.convention, args.step, args.accuracy, tuple(args.force))
     text, notes = exported(load_calibration(args.calibration), args.format, args.calibration.name, options)
     if out is None:

@@ -29,7 +29,7 @@ from scara_kinetostatic.cli.arguments import add_options, add_results, print_res
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.studies.hysteresis.record import Record
+    from scara_kinetostatic.studies.loops.record import Record
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,10 +60,9 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the records are too short, or not of full loops or of a load that comes and goes.
     """
     from scara_kinetostatic.report import as_page, as_text, json_text
-    from scara_kinetostatic.studies.hysteresis.document import NAME, hysteresis_document
-    from scara_kinetostatic.studies.hysteresis.model_selection import analyse, predict_records
-    from scara_kinetostatic.studies.hysteresis.record import MOTION, what_drives
-    from scara_kinetostatic.studies.hysteresis.report import hysteresis_report
+    from scara_kinetostatic.studies.loops.record import MOTION, what_drives
+    from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report
+    from scara_kinetostatic.studies.loops.selection import analyse, predict_records
 
     records = _records(args)
     driven = args.driven or what_drives(records)
@@ -74,14 +73,14 @@ def run(args: argparse.Namespace) -> int:
     predicted = predict_records(selections[0], records[len(args.tables) :]) if args.predict else ()
     document = hysteresis_document(selections, predicted)
     report = hysteresis_report(selections, predicted)
-    files = {NAME: json_text(document), 'hysteresis.html': as_page(report)} if args.out else {}
+    files = {'hysteresis.json': json_text(document), 'hysteresis.html': as_page(report)} if args.out else {}
     print_result(as_text(report), document, args.json, args.out, files)
     return 0
 
 
 def _records(args: argparse.Namespace) -> list[Record]:
     from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.studies.hysteresis.record import check_alike, load_record
+    from scara_kinetostatic.studies.loops.record import check_alike, load_record
 
     paths = [*args.tables, *args.predict]
     check_different(paths)

@@ -23,6 +23,7 @@ from scara_kinetostatic.contour.joining import Outline, Stretch, join_passes
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.plane import Plane
 
 
 class Friction(NamedTuple):
@@ -190,16 +191,24 @@ LAYER = 'CONTOUR'
 _MILLI = 1e3
 
 
-def csv_text(contour: Contour, deviation: Floats) -> str:
-    """The points of the surface in the order of time; their deviation from an object of the cell, (n,), m, or NaN."""
+def csv_text(contour: Contour, deviation: Floats, plane: Plane) -> str:
+    """The points of the surface in the order of time; their deviation from an object of the cell, (n,), m, or NaN.
+
+    Where the plane is stated the points in the robot's frame follow.
+    """
     size = np.hypot(*contour.force.T)
     columns = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size, deviation)
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    lines = (
+    lines: Iterable[str] = (
         f'{t:.6f},{x:.9f},{y:.9f},{nx:.6f},{ny:.6f},{std:.3e},{force:.4f},{off:.3e}'
         for t, x, y, nx, ny, std, force, off in rows
     )
-    return '\n'.join((','.join(COLUMNS), *lines)) + '\n'
+    names: tuple[str, ...] = COLUMNS
+    if plane.is_stated:
+        names = (*names, 'robot_x_m', 'robot_y_m', 'robot_z_m')
+        places = plane.in_robot(contour.surface).tolist()
+        lines = (f'{line},{x:.9f},{y:.9f},{z:.9f}' for line, (x, y, z) in zip(lines, places, strict=True))
+    return '\n'.join((','.join(names), *lines)) + '\n'
 
 
 def svg_text(outlines: Iterable[Outline]) -> str:

@@ -35,7 +35,7 @@ from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, rank_sin
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, noise_candidate
 from scara_kinetostatic.diagnosis.refit import fit_again
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
-from scara_kinetostatic.diagnosis.search import Moment, Search, fit_laws, fit_rivals, likeliest, moments
+from scara_kinetostatic.diagnosis.search import Moment, Search, fit_rivals, likeliest, moments
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
@@ -203,7 +203,7 @@ def _with_extended_model(
     after = adequacy(fit)
     weighted = fit_rivals(found, known) if found.rivals else []
     rivals = [rival.fit for rival in weighted]
-    fit = averaged(fit, weighted or [found.model], fit_laws(found, known))
+    fit = averaged(fit, weighted)
     effects = _describe(fit, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
     if verdict == 'unexplained':

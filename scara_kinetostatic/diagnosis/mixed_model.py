@@ -512,19 +512,16 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
     return MixedModel(c, float(np.exp(solved.logs[-1])), typical, solved.deviance + rejected)
 
 
-def averaged(c: Calibration, rivals: Sequence[MixedModel], laws: Sequence[MixedModel]) -> Calibration:
-    """A fit with the scatter of other ones in the covariance of its L̄: the likelihood of the sizes then has several
-    maxima, one for each. Rivals, which the touches do not rule out, count alike, other laws by their likelihood.
+def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
+    """A fit with the scatter of its rivals in the covariance of its L̄: the likelihood of the sizes then has several
+    maxima, one for each. They count alike, as the touches do not rule them out.
     """
-    fits = [*rivals, *laws]
-    if len(fits) < 2:
+    if len(rivals) < 2:
         return c
-    count, lowest = c.model.base_count, min(rival.deviance for rival in rivals)
-    by_law = [min(0.0, (lowest - law.deviance) / 2) for law in laws]
-    weight = np.exp([*[0.0] * len(rivals), *by_law])
-    off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in fits])
+    count = c.model.base_count
+    off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in rivals])
     more = np.zeros_like(c.covariance)
-    more[:count, :count] = (weight * off.T) @ off / weight.sum()
+    more[:count, :count] = off.T @ off / len(rivals)
     covariance = c.covariance + more
     std = np.where(c.std > 0, np.sqrt(np.diag(covariance)[:count]), c.std)
     contributions = (*c.contributions, Contribution(RIVALS, None, '', more))

@@ -9,7 +9,8 @@ information criterion, whose prior takes every number of effects for equally lik
 (2008) 759). A fitted curve, which can take any shape, is accepted only where it is clearly better than every physical
 effect: its penalty is larger by `CREDIBLE`. What is declared to be uncertain is the first to be wrong: one effect
 alone by which something exceeds its declared uncertainty has a penalty smaller by `CREDIBLE`, and M counts such
-effects only. Two of them at once, or one beside another effect, are no likelier than other pairs. The deviance is χ²
+effects only. Two of them at once, or one beside another effect, are no likelier than other pairs. What explains the
+touches better without that preference is not ruled out by it. The deviance is χ²
 where the noise is given (divided by s² where no set of effects reduces it to that noise), and ν ln RSS where it is
 estimated.
 
@@ -112,7 +113,7 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
     best = scored_subsets.subsets[0]
     if best.score > scored_subsets.empty.score - CREDIBLE:
         return scored_subsets
-    return scored_subsets._replace(credible=_credible(scored_subsets))
+    return scored_subsets._replace(credible=_credible(scored_subsets, scorer))
 
 
 def rank_singles(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets:
@@ -164,8 +165,15 @@ class _SubsetScorer:
         return float(self._penalty_of_each(np.array([members], dtype=np.intp))[0])
 
     def _penalty_of_each(self, sets: Indices) -> Floats:
-        less = np.where(self.declared[sets].all(axis=1), self._less, 0.0) if sets.shape[1] == 1 else 0.0
-        return np.asarray(self.penalties[sets].sum(axis=1) - less)
+        return np.asarray(self.penalties[sets].sum(axis=1) - self._preference(sets))
+
+    def _preference(self, sets: Indices) -> Floats:
+        """By how much the penalty of each set is smaller, as it is what is declared."""
+        return np.where(self.declared[sets].all(axis=1), self._less, 0.0) if sets.shape[1] == 1 else np.zeros(len(sets))
+
+    def without_preference(self, subset: Subset) -> float:
+        """The score that a set would have if nothing were declared."""
+        return subset.score + float(self._preference(np.array([subset.members], dtype=np.intp))[0])
 
     def allowed(self, sets: Indices) -> Indices:
         """Those of the sets (s, k) in which no effect is twice."""
@@ -304,11 +312,13 @@ def _scale(problem: Problem, rest: Floats, rank: Indices) -> float:
     return max(least, 1.0) if problem.noise_given else least
 
 
-def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
+def _credible(scored_subsets: ScoredSubsets, scorer: _SubsetScorer) -> tuple[Subset, ...]:
     """Sets near the best, without those that only add to a credible one, and each set of effects once."""
     found: list[Subset] = []
     some = [subset for subset in scored_subsets.subsets if subset.members]
-    near = [e for e in some if e.score <= some[0].score + CREDIBLE and _needed(scored_subsets, e, some[0])]
+    score, plain = some[0].score + CREDIBLE, scorer.without_preference(some[0])
+    near = [e for e in some if e.score <= score or scorer.without_preference(e) < plain]
+    near = [e for e in near if _needed(scored_subsets, e, some[0])]
     near = [e for e in near if not _is_replaced(scored_subsets, e, near)]
     for subset in sorted(near, key=lambda e: (len(e.members), e.score)):
         names = set(scored_subsets.labels(subset))

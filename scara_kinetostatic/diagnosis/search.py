@@ -23,7 +23,6 @@ from scara_kinetostatic.diagnosis.candidates import (
     all_candidates,
     as_fitted,
     gains,
-    gather,
     scan_trials,
 )
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
@@ -177,19 +176,6 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> list[MixedModel]:
         _fit(base, known, start_from(found.problem, sets.members(one)), most=3) for one in sets.credible[:_MOST_RIVALS]
     ]
     return [fit for fit in fits if fit is not None]
-
-
-def fit_laws(found: Search, known: Sequence[Effect]) -> list[MixedModel]:
-    """The mixed model with other laws of the effects of the likeliest set, just as plausible (`alternative_laws`)."""
-    sets, base = found.scored_subsets, replace(found.base, used=found.fit.used)
-    members = sets.members(sets.credible[0]) if sets.credible else []
-    others = [
-        [*members[:place], candidate, *members[place + 1 :]]
-        for place, member in enumerate(members)
-        for law in member.effect.alternative_laws()
-        for candidate in gather(found.problem, [law]).candidates
-    ]
-    return [fit for other in others if (fit := _fit(base, known, start_from(found.problem, other), most=3)) is not None]
 
 
 def _union(scored_subsets: ScoredSubsets) -> list[Candidate]:

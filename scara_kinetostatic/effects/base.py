@@ -172,10 +172,6 @@ class Effect(EffectLaw):
         """Whether fitted values (k,) still describe this effect."""
         return True
 
-    def alternative_laws(self) -> tuple[Effect, ...]:
-        """The same effect by other laws, just as plausible, that few touches do not distinguish from this one."""
-        return ()
-
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """The ways in which it may be present in these touches; `force` is in the sensor's frame, (n, 2), N."""
         values = np.array(self.start)

@@ -4,7 +4,7 @@ depends on the torque, hysteresis.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -99,13 +99,9 @@ class JointHardening(JointEffect):
     """Beside p c the joint deflects by δ = -rate c³: it hardens for a positive rate, softens for a negative one.
 
     With rate > 0 the law turns round at c = √(p / 3 rate); it holds for torques below that. Up to there its trace stays
-    small: the reduced chi-square rises by 0.03 to 0.06, by 0.4 at most. So simulations take a negative rate.
-
-    Attributes:
-        power: of the torque, odd as a function; 3 is the first term that a smooth spring has beside p c.
+    small: the reduced chi-square rises by 0.03 to 0.06, by 0.4 at most. So simulations take a negative rate. The
+    cube is the first term that a smooth spring has beside p c.
     """
-
-    power: float = 3
 
     name = 'joint_hardening'
     statement = 'the compliance of {target} depends on the torque'
@@ -113,20 +109,14 @@ class JointHardening(JointEffect):
     identified_by = 'touches with torques on the joint from small to large, in three or more steps'
     plot_variable = 'torque'
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        """The rate; its plausible size is that of a milliradian at 10 Nm."""
-        meaning = f'by which the deflection falls short of p c, over c^{self.power:g}'
-        unit, size = f'rad/(Nm)^{self.power:g}', 10**self.power
-        return (Parameter('rate', unit, 1e-3 / size, meaning, typical=1e-6 / size, sign=-1),)
+    parameters = (
+        Parameter(
+            'rate', 'rad/(Nm)^3', 1e-6, 'by which the deflection falls short of p c, over c^3', typical=1e-9, sign=-1
+        ),
+    )
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
-        torque = at.torques[:, self.joint]
-        return (-np.sign(torque) * np.abs(torque) ** self.power,)
-
-    def alternative_laws(self) -> tuple[JointHardening, ...]:
-        # springs that are soft about zero, whose stiffness changes evenly, and that stiffen late
-        return tuple(replace(self, power=power) for power in (0.5, 2, 5))
+        return (-(at.torques[:, self.joint] ** 3),)
 
 
 @dataclass(frozen=True)

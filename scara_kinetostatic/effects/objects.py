@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -265,12 +265,7 @@ class ContactCompliance(EffectOfDiscs, LinearEffect):
     """Hertz's contact: the tip sinks into the disc by yield · f^(2/3), so d = -yield f^(2/3) n.
 
     Where the tip would have to pull, f < 0, the law continues as an odd function.
-
-    Attributes:
-        exponent: of the force; 2/3 is Hertz's.
     """
-
-    exponent: float = 2 / 3
 
     name = 'contact_compliance'
     parameters = (
@@ -284,10 +279,6 @@ class ContactCompliance(EffectOfDiscs, LinearEffect):
     identified_by = 'touches of every disc at many force levels, very small ones above all'
     plot_variable = 'magnitude'
 
-    def alternative_laws(self) -> tuple[ContactCompliance, ...]:
-        # a soft skin on a hard core sinks in early, a cone by f^(1/2); rough surfaces come near a straight line
-        return tuple(replace(self, exponent=exponent) for exponent in (1 / 3, 0.5, 0.85))
-
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        depth = np.sign(at.magnitude) * np.abs(at.magnitude) ** self.exponent
+        depth = np.sign(at.magnitude) * np.abs(at.magnitude) ** (2 / 3)
         return (Shift(place=-(depth * self.acts_on(at))[:, None] * at.normal),)

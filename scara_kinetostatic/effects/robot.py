@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -92,11 +92,9 @@ class LinkBending(LinearEffect):
 
     Attributes:
         link: 0 or 1.
-        hinge: part of the length of link 1 at which it bends; None for an even beam.
     """
 
     link: int = 0
-    hinge: float | None = None
 
     name = 'link_bending'
     parameters = (Parameter('compliance', 'rad/Nm', 1e-3, 'length over bending stiffness', typical=1e-5, sign=1),)
@@ -116,18 +114,11 @@ class LinkBending(LinearEffect):
     def instances(cls, cell: Cell) -> Iterable[Effect]:
         return [cls.of(link) for link in (0, 1)]
 
-    def alternative_laws(self) -> tuple[LinkBending, ...]:
-        hinges = () if self.link else (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8)
-        return tuple(replace(self, hinge=hinge) for hinge in hinges)
-
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         c1, c2 = at.torques.T
         if self.link == 1:
             return (Shift(joints=at_joint(c2 / 3, 1)),)
-        first = second = 1 / 3
-        if self.hinge is not None:  # with the coupling of the even beam, 1/6
-            first, second = (1 - self.hinge) / self.hinge / 6, self.hinge / (1 - self.hinge) / 6
-        return (Shift(joints=np.array([first * c1 + c2 / 6, c1 / 6 + second * c2]).T),)
+        return (Shift(joints=np.array([c1 / 3 + c2 / 6, c1 / 6 + c2 / 3]).T),)
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ class TransmissionError(EffectOfJoint):
 def frequencies(angle: Floats) -> Floats:
     """The frequencies to try for a joint's angles (n,), rad: a grid over which no wave is lost, cycles per turn."""
     span, std = float(np.ptp(angle)), float(np.std(angle))
-    if std == 0.0:
+    if std == 0.0 or not span < 1e3:  # the angles of a fit that diverges have no waves
         return np.array([LOWEST])
     # a wave half a step off a frequency of the grid keeps 1 - (0.75/2)² = 86 % of its power or more, as the phases
     # along the angles differ by 0.75/2 at one standard deviation; at most half of 2π/span

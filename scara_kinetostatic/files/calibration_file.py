@@ -3,8 +3,8 @@
 All three hold the same: the cell under `cell`, the model with its covariance under `model`, `assessment.grade` and
 `diagnosis.diagnose`. In `calibration.yaml` it is the text of the ROS parameter `calibration.model`.
 
-Of the effects only those of the catalogue of the cell, the other laws that these may follow, and what a diagnosis adds
-by itself are made again: a file never names a module to import.
+Of the effects only those of the catalogue of the cell and what a diagnosis adds by itself are made again: a file never
+names a module to import.
 """
 
 from __future__ import annotations
@@ -138,8 +138,8 @@ def load_predictor(path: str | Path, *, nominal: bool = False, rigid: bool = Fal
     if path.suffix.lower() in ('.yaml', '.yml'):
         tree = parse_yaml(read_text(path, CalibrationFileError), path, CalibrationFileError)
         if isinstance(tree, dict) and 'robot' in tree:
-            cell = read_cell(tree, path)
-            if cell.nominal.has_gravity and not (cell.nominal.s1 or cell.nominal.s2):
+            cell = read_cell(tree, path, may_be_empty=True)
+            if cell.nominal.has_gravity and not rigid and not (cell.nominal.s1 or cell.nominal.s2):
                 raise InputError(f'{path}', 'under gravity the nominal arm has no weight', 'give robot.moments')
             return Predictor(nominal_arm(cell), nominal=True, rigid=rigid)
     return Predictor(load_calibration(path), nominal, rigid)
@@ -306,7 +306,8 @@ def stored_cell(entry: Mapping[str, Any], where: str | Path) -> Cell:
     """
     model = {'gripper_sign': entry['gripper_sign'], 'gripper_excess': entry['gripper_excess']}
     robot = {'joint_names': entry['joint_names'], 'nominal': entry['nominal']}
-    robot |= {key: entry[key] for key in ('coupling', 'limits', 'lift', 'hold', 'moments') if key in entry}
+    stated = ('coupling', 'direction', 'plane', 'limits', 'lift', 'hold', 'moments')
+    robot |= {key: entry[key] for key in stated if key in entry}
     description = {'robot': robot, 'objects': entry['objects'], 'sensor': entry['sensor'], 'model': model}
     description |= {key: entry[key] for key in _VERBATIM if entry.get(key)}
     return read_cell(description, f'{where}: cell', check_layout=False)

@@ -36,10 +36,12 @@ from scara_kinetostatic.model.cell import (
     Identification,
     Level,
     Lift,
+    Limits,
     Noise,
     Plate,
     Region,
     Sensor,
+    SensorFrame,
     SizeMode,
     TouchMotion,
     Uncertainty,
@@ -48,6 +50,7 @@ from scara_kinetostatic.model.cell import (
 from scara_kinetostatic.model.effect_law import Parameter
 from scara_kinetostatic.model.outline import Outline, outline_problem
 from scara_kinetostatic.model.parameters import MOMENTS, MOST_GRAVITY, NAMES, UNITS, Parameters
+from scara_kinetostatic.model.plane import Plane, axes_problem
 
 CELL_TOPIC = '/cell_description'
 """Topic of the cell description in a recording, `std_msgs/msg/String`."""
@@ -63,6 +66,7 @@ _PLATE = _LENGTH._replace(most=0.02)
 """The same of the place of a plate: it is found by touch."""
 _ANGLE = Within(0.0, 0.2, 'it is in rad: 1.0e-3 for 0.06 deg', unit='rad')
 _PART = Within(0.0, 0.2, 'it is a part of 1: 0.005 for 0.5 %')
+_TURN = Within(-6.3, 6.3, 'it is in rad: 1.5708 for 90 degrees', unit='rad')
 _COUPLING = Within(-2.0, 2.0, 'it is a ratio of angles: 0.2105 for pulleys of 16 and 76 teeth')
 _TOLERANCE = Within(0.0, 5e-3, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')
 """Tolerances of the tip that are accepted: any calibration meets a larger one."""
@@ -103,13 +107,14 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
     return read_cell(parse_yaml(text, where, CellError), where)
 
 
-def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cell:
+def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be_empty: bool = False) -> Cell:
     """The cell of a parsed description.
 
     Args:
         data: as `parse_yaml` gives it.
         where: the file, for messages.
         check_layout: whether to refuse discs that cannot be touched.
+        may_be_empty: whether there may be no discs, as where only the nominal arm is asked for.
 
     Raises:
         CellError: the content is not valid.
@@ -118,17 +123,19 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
     top = Section(
         CellError, str(where), '', data, ('robot', 'objects'), (*optional, 'obstacles', 'touch', 'identification')
     )
-    robot = top.section('robot', ('nominal',), ('joint_names', 'coupling', 'moments', *_MOTION))
-    joint_names = _joint_names(robot)
+    robot = top.section('robot', ('nominal',), ('joint_names', 'coupling', 'direction', 'plane', 'moments', *_MOTION))
+    joint_names, direction = _joint_names(robot), _direction(robot)
     lift = _lift(robot, joint_names)
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
     plates = _plates(top)
     base = _nominal(top, robot)
     cell = Cell(
         nominal=base,
-        discs=_discs(top, plates),
+        discs=() if may_be_empty and top.data['objects'] == [] else _discs(top, plates),
         joint_names=joint_names,
         coupling=robot.optional('coupling', within=_COUPLING) or 0.0,
+        direction=direction,
+        plane=_plane(robot),
         sensor=_sensor(top.section('sensor', (), Sensor._fields)),
         noise=_noise(top),
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
@@ -138,7 +145,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=_TOLERANCE),
         tip_radius=top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE),
         region=_region(top),
-        limits=_limits(robot, joint_names),
+        limits=in_sense(_limits(robot, joint_names), direction),
         lift=lift,
         hold=_hold(robot, (*joint_names, *([lift.joint] if lift else []))),
         obstacles=_obstacles(top),
@@ -146,7 +153,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         identification=_identification(top.section('identification', (), Identification._fields)),
     )
     cell = replace(cell, uncertainty=replace(cell.uncertainty, effects=_effects(top, cell)))
-    if check_layout:
+    if check_layout and cell.discs:
         _check_layout(cell, top)
     return cell
 
@@ -181,10 +188,14 @@ def cell_description(cell: Cell) -> dict[str, Any]:
         'region': {} if cell.region == Region() else {'x': list(cell.region[:2]), 'y': list(cell.region[2:])},
         'identification': cell.identification.given(),
     }
-    limits = dict(zip(cell.joint_names, map(list, cell.limits), strict=True)) if cell.limits else {}
+    stated = in_sense(cell.limits, cell.direction)
+    limits = dict(zip(cell.joint_names, map(list, stated), strict=True)) if stated else {}
     moments = {name: getattr(cell.nominal, name) for name in cell.nominal.names[len(NAMES) :]}
+    moments |= {name: value for name in _PHI if (value := getattr(cell.nominal, name))}
     motion = {
         'coupling': cell.coupling,
+        'direction': list(cell.direction) if cell.direction != (1, 1) else [],
+        'plane': _plane_description(cell.plane),
         'moments': moments,
         'limits': limits,
         'lift': cell.lift._asdict() if cell.lift else {},
@@ -203,6 +214,8 @@ def cell_description(cell: Cell) -> dict[str, Any]:
             'frame': sensor.frame.value,
             'sign': sensor.sign.value,
             **({} if sensor.time_offset is None else {'time_offset': sensor.time_offset}),
+            **({'rotation': sensor.rotation} if sensor.rotation else {}),
+            **({'axes': dict(zip('xy', map(list, sensor.axes), strict=True))} if sensor.axes else {}),
             **({'zero_service': sensor.zero_service} if sensor.zero_service else {}),
         },
         **{key: value for key, value in optional.items() if value},
@@ -248,6 +261,8 @@ def dump_cell(cell: Cell) -> str:
     return '\n'.join(lines) + '\n'
 
 
+_PHI = ('phi1', 'phi2')
+"""Directions of the centres of mass from those of the links, rad."""
 _MOMENT = Within(-1e4, 1e4, 'it is in kg m: mass times distance from the joint', unit='kg m')
 
 
@@ -261,10 +276,10 @@ def _nominal(top: Section, robot: Section) -> Parameters:
     if (gx * gx + gy * gy) ** 0.5 > MOST_GRAVITY:
         problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {shown([gx, gy])}'
         raise top.error('gravity', problem, 'give it in m/s²: [0.0, -9.81]')
-    moments = robot.section('moments', (), MOMENTS)
+    moments = robot.section('moments', (), (*MOMENTS, *_PHI))
     if moments.data and not (gx or gy):
         raise robot.error('moments', 'without gravity they are no parameters', 'give `gravity` or leave them out')
-    held = {name: moments.number(name, 'kg m', _MOMENT) for name in moments.data}
+    held = {name: moments.number(name, *(('rad',) if name in _PHI else ('kg m', _MOMENT))) for name in moments.data}
     return Parameters.from_mapping(values).replace(**held, gravity=(gx + 0.0, gy + 0.0))
 
 
@@ -280,7 +295,53 @@ def _joint_names(robot: Section) -> tuple[str, str]:
     return names[0], names[1]
 
 
-def _limits(robot: Section, names: tuple[str, str]) -> tuple[tuple[float, float], tuple[float, float]] | None:
+def _direction(robot: Section) -> tuple[int, int]:
+    signs = robot.data.get('direction', [1, 1])
+    if not isinstance(signs, list) or len(signs) != 2 or any(sign not in (1, -1) for sign in signs):
+        raise robot.error('direction', f'expected two of 1 and -1, got {shown(signs)}', 'write [1, -1]')
+    return int(signs[0]), int(signs[1])
+
+
+def in_sense(limits: Limits | None, direction: tuple[int, int]) -> Limits | None:
+    """Limits of the readings as those of the angles, or back: turned round where a joint turns clockwise."""
+    if limits is None:
+        return None
+    pairs = zip(limits, direction, strict=True)
+    one, other = ((low, high) if sign > 0 else (-high, -low) for (low, high), sign in pairs)
+    return one, other
+
+
+def _plane(robot: Section) -> Plane:
+    if robot.data.get('plane') is None:
+        return Plane()
+    section = robot.section('plane', ('frame', 'origin', 'x', 'y'), ('tip',))
+    origin = section.vector('origin', ('x', 'y', 'z'), 'm')
+    return Plane(section.word('frame'), origin, *_axes(section), section.word('tip') if 'tip' in section.data else '')
+
+
+def _plane_description(plane: Plane) -> dict[str, Any]:
+    tip = {'tip': plane.tip} if plane.tip else {}
+    axes = {name: list(getattr(plane, name)) for name in ('origin', 'x', 'y')}
+    return {'frame': plane.frame, **axes, **tip} if plane.is_stated else {}
+
+
+def _axes(section: Section) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The unit vectors x and y of a section."""
+    x, y = (section.vector(name, ('x', 'y', 'z')) for name in ('x', 'y'))
+    if problem := axes_problem(x, y):
+        raise section.error('', problem, 'give two unit vectors, such as x: [1.0, 0.0, 0.0], y: [0.0, 0.0, 1.0]')
+    return x, y
+
+
+def _sensor_axes(sensor: Section) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    if sensor.data.get('axes') is None:
+        return None
+    if sensor.choice('frame', SensorFrame.BASE) is not SensorFrame.TOOL or sensor.data.get('rotation'):
+        raise sensor.error('axes', 'they are those of link 2 in the sensor', 'set frame to tool and leave out rotation')
+    return _axes(sensor.section('axes', ('x', 'y')))
+
+
+def _limits(robot: Section, names: tuple[str, str]) -> Limits | None:
     if robot.data.get('limits') is None:
         return None
     section = robot.section('limits', names)
@@ -451,6 +512,8 @@ def _sensor(section: Section) -> Sensor:
         section.choice('frame', default.frame),
         section.choice('sign', default.sign),
         section.optional('time_offset', within=Within(-4e9, 4e9, unit='s')),
+        section.optional('rotation', within=_TURN) or 0.0,
+        _sensor_axes(section),
         service,
     )
 

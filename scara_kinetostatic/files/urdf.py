@@ -21,9 +21,8 @@ from markupsafe import Markup
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.plane import BASE_FRAME as BASE_FRAME
 
-BASE_FRAME = 'base_link'
-"""Frame in which the objects are given."""
 TOOL_FRAME = 'tool0'
 """Frame of the tip; x runs along link 2."""
 CALIBRATED = 'calibrated_'
@@ -53,7 +52,8 @@ def arm_urdf(name: str, cell: Cell, arms: Sequence[Arm], comment: str = '') -> s
 
     Args:
         name: of the robot.
-        cell: names of q1 and q2 in `JointState`, and their coupling: a joint that mimics q1 then turns q2 back.
+        cell: names and directions of q1 and q2 in `JointState`; their coupling: a joint that mimics q1 then turns q2
+            back; and the plane, in which the arms are.
         arms: the joints of the first have these names; those of the others mimic them.
         comment: XML to stand before the robot.
     """
@@ -68,8 +68,22 @@ def arm_urdf(name: str, cell: Cell, arms: Sequence[Arm], comment: str = '') -> s
         for number, arm in enumerate(arms)
     ]
     template, head = Path(__file__).with_name('arm.urdf.j2'), Markup(comment)
-    names = cell.joint_names
-    return render(template, name=name, joints=names, back=-cell.coupling, arms=described, quarter=pi / 2, comment=head)
+    from scipy.spatial.transform import Rotation
+
+    plane = cell.plane
+    return render(
+        template,
+        name=name,
+        joints=cell.joint_names,
+        back=-cell.coupling,
+        axes=cell.direction,
+        plane=plane,
+        base='arm_plane' if plane.is_stated else plane.frame,
+        rpy=Rotation.from_matrix(plane.axes).as_euler('xyz').tolist(),
+        arms=described,
+        quarter=pi / 2,
+        comment=head,
+    )
 
 
 def side_by_side(name: str, cell: Cell, calibrated: Parameters | None) -> str:

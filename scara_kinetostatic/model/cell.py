@@ -25,9 +25,12 @@ from scara_kinetostatic.model.outline import (
     surfaces_of,
 )
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL, UNITS, Parameters
+from scara_kinetostatic.model.plane import Plane
 
 Level: TypeAlias = float | tuple[float, float]
 """A standard deviation of both axes, or one of each."""
+Limits: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+"""The lower and the upper limit of both joints, rad."""
 
 
 class Noise(NamedTuple):
@@ -410,6 +413,9 @@ class Sensor(NamedTuple):
         frame: in which the wrench is reported.
         sign: whose force is reported.
         time_offset: added to the stamps of the wrench, s; where stated, the clocks are not compared.
+        rotation: of the sensor's x axis against link 2 or the base, rad.
+        axes: directions of link 2 and across it in the frame of the sensor, of unit length, where its z axis is not
+            across the plane; None where it is.
         zero_service: name of a Trigger service that sets the force to zero; empty: there is none.
     """
 
@@ -418,6 +424,8 @@ class Sensor(NamedTuple):
     frame: SensorFrame = SensorFrame.BASE
     sign: SensorSign = SensorSign.ON_OBJECT
     time_offset: float | None = None
+    rotation: float = 0.0
+    axes: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     zero_service: str = ''
 
     @property
@@ -475,6 +483,8 @@ class Cell:
         discs: the calibration objects, at least one: discs and outlines.
         joint_names: names of q1 and q2 in `JointState`.
         coupling: the part of joint 1's reading that is contained in that of joint 2: the elbow's motor is in the base.
+        direction: sign of each reading, -1 where the joint turns clockwise.
+        plane: where the plane of the arm lies in the robot's frame.
         sensor: topics, frame and sign of the sensor.
         noise: None where it is to be estimated from the residuals.
         gripper_sign: sign of (7).
@@ -515,12 +525,14 @@ class Cell:
     tolerance: float | None = None
     tip_radius: float | None = None
     region: Region = field(default_factory=Region)
-    limits: tuple[tuple[float, float], tuple[float, float]] | None = None
+    limits: Limits | None = None
     lift: Lift | None = None
     hold: Mapping[str, float] = field(default_factory=dict)
     obstacles: tuple[tuple[tuple[float, float], ...], ...] = ()
     touch: TouchMotion = field(default_factory=TouchMotion)
     coupling: float = 0.0
+    direction: tuple[int, int] = (1, 1)
+    plane: Plane = Plane()  # noqa: RUF009 - immutable
 
     def __post_init__(self) -> None:
         plates = {plate.name for plate in self.plates}
@@ -604,13 +616,26 @@ class Cell:
         """Q of the model from what the robot reports as its joints, (…, 2), rad.
 
         Everything outside, messages, recordings, tables and exported files, has readings; inside are angles. The angle
-        of joint 2 is its reading less `coupling` times that of joint 1.
+        is the reading, that of joint 2 less `coupling` times that of joint 1, times `direction`.
         """
-        return _coupled(readings, -self.coupling)
+        return self.in_sense(_coupled(readings, -self.coupling))
 
     def readings(self, angles: Floats) -> Floats:
         """What the robot reports, and is commanded to, at Q of the model, (…, 2), rad; of differences alike."""
-        return _coupled(angles, self.coupling)
+        return _coupled(self.in_sense(angles), self.coupling)
+
+    def in_sense(self, values: Floats) -> Floats:
+        """Values of both joints, (…, 2), such as torques, in the sense of readings from that of angles, or back."""
+        return values if self.direction == (1, 1) else values * np.array(self.direction)
+
+    @property
+    def force_axes(self) -> Floats:
+        """By which wrenches (fx, fy, fz), as they come, give the force in the plane, (2, 3): f = A w."""
+        if self.sensor.axes is not None:
+            return np.array(self.sensor.axes)
+        in_plane = self.plane.axes.T if self.sensor.frame is SensorFrame.BASE else np.eye(3)
+        cosine, sine = np.cos(self.sensor.rotation), np.sin(self.sensor.rotation)
+        return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0]]) @ in_plane
 
     @property
     def other_joints(self) -> tuple[str, ...]:
@@ -638,11 +663,11 @@ def _coupled(joints: Floats, part: float) -> Floats:
 
 def different_parts(one: Cell, other: Cell) -> list[str]:
     """Sections of the cell file in which two descriptions differ, discs by name."""
-    robots = [(cell.nominal, cell.joint_names, cell.coupling) for cell in (one, other)]
+    robots = [(cell.nominal, cell.joint_names, cell.coupling, cell.direction, cell.plane) for cell in (one, other)]
     parts = [] if robots[0] == robots[1] else ['robot']
     discs, others = ({disc.name: disc for disc in cell.discs} for cell in (one, other))
     parts += sorted(name for name in discs.keys() | others.keys() if discs.get(name) != others.get(name))
-    sensors = [(cell.sensor.topics, cell.sensor[2:5]) for cell in (one, other)]  # relative or in the root namespace
+    sensors = [(cell.sensor.topics, cell.sensor[2:-1]) for cell in (one, other)]  # relative or in the root namespace
     parts += ['sensor'] if sensors[0] != sensors[1] else []
     parts += ['noise'] if one.noise != other.noise else []
     parts += ['model'] if one.gripper != other.gripper else []

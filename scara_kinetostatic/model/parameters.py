@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cmath import rect
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import inf, isfinite, pi
@@ -73,7 +74,8 @@ def displacement(x: float, y: float) -> str:
 class Parameters:
     """One set of values of L̄ = [L, L_c, L_g] (4), SI units, in the order of table 1.
 
-    Where `gravity` is not zero, the static moments `s1` and `s2` (kg m) are parameters, too: `names` has 14 then.
+    Where `gravity` is not zero, the static moments `s1` and `s2` (kg m) are parameters, too: `names` has 14 then. Their
+    centres of mass lie in the directions of the links, turned by `phi1` and `phi2` (rad), which are known.
 
     Estimates may be negative where noise makes them so; those of a real robot are not, see `check_physical`.
 
@@ -96,6 +98,8 @@ class Parameters:
     s1: float = 0.0
     s2: float = 0.0
     gravity: tuple[float, float] = LEVEL
+    phi1: float = 0.0
+    phi2: float = 0.0
 
     def __post_init__(self) -> None:
         for name in self.names:
@@ -150,11 +154,17 @@ class Parameters:
         """`NAMES`, and `MOMENTS` where gravity loads the joints."""
         return NAMES + MOMENTS if self.has_gravity else NAMES
 
+    @property
+    def gravity_of_links(self) -> tuple[complex, complex]:
+        """Gravity as it acts on moments along the links, g exp(-i phi) of each, complex, m/s²."""
+        gravity = complex(*self.gravity)
+        return gravity * rect(1.0, -self.phi1), gravity * rect(1.0, -self.phi2)
+
     def with_array(self, values: ArrayLike) -> Parameters:
         """Other values in the order of `names`, under the same gravity."""
         found = np.asarray(values, dtype=float).tolist()
         made = Parameters(*found)
-        return replace(made, gravity=self.gravity) if self.has_gravity else made
+        return replace(made, gravity=self.gravity, phi1=self.phi1, phi2=self.phi2) if self.has_gravity else made
 
     def as_array(self) -> NDArray[np.float64]:
         """The values in the order of `names`, (12,) or (14,)."""

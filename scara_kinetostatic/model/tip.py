@@ -154,12 +154,12 @@ def load_arm(
     own, known = STEEPEST * (p.l1 + p.l2) * force.size, SIGN_KNOWN * force.std
     pull = None
     if p.has_gravity:  # `model.touch_equations`
-        gx, gy = p.gravity
+        gravity1, gravity2 = p.gravity_of_links
         per1, per2 = p.s1 / p.l1, p.s2 / p.l2
-        pull2, turn2 = -per2 * (x2 * gy - y2 * gx), -per2 * (x2 * gx + y2 * gy)
-        pull1, turn1 = pull2 - per1 * (x1 * gy - y1 * gx), turn2 - per1 * (x1 * gx + y1 * gy)
+        on1, on2 = -per1 * gravity1 * (x1 - 1j * y1), -per2 * gravity2 * (x2 - 1j * y2)
+        pull1, turn1, pull2, turn2 = on1.imag + on2.imag, on1.real + on2.real, on2.imag, on2.real
         c1, c2, known1, known2, pull = c1 + pull1, c2 + pull2, known1 + pull1, known2 + pull2, (turn1, turn2)
-        own = own + STEEPEST * (abs(p.s1) + abs(p.s2)) * (gx * gx + gy * gy) ** 0.5
+        own = own + STEEPEST * (abs(p.s1) + abs(p.s2)) * abs(gravity1)
     x, y = x1 + x2, y1 + y2
     b1, b2 = known * (x * x + y * y) ** 0.5 + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
     if pull is not None:
@@ -457,14 +457,16 @@ def tip_by_values(law: Law, jacobian: Floats, at: Loading, force: Force, state: 
         state: the poses as effects take them; None without effects.
     """
     p, s = law.model.parameters, law.gripper.factor
-    gx, gy = p.gravity
+    gravity1, gravity2 = p.gravity_of_links
     u1x, u1y, u2x, u2y = at.x1 / p.l1, at.y1 / p.l1, at.x2 / p.l2, at.y2 / p.l2
     joints = LoadedJoints(
         slope=(at.k1, at.k2),
         moment=(u1x * force.y - u1y * force.x, u2x * force.y - u2y * force.x),
         torque=(at.c1, at.c2),
         sense=(at.s1, at.s2),
-        pull=((at.k1, at.k2), (-u1x * gy + u1y * gx, -u2x * gy + u2y * gx)) if p.has_gravity else None,
+        pull=((at.k1, at.k2), (-(gravity1 * (u1x - 1j * u1y)).imag, -(gravity2 * (u2x - 1j * u2y)).imag))
+        if p.has_gravity
+        else None,
     )
     parts = (
         ((1.0, 0.0), (u1x, u2x), (s * force.x, -force.place * force.nx)),

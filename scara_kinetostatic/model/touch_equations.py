@@ -164,7 +164,8 @@ def pull_of(parameters: Parameters, link1: Complexes, link2: Complexes) -> Pull 
     """Gravity on links along unit vectors, (n,), complex; None where there is none."""
     if not parameters.has_gravity:
         return None
-    seen = -complex(*parameters.gravity) * np.array([link1, link2]).conj()
+    gravity1, gravity2 = parameters.gravity_of_links
+    seen = -np.array([gravity1 * link1.conj(), gravity2 * link2.conj()])
     first, second = parameters.s1 * seen[0], parameters.s2 * seen[1]
     torques = np.array([first + second, second])
     return Pull(torques.imag, torques.real, seen.imag)
@@ -213,11 +214,16 @@ def keep_flanks(parameters: Parameters, state: State, before: State, arm: Arm) -
     pull = pull_of(parameters, arm.link1, arm.link2)
     if pull is None:
         return state
-    largest = (abs(parameters.s1) + abs(parameters.s2)) * np.hypot(*parameters.gravity)
-    torque = np.abs(state.magnitude * arm.lever + pull.torque)
-    small = (torque < SMALL_TORQUE * largest) & (parameters.joint_compliances * torque < SMALL_DEFLECTION)
+    small = has_no_sure_sign(parameters, state.magnitude * arm.lever + pull.torque)
     mode1, mode2 = np.where(small, before[4:], state[4:])
     return state._replace(mode1=mode1, mode2=mode2)
+
+
+def has_no_sure_sign(parameters: Parameters, torque: Floats) -> Mask:
+    """Which torques (2, n), Nm, are too small for their sign to be known under gravity."""
+    largest, torque = (abs(parameters.s1) + abs(parameters.s2)) * np.hypot(*parameters.gravity), np.abs(torque)
+    small = (torque < SMALL_TORQUE * largest) & (parameters.joint_compliances * torque < SMALL_DEFLECTION)
+    return np.asarray(small)
 
 
 class Edges(NamedTuple):

@@ -31,7 +31,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, WrenchStamped
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    TransformStamped,
+    Vector3,
+    WrenchStamped,
+)
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -39,7 +46,6 @@ from sensor_msgs.msg import JointState, MultiDOFJointState
 from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError, UnsupportedDataError, one_line
-from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorSign
@@ -76,7 +82,7 @@ class Answer(NamedTuple):
     Attributes:
         joints: readings of the two joints, rad, without a turn more than the present ones need, then the positions of
             the other joints.
-        torques: C, Nm.
+        torques: C, Nm, in the sense of the readings.
         std_normal: standard uncertainty of the place along the force, m.
         status: as of `JointAngles`.
         move: the largest way of a joint, rad.
@@ -205,14 +211,15 @@ class FollowedTip:
         if cell.limits is not None:
             low, high = np.array(cell.limits).T
         angles = cell.in_turn(_in_turn(found.joints[0], present))
-        for name, at, least, most in zip(cell.joint_names, angles, low, high, strict=True):
-            if not least <= at <= most:
-                problem = f'{wanted} needs {name} at {at:.4g}, its limits are {least:.4g} and {most:.4g} rad'
+        for name, sign, at, *limits in zip(cell.joint_names, cell.direction, angles, low, high, strict=True):
+            if not limits[0] <= at <= limits[1]:
+                least, most = sorted((sign * limits[0], sign * limits[1]))
+                problem = f'{wanted} needs {name} at {sign * at:.4g}, its limits are {least:.4g} and {most:.4g} rad'
                 raise InputError('the wanted pose', problem, 'wish for another, or the other elbow')
         others = self._others | dict(cell.hold)
         return Answer(
             [*cell.readings(angles).tolist(), *(others[name] for name in cell.other_joints)],
-            found.torques[0].tolist(),
+            cell.in_sense(found.torques[0]).tolist(),
             float(found.std_normal[0]),
             str(found.status[0]),
             float(np.abs(angles - present).max()),
@@ -272,7 +279,8 @@ class Compensator(CellNode):
         self._speed = declare.parameter(self, 'speed', 0.2, 'of a joint at most in an answer, rad/s', Range(1e-3, 100))
         prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
         tip_frame = declare.parameter(self, 'tip_frame', 'compensated_tip', 'frame of the tip; empty: no transform')
-        self._frame, self._tip_frame = prefix + BASE_FRAME, prefix + tip_frame if tip_frame else ''
+        self._plane = cell.plane._replace(frame=prefix + cell.plane.frame)
+        self._tip_frame = prefix + tip_frame if tip_frame else ''
         self._tip = FollowedTip(cell, timeout, noise)
         self._answered, self._answer_problem = 'none', ''
         self._wanted: tuple[float, float] | None = (0.0, 0.0)
@@ -328,7 +336,7 @@ class Compensator(CellNode):
         for message in waiting(self._targets):
             self._answer('~/target_pose', deserialize_message(message, PoseStamped), self._of_pose)
         for message in waiting(self._requests):
-            self._answer('~/compensate', deserialize_message(message, MultiDOFJointState), _of_request)
+            self._answer('~/compensate', deserialize_message(message, MultiDOFJointState), self._of_request)
 
     def _take_joints(self, sample: Sample) -> None:
         """Publishes where the tip is; the diagnostics say why there is no pose."""
@@ -337,16 +345,17 @@ class Compensator(CellNode):
             return
         stamp = sample.stamp_ns or int(self.get_clock().now().nanoseconds)
         pose = PlanarPose(found.x, found.y, found.yaw, found.covariance.tolist())
-        self._pose.publish(pose_bytes(stamp, self._frame, pose))
+        self._pose.publish(pose_bytes(stamp, self._plane, pose))
         if self._transform is not None and not 0 <= self._next_transform - stamp <= NANOSECONDS:
             self._next_transform = stamp + NANOSECONDS // 50
             self._transform.publish(TFMessage(transforms=[self._as_transform(stamp, pose)]))
 
     def _as_transform(self, stamp: int, pose: PlanarPose) -> TransformStamped:
         message = TransformStamped(child_frame_id=self._tip_frame)
-        message.header.frame_id, message.header.stamp = self._frame, stamp_of(stamp)
-        message.transform.translation.x, message.transform.translation.y = pose.x, pose.y
-        message.transform.rotation.z, message.transform.rotation.w = pose.half_turn
+        message.header.frame_id, message.header.stamp = self._plane.frame, stamp_of(stamp)
+        (x, y, z), (qx, qy, qz, qw) = pose.in_robot(self._plane)
+        message.transform.translation = Vector3(x=x, y=y, z=z)
+        message.transform.rotation = Quaternion(x=qx, y=qy, z=qz, w=qw)
         return message
 
     def _want(self, message: WrenchStamped) -> None:
@@ -354,7 +363,7 @@ class Compensator(CellNode):
         self._wanted = None
         try:
             self._check_frame(message.header.frame_id)
-            self._wanted = planar(message.wrench.force)
+            self._wanted = planar(message.wrench.force, self._plane, is_place=False)
         except UnusableMessageError as error:
             self._leave(f'~/target_wrench: {error}')
 
@@ -366,7 +375,19 @@ class Compensator(CellNode):
         """
         if self._wanted is None:
             raise UnusableMessageError('the last force on ~/target_wrench was refused')
-        return planar(message.pose.position), self._wanted
+        return planar(message.pose.position, self._plane, is_place=True), self._wanted
+
+    def _of_request(self, request: MultiDOFJointState) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Place and force of a request.
+
+        Raises:
+            UnusableMessageError: it has not one of each, or they are not finite.
+        """
+        if (len(request.transforms), len(request.wrench)) != (1, 1):
+            found = f'{len(request.transforms)} transforms and {len(request.wrench)} wrenches'
+            raise UnusableMessageError(f'expected one transform and one wrench, got {found}')
+        place = planar(request.transforms[0].translation, self._plane, is_place=True)
+        return place, planar(request.wrench[0].force, self._plane, is_place=False)
 
     def _answer(self, topic: str, message: Any, wish: Callable[[Any], tuple[Any, Any]]) -> None:
         """Answers a wish; of one that is refused only its status is published.
@@ -412,8 +433,8 @@ class Compensator(CellNode):
         Raises:
             UnusableMessageError: it is not.
         """
-        if frame_id not in ('', self._frame):
-            raise UnusableMessageError(f'expected the frame {self._frame}, got {frame_id!r}')
+        if frame_id not in ('', self._plane.frame):
+            raise UnusableMessageError(f'expected the frame {self._plane.frame}, got {frame_id!r}')
 
     def _leave(self, problem: str) -> None:
         self._answer_problem = problem
@@ -427,15 +448,3 @@ class Compensator(CellNode):
         wanted = f'({self._wanted[0]:.4g}, {self._wanted[1]:.4g})' if self._wanted else 'refused'
         values = {'last answer': self._answered, 'wanted force [N]': wanted, **figures, **heard}
         return self._calibration.condition([*complaints, *missing, self._answer_problem], values, 'following the tip')
-
-
-def _of_request(request: MultiDOFJointState) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Place and force of a request.
-
-    Raises:
-        UnusableMessageError: it has not one of each, or they are not finite.
-    """
-    if (len(request.transforms), len(request.wrench)) != (1, 1):
-        found = f'{len(request.transforms)} transforms and {len(request.wrench)} wrenches'
-        raise UnusableMessageError(f'expected one transform and one wrench, got {found}')
-    return planar(request.transforms[0].translation), planar(request.wrench[0].force)

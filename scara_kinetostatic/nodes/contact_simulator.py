@@ -36,7 +36,7 @@ from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import InputError, ParameterError
-from scara_kinetostatic.files.urdf import BASE_FRAME, TOOL_FRAME
+from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, UNITS
@@ -347,7 +347,8 @@ class ContactSimulator(CellNode):
         with_clock = declare.parameter(self, 'publish_clock', False, meaning)
         self._time_of_cell = self.create_publisher(Clock, '/clock', 10) if with_clock else None
         prefix = declare.parameter(self, 'frame_prefix', '', 'before the frame_id of the wrench')
-        self._frame_id = prefix + (TOOL_FRAME if sensor.frame is SensorFrame.TOOL else BASE_FRAME)
+        plane, self._axes = self._cell.plane, self._cell.force_axes
+        self._frame_id = prefix + (plane.tip or TOOL_FRAME if sensor.frame is SensorFrame.TOOL else plane.frame)
         self._stopped = ''
         self._goals: GoalServer | None = None
         self._passes, self._names = 0, tuple(self._cell.joint_names)
@@ -425,7 +426,8 @@ class ContactSimulator(CellNode):
             self._publish_clock()
         for is_wrench, sample in self._playback.advance(self._elapsed):
             if is_wrench:
-                self._wrench.publish(conversion.wrench(sample, self._frame_id))
+                force = np.array(sample[1:]) @ self._axes
+                self._wrench.publish(conversion.wrench((sample[0], *force), self._frame_id))
             else:
                 self._joints.publish(conversion.joint_state(sample, self._names))
         if isinstance(self._playback, Commanded):  # no sample comes late that this machine was slow to work out

@@ -26,7 +26,6 @@ from scara_kinetostatic.contour.online import SECOND, OnlineContour
 from scara_kinetostatic.contour.result import NO_RADIUS, remarks_on
 from scara_kinetostatic.contour.trace import LARGEST_TIP
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedArm
@@ -53,7 +52,8 @@ class ContourTracker(CellNode):
         period = declare.parameter(self, 'period', 0.5, 'between two evaluations, s', Range(0.05, 10))
         magnified = 'magnification of the uncertainty in the markers; 0: not shown'
         declare.parameter(self, 'uncertainty_scale', 500.0, magnified, Range(0, 1e6), read_only=False)
-        self._frame = declare.parameter(self, 'frame_prefix', '', 'before the names of frames') + BASE_FRAME
+        prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames')
+        self._plane = cell.plane._replace(frame=prefix + cell.plane.frame)
         self._online: OnlineContour | None = None
         self._next = self._felt = 0.0
         self._path = self.create_publisher(Path, '~/path', LATCHED)
@@ -99,10 +99,10 @@ class ContourTracker(CellNode):
     def _publish(self) -> None:
         online = self._calibrated()
         present = online.present
-        self._path.publish(path(online.now, self._frame, [] if present is None else _places(present)))
+        self._path.publish(path(online.now, self._plane, [] if present is None else _places(present)))
         scale = float(self.get_parameter('uncertainty_scale').value)
         scene = known_markers(self._cell.discs, online.tip_radius) + outline_markers(online.outlines, scale)
-        self._markers.publish(marker_array(scene + tip_markers(online.contour, 0.002), self._frame))
+        self._markers.publish(marker_array(scene + tip_markers(online.contour, 0.002), self._plane))
 
     def _clear(self) -> str:
         online = self._calibrated()

@@ -9,13 +9,13 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import cos, nan, sin
+from math import atan2, cos, nan, sin
 from time import time_ns
 from typing import Any, NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import Point, PoseStamped, Vector3, WrenchStamped
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3, WrenchStamped
 from nav_msgs.msg import Path
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
@@ -27,6 +27,7 @@ from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.touch_table import LARGEST
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.markers import Primitive, Shape
 from scara_kinetostatic.touches.joint_parts import JointParts, UnjoinedError
@@ -69,11 +70,12 @@ def joint_state(sample: Sequence[float], names: Sequence[str]) -> JointState:
 
 
 def wrench(sample: Sequence[float], frame_id: str) -> WrenchStamped:
-    """A message with a stamp, ns, and the force in the plane; all else is 0."""
+    """A message with a stamp, ns, and a force, (2,) or (3,); all else is 0."""
     message = WrenchStamped()
     message.header.frame_id = frame_id
     message.header.stamp = stamp_of(int(sample[0]))
-    message.wrench.force.x, message.wrench.force.y = sample[1:]
+    for axis, component in zip('xyz', sample[1:], strict=False):
+        setattr(message.wrench.force, axis, float(component))
     return message
 
 
@@ -91,31 +93,39 @@ class PlanarPose(NamedTuple):
     yaw: float
     covariance: Sequence[Sequence[float]]
 
-    @property
-    def half_turn(self) -> tuple[float, float]:
-        """Z and w of the quaternion; x and y are 0."""
-        return sin(self.yaw / 2), cos(self.yaw / 2)
+    def in_robot(self, plane: Plane) -> tuple[list[float], tuple[float, float, float, float]]:
+        """The place, m, and the quaternion in the frame of the robot."""
+        (x, y, z, w), s, c = plane.quaternion, sin(self.yaw / 2), cos(self.yaw / 2)
+        place: list[float] = plane.in_robot(np.array([self.x, self.y])).tolist()
+        return place, (x * c + y * s, y * c - x * s, z * c + w * s, w * c - z * s)
 
 
-def pose_bytes(stamp_ns: int, frame_id: str, pose: PlanarPose) -> bytes:
-    """A `PoseWithCovarianceStamped` as it goes over the wire; z, roll and pitch are 0 and exact."""
-    name = frame_id.encode()
+def pose_bytes(stamp_ns: int, plane: Plane, pose: PlanarPose) -> bytes:
+    """A `PoseWithCovarianceStamped` in the robot's frame as it goes over the wire; off the plane it is exact."""
+    name = plane.frame.encode()
     seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS)
     head = _PLAIN + b'\0\0' + struct.pack('<iII', seconds, nanoseconds, len(name) + 1) + name + b'\0'
     (xx, xy, xw), (_, yy, yw), (_, _, ww) = pose.covariance
     z6 = (0.0,) * 6
+    rows: Sequence[float]
     rows = (xx, xy, 0.0, 0.0, 0.0, xw, xy, yy, 0.0, 0.0, 0.0, yw, *z6, *z6, *z6, xw, yw, 0.0, 0.0, 0.0, ww)
-    numbers = pose.x, pose.y, 0.0, 0.0, 0.0, *pose.half_turn, *rows  # place, quaternion, covariance by rows
+    if plane.is_stated:
+        turn = np.kron(np.eye(2), plane.axes)
+        rows = (turn @ np.reshape(rows, (6, 6)) @ turn.T).ravel().tolist()
+    place, quaternion = pose.in_robot(plane)
+    numbers = *place, *quaternion, *rows  # place, quaternion, covariance by rows
     return head.ljust(aligned(len(head), 8), b'\0') + struct.pack('<43d', *numbers)
 
 
-def planar(vector: Any) -> tuple[float, float]:
-    """X and y of a `Point` or a `Vector3`.
+def planar(vector: Any, plane: Plane, *, is_place: bool) -> tuple[float, float]:
+    """X and y in the plane of a place, m, or a vector such as a force in the robot's frame.
 
     Raises:
         UnusableMessageError: they are not finite.
     """
-    found = _finite(Sample(0, float(vector.x), float(vector.y)))
+    given = np.array([vector.x, vector.y, vector.z], dtype=float)
+    x, y, _ = (plane.in_plane(given) if is_place else given @ plane.axes).tolist()
+    found = _finite(Sample(0, x, y))
     return found.first, found.second
 
 
@@ -141,27 +151,43 @@ def joint_trajectory(
     return JointTrajectory(joint_names=list(names), points=points)
 
 
-def pose_stamped(stamp_ns: int, frame_id: str, place: tuple[float, float, float]) -> PoseStamped:
-    """A pose in the plane: x, y, m, and the angle of its x axis, rad."""
-    x, y, angle = place
+def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float]) -> PoseStamped:
+    """A pose in the plane, x, y, m, and the angle of its x axis, rad, in the robot's frame."""
     pose = PoseStamped()
-    pose.header.frame_id, pose.header.stamp = frame_id, stamp_of(stamp_ns)
-    pose.pose.position.x, pose.pose.position.y = x, y
-    pose.pose.orientation.z, pose.pose.orientation.w = sin(angle / 2), cos(angle / 2)
+    pose.header.frame_id, pose.header.stamp = plane.frame, stamp_of(stamp_ns)
+    pose.pose = _pose(*PlanarPose(*place, ()).in_robot(plane))
     return pose
 
 
-def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, float]]) -> Path:
-    """A path in the plane.
+def _pose(place: Sequence[float], quaternion: Sequence[float]) -> Pose:
+    x, y, z, w = quaternion
+    return Pose(position=_point(place), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
+def _point(place: Sequence[float]) -> Point:
+    x, y, z = place
+    return Point(x=x, y=y, z=z)
+
+
+def place_of(pose: Any, plane: Plane) -> tuple[float, float, float]:
+    """The inverse of `pose_stamped`: x, y, m, and the angle of the x axis, rad, of a `Pose` in the robot's frame."""
+    at, turn = pose.position, pose.orientation
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    ahead = plane.axes.T @ (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+    return *plane.in_plane(np.array([at.x, at.y, at.z]))[:2].tolist(), atan2(ahead[1], ahead[0])
+
+
+def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float]]) -> Path:
+    """A path in the plane, in the robot's frame.
 
     Args:
         stamp_ns: of the latest place, ns; that of all poses.
-        frame_id: of the places.
+        plane: of the places.
         places: x, y, m, and the angle of the direction of the path, rad.
     """
     message = Path()
-    message.header.frame_id, message.header.stamp = frame_id, stamp_of(stamp_ns)
-    message.poses = [pose_stamped(stamp_ns, frame_id, place) for place in places]
+    message.header.frame_id, message.header.stamp = plane.frame, stamp_of(stamp_ns)
+    message.poses = [pose_stamped(stamp_ns, plane, place) for place in places]
     return message
 
 
@@ -299,24 +325,24 @@ def _number(values: Mapping[str, str], name: str) -> float:
     return number
 
 
-def marker_array(primitives: Iterable[Primitive], frame: str) -> MarkerArray:
-    """All primitives in a frame; those of earlier messages on the topic vanish.
+def marker_array(primitives: Iterable[Primitive], plane: Plane) -> MarkerArray:
+    """All primitives in the robot's frame; those of earlier messages on the topic vanish.
 
     Stamps are 0, for the latest transform: what is shown does not depend on clocks.
     """
     array = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
-    array.markers[0].header.frame_id = frame
+    array.markers[0].header.frame_id = plane.frame
     numbers: Counter[str] = Counter()
     for primitive in primitives:
-        marker = _marker(primitive)
-        marker.header.frame_id = frame
+        marker = _marker(primitive, plane)
+        marker.header.frame_id = plane.frame
         marker.id = numbers[primitive.group]
         numbers[primitive.group] += 1
         array.markers.append(marker)
     return array
 
 
-def _marker(primitive: Primitive) -> Marker:
+def _marker(primitive: Primitive, plane: Plane) -> Marker:
     types = {
         Shape.STRIP: Marker.LINE_STRIP,
         Shape.CYLINDER: Marker.CYLINDER,
@@ -327,13 +353,13 @@ def _marker(primitive: Primitive) -> Marker:
     red, green, blue, opacity = primitive.colour
     marker = Marker(ns=primitive.group, type=types[primitive.shape], action=Marker.ADD, text=primitive.text)
     marker.color = ColorRGBA(r=red, g=green, b=blue, a=opacity)
-    marker.pose.orientation.w = 1.0
     marker.scale = _scale(primitive)
-    points = [Point(x=x, y=y, z=z) for x, y, z in primitive.points]
+    at: tuple[float, ...] = (0.0, 0.0, 0.0)
     if primitive.shape in (Shape.STRIP, Shape.ARROW):
-        marker.points = points
+        marker.points = [_point(point) for point in primitive.points]
     else:
-        marker.pose.position = points[0]
+        at = primitive.points[0]
+    marker.pose = _pose(plane.in_robot(np.array(at)).tolist(), plane.quaternion)
     return marker
 
 

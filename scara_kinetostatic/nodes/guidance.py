@@ -17,7 +17,6 @@ from geometry_msgs.msg import PoseStamped
 
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 from scara_kinetostatic.files.calibration_file import nominal_arm
-from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import quantity
@@ -103,7 +102,7 @@ class Guidance:
         planned = _nearest(planner)
         plan, place = planned.plan, planned.plan.contact(cell)[0].tolist()
         stamp = int(self._node.get_clock().now().nanoseconds)
-        self._next.publish(pose_stamped(stamp, BASE_FRAME, (place[0], place[1], float(plan.direction(cell)[0]))))
+        self._next.publish(pose_stamped(stamp, cell.plane, (place[0], place[1], float(plan.direction(cell)[0]))))
         values |= {'object': cell.discs[int(plan.disc[0])].name, 'angle_deg': float(np.degrees(plan.angle[0]))}
         values |= {'force_N': float(plan.force[0]), 'reason': planned.reasons[0]}
         self._publish(OK, f'next: {planned.sentence(cell)}; {tip}', values)

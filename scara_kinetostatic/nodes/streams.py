@@ -24,7 +24,7 @@ from sensor_msgs.msg import JointState
 
 from scara_kinetostatic.bags.cdr import decode_transforms
 from scara_kinetostatic.bags.messages import TF_STATIC
-from scara_kinetostatic.model.cell import Cell, SensorFrame
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
 from scara_kinetostatic.touches.streams import INTERLEAVED, WrenchFrame, is_interleaved
 
@@ -224,7 +224,7 @@ class FrameCheck:
 
     Args:
         node: on which to subscribe.
-        stated: frame that the cell description states.
+        cell: whose sensor it is.
         changed: called with each message of fixed transforms that says something new, as it came, and whether wrenches
             like the last one are turned otherwise by it.
 
@@ -232,10 +232,10 @@ class FrameCheck:
         last: the last wrench as it came over the wire; empty before the first.
     """
 
-    def __init__(self, node: Node, stated: SensorFrame, changed: Callable[[bytes, bool], None]) -> None:
+    def __init__(self, node: Node, cell: Cell, changed: Callable[[bytes, bool], None]) -> None:
         self.last = b''
-        self._logger, self._stated, self._changed = node.get_logger(), stated, changed
-        self._frame = WrenchFrame(stated)
+        self._logger, self._stated, self._changed = node.get_logger(), cell.sensor.frame, changed
+        self._frame = WrenchFrame(cell)
         self._known: dict[tuple[str, ...], bytes] = {}
         self._turned: tuple[str, list[list[float]] | None] | None = None
         if TFMessage is None:
@@ -274,8 +274,6 @@ class FrameCheck:
             wrench: as it came over the wire.
         """
         self.last = wrench
-        if not self._known:
-            return None
         frame_id = frame_of(wrench)
         if self._turned is None or self._turned[0] != frame_id:
             turn = self._frame.turn(frame_id)
@@ -313,7 +311,7 @@ class CellStreams:
         self._node, self._cell, self._topics, self._judges = node, cell, cell.sensor[:2], judges
         self._moved = ''  # since the last examination
         self._joints = JointReader(cell.joint_names, cell.other_joints)
-        self.frame = FrameCheck(node, cell.sensor.frame, turned)
+        self.frame = FrameCheck(node, cell, turned)
         self.monitors = {
             stream: StreamMonitor(node.resolve_topic_name(topic), stream is Stream.JOINTS)
             for stream, topic in zip(Stream, cell.sensor[:2], strict=True)

@@ -38,7 +38,6 @@ from rclpy.task import Future as RclpyFuture
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
-from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
@@ -104,8 +103,6 @@ class TouchRunner(CellNode):
         self._patience = declare.parameter(self, 'patience', 30.0, meaning, Range(0.0, 3600.0))
         if self._cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them to the cell description')
-        if self._cell.nominal.has_gravity:
-            raise CellError('gravity', 'touches are not planned for an upright arm', 'guide the robot by hand')
         self._work: ProcessPoolExecutor | None = None
         self._session: Session | None = None
         self._process: CalibrationProcess | None = None
@@ -414,7 +411,7 @@ class TouchRunner(CellNode):
         target = self._runner.target
         if target is not None and self._runner.status.phase == 'travel':
             (x, y), angle = target.plan.contact(self._cell)[0].tolist(), float(target.plan.direction(self._cell)[0])
-            self._next.publish(pose_stamped(self._now(), BASE_FRAME, (x, y, angle)))
+            self._next.publish(pose_stamped(self._now(), self._cell.plane, (x, y, angle)))
 
     def _report(self) -> Condition:
         self._streams.look_at_publishers()

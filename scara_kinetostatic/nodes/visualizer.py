@@ -1,10 +1,12 @@
 """Node `visualizer`: shows the cell in RViz or Foxglove.
 
-Publishes `visualization_msgs/MarkerArray` in the frame `base_link`, with `frame_prefix` before it: on `~/markers`,
+Publishes `visualization_msgs/MarkerArray` in the frame of `robot.plane`, else `base_link`,
+with `frame_prefix` before it: on `~/markers`,
 latched, what changes with touches and results (objects, touches with their forces, residual forces magnified, what was
 found, the touch to make next), on `~/arm` the nominal and the calibrated arm at the present joint angles and the
 uncertainty of the tip. The URDF of both arms is on `robot_description`, latched, and is handed to a
-`robot_state_publisher` in the same namespace, which publishes their frames.
+`robot_state_publisher` in the same namespace, which publishes their frames. Where the cell states the link that carries
+the tip (`robot.plane.tip`), the robot has a URDF of its own, and this one is not published.
 
 It hears the collector's `~/touch` and the calibrator's `~/result`; single touches of a result, with their residuals,
 and the covariance, it reads from the file that the result names; without the file they are not shown, and that is said.
@@ -15,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from math import atan2
 from time import monotonic
 from typing import Any
 
@@ -31,11 +32,11 @@ from visualization_msgs.msg import MarkerArray
 
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import parse_document
-from scara_kinetostatic.files.urdf import BASE_FRAME, CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import CellNode, stored_document
-from scara_kinetostatic.nodes.conversion import JointReader, UnusableMessageError, marker_array
+from scara_kinetostatic.nodes.conversion import JointReader, UnusableMessageError, marker_array, place_of
 from scara_kinetostatic.nodes.declare import Range, cell_or_example
 from scara_kinetostatic.nodes.runtime import waiting
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
@@ -67,7 +68,7 @@ class Visualizer(CellNode):
         super().__init__('visualizer')
         self._cell = cell_or_example(self)
         prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
-        self._frame = prefix + BASE_FRAME
+        self._plane = self._cell.plane._replace(frame=prefix + self._cell.plane.frame)
         self._joints: tuple[float, float] | None = None
         self._touches: dict[tuple[str, str], SeenTouch] = {}
         self._document: Mapping[str, Any] | None = None  # the last result
@@ -159,7 +160,9 @@ class Visualizer(CellNode):
         self._next_text = text
 
     def _describe(self, calibrated: Parameters | None) -> None:
-        """Publishes the URDF."""
+        """Publishes the URDF; none where the robot has its own."""
+        if self._cell.plane.tip:
+            return
         self._untold = side_by_side('scara', self._cell, calibrated)
         self._description.publish(String(data=self._untold))
 
@@ -175,22 +178,21 @@ class Visualizer(CellNode):
         self._tell_frames()
         began = monotonic()
         if self._changed and began >= self._next_scene:
-            self._markers.publish(marker_array(self._scene(), self._frame))
+            self._markers.publish(marker_array(self._scene(), self._plane))
             self._changed = False
             self._next_scene = began + 20 * (monotonic() - began)  # many touches take a while
 
     def _publish_arms(self) -> None:
         if self._joints is not None:
-            self._arm.publish(marker_array(self._arms(self._joints), self._frame))
+            self._arm.publish(marker_array(self._arms(self._joints), self._plane))
 
     def _scene(self) -> list[Primitive]:
         discs = self._cell.discs
         parameters = self._cell.nominal if self._document is None else estimated(self._document)
         scene = object_markers(discs) + touch_markers(self._touches.values(), parameters, discs, self._scales)
         if self._next_touch is not None:
-            pose = self._next_touch.pose
-            angle = 2 * atan2(pose.orientation.z, pose.orientation.w)
-            scene += next_markers((pose.position.x, pose.position.y), angle, self._next_text)
+            x, y, angle = place_of(self._next_touch.pose, self._plane)
+            scene += next_markers((x, y), angle, self._next_text)
         return scene if self._document is None else scene + result_markers(self._document, discs, self._scales)
 
     def _arms(self, joints: tuple[float, float]) -> list[Primitive]:

@@ -3,10 +3,11 @@
 A candidate is a point on a disc, a posture and a force level. Points out of reach are left out, and touches whose line
 of force passes close to a joint's axis: there the torque is so small that noise, or a geometry some millimetres off the
 nominal one, decides on which flank of the backlash the joint rests, and the prediction would not hold for the touch
-made.
+made. Under gravity, where that depends on the force, too, the calibration leaves touches out whose torques have no sure
+sign.
 
-For the search alone every parameter has a prior: its plausible range (`SCALES`) as standard deviation. It keeps all
-matrices regular, does not change what touches determine well, and bounds what they do not determine. The reported
+For the search alone every parameter has a prior: its plausible range (`Robot.scales`) as standard deviation. It keeps
+all matrices regular, does not change what touches determine well, and bounds what they do not determine. The reported
 numbers come from `prediction`, without this prior. What the cell description declares as uncertain is a prior of
 another kind: it holds in the calibration, and in every number.
 
@@ -44,10 +45,8 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.grade import LIMITS
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
-from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 
@@ -55,12 +54,10 @@ LEAST_ARM = 0.02
 """Smallest distance of the line of force from each joint's axis, m; well above usual errors of the nominal geometry."""
 PER_DISC = 36
 """Points around a disc."""
-PRIOR = np.eye(len(NAMES))
-"""Information of the prior of the search, in `SCALES`, (12, 12)."""
 
 
 class CandidateTouches(NamedTuple):
-    """Candidates and the tip whose variance counts; parameters in `SCALES`, then m declared errors in their own units.
+    """Candidates and the tip whose variance counts; L̄ in `Robot.scales`, then m declared errors in their own units.
 
     Attributes:
         plan: the n candidates.
@@ -70,6 +67,7 @@ class CandidateTouches(NamedTuple):
         quadric: TᵀT over these at each place, packed, (k (k + 1) / 2, g).
         declared: rows of the prior of what the cell declares as uncertain, (p, 12 + m).
         prior: information of that prior and of the search's, (12 + m, 12 + m).
+        values: how many of them are no declared errors.
     """
 
     plan: Plan
@@ -79,6 +77,7 @@ class CandidateTouches(NamedTuple):
     quadric: Floats
     declared: Floats
     prior: Floats
+    values: int
 
     def variance(self, covariance: Floats) -> Floats:
         """Variance of the tip at each place for covariances of L̄ (…, 12, 12), (…, g), m²."""
@@ -139,22 +138,31 @@ def candidate_plan(
     """
     cell = replace(robot.cell, limits=None) if keep else robot.cell  # `keep` knows them, and tells what they exclude
     points = default_plan(cell, per_disc, levels[:1], postures)
-    points = points.select(np.flatnonzero((exact_plan(robot, points).arms >= LEAST_ARM).all(axis=1)))
+    force, eased = (axis.ravel() for axis in np.meshgrid(levels, [0.0, preload] if preload else [0.0], indexing='ij'))
+    sure = np.array([_has_sure_flanks(robot, replace(points, force=np.full(len(points), one))) for one in levels])
+    some = np.flatnonzero(sure.any(axis=0))
+    points, sure = points.select(some), sure[:, some]
     if not len(points):
         raise UnsupportedDataError(
             f'at every point within reach the line of force passes a joint axis at less than {LEAST_ARM} m',
             'move the discs, or allow both postures',
         )
-    points = points.select(keep(points)) if keep else points
-    force, eased = (axis.ravel() for axis in np.meshgrid(levels, [0.0, preload] if preload else [0.0], indexing='ij'))
+    kept = np.flatnonzero(keep(points)) if keep else np.arange(len(points))
+    points, sure = points.select(kept), np.repeat(sure[:, kept], len(force) // len(levels), axis=0)
     count = len(force)
-    return Plan(
+    every = Plan(
         np.tile(points.disc, count),
         np.tile(points.angle, count),
         np.tile(points.posture, count),
         np.repeat(np.asarray(force, dtype=float), len(points)),
         np.repeat(np.asarray(eased, dtype=float), len(points)),
     )
+    return every.select(sure.ravel())
+
+
+def _has_sure_flanks(robot: Robot, plan: Plan) -> Mask:
+    """Whether the torques of each touch have a sure sign, (n,)."""
+    return np.asarray((exact_plan(robot, plan).arms >= LEAST_ARM).all(axis=1))
 
 
 def prepare_candidates(robot: Robot, plan: Plan, tip: Tip, *, mean: bool = False) -> CandidateTouches:
@@ -178,14 +186,14 @@ def prepare_candidates(robot: Robot, plan: Plan, tip: Tip, *, mean: bool = False
     information = np.einsum('nik,nil->nkl', derivative, derivative)
     prior = declared.T @ declared
     prior[:values, :values] += np.eye(values)
-    return CandidateTouches(plan, derivative, information, rows, squares.T.copy(), declared, prior)
+    return CandidateTouches(plan, derivative, information, rows, squares.T.copy(), declared, prior, values)
 
 
 def declared_rows(robot: Robot) -> tuple[Floats, Floats]:
     """Units of all values and the declared errors, (12 + k + m,), and in them the rows of the prior of these; values of
     effects in their plausible sizes.
     """
-    scales = np.concatenate([SCALES, robot.effect_sizes])
+    scales = np.concatenate([robot.scales, robot.effect_sizes])
     if robot.declared is None:
         return scales, np.zeros((0, len(scales)))
     values, scales = len(scales), np.concatenate([scales, np.ones(robot.declared.count)])
@@ -312,7 +320,8 @@ def held_out_ratio(robot: Robot, plan: Plan, folds: int = 5, divisions: int = 20
     weight = np.swapaxes(by_force, 1, 2) @ by_force
     information = np.einsum('nik,nil->nkl', rows, rows)
     together = information.sum(axis=0) + declared.T @ declared
-    together[: len(PRIOR), : len(PRIOR)] += 1e-4 * PRIOR  # keeps fits of few touches regular
+    values = len(robot.model.names)
+    together[:values, :values] += 1e-4 * np.eye(values)  # keeps fits of few touches regular
 
     def spread(which: NDArray[np.intp], covariance: Floats, sign: int) -> Floats:
         blocks = np.eye(2) + sign * rows[which] @ covariance @ np.swapaxes(rows[which], 1, 2)

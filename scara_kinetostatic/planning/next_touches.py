@@ -44,7 +44,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, press_aside
-from scara_kinetostatic.model.parameters import NAMES, quantity
+from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidates import CandidateTouches, candidate_plan, declared_rows, prepare_candidates
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
@@ -210,12 +210,12 @@ class Planner:
         """Which of the values are sizes of effects that are suspected."""
         effects = self.robot.effects
         doubt = [_is_size(effect) & (effect.label in self.suspected) for effect in effects]
-        return len(NAMES) + np.flatnonzero(np.concatenate([*doubt, np.zeros(0, dtype=bool)]))
+        return len(self.robot.names) + np.flatnonzero(np.concatenate([*doubt, np.zeros(0, dtype=bool)]))
 
     @cached_property
     def _values(self) -> int:
         """Number of the values of the arm's model, without undetected effects."""
-        return len(NAMES) + sum(len(effect.parameters) for effect in self.arm.effects)
+        return len(self.robot.names) + sum(len(effect.parameters) for effect in self.arm.effects)
 
     @cached_property
     def _tip(self) -> Tip:

@@ -34,16 +34,16 @@ from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Sourc
 from scara_kinetostatic.calibration.fit_point import Point, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted
 from scara_kinetostatic.calibration.identifiability import (
-    SCALES,
     condition_number,
     group_names,
+    scales_of,
     unidentifiable_directions,
 )
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace
 from scara_kinetostatic.calibration.tip_uncertainty import POSTURES, possible_poses, region_grid
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, Noise, Plate
@@ -55,9 +55,9 @@ from scara_kinetostatic.model.kinetostatics import (
     loaded_tip_by_parameters,
     press_aside,
 )
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
-from scara_kinetostatic.model.touch_equations import State
+from scara_kinetostatic.model.touch_equations import State, has_no_sure_sign
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN, Plan
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame
 
@@ -75,8 +75,6 @@ class Robot:
         effect_values: their values, as in `ExtendedModel`.
         effect_sizes: plausible size of each of these values, (k,), in its unit: their prior.
 
-    Raises:
-        ParameterError: the arm stands upright.
     """
 
     cell: Cell
@@ -86,13 +84,6 @@ class Robot:
     effects: tuple[Effect, ...] = ()
     effect_values: tuple[tuple[float, ...], ...] = ()
     effect_sizes: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.cell.nominal.has_gravity:
-            problem = 'touches are not planned for an upright arm'
-            raise ParameterError(
-                'gravity', problem, 'touch in both postures at several forces, and all over the region'
-            )
 
     @classmethod
     def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> Robot:
@@ -110,6 +101,16 @@ class Robot:
     def model(self) -> ExtendedModel:
         """L̄ and the effects."""
         return ExtendedModel(self.parameters, self.effects, self.effect_values)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of L̄: twelve, or fourteen under gravity."""
+        return self.parameters.names
+
+    @property
+    def scales(self) -> Floats:
+        """Plausible ranges of L̄, (12,), or (14,) under gravity."""
+        return scales_of(ExtendedModel(self.parameters))
 
     @cached_property
     def declared(self) -> DeclaredErrors | None:
@@ -139,9 +140,9 @@ class Prediction:
 
     Attributes:
         touches: number of touches that it holds for.
-        covariance: of L̄ over the identifiable directions, (12, 12), SI units.
+        covariance: of L̄ over the identifiable directions, (12, 12), or (14, 14) under gravity, SI units.
         std: standard deviations, (12,), SI units; NaN where confounded.
-        unidentifiable: directions of L̄ that the touches do not determine, (12, d), in `SCALES`.
+        motions: directions of L̄ that the touches do not determine, (12, d), SI units, of plausible size.
         confounded: groups of parameters of which only combinations are determined, by name.
         condition: condition number of the whitened Jacobian with unit columns, over the identifiable directions.
         leverage: largest eigenvalue of each touch's block of the hat matrix, (m,), 0 to 1; at 1 no other touch checks
@@ -152,7 +153,7 @@ class Prediction:
     touches: int
     covariance: Floats
     std: Floats
-    unidentifiable: Floats
+    motions: Floats
     confounded: tuple[tuple[str, ...], ...]
     condition: float
     leverage: Floats
@@ -161,7 +162,7 @@ class Prediction:
     @property
     def rank(self) -> int:
         """Number of independent combinations of the twelve parameters that are identifiable."""
-        return len(NAMES) - self.unidentifiable.shape[1]
+        return len(self.std) - self.motions.shape[1]
 
 
 class ExactTouches(NamedTuple):
@@ -170,7 +171,8 @@ class ExactTouches(NamedTuple):
     Attributes:
         observations: what would be measured.
         point: the linearised conditions there.
-        arms: distance of each line of force from both joint axes, (m, 2), m.
+        arms: distance of each line of force from both joint axes, (m, 2), m; under gravity the torque of each joint
+            over the force, 0 where its sign is not sure.
     """
 
     observations: Observations
@@ -217,7 +219,8 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
     if declared is not None:
         observations = observations._replace(declared=declared, errors=np.zeros(declared.count), reported=measured)
     point = evaluate(observations, robot.model, Adjusted(joints, measured, state), robot.noise)
-    return ExactTouches(observations, point, np.abs(torques) / plan.force[:, None])
+    arms = np.where(has_no_sure_sign(p, torques.T).T, 0.0, np.abs(torques)) / plan.force[:, None]
+    return ExactTouches(observations, point, arms)
 
 
 def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
@@ -233,9 +236,10 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         UnsupportedDataError: the robot cannot reach a touch.
     """
     observations, point, _ = exact_plan(robot, plan)
-    parameters, declared = np.arange(len(NAMES)), robot.declared
+    count, declared = len(robot.names), robot.declared
+    parameters = np.arange(count)
     unidentifiable = unidentifiable_directions(observations, point, parameters, robot.noise)
-    subspace = Subspace.of_free(point.model, parameters, SCALES).without(unidentifiable)
+    subspace = Subspace.of_free(point.model, parameters, robot.scales).without(unidentifiable)
     lifted, prior = subspace.with_errors(len(point.errors)), ActivePrior.of(observations, subspace)
     root = np.sqrt(1.0 if number is None else number / len(plan))
     system = least_squares.compress(
@@ -245,13 +249,13 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         prior=None if prior is None else prior.system(point),
     )
     covariance = lifted @ least_squares.covariance(system) @ lifted.T
-    own = covariance[: len(NAMES), : len(NAMES)]
-    groups = group_names(unidentifiable, parameters)
+    own = covariance[:count, :count]
+    groups = group_names(unidentifiable, parameters, scales=robot.scales, names=robot.names)
     std = np.sqrt(np.diag(own))
-    std[[name in {member for group in groups for member in group} for name in NAMES]] = np.nan
+    std[[name in {member for group in groups for member in group} for name in robot.names]] = np.nan
     by_source = []
     if declared is not None:  # C Pᵀ P C by the rows of the prior of each source
-        moved = covariance[: len(NAMES)] @ declared.prior.rows(len(NAMES)).T
+        moved = covariance[:count] @ declared.prior.rows(count).T
         by_source = [(source, moved[:, rows] @ moved[:, rows].T) for source, rows in declared.prior.by_source()]
     jacobian = point.whitened.jacobian
     hat = np.einsum('nik,kl,njl->nij', jacobian, covariance, jacobian, optimize=True)
@@ -259,7 +263,7 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         touches=number or len(plan),
         covariance=own,
         std=std,
-        unidentifiable=unidentifiable,
+        motions=robot.scales[:, None] * unidentifiable,
         confounded=groups,
         condition=condition_number(root * (point.whitened.derivative @ subspace.basis)),
         leverage=np.linalg.eigvalsh(hat)[:, -1],
@@ -343,8 +347,12 @@ def make_workspace(robot: Robot, radii: int = 8, angles: int = 36) -> Workspace:
 
 
 def free_tip(robot: Robot, workspace: Workspace) -> Tip:
-    """The free tip: T = ∂H/∂L̄."""
+    """The free tip: T = ∂H/∂L̄, or, where gravity loads the joints, that of the tip under it."""
     p = robot.parameters
+    if p.has_gravity:
+        free = np.zeros_like(workspace.places)
+        derivative = loaded_tip_by_parameters(p, workspace.places, free, workspace.posture, robot.cell.gripper_sign)
+        return Tip(derivative[:, None], workspace.area)
     derivative = kinematics.forward_by_parameters(p, kinematics.inverse(p, workspace.places, workspace.posture))
     return Tip(derivative[:, None], workspace.area)
 
@@ -396,8 +404,8 @@ def tip_in_use(robot: Robot, load: float, count: int = 17, directions: int = 12)
 def tip_std(tip: Tip, prediction: Prediction) -> TipStd:
     """The tip's standard deviation from a predicted covariance of L̄."""
     variance = np.einsum('gdik,kl,gdil->gd', tip.derivative, prediction.covariance, tip.derivative, optimize=True)
-    if prediction.unidentifiable.size:
-        motion = np.abs(tip.derivative @ (SCALES[:, None] * prediction.unidentifiable)).max(axis=(2, 3))
+    if prediction.motions.size:
+        motion = np.abs(tip.derivative @ prediction.motions).max(axis=(2, 3))
         variance = np.where(motion > 1e-6, np.inf, variance)  # m, well below any accuracy that is asked for
     places = variance.max(axis=1)
     mean = variance.mean(axis=1) @ tip.weight

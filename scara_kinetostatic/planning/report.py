@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning import figures
 from scara_kinetostatic.planning.optimal_design import Design, Row
 from scara_kinetostatic.planning.search import MOST_TOUCHES
@@ -113,7 +113,7 @@ def _row(row: Row) -> dict[str, Any]:
         'condition': p.condition,
         'tip_free': {'largest': row.free.largest, 'rms': row.free.rms},
         'tip_loaded': {'largest': row.loaded.largest, 'rms': row.loaded.rms},
-        'std': dict(zip(NAMES, p.std.tolist(), strict=True)),
+        'std': dict(zip((NAMES + MOMENTS)[: len(p.std)], p.std.tolist(), strict=True)),
     }
 
 
@@ -198,7 +198,7 @@ def parameter_table(design: Design) -> Table:
     rows = [design.row, design.tables['levels'][-1]]
     heading = ('standard deviation', 'unit', 'recommended', f'{design.requirements.number} evenly distributed')
     body = []
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(design.robot.names):
         unit, per_si = SCALES[name]
         values = (row.prediction.std[k] * per_si for row in rows)
         body.append((name, unit, *(f'{value:.3g}' if math.isfinite(value) else 'not determined' for value in values)))

@@ -39,7 +39,6 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.planning.candidates import (
     MOST_LEVERAGE,
-    PRIOR,
     CandidateTouches,
     least_on_discs,
     leverage_with_each,
@@ -98,7 +97,7 @@ def find_lower_bound(candidates: CandidateTouches, target: float, iterations: in
         number = next((n for n in numbers if candidates.evenly_distributed(n) <= target), numbers[-1])
     declared = candidates.declared.T @ candidates.declared
     regular = declared.copy()
-    regular[: len(PRIOR), : len(PRIOR)] += 1e-9 * PRIOR  # regular where the rank is less than 12
+    regular[: candidates.values, : candidates.values] += 1e-9 * np.eye(candidates.values)  # where the rank is less
     design = np.full(len(candidates.plan), 1 / len(candidates.plan))  # ξ
     places = np.full(candidates.quadric.shape[1], 1 / candidates.quadric.shape[1])  # λ
     bounds = []

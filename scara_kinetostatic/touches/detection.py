@@ -186,7 +186,7 @@ def _check_axes(streams: Streams, held: TouchSet, cell: Cell) -> None:
         topic, carry = (streams.topics or cell.sensor.topics)[1], [n for n in ('fx', 'fy', 'fz') if n not in idle]
         problem = f'{topic} has the force of contact in {" and ".join(carry)}, none in {" and ".join(idle)}'
         where = f'record how it is mounted in {NAMES[cell.sensor.frame][0]} on /tf_static'
-        remedy = f'{where}, or have the driver turn the forces'
+        remedy = f'{where}, state sensor.axes, or have the driver turn the forces'
         raise RecordingError(streams.source, f'{problem}: the sensor lies on its side', remedy)
 
 

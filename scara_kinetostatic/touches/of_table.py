@@ -63,7 +63,7 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
 
 def approach_of(readings: Floats, cell: Cell) -> Floats:
     """The last movements of the angles of a coupled arm; of senses, ±1, alone that of joint 2 is taken as it is."""
-    return cell.angles(readings) if press_of(readings).any() else readings
+    return cell.angles(readings) if press_of(readings).any() else cell.in_sense(readings)
 
 
 def press_of(approach: Floats) -> Floats:

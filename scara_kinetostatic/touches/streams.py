@@ -12,7 +12,8 @@ fixed transforms (`/tf_static`) connect the `frame_id` of a wrench with such a f
 of which the two components in the plane are used. A sensor that is mounted with a turn, or upside down, so gives the
 force in the frame stated. Only fixed transforms count: a sensor is mounted once. A recording holds the wrenches as they
 came, and the transforms; each reader of forces, the collector and the reader of recordings, turns them once, by this
-code.
+code. A frame of a robot of which `robot.plane` is stated is not that of link 2, whatever its name: there the transforms
+count for forces in the base, and those in the tool are taken as `sensor.rotation` or `sensor.axes` say.
 """
 
 from __future__ import annotations
@@ -145,11 +146,14 @@ class WrenchFrame:
     """What the `frame_id` of wrenches says, beside the cell description.
 
     Args:
-        stated: frame that the cell description states.
+        cell: whose sensor it is.
     """
 
-    def __init__(self, stated: SensorFrame) -> None:
-        self._stated = stated
+    def __init__(self, cell: Cell) -> None:
+        self._stated, self._axes, plane = cell.sensor.frame, cell.force_axes, cell.plane
+        self._plane, self._names = plane.axes.T if self._stated is SensorFrame.BASE else np.eye(3), NAMES
+        if plane.is_stated:
+            self._names = {SensorFrame.BASE: (plane.frame,), SensorFrame.TOOL: ()}
         self._neighbours: dict[str, dict[str, Floats]] = {}
 
     def add(self, transform: FixedTransform) -> None:
@@ -162,16 +166,19 @@ class WrenchFrame:
         self._neighbours.setdefault(child, {})[parent] = turn
 
     def turn(self, frame_id: str) -> Floats | None:
-        """The first two rows of R, (2, 3), for wrenches with a `frame_id`; None where they are taken as they come."""
+        """How wrenches with a `frame_id` give the force in the plane, (2, 3); None: they are taken as they come."""
         frame, _, turn = self._known_frame(frame_id.lstrip('/'))
-        is_turned = frame is self._stated and not np.allclose(turn, np.eye(3), rtol=0, atol=1e-9)
-        return turn[:2] if is_turned else None
+        is_connected = frame is self._stated and not np.allclose(turn, np.eye(3), rtol=0, atol=1e-9)
+        axes = self._plane[:2] @ turn if is_connected else self._axes
+        return None if np.allclose(axes, np.eye(3)[:2], rtol=0, atol=1e-9) else axes
 
     def description(self, frame_id: str) -> str:
         """How the forces are turned, in words; empty where they are not."""
         _, name, turn = self._known_frame(frame_id.lstrip('/'))
-        if self.turn(frame_id) is None:
+        if (axes := self.turn(frame_id)) is None:
             return ''
+        if axes is self._axes:
+            return 'forces turned into the plane as the cell description states'
         angle = degrees(acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1) / 2))))
         return f'forces turned by {angle:.3g} degrees from {frame_id} into {name}'
 
@@ -197,8 +204,8 @@ class WrenchFrame:
                 if neighbour not in turns:
                     turns[neighbour] = step @ turns[name]
                     waiting.append(neighbour)
-        for frame in sorted(NAMES, key=lambda frame: frame is not self._stated):
-            for usual in NAMES[frame]:
+        for frame in sorted(self._names, key=lambda frame: frame is not self._stated):
+            for usual in self._names[frame]:
                 for name, turn in turns.items():
                     if name.rpartition('/')[2] == usual:
                         return frame, name, turn

@@ -139,6 +139,15 @@ def test_a_coupling_of_the_joints_is_named_with_its_ratio(touches, robot, part, 
     assert float(of_arrays.action.split()[3]) == pytest.approx(part - stated, abs=1e-4)
 
 
+@pytest.mark.parametrize(('stated', 'true'), [((1, 1), (-1, 1)), ((-1, 1), (-1, -1)), ((1, -1), (-1, 1))])
+def test_a_direction_of_the_joints_is_named(touches, stated, true):
+    cell, right = replace(ROBOTS['paper'][0], direction=stated), touches['paper']
+    given = right.replace(joints=cell.angles(replace(cell, direction=true).readings(right.joints)))
+    mistake = find_mistake(given, cell, origin=Origin.RECORDING)
+    assert (mistake.where, mistake.in_cell) == ('robot.direction', True)
+    assert mistake.action == f'set robot.direction to {list(true)}'
+
+
 @pytest.mark.parametrize('robot', ['paper', 'short'])
 def test_a_coupling_where_there_is_none_is_to_be_left_out(touches, robot):
     cell, right = replace(ROBOTS[robot][0], coupling=0.1), touches[robot]

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli.command import Run
-from studies.gauge_table import GAP, dump_readings, record
+from studies.gauge_table import GAP, dump_readings, dump_record, record, some
 
-from scara_kinetostatic.studies.dial_gauge.simulation import LoadPlan, simulate_experiments
+from scara_kinetostatic.studies.paper.dial_gauge import simulate_experiments
 
-SMALL = LoadPlan(levels=(10.0, 20.0, 30.0), directions=tuple(np.radians([0, 60, 120]).tolist()))
-TABLE = dump_readings(simulate_experiments(plan=SMALL, seed=2))
+DIRECTIONS = np.radians([0, 60, 120]).tolist()
+TABLE = dump_readings(simulate_experiments(directions=DIRECTIONS, levels=(10.0, 20.0, 30.0), seed=2))
 ONE = 'force_N;displacement_um\n' + ''.join(
     f'{force};{37 * force + (60 if force > 0 else -60) + wobble}\n'
     for force, wobble in zip([10, 20, 30, 20, 10, -10, -20, -30, -20, -10] * 2, [1, 0, -2, 0, 2] * 4, strict=True)
@@ -23,8 +23,7 @@ ONE = 'force_N;displacement_um\n' + ''.join(
 def test_json_and_page_in_a_folder(run: Run, tmp_path: Path) -> None:
     (tmp_path / 'table.csv').write_text(TABLE)
     loops = record()
-    text = dump_readings(loops.select(np.arange(0, len(loops), 3)))
-    (tmp_path / 'loops.csv').write_text(text)
+    (tmp_path / 'loops.csv').write_text(dump_record(some(loops, slice(None, None, 3))))
     result = run('dial-gauge', 'table.csv', 'loops.csv', '--out', 'result')
     assert (result.status, result.err) == (0, '')
     for word in (

@@ -134,11 +134,18 @@ def test_stated_units_are_converted_and_results_are_in_si(run: Run, result: Path
             assert name == 'status' or float(written[1][name]) == pytest.approx(float(text), rel=1e-9)
 
 
-def test_a_coupled_drive_reports_and_is_commanded_in_its_own_angles(
-    run: Run, recordings: Path, without_page: None
+@pytest.mark.parametrize(
+    ('stated', 'said'),
+    [
+        ('coupling: 0.25', 'robot.coupling: the reading of joint 2 contains 0.25 of that of joint 1'),
+        ('direction: [-1, 1]', 'robot.direction: joint 1 turns the other way (as stated the touches miss'),
+    ],
+)
+def test_a_drive_reports_and_is_commanded_in_its_own_angles(
+    run: Run, recordings: Path, without_page: None, stated: str, said: str
 ) -> None:
     plain = (recordings / 'cell.yaml').read_text()
-    Path('cell.yaml').write_text(plain.replace('[joint1, joint2]', '[joint1, joint2]\n  coupling: 0.25'))
+    Path('cell.yaml').write_text(plain.replace('[joint1, joint2]', f'[joint1, joint2]\n  {stated}'))
     small = ['--per-disc', '6', '--joint-rate', '40', '--wrench-rate', '40', '--plain']
     assert run('simulate', '--cell', 'cell.yaml', '--out', 'bag', *small).status == 0
     for source, out in (('bag', 'result'), ('result/residuals.csv', 'again')):
@@ -149,13 +156,16 @@ def test_a_coupled_drive_reports_and_is_commanded_in_its_own_angles(
         )
     wrong = run('calibrate', 'bag', '--cell', recordings / 'cell.yaml', '--out', 'wrong')
     assert wrong.status == 2
-    assert 'robot.coupling: the reading of joint 2 contains 0.25 of that of joint 1' in wrong.err
+    assert said in wrong.err
     Path('poses.csv').write_text('x_m,y_m,fx_N,fy_N\n-0.2,0.35,-12.5,4\n')
     assert run('compensate', 'result/calibration.json', 'poses.csv', '--out', 'commands.csv').status == 0
     (command,) = rows('commands.csv')
     q1, q2 = float(command['q1_rad']), float(command['q2_rad'])
-    ((angle1, angle2),) = compensate(load_calibration('result/calibration.json'), [-0.2, 0.35], [-12.5, 4.0]).joints
-    assert (q1, q2) == pytest.approx((angle1, angle2 + 0.25 * angle1), abs=1e-12)
+    found = compensate(load_calibration('result/calibration.json'), [-0.2, 0.35], [-12.5, 4.0])
+    ((angle1, angle2),), (torques,) = found.joints, found.torques
+    expected = (-angle1, angle2) if 'direction' in stated else (angle1, angle2 + 0.25 * angle1)
+    assert (q1, q2) == pytest.approx(expected, abs=1e-12)
+    assert np.sign(float(command['c1_Nm'])) == (-1 if 'direction' in stated else 1) * np.sign(float(torques[0]))
     Path('states.csv').write_text(f'q1_rad,q2_rad,fx_N,fy_N\n{q1!r},{q2!r},-12.5,4\n')
     assert run('locate', 'result/calibration.json', 'states.csv', '--out', 'places.csv').status == 0
     (place,) = rows('places.csv')

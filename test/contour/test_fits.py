@@ -20,6 +20,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.report import as_text
 from scara_kinetostatic.simulation.outline import polygon
 from scara_kinetostatic.simulation.slides import Slide, SlideTiming, simulate_slides
@@ -100,7 +101,7 @@ def _exact_line(contour):
 
 
 def test_csv(contour):
-    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ())))))
+    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ()), Plane()))))
     assert tuple(rows[0]) == COLUMNS
     assert len(rows) == len(contour)
     values = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
@@ -108,6 +109,15 @@ def test_csv(contour):
     np.testing.assert_allclose(values[:, 5], contour.std_normal, rtol=1e-3)
     np.testing.assert_allclose(values[:, 6], np.hypot(*contour.force.T), atol=1e-4)
     assert np.all(np.diff(values[:, 0]) > 0)
+
+
+def test_csv_in_the_frame_of_a_robot(contour):
+    plane = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ()), plane))))
+    names = ('robot_x_m', 'robot_y_m', 'robot_z_m')
+    assert tuple(rows[0]) == (*COLUMNS, *names)
+    found = [[float(row[name]) for name in names] for row in rows]
+    np.testing.assert_allclose(found, plane.in_robot(contour.surface), rtol=0, atol=1e-9)
 
 
 def test_drawings_are_closed_and_in_millimetres(contour):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from docs.examples import DOCS, ROOT, blocks, compare, is_run, pages, run_page
+from files.robots import CASES, text_of
 
 from scara_kinetostatic.cli.main import build_parser, main
 from scara_kinetostatic.effects import registry
@@ -20,6 +21,9 @@ RUN = [page for page in pages() if is_run(page)]
 def test_examples(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    if page.stem == 'from_urdf':
+        pytest.importorskip('urdf_parser_py')
+        text_of(CASES['ur5'])
     for folder in ('bags', 'config'):
         (tmp_path / folder).symlink_to(ROOT / folder)
     monkeypatch.chdir(tmp_path)

@@ -113,7 +113,9 @@ names = st.text(
         st.sampled_from(SensorFrame),
         st.sampled_from(SensorSign),
         st.none() | st.floats(-4e9, 4e9),
-        st.sampled_from(['', '/ft/zero']),
+        rotation=st.floats(-6, 6),
+        axes=st.none(),
+        zero_service=st.sampled_from(['', '/ft/zero']),
     ),
     noise=st.none()
     | st.builds(

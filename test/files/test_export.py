@@ -46,7 +46,8 @@ int main(void)
     double q[2], f[2], tip[2], back[2], torque[2];
     while (scanf("%lf %lf %lf %lf", &q[0], &q[1], &f[0], &f[1]) == 4) {
         int status = scara_locate(q, f, tip);
-        int elbow = sin(q[1] - SCARA_COUPLING * q[0] + SCARA_THETA2) > 0 ? SCARA_LEFT : SCARA_RIGHT;
+        double bend = SCARA_DIRECTION2 * (q[1] - SCARA_COUPLING * q[0]) + SCARA_THETA2;
+        int elbow = sin(bend) > 0 ? SCARA_LEFT : SCARA_RIGHT;
         status += scara_compensate(tip, f, elbow, back, torque);
         printf("%d %.17g %.17g %.17g ", status, tip[0], tip[1], back[0]);
         printf("%.17g %.17g %.17g\\n", back[1], torque[0], torque[1]);
@@ -60,6 +61,13 @@ def arm_of(**changes: object) -> CalibratedArm:
     cell = replace(PAPER_CELL, joint_names=('shoulder', 'elbow & ${more}'), **changes)
     made = CalibratedArm.of(calibrate(simulate(replace(cell, gripper_sign=GripperSign.PHYSICAL), PAPER_ACTUAL), cell))
     return replace(made, model=ExtendedModel(PAPER_ACTUAL.replace(theta1=2.0, theta2=-1.0)))
+
+
+def upright(gravity: tuple[float, float]) -> CalibratedArm:
+    weight = {'s1': 1.6, 's2': 0.5, 'gravity': gravity, 'phi1': 0.2, 'phi2': -0.4}
+    cell = replace(PAPER_CELL, nominal=PAPER_CELL.nominal.replace(**weight))
+    made = CalibratedArm.of(calibrate(simulate(cell, PAPER_ACTUAL.replace(**weight)), cell))
+    return replace(made, model=ExtendedModel(PAPER_ACTUAL.replace(theta1=2.0, theta2=-1.0, **weight)))
 
 
 @pytest.fixture(scope='module')
@@ -78,9 +86,10 @@ def check_tree(text: str, arm: CalibratedArm) -> None:
         np.testing.assert_allclose(at[:2, 3], forward(arm.model.parameters, q), rtol=0, atol=1e-12)
 
 
-@pytest.fixture(params=[0.0, 16 / 76], ids=['', 'coupled'])
+@pytest.fixture(params=[(0.0, (1, 1)), (16 / 76, (1, 1)), (0.3, (-1, 1))], ids=['', 'coupled', 'turned'])
 def coupled(request: pytest.FixtureRequest, arm: CalibratedArm) -> CalibratedArm:
-    return replace(arm, cell=replace(arm.cell, coupling=request.param))
+    coupling, direction = request.param
+    return replace(arm, cell=replace(arm.cell, coupling=coupling, direction=direction))
 
 
 def test_urdf(coupled: CalibratedArm) -> None:
@@ -126,13 +135,21 @@ def test_dh(arm: CalibratedArm, convention: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ('sign', 'coupling'), [*((sign, 0.0) for sign in GripperSign), (GripperSign.PHYSICAL, 16 / 76)]
+    ('sign', 'coupling', 'gravity', 'direction'),
+    [
+        *((sign, 0.0, (0.0, 0.0), (1, 1)) for sign in GripperSign),
+        *((GripperSign.PHYSICAL, 16 / 76, (0.0, 0.0), (1, sense)) for sense in (1, -1)),
+        (GripperSign.PHYSICAL, 0.0, (1.2, -9.7), (1, 1)),
+    ],
 )
-def test_the_header_gives_the_tip_and_the_joint_angles(sign: GripperSign, coupling: float, tmp_path: Path) -> None:
+def test_the_header_gives_the_tip_and_the_joint_angles(
+    sign: GripperSign, coupling: float, gravity: tuple[float, float], direction: tuple[int, int], tmp_path: Path
+) -> None:
     compiler = shutil.which('cc')
     if compiler is None:
         pytest.skip('there is no C compiler')
-    arm = arm_of(gripper_sign=sign, coupling=coupling)
+    arm = arm_of(gripper_sign=sign, coupling=coupling, direction=direction)
+    arm = arm if gravity == (0.0, 0.0) else upright(gravity)
     (tmp_path / 'arm.h').write_text(header_text(arm, facts(arm, 'header')))
     (tmp_path / 'main.c').write_text(PROGRAM)
     options = ['-std=c99', '-Wall', '-Wextra', '-pedantic', '-Werror']
@@ -146,12 +163,12 @@ def test_the_header_gives_the_tip_and_the_joint_angles(sign: GripperSign, coupli
     assert not found[:, 0].any()
     predictor = Predictor(arm)
     tip = predictor.locate(JOINTS, force)
-    assert 5 < np.sum(~tip.loaded) < 25
+    assert 5 < np.sum(~tip.loaded) < 25 or any(gravity)
     np.testing.assert_allclose(found[:, 1:3], tip.position, rtol=0, atol=1e-12)
     posture = np.where(np.sin(JOINTS[:, 1] + arm.model.parameters.theta2) > 0, 1, -1)
     angles = predictor.compensate(tip.position, force, posture)
     assert np.abs((arm.cell.angles(found[:, 3:5]) - angles.joints + np.pi) % (2 * np.pi) - np.pi).max() < 1e-11
-    np.testing.assert_allclose(found[:, 5:], angles.torques, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found[:, 5:], arm.cell.in_sense(angles.torques), rtol=0, atol=1e-9)
 
 
 def test_the_corrections_bring_the_nominal_arm_to_the_place(coupled: CalibratedArm) -> None:

@@ -8,11 +8,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
+from files.robots import Tree
 
 from scara_kinetostatic.files.urdf import CALIBRATED, TOOL_FRAME, Arm, arm_urdf, side_by_side
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.plane import Plane
 
 JOINTS = ('shoulder', 'elbow & more')
 CELL = replace(PAPER_CELL, joint_names=JOINTS)
@@ -33,9 +35,10 @@ def pose(robot: Element, frame: str, angles: dict[str, float]) -> np.ndarray:
     roll, pitch, yaw = numbers(origin, 'rpy')
     assert roll == pitch == 0
     if joint.attrib['type'] != 'fixed':
-        assert numbers(joint.find('axis'), 'xyz') == [0, 0, 1]  # type: ignore[arg-type]
+        *level, sense = numbers(joint.find('axis'), 'xyz')  # type: ignore[arg-type]
+        assert level == [0, 0] and abs(sense) == 1
         factor = 1.0 if mimic is None else float(mimic.attrib.get('multiplier', 1))
-        yaw += factor * angles[joint.attrib['name'] if mimic is None else mimic.attrib['joint']]
+        yaw += sense * factor * angles[joint.attrib['name'] if mimic is None else mimic.attrib['joint']]
     step = np.eye(4)
     step[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     step[:3, 3] = numbers(origin, 'xyz')
@@ -43,8 +46,9 @@ def pose(robot: Element, frame: str, angles: dict[str, float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize(('seed', 'coupling'), [(0, 0.0), (1, 0.0), (2, 0.0), (3, 16 / 76), (4, -1.0)])
-def test_the_tip_is_that_of_the_rigid_arm(seed: int, coupling: float) -> None:
-    cell, random = replace(CELL, coupling=coupling), np.random.default_rng(seed)
+@pytest.mark.parametrize('direction', [(1, 1), (-1, 1), (-1, -1)])
+def test_the_tip_is_that_of_the_rigid_arm(seed: int, coupling: float, direction: tuple[int, int]) -> None:
+    cell, random = replace(CELL, coupling=coupling, direction=direction), np.random.default_rng(seed)
     parameters = PAPER_ACTUAL.replace(theta1=random.uniform(-3, 3), theta2=random.uniform(-3, 3), l2=0.1 + seed)
     robot = ElementTree.fromstring(side_by_side('arm', cell, parameters))
     for q in random.uniform(-np.pi, np.pi, (20, 2)):
@@ -70,3 +74,11 @@ def test_a_single_arm_has_no_mimicking_joint() -> None:
     text = arm_urdf('arm', CELL, [Arm(PAPER_NOMINAL)])
     assert 'mimic' not in text and CALIBRATED not in text
     assert side_by_side('arm', CELL, None) == text
+
+
+def test_the_arm_stands_in_its_plane() -> None:
+    plane = Plane('world', (0.1, 0.2, 0.3), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    text = arm_urdf('arm', replace(CELL, plane=plane, direction=(1, -1)), [Arm(PAPER_ACTUAL)])
+    expected = plane.in_robot(forward(PAPER_ACTUAL, [0.4, 0.9]))
+    tip = Tree(text).frame(TOOL_FRAME, {JOINTS[0]: 0.4, JOINTS[1]: -0.9})[1]
+    np.testing.assert_allclose(tip, expected, rtol=0, atol=1e-12)

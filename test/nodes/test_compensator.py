@@ -30,6 +30,7 @@ from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Identification, Lift, Sensor
 from scara_kinetostatic.model.online import OnlineArm
+from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
 from scara_kinetostatic.nodes.compensator import Compensator
 from scara_kinetostatic.nodes.conversion import PlanarPose, joint_state, pose_bytes, wrench
@@ -230,6 +231,38 @@ def test_a_coupled_drive_is_heard_and_answered_in_its_own_angles(
     assert b.trajectories[-1].points[0].positions.tolist() == wanted
 
 
+def test_a_robot_is_heard_and_answered_in_its_own_frame(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
+    """The plane stands upright in `world`, both joints turn clockwise, the wrench is in `world`."""
+    plane = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    cell = replace(CELL, plane=plane, direction=(-1, -1))
+    b = bench(cell=cell)
+    reported = -JOINTS[0], -JOINTS[1]
+    seen = tuple(np.array(FORCE) @ cell.force_axes)
+
+    def move() -> None:
+        b.move(reported, seen)
+
+    b.wait(lambda: b.poses, move)
+    place, expected = b.poses[-1].pose.pose.position, OnlineArm(arm).locate(*JOINTS, *FORCE)
+    assert b.poses[-1].header.frame_id == 'world'
+    assert (place.x, place.y, place.z) == pytest.approx(plane.in_robot(np.array([expected.x, expected.y])), abs=1e-9)
+
+    def ask(second: int) -> None:
+        message = MultiDOFJointState(transforms=[Transform()], wrench=[Wrench()])
+        message.header.frame_id, message.header.stamp.sec = 'world', second
+        at, force = message.transforms[0].translation, message.wrench[0].force
+        at.x, at.y, at.z = plane.in_robot(np.array([0.3, 0.2])).tolist()
+        force.x, force.y, force.z = 0.0, 5.0, 30.0
+        b.request.publish(message)
+
+    answer = b.answer(ask, 7, move)
+    found = sk.compensate(arm, [0.3, 0.2], [0.0, 30.0], 'left')
+    joints, torques = -found.joints[0], -found.torques[0]
+    assert [float(answer[name]) for name in ('q1_rad', 'q2_rad')] == pytest.approx(joints, abs=1e-9)
+    assert [float(answer[name]) for name in ('c1_Nm', 'c2_Nm')] == pytest.approx(torques, abs=1e-9)
+    assert b.trajectories[-1].points[0].positions.tolist() == pytest.approx(joints, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ('wish', 'said'),
     [
@@ -424,7 +457,7 @@ def test_the_bytes_of_a_pose_are_those_of_the_message() -> None:
     for frame in ('base_link', 'left/base_link', '', 'abc'):
         covariance = [[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]]
         message = deserialize_message(
-            pose_bytes(1_500_000_007, frame, PlanarPose(0.1, 0.2, 0.3, covariance)), PoseWithCovarianceStamped
+            pose_bytes(1_500_000_007, Plane(frame), PlanarPose(0.1, 0.2, 0.3, covariance)), PoseWithCovarianceStamped
         )
         assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_007)
         assert message.header.frame_id == frame

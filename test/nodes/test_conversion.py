@@ -9,12 +9,15 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import WrenchStamped
-from rclpy.serialization import serialize_message
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3, WrenchStamped
+from rclpy.serialization import deserialize_message, serialize_message
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
+from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
+from scara_kinetostatic.report.markers import Primitive, Shape
 
 NAMES = ('joint1', 'joint2')
 STAMP = 1_700_000_000_123_456_789
@@ -90,3 +93,49 @@ def test_other_joints_are_found_by_name() -> None:
     assert sample[1:3] == (0.25, -0.5)
     assert np.isnan(sample.others[0])
     assert sample.others[1] == 0.3
+
+
+PLANE = Plane('world', (0.1, 0.2, 0.3), (0.6, 0.8, 0.0), (0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize('place', [(0.3, -0.2, 2.5), (0.0, 0.4, -1.0)])
+def test_poses_and_markers_are_in_the_frame_of_the_robot(place: tuple[float, float, float]) -> None:
+    message = conversion.pose_stamped(STAMP, PLANE, place)
+    at, turn = message.pose.position, message.pose.orientation
+    assert message.header.frame_id == 'world'
+    np.testing.assert_allclose([at.x, at.y, at.z], PLANE.in_robot(np.array(place[:2])), atol=1e-15)
+    matrix = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
+    c, s = np.cos(place[2]), np.sin(place[2])
+    np.testing.assert_allclose(matrix, PLANE.axes @ [[c, -s, 0], [s, c, 0], [0, 0, 1]], atol=1e-15)
+    assert conversion.place_of(message.pose, PLANE) == pytest.approx(place, abs=1e-14)
+    assert conversion.planar(at, PLANE, is_place=True) == pytest.approx(place[:2], abs=1e-15)
+    _, dot, line = conversion.marker_array(
+        [
+            Primitive('a', Shape.DOT, ((*place[:2], 0.1),), (1.0, 0.0, 0.0, 1.0), 0.01),
+            Primitive('b', Shape.STRIP, ((*place[:2], 0.1), (0.0, 0.0, 0.1)), (1.0, 0.0, 0.0, 1.0), 0.01),
+        ],
+        PLANE,
+    ).markers
+    above = PLANE.in_robot(np.array([*place[:2], 0.1]))
+    np.testing.assert_allclose([dot.pose.position.x, dot.pose.position.y, dot.pose.position.z], above, atol=1e-15)
+    turn, at, point = line.pose.orientation, line.pose.position, line.points[0]
+    drawn = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).apply([point.x, point.y, point.z])
+    np.testing.assert_allclose(np.add(drawn, (at.x, at.y, at.z)), above, atol=1e-15)
+    assert dot.header.frame_id == line.header.frame_id == 'world'
+
+
+def test_the_covariance_of_a_pose_is_in_the_frame_of_the_robot() -> None:
+    covariance = [[4.0, 1.0, 0.5], [1.0, 3.0, 0.2], [0.5, 0.2, 2.0]]
+    pose = conversion.PlanarPose(0.3, -0.2, 2.5, covariance)
+    message = deserialize_message(conversion.pose_bytes(STAMP, PLANE, pose), PoseWithCovarianceStamped)
+    assert message.pose.pose == conversion.pose_stamped(STAMP, PLANE, pose[:3]).pose
+    found = np.reshape(message.pose.covariance, (6, 6))
+    x, y, n = PLANE.axes.T
+    by = np.stack([[*x, 0, 0, 0], [*y, 0, 0, 0], [0, 0, 0, *n]])
+    np.testing.assert_allclose(by @ found @ by.T, covariance, atol=1e-14)
+    assert np.linalg.matrix_rank(found, tol=1e-9) == 3
+
+
+def test_a_force_in_the_frame_of_the_robot_has_its_part_in_the_plane() -> None:
+    force = Vector3(x=3.0, y=4.0, z=2.0)
+    assert conversion.planar(force, PLANE, is_place=False) == pytest.approx((5.0, 2.0), abs=1e-14)

@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.streams import FrameCheck, Stream
@@ -28,7 +28,7 @@ from scara_kinetostatic.touches.detection import find_touches
 def make_check(said: list[str], changed: Callable[[bytes, bool], None]) -> FrameCheck:
     logger = SimpleNamespace(info=said.append, warning=said.append)
     node: Any = SimpleNamespace(get_logger=lambda: logger, create_subscription=lambda *_, **__: None)
-    return FrameCheck(node, SensorFrame.BASE, changed)
+    return FrameCheck(node, PAPER_CELL, changed)
 
 
 def wrench(frame_id: str) -> bytes:

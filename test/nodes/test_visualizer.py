@@ -26,6 +26,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.calibrator import _summary as summary
 from scara_kinetostatic.nodes.session import JudgedTouch
@@ -108,7 +109,7 @@ def test_it_shows_the_next_touch(cell: Cell, name: str) -> None:
     pose = cell.node.create_publisher(PoseStamped, f'{name}/next_touch', LATCHED)
     said = 'next: disc_2 at 170°, left, 40 N, it sharpens l2'
     state.publish(DiagnosticArray(status=[DiagnosticStatus(message=said)]))
-    pose.publish(conversion.pose_stamped(1, 'base_link', (0.15, 0.4, 3.0)))
+    pose.publish(conversion.pose_stamped(1, Plane(), (0.15, 0.4, 3.0)))
     topic = 'visualizer/markers'
 
     def shown() -> list[Marker]:

@@ -2,30 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
+from scara_kinetostatic.files.columns import csv_lines
+from scara_kinetostatic.studies.loops.readings import Readings
+from scara_kinetostatic.studies.loops.record import Record
 
 
-def dump_readings(readings: DialGaugeReadings) -> str:
+def dump_readings(runs: Iterable[Readings]) -> str:
     """A CSV text with the columns that have values."""
     numbers = {
-        'force_N': readings.force,
-        'displacement_um': 1e6 * readings.displacement,
-        'direction_deg': np.degrees(readings.direction),
-        'lever_m': readings.lever,
-        'cycle': readings.cycle,
-        'time_s': readings.time,
+        'force_N': [each.force for each in runs],
+        'displacement_um': [1e6 * each.displacement for each in runs],
+        'direction_deg': [np.full(len(each), np.degrees(each.direction)) for each in runs],
+        'lever_m': [np.full(len(each), each.lever) for each in runs],
+        'cycle': [each.cycle for each in runs],
     }
     columns = {
-        name: [f'{value:.9g}' if np.isfinite(value) else '' for value in values]
-        for name, values in numbers.items()
-        if np.any(np.isfinite(values))
-    } | {'part': readings.part, 'gauge_at': readings.gauge_at}
-    lines = [','.join(columns), *(','.join(row) for row in zip(*columns.values(), strict=True))]
-    return '\n'.join(lines) + '\n'
+        name: [f'{value:.9g}' if np.isfinite(value) else '' for value in np.concatenate(several)]
+        for name, several in numbers.items()
+        if np.any(np.isfinite(np.concatenate(several)))
+    }
+    for name in ('part', 'gauge_at'):
+        columns[name] = [getattr(each, name) for each in runs for _ in range(len(each))]
+    return csv_lines(columns)
+
+
+def dump_record(given: Record) -> str:
+    """A CSV text of a record of loops."""
+    columns = {'force_N': given.load, 'displacement_um': 1e6 * given.response, 'time_s': given.time}
+    return csv_lines({name: [f'{value:.9g}' for value in values] for name, values in columns.items()})
+
+
+def some(given: Record, rows: object) -> Record:
+    """Some of the samples, by mask or index."""
+    return replace(given, time=given.time[rows], load=given.load[rows], response=given.response[rows])
 
 
 RATE, PERIOD = 512.0, 2.0
@@ -34,7 +49,7 @@ SLIP, INSIDE, UNLOADING, COMPLIANCE, GAP = 10e3, 0.0, 2e-7, 4e-7, 2.5e-3
 
 def record(
     gap: float = GAP, lag: float = 0.0, offset: float = 0.0, noise: tuple[float, float] = (1e-6, 2.0), seed: int = 0
-) -> DialGaugeReadings:
+) -> Record:
     """Seven swings that grow, then fade, 0.5 Hz, after which nothing moves.
 
     After each reversal: unloading to 0, the gap, loading, slip. `lag` (s) makes the gap grow with the speed.
@@ -59,4 +74,4 @@ def record(
     rng = np.random.default_rng(seed)
     displacement = displacement + noise[0] * rng.standard_normal(len(time))
     force = force + offset + noise[1] * rng.standard_normal(len(time))
-    return DialGaugeReadings.of(force, displacement, time=time)
+    return Record('readings', time, force, displacement, 'N')

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmark.hysteresis import sine
-from scara_kinetostatic.studies.hysteresis.record import Record
+from scara_kinetostatic.studies.loops.record import Record
 
 TRUTH = {'zero': 0.001, 'compliance': 1e-6, 'half_gap': 2e-3, 'force_zero': 50.0}
 SLIPS = {'slip_positive': 8e3, 'slip_negative': 6e3}

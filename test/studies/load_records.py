@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.studies.hysteresis.record import Record
+from scara_kinetostatic.studies.loops.record import Record
 
 RATE = 80.0
 COMPLIANCE = 150e-6

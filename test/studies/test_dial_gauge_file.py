@@ -10,26 +10,33 @@ from studies.gauge_table import dump_readings
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.columns import parse_table
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings, table_readings
-from scara_kinetostatic.studies.dial_gauge.simulation import LoadPlan, simulate_experiments
+from scara_kinetostatic.studies.loops.readings import GaugeTable, Readings, table_readings
+from scara_kinetostatic.studies.paper.dial_gauge import simulate_experiments
 
 
-def parse(text: str, **defaults: str | float) -> DialGaugeReadings:
+def parse(text: str, **defaults: str | float) -> GaugeTable:
     return table_readings(parse_table(text, 'table.csv', 'force_N,displacement_mm'), **defaults)
 
 
+def only(text: str, **defaults: str | float) -> Readings:
+    (found,) = parse(text, **defaults).runs
+    return found
+
+
 def test_what_is_written_is_read_back():
-    readings = simulate_experiments(plan=LoadPlan(directions=(0.0, 0.5)), seed=1)
-    back = parse(dump_readings(readings))
-    np.testing.assert_allclose(back.displacement, readings.displacement, rtol=0, atol=1e-11)
-    for name in ('force', 'direction', 'lever', 'cycle'):
-        np.testing.assert_allclose(getattr(back, name), getattr(readings, name), rtol=1e-8, atol=1e-12)
-    for name in ('part', 'gauge_at'):
-        assert np.array_equal(getattr(back, name), getattr(readings, name))
-    assert back.line.tolist() == list(range(2, len(readings) + 2))
-    assert (back.sources, back.notes) == (('table.csv',), ())
+    given = simulate_experiments(directions=(0.0, 0.5), seed=1)
+    back = parse(dump_readings(given))
+    first = 2
+    for run, found in zip(given, back.runs, strict=True):
+        np.testing.assert_allclose(found.displacement, run.displacement, rtol=0, atol=1e-11)
+        for name in ('force', 'direction', 'lever', 'cycle'):
+            np.testing.assert_allclose(getattr(found, name), getattr(run, name), rtol=1e-8, atol=1e-12)
+        assert (found.part, found.gauge_at, found.source) == (run.part, run.gauge_at, 'table.csv')
+        assert found.line.tolist() == list(range(first, first + len(run)))
+        first += len(run)
+    assert (back.record, back.notes) == (None, ())
     with pytest.raises(ValueError, match='read-only'):
-        back.force[0] = 1.0
+        back.runs[0].force[0] = 1.0
 
 
 @pytest.mark.parametrize(
@@ -43,7 +50,7 @@ def test_what_is_written_is_read_back():
     ],
 )
 def test_forms_of_a_table(text):
-    readings = parse(text)
+    readings = only(text)
     assert readings.force.tolist() == [1.5]
     assert readings.displacement == pytest.approx([-2e-4])
 
@@ -51,15 +58,20 @@ def test_forms_of_a_table(text):
 def test_optional_columns_and_what_holds_without_them():
     heading = 'force_N,displacement_m,direction_deg,cycle,Joint,lever_mm,gauge_at,time_s'
     text = f'{heading}\n1,2e-6,90,3.0,Joint 2,330,TIP,0.5\n1,2e-6\n'
-    readings = parse(text, part='joint1', lever=0.66, direction=math.pi, gauge_at='link')
-    assert readings.part.tolist() == ['joint2', 'joint1']
-    assert readings.lever.tolist() == pytest.approx([0.33, 0.66])
-    assert readings.direction.tolist() == pytest.approx([math.pi / 2, math.pi])
-    assert readings.gauge_at.tolist() == ['tip', 'link']
-    np.testing.assert_array_equal(readings.cycle, [3, np.nan])
-    np.testing.assert_array_equal(readings.time, [0.5, np.nan])
+    one, other = parse(text, part='joint1', lever=0.66, direction=math.pi, gauge_at='link').runs
+    assert (one.part, other.part) == ('joint2', 'joint1')
+    assert (one.lever, other.lever) == pytest.approx((0.33, 0.66))
+    assert (one.direction, other.direction) == pytest.approx((math.pi / 2, math.pi))
+    assert (one.gauge_at, other.gauge_at) == ('tip', 'link')
+    assert (one.cycle.tolist(), np.isnan(other.cycle).tolist()) == ([3.0], [True])
     text = 'force_N,displacement_m,part,lever_m\n1,0,gripper,\n1,0,joint1,0.66\n'
-    assert parse(text).gauge_at.tolist() == ['tip', 'link']
+    assert [run.gauge_at for run in parse(text).runs] == ['tip', 'link']
+
+
+def test_a_run_is_of_one_part_one_direction_and_one_lever():
+    heading = 'force_N,displacement_m,part,direction_deg,lever_m\n'
+    rows = ['1,0,gripper,0,', '2,0,joint1,0,0.66', '3,0,gripper,0,0.5', '4,0,gripper,90,', '5,0,joint1,0,0.33']
+    assert [run.force.tolist() for run in parse(heading + '\n'.join(rows)).runs] == [[1.0, 3.0], [2.0], [4.0], [5.0]]
 
 
 def test_an_unknown_column_is_mentioned():

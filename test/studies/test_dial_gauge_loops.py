@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from studies.gauge_table import COMPLIANCE, GAP, SLIP, UNLOADING, record
+from studies.gauge_table import COMPLIANCE, GAP, SLIP, UNLOADING, dump_record, record, some
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
-from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, analyse_loops
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
+from scara_kinetostatic.files.columns import parse_table
+from scara_kinetostatic.studies.loops.dial_gauge import analyse_tables
+from scara_kinetostatic.studies.loops.readings import GaugeTable, table_readings
+from scara_kinetostatic.studies.loops.record import Record
+from scara_kinetostatic.studies.loops.reversals import LoopAnalysis, analyse_loops
 
 
 def analysis(**more: object) -> LoopAnalysis:
@@ -26,7 +28,7 @@ def test_gap_and_slope_come_back_at_every_reversal():
         assert sense.gap.p_value > 1e-3
         assert sense.gap_force == pytest.approx(0, abs=30)
         assert sense.slip_force == pytest.approx(sense.sense * SLIP, rel=0.01)
-        assert max(sense.definitional_uncertainty) < 1e-5
+        assert max(sense.gap.definitional_uncertainty, sense.compliance.definitional_uncertainty) < 1e-5
         for each in sense.reversals:
             assert each.gap.value == pytest.approx(GAP, abs=max(5 * each.gap.std, 2e-6))
             assert each.compliance.value == pytest.approx(COMPLIANCE, rel=5e-3)
@@ -53,49 +55,45 @@ def test_zero_of_the_force_sensor_does_not_matter():
 
 def test_reversals_that_disagree_widen_the_mean_and_are_reported():
     """The gap depends on the speed."""
-    found = analyse_tables([record(lag=-0.02, noise=(5e-6, 2.0))])
+    found = analyse_tables([GaugeTable((), record(lag=-0.02, noise=(5e-6, 2.0)))])
     for sense in found.loops[0].senses:
         assert sense.gap.p_value < 1e-6
         assert sense.gap.between_std > 5e-5
         assert sense.gap.std > sense.gap.between_std / np.sqrt(len(sense.reversals)) * 0.9
     assert sum('the reversals are inconsistent in gap' in warning for warning in found.warnings) == 2
-    assert analyse_tables([record(noise=(5e-6, 2.0))]).warnings == ()
+    assert analyse_tables([GaugeTable((), record(noise=(5e-6, 2.0)))]).warnings == ()
 
 
 def test_a_reversal_without_slip_before_it_is_left_out_with_its_reason():
     given = record()
-    turn = given.time[np.argmax(np.where(given.time < 1, given.displacement, -1))]
-    weak = np.where(given.time < turn + 0.2, np.minimum(given.force, 0.3 * SLIP), given.force)
-    found = analyse_loops(replace(given, force=weak))
+    turn = given.time[np.argmax(np.where(given.time < 1, given.response, -1))]
+    weak = np.where(given.time < turn + 0.2, np.minimum(given.load, 0.3 * SLIP), given.load)
+    found = analyse_loops(replace(given, load=weak))
     assert found.rejected[0].time == pytest.approx(turn, abs=0.02)
     assert 'no full loop' in found.rejected[0].reason
     assert min(each.time for sense in found.senses for each in sense.reversals) > turn + 0.5
 
 
-@pytest.mark.parametrize(
-    ('time', 'problem'),
-    [
-        (np.zeros(50), 'readings: the time does not rise'),
-        (np.arange(50.0), 'readings: no two reversals'),
-        (np.zeros(1), 'does not rise'),
-    ],
-)
-def test_records_that_are_no_loops_are_refused(time, problem):
-    with pytest.raises(UnsupportedDataError, match=problem):
-        analyse_loops(DialGaugeReadings.of(np.zeros_like(time), np.zeros_like(time), time=time))
+def test_records_that_are_no_loops_are_refused():
+    with pytest.raises(UnsupportedDataError, match='readings: no two reversals'):
+        analyse_loops(Record('readings', np.arange(50.0), np.arange(50.0), np.arange(50.0), 'N'))
+    text = 'time_s,force_N,displacement_mm\n0,1,1\n1,2,2\n1,3,3\n'
+    with pytest.raises(UnsupportedDataError, match=r'a\.csv: the time does not rise'):
+        table_readings(parse_table(text, 'a.csv', ''))
 
 
 def test_records_that_are_too_coarse_or_too_short_are_refused():
     given = record()
     with pytest.raises(UnsupportedDataError, match='no two reversals of a sense have a gap'):
-        analyse_loops(given.select(np.arange(0, len(given), 40)))
+        analyse_loops(some(given, slice(None, None, 40)))
     with pytest.raises(UnsupportedDataError, match='too few reversals of its sense'):
-        analyse_loops(given.select((given.time > 4.4) & (given.time < 7.6)))
+        analyse_loops(some(given, (given.time > 4.4) & (given.time < 7.6)))
 
 
 def test_tables_are_told_apart_by_their_columns():
-    loops = record()
-    steps = np.array([1.0, 2, 3, 2, 1, -1, -2, -3, -2, -1])
-    points = DialGaugeReadings.of(steps, 1e-5 * steps + 1e-5 * np.sign(steps), time=np.arange(10.0), cycle=1)
-    both = analyse_tables([points, loops])
+    steps = [1, 2, 3, 2, 1, -1, -2, -3, -2, -1]
+    points = 'time_s,cycle,force_N,displacement_um\n'
+    points += ''.join(f'{k},1,{f},{10 * f + (10 if f > 0 else -10)}\n' for k, f in enumerate(steps))
+    tables = [table_readings(parse_table(text, 'a.csv', '')) for text in (points, dump_record(record()))]
+    both = analyse_tables(tables)
     assert (list(both.parts), len(both.loops)) == (['gripper'], 1)

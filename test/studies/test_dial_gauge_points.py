@@ -8,40 +8,31 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.analysis import (
-    DialGaugeAnalysis,
-    DirectionMap,
-    analyse_points,
-    direction_map,
-)
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, TIP, DialGaugeReadings, join
-from scara_kinetostatic.studies.dial_gauge.simulation import (
-    DialGaugeSensors,
-    DialGaugeTruth,
-    LoadPlan,
-    joint_displacement,
-    simulate_experiments,
-    simulate_gripper,
-    simulate_joint,
-)
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
+from scara_kinetostatic.files.columns import parse_table
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.studies.loops.dial_gauge import DirectionMap, Part, analyse_runs, direction_map
+from scara_kinetostatic.studies.loops.estimates import Estimate
+from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, TIP, Readings, table_readings
+from scara_kinetostatic.studies.paper.dial_gauge import DialGaugeBench, load_cycles, simulate_experiments
 
-TRUTH, EXACT, COARSE = DialGaugeTruth(), DialGaugeSensors(noise=0.0), DialGaugeSensors(3e-6, 1e-6, 0.1)
+BENCH, EXACT = DialGaugeBench(), DialGaugeBench(noise=0.0)
 
 
 @pytest.fixture(scope='module')
-def analyses() -> list[DialGaugeAnalysis]:
-    return [analyse_points(simulate_experiments(seed=seed)) for seed in range(10)]
+def analyses() -> list[tuple[dict[str, Part], list[str]]]:
+    return [analyse_runs(simulate_experiments(seed=seed)) for seed in range(10)]
 
 
 def test_all_values_of_figure_4d_come_back_in_all_directions(analyses):
     z = []
-    for each in analyses:
-        for run in each.parts[GRIPPER].runs:
-            z.append((run.compliance.value - TRUTH.p_ee) / run.compliance.std)
-            z.append((run.gap.value - TRUTH.gripper_gap(run.direction)) / run.gap.std)
-        for name, p, gap in ((JOINT1, TRUTH.p1, TRUTH.gap1), (JOINT2, TRUTH.p2, TRUTH.gap2)):
-            part = each.parts[name]
+    for parts, _ in analyses:
+        for run in parts[GRIPPER].runs:
+            z.append((run.compliance.value - BENCH.p_ee) / run.compliance.std)
+            z.append((run.gap.value - BENCH.gripper_gap(run.readings.direction)) / run.gap.std)
+        for name, p, gap in zip((JOINT1, JOINT2), BENCH.p, BENCH.gap, strict=True):
+            part = parts[name]
             z += [(part.compliance.value - p) / part.compliance.std, (part.gap.value - gap) / part.gap.std]
     assert len(z) == 10 * 28
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1, abs=0.13)
@@ -49,21 +40,22 @@ def test_all_values_of_figure_4d_come_back_in_all_directions(analyses):
 
 
 def test_only_the_backlash_depends_on_the_direction(analyses):
-    for each in analyses:
-        compliance, gap = (each.parts[GRIPPER].maps[name] for name in ('compliance', 'gap'))
+    for parts, _ in analyses:
+        compliance, gap = (parts[GRIPPER].maps[name] for name in ('compliance', 'gap'))
         assert compliance.isotropy.p_value > 1e-4
         assert gap.isotropy.p_value < 1e-12
         assert gap.ellipse.major.value == pytest.approx(2.05e-4, abs=5 * gap.ellipse.major.std)
         assert gap.ellipse.minor.value == pytest.approx(5.49e-5, abs=5 * gap.ellipse.minor.std)
         assert gap.mean.value == pytest.approx(gap.value.mean())
-    assert np.mean([bool(each.warnings) for each in analyses]) <= 0.1
+    assert np.mean([bool(warnings) for _, warnings in analyses]) <= 0.1
 
 
 def test_half_the_gap_is_the_g_of_the_model(analyses):
-    part = analyses[0].parts[JOINT1]
-    assert part.gap.half == (part.gap.value / 2, part.gap.std / 2)
-    assert part.gap.half.value == pytest.approx(TRUTH.with_one_joint(1).g1, abs=5 * part.gap.half.std)
-    assert part.units == ('rad/Nm', 'rad')
+    part = analyses[0][0][JOINT1]
+    half = part.gap.over(2)
+    assert half == (part.gap.value / 2, part.gap.std / 2, 'rad')
+    assert half.value == pytest.approx(BENCH.gap[0] / 2, abs=5 * half.std)
+    assert part.compliance.unit == 'rad/Nm'
 
 
 DIRECTIONS = np.radians(np.arange(0, 360, 30))
@@ -72,7 +64,9 @@ DIRECTIONS = np.radians(np.arange(0, 360, 30))
 def noisy_map(values: np.ndarray, std: float, rng: np.random.Generator, power: int) -> DirectionMap:
     """Of values with noise, and what runs of 82 degrees of freedom say of their standard deviation."""
     stds = std * np.sqrt(rng.chisquare(82, len(values)) / 82)
-    estimates = [Estimate(*each) for each in np.stack([values + std * rng.standard_normal(len(values)), stds], axis=1)]
+    estimates = [
+        Estimate(*each, 'm') for each in np.stack([values + std * rng.standard_normal(len(values)), stds], axis=1)
+    ]
     return direction_map(DIRECTIONS, estimates, np.full(12, 82.0), power)
 
 
@@ -107,45 +101,49 @@ def test_no_ellipse_from_two_axes_or_from_no_gap():
     assert direction_map(DIRECTIONS, [Estimate(1e-6, 1e-6)] * 12, np.full(12, 82.0), 2).ellipse is None
 
 
-def joint_at_the_tip(seed: int) -> DialGaugeReadings:
-    rng = np.random.default_rng(seed)
-    return simulate_joint(2, TRUTH, LoadPlan(), DialGaugeSensors(), rng, gauge_at=TIP)
+def joint_at_the_tip(seed: int) -> Readings:
+    """Joint and gripper in series."""
+    run = BENCH.joint(np.random.default_rng(seed), 2)
+    _, sense, _ = load_cycles()
+    gripper = BENCH.p_ee * run.force + BENCH.gripper_gap(0.0) / 2 * sense
+    return replace(run, displacement=run.displacement + gripper, gauge_at=TIP)
 
 
 def test_at_the_tip_the_gripper_along_the_same_direction_is_subtracted():
     z = []
     for seed in range(12):
-        plan = LoadPlan(directions=(np.pi / 2, np.pi))
-        gripper = simulate_gripper(TRUTH, plan, DialGaugeSensors(), np.random.default_rng(seed + 1000))
-        part = analyse_points(join([gripper, joint_at_the_tip(seed)])).parts[JOINT2]
+        rng = np.random.default_rng(seed + 1000)
+        gripper = [BENCH.gripper(rng, direction) for direction in (np.pi / 2, np.pi)]
+        part = analyse_runs([*gripper, joint_at_the_tip(seed)])[0][JOINT2]
         z.append(
-            ((part.compliance.value - TRUTH.p2) / part.compliance.std, (part.gap.value - TRUTH.gap2) / part.gap.std)
+            ((part.compliance.value - BENCH.p[1]) / part.compliance.std, (part.gap.value - BENCH.gap[1]) / part.gap.std)
         )
     assert np.sqrt(np.mean(np.square(z), axis=0)) == pytest.approx([1, 1], abs=0.6)
     assert np.abs(z).max() < 4.5
 
 
 def test_at_the_tip_without_the_gripper_it_is_said_what_the_numbers_include():
-    across = simulate_gripper(TRUTH, LoadPlan(directions=(np.pi / 2,)), DialGaugeSensors(), np.random.default_rng(0))
-    for readings in (joint_at_the_tip(0), join([across, joint_at_the_tip(0)])):
-        found = analyse_points(readings)
-        assert found.parts[JOINT2].compliance.value == pytest.approx(TRUTH.p2 + TRUTH.p_ee / 0.33**2, rel=0.01)
-        assert any('include those of the gripper' in warning for warning in found.warnings)
+    across = BENCH.gripper(np.random.default_rng(0), np.pi / 2)
+    for readings in ([joint_at_the_tip(0)], [across, joint_at_the_tip(0)]):
+        parts, warnings = analyse_runs(readings)
+        assert parts[JOINT2].compliance.value == pytest.approx(BENCH.p[1] + BENCH.p_ee / 0.33**2, rel=0.01)
+        assert any('include those of the gripper' in warning for warning in warnings)
 
 
-ONE = simulate_gripper(TRUTH, LoadPlan(directions=(0.0,)), DialGaugeSensors(), np.random.default_rng(7))
+ONE = BENCH.gripper(np.random.default_rng(7), 0.0)
 
 
 def test_a_wrong_sign_a_wrong_unit_and_a_slip_are_pointed_out():
-    assert not analyse_points(ONE).warnings
-    swapped = analyse_points(replace(ONE, displacement=-ONE.displacement)).warnings
+    def warnings(**changed: np.ndarray) -> list[str]:
+        return analyse_runs([replace(ONE, **changed)])[1]
+
+    assert not warnings()
+    swapped = warnings(displacement=-ONE.displacement)
     assert any('positive along the positive force' in warning for warning in swapped)
-    metres = analyse_points(replace(ONE, displacement=1e3 * ONE.displacement)).warnings
-    assert any('are the units and signs right?' in warning for warning in metres)
+    assert any('are the units and signs right?' in warning for warning in warnings(displacement=1e3 * ONE.displacement))
     slip = np.array(ONE.displacement)
     slip[20] *= 10
-    lines = np.arange(2, len(ONE) + 2)
-    found = analyse_points(replace(ONE, displacement=slip, line=lines)).warnings
+    found = warnings(displacement=slip, line=np.arange(2, len(ONE) + 2))
     assert any('line 22: far from the straight line' in warning for warning in found)
 
 
@@ -153,38 +151,46 @@ def test_repeated_runs_that_disagree_are_reported_and_widen_the_mean():
     rng = np.random.default_rng(0)
     runs = []
     for gap in (2.0e-4, 3.0e-4):
-        one = simulate_joint(1, replace(TRUTH, gap1=gap), LoadPlan(), DialGaugeSensors(), rng)
-        runs.append(one)
-    found = analyse_points(join(runs))
-    part = found.parts[JOINT1]
+        runs.append(replace(BENCH, gap=(gap, 0.0)).joint(rng, 1))
+    parts, warnings = analyse_runs(runs)
+    part = parts[JOINT1]
     assert len(part.runs) == 2
     assert part.gap.std > 2e-5
-    assert any('inconsistent in gap' in warning for warning in found.warnings)
+    assert any('inconsistent in gap' in warning for warning in warnings)
 
 
 def test_what_cannot_be_analysed_is_named():
+    one_sense = ONE.force >= 0
     with pytest.raises(UnsupportedDataError, match='gripper at 0°: there is no reversal'):
-        analyse_points(ONE.select(ONE.force >= 0))
-    with pytest.raises(ParameterError, match='lever'):
-        analyse_points(DialGaugeReadings.of([1.0, -1.0], [0.0, 0.0], part=JOINT1))
+        analyse_runs([Readings(ONE.force[one_sense], ONE.displacement[one_sense], direction=0.0)])
+    with pytest.raises(ParameterError, match='line 2: a joint needs its lever'):
+        table_readings(parse_table('force_N,displacement_m,part\n1,0,joint1\n-1,0,joint1\n', 'a.csv', ''))
 
 
 @pytest.mark.parametrize(('joint', 'lever'), [(1, 0.66), (2, 0.33)])
-def test_a_simulated_joint_moves_the_end_by_lever_times_its_deflection(joint, lever):
-    force, sense, _ = LoadPlan().run()
-    p, gap = (TRUTH.p1, TRUTH.gap1) if joint == 1 else (TRUTH.p2, TRUTH.gap2)
-    displacement = joint_displacement(TRUTH.with_one_joint(joint), force, sense)
-    np.testing.assert_allclose(displacement, p * lever**2 * force + gap / 2 * lever * sense, rtol=0, atol=2e-9)
+def test_a_simulated_joint_moves_the_end_as_the_model_does(joint, lever):
+    """ΔS by H̄, to first order in the deflection."""
+    run = EXACT.joint(np.random.default_rng(0), joint)
+    assert run.lever == pytest.approx(lever)
+    p, g = np.array(BENCH.p), np.array(BENCH.gap) / 2
+    p[2 - joint], g[2 - joint] = 0.0, 0.0
+    robot = Parameters(l1=0.33, l2=0.33, p_ee=0.0, p1=p[0], p2=p[1], g1=g[0], g2=g[1])
+    stretched = np.tile([np.pi / 2, 0.0], (len(run), 1))
+    on_object = np.stack([-run.force, np.zeros_like(run.force)], axis=-1)
+    links = stretched - joint_deflection(robot, joint_torques(robot, stretched, on_object))
+    moved = forward(robot, links)[:, 0] - forward(robot, stretched)[:, 0]
+    loaded = run.force != 0
+    np.testing.assert_allclose(run.displacement[loaded], moved[loaded], rtol=1e-4, atol=1e-9)
 
 
 def test_simulated_experiments_are_those_of_the_plan():
-    exact, readings = simulate_experiments(sensors=EXACT), simulate_experiments(sensors=COARSE, seed=4)
-    assert [int((exact.part == part).sum()) for part in (GRIPPER, JOINT1, JOINT2)] == [12 * 97, 97, 97]
-    one = exact.select(exact.part == JOINT1)
-    assert (set(one.cycle), one.force.max(), one.force.min()) == ({1, 2, 3}, 40.0, -40.0)
-    assert np.std(readings.displacement - exact.displacement) == pytest.approx(np.hypot(3e-6, 1e-6 / 12**0.5), rel=0.1)
-    assert np.std(readings.force - exact.force) == pytest.approx(0.1, rel=0.1)
-    np.testing.assert_allclose(readings.displacement / 1e-6, np.round(readings.displacement / 1e-6), atol=1e-6)
-    again = simulate_experiments(sensors=COARSE, seed=4)
-    np.testing.assert_array_equal(again.displacement, readings.displacement)
-    assert np.any(simulate_experiments(sensors=COARSE, seed=5).force != readings.force)
+    exact, readings = simulate_experiments(EXACT), simulate_experiments(seed=4)
+    assert [sum(run.part == part for run in exact) for part in (GRIPPER, JOINT1, JOINT2)] == [12, 1, 1]
+    one = exact[-1]
+    assert (len(one), set(one.cycle), one.force.max(), one.force.min()) == (97, {1, 2, 3}, 40.0, -40.0)
+    assert np.array_equal(one.force, load_cycles()[0])
+    moved, exactly = (np.concatenate([run.displacement for run in each]) for each in (readings, exact))
+    assert np.std(moved - exactly) == pytest.approx(2e-6, rel=0.1)
+    again, other = (np.concatenate([run.displacement for run in simulate_experiments(seed=seed)]) for seed in (4, 5))
+    assert np.array_equal(again, moved)
+    assert np.all(other != moved)

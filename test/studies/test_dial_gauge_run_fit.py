@@ -6,21 +6,20 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.run_fit import RunFit, find_passes, fit_run
-from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeSensors, LoadPlan
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, combine_estimates, find_resolution
+from scara_kinetostatic.studies.loops.estimates import Estimate, combine_estimates, find_resolution
+from scara_kinetostatic.studies.loops.readings import Readings
+from scara_kinetostatic.studies.loops.run_fit import RunFit, find_passes, fit_run
+from scara_kinetostatic.studies.paper.dial_gauge import load_cycles
 
 P, GAP = 3.76e-5, 1.3e-4
-PLAN = LoadPlan()
 
 
-def readings(rng: np.random.Generator | None = None, noise: float = 2e-6, extra: object = 0.0) -> DialGaugeReadings:
-    force, sense, cycle = PLAN.run()
+def readings(rng: np.random.Generator | None = None, noise: float = 2e-6, extra: object = 0.0) -> Readings:
+    force, sense, cycle = load_cycles()
     displacement = P * force + GAP / 2 * sense + np.asarray(extra)
     if rng is not None:
         displacement = displacement + noise * rng.standard_normal(force.shape)
-    return DialGaugeReadings.of(force, displacement, cycle=cycle)
+    return Readings(force, displacement, cycle)
 
 
 def alarmed(fit: RunFit, level: float = 1e-4) -> set[str]:
@@ -75,7 +74,7 @@ def test_p_values_of_all_checks_are_uniform(fits):
     assert np.sqrt((z**2).mean(axis=0)) == pytest.approx(1, abs=0.1)
 
 
-FORCE, SENSE, CYCLE = PLAN.run()
+FORCE, SENSE, CYCLE = load_cycles()
 UNLOADING = np.concatenate([[0], np.tile(np.repeat([0.0, 1.0], 8), 6)])
 
 
@@ -103,20 +102,20 @@ def test_scatter_between_cycles_is_found_and_widens_the_standard_deviation():
     rng = np.random.default_rng(5)
     for _ in range(100):
         jitter = 1.5e-5 * rng.standard_normal(3)
-        fit = fit_run(readings(rng, extra=jitter[CYCLE - 1] / 2 * SENSE))
+        fit = fit_run(readings(rng, extra=jitter[CYCLE.astype(int) - 1] / 2 * SENSE))
         z.append((fit.gap.value - GAP) / fit.gap.std)
     assert np.median(np.abs(z)) == pytest.approx(0.78, abs=0.2)  # Student's t of two degrees of freedom: 0.816
 
 
 def test_a_gauge_set_anew_in_each_cycle_does_not_touch_slope_or_gap():
     shifts = np.array([0.0, 1e-3, -5e-4])
-    fit = fit_run(readings(extra=shifts[CYCLE - 1]))
+    fit = fit_run(readings(extra=shifts[CYCLE.astype(int) - 1]))
     assert (fit.compliance.value, fit.gap.value) == pytest.approx((P, GAP), rel=1e-9)
 
 
 def test_loads_that_are_not_removed_say_nothing_about_hysteresis():
     force = np.array([1.0, 2, 3, -1, -2, -3] * 2)
-    fit = fit_run(DialGaugeReadings.of(force, P * force + GAP / 2 * np.sign(force)))
+    fit = fit_run(Readings(force, P * force + GAP / 2 * np.sign(force)))
     assert 'hysteresis' not in {check.name for check in fit.checks}
     assert fit.gap.value == pytest.approx(GAP)
 
@@ -131,7 +130,7 @@ def test_rows_without_load_are_not_used():
 
 def test_cycles_are_told_from_the_order_of_the_rows():
     given = readings()
-    without = DialGaugeReadings.of(given.force, given.displacement)
+    without = Readings(given.force, given.displacement)
     assert np.array_equal(find_passes(given)[0], find_passes(without)[0])
     assert fit_run(without).gap == fit_run(given).gap
 
@@ -149,8 +148,8 @@ def test_a_gauge_with_steps_is_not_trusted_beyond_them(noise, resolution):
     rng, z = np.random.default_rng(0), []
     for _ in range(50):
         p, gap = P * rng.uniform(0.8, 1.2), GAP * rng.uniform(0.8, 1.2)
-        read = DialGaugeSensors(noise, resolution).read(FORCE, p * FORCE + gap / 2 * SENSE, rng)
-        fit = fit_run(DialGaugeReadings.of(*read, cycle=CYCLE))
+        moved = p * FORCE + gap / 2 * SENSE + noise * rng.standard_normal(len(FORCE))
+        fit = fit_run(Readings(FORCE, resolution * np.round(moved / resolution), CYCLE))
         assert fit.resolution > 0.99 * resolution  # by chance all readings may be even
         z.append(((fit.compliance.value - p) / fit.compliance.std, (fit.gap.value - gap) / fit.gap.std))
     assert np.sqrt((np.array(z) ** 2).mean(axis=0)) == pytest.approx([1, 1], abs=0.22)
@@ -167,7 +166,7 @@ def test_a_gauge_with_steps_is_not_trusted_beyond_them(noise, resolution):
 )
 def test_readings_that_cannot_tell_are_refused(force, problem):
     with pytest.raises(UnsupportedDataError, match=problem):
-        fit_run(DialGaugeReadings.of(force, np.asarray(force) * P))
+        fit_run(Readings(np.array(force), np.array(force) * P))
 
 
 @pytest.mark.parametrize('shared', [True, False])
@@ -181,7 +180,8 @@ def test_agreement_with_few_degrees_of_freedom_raises_no_false_alarm(shared):
 
 
 def test_estimates_that_agree_are_weighted_by_their_variances():
-    test = combine_estimates([Estimate(1.0, 0.1), Estimate(1.3, 0.2)], 1e6)
+    test = combine_estimates([Estimate(1.0, 0.1, 'm'), Estimate(1.3, 0.2, 'm')], 1e6)
+    assert test.estimate == (test.value, test.std, 'm')
     assert (test.value, test.std) == pytest.approx((1.06, 0.2 / 5**0.5))
     assert (test.chi_square, test.degrees_of_freedom) == (pytest.approx(1.8), 1)
     assert test.p_value == pytest.approx(0.1797, abs=1e-4)

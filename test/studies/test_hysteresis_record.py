@@ -12,9 +12,8 @@ from studies.load_records import TORQUE_NOISE, columns, record, torque
 
 from benchmark.hysteresis import sine
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.motion import cut_at_reversals, repeatability
-from scara_kinetostatic.studies.hysteresis.record import (
+from scara_kinetostatic.studies.loops.path import RecordPath, repeatability
+from scara_kinetostatic.studies.loops.record import (
     LOAD,
     MOTION,
     Record,
@@ -169,7 +168,7 @@ TIME, TORQUE, ANGLE = columns(torque())
 )
 def test_what_is_refused(make: object, message: str) -> None:
     with pytest.raises(UnsupportedDataError, match=re.escape(message)):
-        LoadPath(make())  # type: ignore[operator]
+        RecordPath(make())  # type: ignore[operator]
 
 
 def test_noise_is_no_rest() -> None:
@@ -191,18 +190,18 @@ def test_the_rest_ends_where_the_load_begins_to_rise(rise: int, noise: float) ->
 def test_a_motion_is_cut_at_its_reversals_and_its_still_ends_are_left_out() -> None:
     time, moved = sine()
     still = np.concatenate([moved, np.full(100, moved[-1])])
-    motion = cut_at_reversals(Record('a', np.arange(740) * time[1], np.arange(740.0), still, 'N'))
-    assert motion.sweeps == 11
-    assert len(motion) < 645
-    assert set(np.unique(motion.sense)) == {-1.0, 1.0}
-    assert np.all(np.diff(motion.driver) * motion.sense[1:] >= 0)
-    assert np.abs(np.diff(motion.distance)[motion.edges[1:-1] - 1]).min() > 1e-3  # far from the reversal, then near it
-    assert motion.distance[motion.edges[1:-1]].max() < 1e-3
+    path = RecordPath(Record('a', np.arange(740) * time[1], np.arange(740.0), still, 'N'), MOTION)
+    assert path.sweeps == 11
+    assert len(path.time) < 645
+    assert set(np.unique(path.sense)) == {-1.0, 1.0}
+    assert np.all(np.diff(path.driver) * path.sense[1:] >= 0)
+    assert np.abs(np.diff(path.distance)[path.edges[1:-1] - 1]).min() > 1e-3  # far from the reversal, then near it
+    assert path.distance[path.edges[1:-1]].max() < 1e-3
     with pytest.raises(UnsupportedDataError, match=r'a: 1 sweeps of 99 samples in all; 6 sweeps of 8 samples each'):
-        cut_at_reversals(Record('a', np.arange(99.0), np.arange(99.0), np.arange(99.0), 'N'))
+        RecordPath(Record('a', np.arange(99.0), np.arange(99.0), np.arange(99.0), 'N'), MOTION)
 
 
 def test_repeatability_is_the_scatter_where_the_motion_repeats() -> None:
-    assert repeatability(cut_at_reversals(loops(0))) == pytest.approx(20.0, rel=0.15)
+    assert repeatability(RecordPath(loops(0), MOTION)) == pytest.approx(20.0, rel=0.15)
     time = np.linspace(0, 10, 500)
-    assert np.isnan(repeatability(cut_at_reversals(Record('a', time, time, time * np.sin(np.pi * time), 'N'))))
+    assert np.isnan(repeatability(RecordPath(Record('a', time, time, time * np.sin(np.pi * time), 'N'), MOTION)))

@@ -8,9 +8,10 @@ from studies.hysteresis import SLIPS, TRUTH, slipping
 
 from benchmark.hysteresis import alarmed, simulate_record
 from scara_kinetostatic.model.arrays import rms
-from scara_kinetostatic.studies.hysteresis.fit import effective_count, fit_motion
-from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, MOTION_LAWS
-from scara_kinetostatic.studies.hysteresis.model_selection import MotionStudy, select_model
+from scara_kinetostatic.studies.loops.fit import Moments, effective_count, fit_law, predict
+from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS
+from scara_kinetostatic.studies.loops.record import MOTION
+from scara_kinetostatic.studies.loops.selection import Study, select_model
 
 NOISE = 50.0
 LAWS = {law.name: law for law in MOTION_LAWS}
@@ -18,7 +19,7 @@ LAWS = {law.name: law for law in MOTION_LAWS}
 
 @pytest.fixture(scope='module')
 def slip_selection():
-    return select_model(MotionStudy(slipping(NOISE)))
+    return select_model(Study([slipping(NOISE)], MOTION))
 
 
 def test_slip_is_named_and_the_error_on_unseen_sweeps_falls_to_the_noise(slip_selection):
@@ -39,13 +40,13 @@ def test_the_distance_since_the_reversal_betrays_it(slip_selection):
 
 
 def test_held_out_residuals_are_those_of_the_fit_that_has_not_seen_them(slip_selection):
-    motion, selected = slip_selection.study.motion, slip_selection.selected
+    (path,), selected = slip_selection.study.paths, slip_selection.selected
     held_out = selected.held_out[0].residual
-    for unseen in (motion.earlier, ~motion.earlier):
-        fitted = fit_motion(selected.law, motion, ~unseen | ~motion.scored)
-        residual = motion.driven - selected.law.function(motion, fitted.values)
-        assert held_out[unseen] == pytest.approx(residual[unseen])
-    assert selected.held_out_rms == pytest.approx(rms(held_out[motion.scored]))
+    for rows in path.halves:
+        fitted = fit_law([Moments(selected.law, path, rows, path.size)])
+        residual = predict(fitted, path, rows).residual
+        assert held_out[~rows] == pytest.approx(residual[~rows])
+    assert selected.held_out_rms == pytest.approx(rms(held_out[path.scored]))
 
 
 def test_law_6_alone_raises_few_alarms():
@@ -55,7 +56,7 @@ def test_law_6_alone_raises_few_alarms():
 
 
 def test_law_6_alone_needs_nothing():
-    selection = select_model(MotionStudy(simulate_record(BACKLASH, TRUTH, NOISE, 0)))
+    selection = select_model(Study([simulate_record(BACKLASH, TRUTH, NOISE, 0)], MOTION))
     assert selection.verdict == 'none'
     assert selection.selected is None
     assert selection.final is selection.before
@@ -68,12 +69,12 @@ def test_law_6_alone_needs_nothing():
         ('softening', SLIPS),
         ('viscous', {'damping': 2e4}),
         ('friction', {'friction': 1000.0}),
-        ('slip_no_gap', {**SLIPS, 'start': 0.0}),
+        ('slip_no_gap', {**SLIPS, 'force_zero': 1e3}),
     ],
 )
 def test_other_effects_are_called_by_their_own_names(name, more):
-    values = {each.name: {**TRUTH, **more}[each.name] for each in LAWS[name].parameters}
-    selection = select_model(MotionStudy(simulate_record(LAWS[name], values, NOISE, 3)))
+    values = {**TRUTH, **more}
+    selection = select_model(Study([simulate_record(LAWS[name], values, NOISE, 3)], MOTION))
     assert selection.selected.law.name == name
     assert selection.rivals == ()
     assert selection.selected.held_out_rms < 1.1 * NOISE
@@ -81,7 +82,7 @@ def test_other_effects_are_called_by_their_own_names(name, more):
 
 def test_what_no_candidate_explains_is_said_to_be_unexplained():
     softened = simulate_record(LAWS['softening'], {**TRUTH, **SLIPS}, NOISE, 0)
-    selection = select_model(MotionStudy(softened, [LAWS['viscous']]))
+    selection = select_model(Study([softened], MOTION, [LAWS['viscous']]))
     assert selection.verdict == 'unexplained'
     assert selection.p_value < 0.01
 

@@ -10,13 +10,12 @@ from studies.load_records import RATE, columns, record, torque
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.play_operator import play_operator
-from scara_kinetostatic.report import as_page, as_text
-from scara_kinetostatic.studies.hysteresis.dependence import p_independent
-from scara_kinetostatic.studies.hysteresis.document import hysteresis_document
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.model_selection import LoadStudy, Selection, predict_records, select_model
-from scara_kinetostatic.studies.hysteresis.record import Record
-from scara_kinetostatic.studies.hysteresis.report import hysteresis_report, verdict
+from scara_kinetostatic.report import as_page, as_text, plain
+from scara_kinetostatic.studies.loops.dependence import p_independent
+from scara_kinetostatic.studies.loops.path import RecordPath
+from scara_kinetostatic.studies.loops.record import Record
+from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report, verdict
+from scara_kinetostatic.studies.loops.selection import Selection, Study, predict_records, select_model
 
 STATES = ((-2.0, 0.3), (-2.6, -0.8), (-3.0, 0.7))
 """Load and state of friction at the start."""
@@ -31,12 +30,12 @@ def play(load: np.ndarray, half_width: float, start: float) -> np.ndarray:
     return np.array(output)
 
 
-def wandering(seed: int) -> LoadPath:
+def wandering(seed: int) -> RecordPath:
     """A load that wanders, after a rest and before another."""
     random = np.random.default_rng(seed)
     load = np.concatenate([np.zeros(60), 3.0 + np.cumsum(random.normal(0.0, 0.3, 300)), np.zeros(60)])
     load += 1e-3 * random.standard_normal(len(load))
-    return LoadPath(Record('one.csv', np.arange(len(load)) / RATE, load, 1e-4 * load))
+    return RecordPath(Record('one.csv', np.arange(len(load)) / RATE, load, 1e-4 * load))
 
 
 @pytest.mark.parametrize('state', [-1.0, -0.4, 0.0, 0.9])
@@ -66,7 +65,7 @@ def test_the_inverse_of_slip_gives_the_load_back(state: float) -> None:
 
 def test_the_sign_of_an_unloaded_gap_is_that_of_its_last_load() -> None:
     load = torque(2.0)
-    path = LoadPath(record(load))
+    path = RecordPath(record(load))
     sign = path.last_sign(8.0, -0.5)
     assert set(sign[:190]) == {-0.5}
     assert set(sign[220:]) == {1.0}
@@ -81,7 +80,7 @@ def records() -> list[Record]:
 @pytest.fixture(scope='module')
 def analysis(records: list[Record]) -> Selection:
     """Of these records."""
-    return select_model(LoadStudy(records))
+    return select_model(Study(records))
 
 
 def scaled(each: Record, load: float, response: float) -> Record:
@@ -93,7 +92,7 @@ def scaled(each: Record, load: float, response: float) -> Record:
 def test_units_and_signs_change_no_verdict(
     records: list[Record], analysis: Selection, load: float, response: float
 ) -> None:
-    other = select_model(LoadStudy([scaled(each, load, response) for each in records]))
+    other = select_model(Study([scaled(each, load, response) for each in records]))
     assert analysis.selected is not None
     assert analysis.selected.law.effect == 'slip'
     assert other.selected is not None
@@ -121,7 +120,7 @@ def test_no_response_after_the_unloading_is_used(analysis: Selection) -> None:
 @pytest.mark.parametrize('half_gap', [0.0, 60e-6])
 def test_law_6_is_sufficient_for_records_of_law_6(half_gap: float) -> None:
     several = [record(torque(level), 7 + k, half_gap=half_gap) for k, level in enumerate((-2.0, 2.5, -3.0))]
-    found = select_model(LoadStudy(several))
+    found = select_model(Study(several))
     assert (found.verdict, found.selected, found.rivals) == ('none', None, ())
     assert found.before.parameters['compliance'].value == pytest.approx(150e-6, rel=0.02)
     assert found.before.parameters['half_gap'].value == pytest.approx(half_gap, rel=0.1, abs=2e-6)
@@ -131,7 +130,7 @@ def test_law_6_is_sufficient_for_records_of_law_6(half_gap: float) -> None:
 
 
 def p_law6(several: list[Record]) -> float:
-    _, dependence, _ = LoadStudy(several).law6()
+    _, dependence, _ = Study(several).law6()
     return p_independent(dependence)
 
 
@@ -145,7 +144,7 @@ def test_false_alarms_are_rare() -> None:
 
 def test_one_record_is_not_taken_for_several(records: list[Record]) -> None:
     """Of a slip whose own record shows no dependence beyond a gap law (6) is not called sufficient."""
-    found = select_model(LoadStudy(records[:1]))
+    found = select_model(Study(records[:1]))
     headline, level, sentences, _ = verdict(found)
     assert (found.verdict, found.selected) == ('undecided', None)
     assert any(map(found.is_clearly_smaller, found.candidates))
@@ -159,9 +158,9 @@ def test_one_record_is_not_taken_for_several(records: list[Record]) -> None:
 
 def test_what_was_not_tested_is_said() -> None:
     part = np.concatenate([torque()[:500], np.full(200, -1.0)])
-    found = select_model(LoadStudy([record(part, 1), record(part, 2)]))
+    found = select_model(Study([record(part, 1), record(part, 2)]))
     assert any('to test the dependence on the load before' in each for each in verdict(found).sentences)
-    document = hysteresis_document([found])
+    document = plain(hysteresis_document([found]))
     assert document['residual_dependence']['before']['memory']['p_value'] is None
     assert document['residual_dependence']['before']['load']['p_value'] > 0.01
 
@@ -175,7 +174,7 @@ def test_a_record_that_tests_nothing_is_refused() -> None:
 def test_a_response_that_follows_in_the_opposite_sense_is_refused(records: list[Record], analysis: Selection) -> None:
     opposite = replace(scaled(records[2], 1.0, -1.0), source='opposite.csv')
     with pytest.raises(RecordingError, match=r'opposite\.csv: its response follows the load in the opposite sense'):
-        LoadStudy([*records[:2], opposite])
+        Study([*records[:2], opposite])
     with pytest.raises(RecordingError, match=r'opposite\.csv: its response follows'):
         predict_records(analysis, [opposite])
 
@@ -183,7 +182,7 @@ def test_a_response_that_follows_in_the_opposite_sense_is_refused(records: list[
 def test_a_response_that_follows_no_load_is_said() -> None:
     several = [record(torque(), seed) for seed in (1, 2)]
     noise = [np.random.default_rng(seed).normal(0.0, 2e-6, len(each)) for seed, each in enumerate(several)]
-    found = select_model(LoadStudy([replace(each, response=own) for each, own in zip(several, noise, strict=True)]))
+    found = select_model(Study([replace(each, response=own) for each, own in zip(several, noise, strict=True)]))
     assert 'The angle hardly follows the torque: do the columns belong to one joint?' in verdict(found).sentences
 
 
@@ -194,7 +193,7 @@ def test_other_rates_of_sampling_give_the_same(rate: float) -> None:
         load = np.repeat(torque(level), max(round(rate / RATE), 1))
         _, measured, angle = columns(load, number, state)
         several.append(Record(f'{number}.csv', np.arange(len(load)) / rate, measured, angle))
-    study = LoadStudy(several)
+    study = Study(several)
     before, dependence, _ = study.law6()
     slip = study.candidate(next(law for law in study.laws if law.name == 'slip'))
     assert p_independent(dependence) < 1e-9

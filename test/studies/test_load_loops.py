@@ -12,17 +12,10 @@ import pytest
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.studies.hysteresis.document import hysteresis_document
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath
-from scara_kinetostatic.studies.hysteresis.model_selection import (
-    LoadStudy,
-    Selection,
-    analyse,
-    predict_records,
-    select_model,
-)
-from scara_kinetostatic.studies.hysteresis.record import LOAD, Record, load_record, what_drives
-from scara_kinetostatic.studies.hysteresis.report import hysteresis_report, record_errors, verdict
+from scara_kinetostatic.studies.loops.path import RecordPath
+from scara_kinetostatic.studies.loops.record import LOAD, Record, load_record, what_drives
+from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report, verdict
+from scara_kinetostatic.studies.loops.selection import Selection, Study, analyse, predict_records, select_model
 
 C, MU, COMPLIANCE, HALF_GAP = 2.0, 0.3, 3e-3, 15e-3
 LOOPS = (4.0, 4.0, 4.0, 25.0, 25.0, 25.0)
@@ -64,7 +57,7 @@ def rested(one: Record, samples: int = 200) -> Record:
 
 @pytest.fixture(scope='module')
 def analysis() -> Selection:
-    return select_model(LoadStudy([gear()]))
+    return select_model(Study([gear()]))
 
 
 def test_friction_that_grows_with_the_load_is_found(analysis: Selection) -> None:
@@ -78,7 +71,7 @@ def test_friction_that_grows_with_the_load_is_found(analysis: Selection) -> None
 
 
 def test_law_6_is_sufficient_for_loops_of_law_6() -> None:
-    found = select_model(LoadStudy([gear(1, 0.0)]))
+    found = select_model(Study([gear(1, 0.0)]))
     assert (found.verdict, found.selected) == ('none', None)
     assert found.detectable < 0.5
     assert re.search(r'Each test would have found \d+ % of its square', ' '.join(verdict(found).sentences))
@@ -116,7 +109,7 @@ def test_what_is_refused() -> None:
         with pytest.raises(
             UnsupportedDataError, match=re.escape(f'0.csv: {message}') if record is swapped else message
         ):
-            LoadPath(record)
+            RecordPath(record)
 
 
 @pytest.mark.parametrize('place', [0, 2])
@@ -128,12 +121,12 @@ def test_records_in_loops_and_from_rest_are_taken_together(place: int) -> None:
     assert (found.verdict, found.final.law.name) == ('explained', 'load_friction')
     for name, true in (('friction', C), ('friction_ratio', MU), ('compliance', COMPLIANCE), ('half_gap', HALF_GAP)):
         assert found.final.parameters[name].value == pytest.approx(true, rel=0.05)
-    assert max(record_errors(found, found.final)) < 2 * 3e-4
+    assert max(each.after_rms for each in found.judged) < 2 * 3e-4
     for each in found.dependence_before:
-        assert [bool(np.isnan(p)) for p in each.by_record] == [k == place for k in range(3)]
+        assert [bool(np.isnan(p)) for p in each.p_value_by_record] == [k == place for k in range(3)]
     said = ' '.join(as_text(hysteresis_report([found])).split())
     assert 'Of a record that begins at rest: after the unloading' in said
-    alone = select_model(LoadStudy([each for k, each in enumerate(records) if k != place]))
+    alone = select_model(Study([each for k, each in enumerate(records) if k != place]))
     assert found.final.along[place - 1].state == pytest.approx(alone.final.along[place - 1].state, abs=0.02)
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, radians, sin
 
 import numpy as np
 import pytest
 
-from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Sensor, SensorFrame
+from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.touches.streams import FixedTransform, WrenchFrame
 
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
@@ -18,8 +20,12 @@ def about_z(angle: float) -> tuple[float, float, float, float]:
     return 0.0, 0.0, sin(radians(angle) / 2), cos(radians(angle) / 2)
 
 
+def cell(stated: SensorFrame) -> Cell:
+    return replace(PAPER_CELL, sensor=Sensor(frame=stated))
+
+
 def tree(stated: SensorFrame, *transforms: tuple[str, str, tuple[float, float, float, float]]) -> WrenchFrame:
-    frame = WrenchFrame(stated)
+    frame = WrenchFrame(cell(stated))
     for transform in transforms:
         frame.add(FixedTransform(*transform))
     return frame
@@ -27,7 +33,7 @@ def tree(stated: SensorFrame, *transforms: tuple[str, str, tuple[float, float, f
 
 @pytest.mark.parametrize('frame_id', ['', 'base', 'base_link', '/left/base_link', 'world', 'sensor'])
 def test_what_agrees_or_is_unknown_is_not_said(frame_id: str) -> None:
-    frame = WrenchFrame(SensorFrame.BASE)
+    frame = WrenchFrame(PAPER_CELL)
     assert not frame.complaint(frame_id) and frame.turn(frame_id) is None
 
 
@@ -35,7 +41,7 @@ def test_what_agrees_or_is_unknown_is_not_said(frame_id: str) -> None:
     (SensorFrame.BASE, 'tool0'), (SensorFrame.BASE, 'left/flange'), (SensorFrame.TOOL, 'base_link'),
 ])  # fmt: skip
 def test_the_other_frame_is_said(stated: SensorFrame, frame_id: str) -> None:
-    said = WrenchFrame(stated).complaint(frame_id)
+    said = WrenchFrame(cell(stated)).complaint(frame_id)
     assert repr(frame_id) in said and f'sensor.frame: {stated.value}' in said
 
 
@@ -102,3 +108,25 @@ def test_a_senseless_rotation_is_none(wrong: tuple[float, float, float, float]) 
 def test_a_circle_of_frames_ends() -> None:
     frame = tree(SensorFrame.BASE, ('a', 'b', NO_TURN), ('b', 'c', NO_TURN), ('c', 'a', NO_TURN))
     assert frame.turn('a') is None
+
+
+def test_a_stated_turn_counts_where_no_transform_says_it() -> None:
+    turned = replace(PAPER_CELL, sensor=Sensor(frame=SensorFrame.TOOL, rotation=np.pi / 2))
+    frame = WrenchFrame(turned)
+    np.testing.assert_allclose(frame.turn('sensor') @ (1.0, 2.0, 9.0), (-2.0, 1.0), atol=1e-15)
+    frame.add(FixedTransform('tool0', 'sensor', about_z(180)))
+    np.testing.assert_allclose(frame.turn('sensor') @ (1.0, 2.0, 9.0), (-1.0, -2.0), atol=1e-15)
+
+
+def test_the_plane_of_an_upright_arm_takes_its_part_of_the_force() -> None:
+    """The robot's frames are its own: `tool0` is not link 2, and the base is the frame of the plane."""
+    plane = Plane('base_link', (0.0, 0.0, 0.1), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    base = WrenchFrame(replace(PAPER_CELL, plane=plane))
+    np.testing.assert_array_equal(base.turn('base_link') @ (1.0, 9.0, 2.0), (1.0, 2.0))
+    base.add(FixedTransform('base_link', 'mount', about_z(90)))
+    np.testing.assert_allclose(base.turn('mount') @ (9.0, -1.0, 2.0), (1.0, 2.0), atol=1e-15)
+    axes = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
+    tool = WrenchFrame(replace(PAPER_CELL, plane=plane, sensor=Sensor(frame=SensorFrame.TOOL, axes=axes)))
+    tool.add(FixedTransform('tool0', 'sensor', about_z(90)))
+    np.testing.assert_array_equal(tool.turn('sensor') @ (1.0, 9.0, 2.0), (2.0, 1.0))
+    assert 'is a frame of the base' in tool.complaint('base_link') and not tool.complaint('sensor')

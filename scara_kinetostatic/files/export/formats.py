@@ -16,10 +16,13 @@ from markupsafe import Markup, escape
 from scara_kinetostatic import __version__
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files import escaping
+from scara_kinetostatic.files.cell_file import in_sense
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
+from scara_kinetostatic.files.export.into_urdf import corrected_origins, origins_yaml, with_origins
+from scara_kinetostatic.files.robot_urdf import Robot, read_bytes
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
-from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.kinematics import forward
@@ -28,6 +31,7 @@ from scara_kinetostatic.model.parameters import UNITS
 
 RIGID = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2')
 """The parameters of the rigid arm."""
+_SOFT = ('p_', 'p1', 'p2', 'g_', 'g1', 'g2')
 _FREE = 'not determined'
 
 
@@ -128,6 +132,7 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         properties=[row for row in _values(arm, facts) if row[0] in RIGID],
         joints=[escaping.xacro(name) for name in arm.cell.joint_names],
         back=-arm.cell.coupling,
+        axes=arm.cell.direction,
     )
 
 
@@ -165,6 +170,7 @@ def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
     ]
     if convention == 'modified':
         rows.append(('tool', '', p.l2, 0.0, 0.0, 0.0, 0.0, 0.0))
+    signs = f'{arm.cell.direction[0]} and {arm.cell.direction[1]}'
     formula = {
         'standard': 'T = Rot_z(q + theta_offset) Trans_z(d) Trans_x(a) Rot_x(alpha)',
         'modified': 'T = Rot_x(alpha) Trans_x(a) Rot_z(q + theta_offset) Trans_z(d)',
@@ -173,6 +179,7 @@ def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
         *(f'# {line}' for line in facts.lines),
         f'# {convention} convention: {formula}; x_m and y_m of base and tool are translations.',
         *([f'# q of {j2} is its reading less {arm.cell.coupling!r} times that of {j1}.'] if arm.cell.coupling else []),
+        *([f'# Then q is {signs} times the reading: the joints turn so.'] if arm.cell.direction != (1, 1) else []),
         'row,joint_name,x_m,y_m,theta_offset_rad,d_m,a_m,alpha_rad',
         *(','.join(part if isinstance(part, str) else repr(part) for part in row) for row in rows),
     ]
@@ -187,19 +194,18 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         facts: of it.
 
     Raises:
-        UnsupportedDataError: an upright arm, a general gripper or effects of its own, which the functions do not have.
+        UnsupportedDataError: a general gripper or effects of its own, which the functions do not have.
     """
     if facts.robot_effects:
         problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
-    if arm.cell.nominal.has_gravity:
-        problem = 'a C header has no torque of gravity, and the cell description states `gravity`'
-        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
-    pairs = zip(arm.cell.joint_names, arm.cell.limits or (), strict=False)
+    pairs = zip(arm.cell.joint_names, in_sense(arm.cell.limits, arm.cell.direction) or (), strict=False)
     limits = ', '.join(f'{name} {low:g} to {high:g} rad' for name, (low, high) in pairs)
+    p = arm.model.parameters
+    pulls = [(pull.real, pull.imag) for pull in p.gravity_of_links] if p.has_gravity else []
     unchecked = escaping.comment(f'The limits of the joints are not checked: {limits}.')
     return render(
         Path(__file__).with_name('header.h.j2'),
@@ -207,6 +213,9 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         lines=(*facts.lines, unchecked) if limits else facts.lines,
         constants=_values(arm, facts),
         coupling=arm.cell.coupling,
+        direction=arm.cell.direction,
+        gravity=pulls,
+        gravity_std=Predictor(arm).law.gravity_std,
         force_std=arm.noise.force_rms,
         force_growth=arm.noise.growth,
         compliance_sign='-' if arm.cell.gripper_sign is GripperSign.PHYSICAL else '+',
@@ -264,6 +273,28 @@ FORMATS = {
     ),
 }
 """The formats by name."""
+
+
+def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[dict[str, str], list[str]]:
+    """The user's URDF with corrected origins, and these as YAML, by suffix; and what is to be known of them.
+
+    Args:
+        arm: the calibrated arm.
+        urdf: the file.
+        source: the file that the arm was read from.
+
+    Raises:
+        InputError: the file cannot be read, or is that of another robot.
+    """
+    content = read_bytes(urdf)
+    robot = Robot(content, str(urdf))
+    origins, p = corrected_origins(arm, robot), arm.model.parameters
+    facts = ExportFacts.of(arm, source, f'Calibrated by touch: origins of {", ".join(origins) or "no joint"}; rigid.')
+    soft = ', '.join(f'{name} {value:.3g} {UNITS[name]}' for name, value in p.as_dict().items() if name[:2] in _SOFT)
+    rest = f'a rigid URDF cannot hold compliance and backlash ({soft}), nor effects too small to be detected'
+    facts = facts._replace(lines=(*facts.lines, escaping.comment(f'{rest[:1].upper()}{rest[1:]}.')))
+    text = with_origins(content, origins, _comment(facts), robot)
+    return {'.urdf': text, '.yaml': origins_yaml(origins, facts.lines)}, [*facts.notes(is_rigid=True), rest]
 
 
 def exported(arm: CalibratedArm, kind: str, source: str, options: Options = Options()) -> tuple[str, list[str]]:  # noqa: B008 - immutable

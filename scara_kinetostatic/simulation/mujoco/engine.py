@@ -99,7 +99,7 @@ class Scene:
         if p.has_gravity:
             (m1, m2), quill = self.masses, SETTINGS.small_mass
             at_elbow = SETTINGS.elbow_mass + m2 + quill
-            p = p.replace(s1=p.l1 * (0.5 * m1 + at_elbow), s2=p.l2 * (0.5 * m2 + quill))
+            p = p.replace(s1=p.l1 * (0.5 * m1 + at_elbow), s2=p.l2 * (0.5 * m2 + quill), phi1=0.0, phi2=0.0)
         return replace(self, parameters=p)
 
 

@@ -25,8 +25,9 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, analyse_tables
-from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
+from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_tables
+from scara_kinetostatic.studies.loops.readings import GaugeTable
+from scara_kinetostatic.studies.paper.dial_gauge import simulate_experiments
 from scara_kinetostatic.studies.paper.table_2 import (
     ONE_LEVEL,
     THREE_LEVELS,
@@ -144,5 +145,5 @@ def reproduce(runs: int = 1000, progress: Progress = lambda what, share: None) -
             THREE_LEVELS, noise, runs, lambda done: progress(f'data set {done} of {runs}', 0.05 + 0.9 * done / runs)
         ),
         gripper=observable_parts(touches, PAPER_CELL, PAPER_ACTUAL, PAPER_CELL.noise or noise),
-        dial_gauge=analyse_tables([simulate_experiments()]),
+        dial_gauge=analyse_tables([GaugeTable(simulate_experiments())]),
     )

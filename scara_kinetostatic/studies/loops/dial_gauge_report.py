@@ -25,9 +25,9 @@ from scara_kinetostatic.report import (
 )
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, new_figure
 from scara_kinetostatic.report.quantities import Scale, count, p_equals, shown
-from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, DirectionMap, Ellipse, Part, Run
-from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, Reversal, Sense
-from scara_kinetostatic.studies.dial_gauge.statistics import FALSE_ALARM_LEVEL, CombinedEstimate, Estimate
+from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, DirectionMap, Part, Run
+from scara_kinetostatic.studies.loops.estimates import FALSE_ALARM_LEVEL, CombinedEstimate, Estimate
+from scara_kinetostatic.studies.loops.reversals import LoopAnalysis
 
 TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}
 HALF = 450.0
@@ -45,87 +45,52 @@ def dial_gauge_document(analysis: DialGaugeAnalysis) -> Document:
         'parts': {part.name: _part(part) for part in analysis.parts.values()},
         'loops': [
             {
-                'source': record.readings.sources[0],
-                'senses': {sense.name: _sense(sense) for sense in record.senses},
-                'rejected': record.rejected,
+                'source': loops.record.source,
+                'senses': {sense.name: sense for sense in loops.senses},
+                'rejected': loops.rejected,
             }
-            for record in analysis.loops
+            for loops in analysis.loops
         ],
         'warnings': analysis.warnings,
     }
 
 
 def _part(part: Part) -> Document:
-    found = {**_quantities(part, part.units), 'runs': [_run(run, part.units) for run in part.runs]}
-    if part.maps:
-        found['over_direction'] = {
-            what: _map(part.maps[what], unit) for what, unit in zip(('compliance', 'gap'), part.units, strict=True)
-        }
-    return found
+    maps = {what: _map(each) for what, each in part.maps.items()}
+    found = {**_quantities(part), 'runs': [_run(run) for run in part.runs]}
+    return found | ({'over_direction': maps} if maps else {})
 
 
-def _quantities(each: Part | Run, units: tuple[str, str]) -> Document:
+def _quantities(each: Part | Run) -> Document:
+    return {'compliance': each.compliance, 'gap': each.gap, 'half_gap': each.gap.over(2)}
+
+
+def _run(run: Run) -> Document:
+    readings, fit = run.readings, run.fit
     return {
-        'compliance': _estimate(each.compliance, units[0]),
-        'gap': _estimate(each.gap, units[1]),
-        'half_gap': _estimate(each.gap.half, units[1]),
-    }
-
-
-def _estimate(estimate: Estimate | CombinedEstimate, unit: str) -> Document:
-    return {**estimate._asdict(), 'unit': unit}
-
-
-def _fields(record: Ellipse | Reversal, units: dict[str, str]) -> Document:
-    """The fields of a record, those that are estimates with their units."""
-    fields = record._asdict()
-    return fields | {name: _estimate(fields[name], unit) for name, unit in units.items()}
-
-
-def _run(run: Run, units: tuple[str, str]) -> Document:
-    fit = run.fit
-    return {
-        'source': run.source,
-        'gauge_at': run.gauge_at,
-        'direction': run.direction,
-        'lever': run.lever,
-        **_quantities(run, units),
-        'at_gauge': {'slope': _estimate(fit.compliance, 'm/N'), 'gap': _estimate(fit.gap, 'm')},
-        'slope_negative': _estimate(fit.slopes[0], 'm/N'),
-        'slope_positive': _estimate(fit.slopes[1], 'm/N'),
+        **{name: getattr(readings, name) for name in ('source', 'gauge_at', 'direction', 'lever')},
+        **_quantities(run),
+        'at_gauge': {'slope': fit.compliance, 'gap': fit.gap},
+        'slope_negative': fit.slopes[0],
+        'slope_positive': fit.slopes[1],
         'cycle_gaps': fit.cycle_gaps,
         'reading_std': fit.sigma,
         'resolution': fit.resolution,
         'degrees_of_freedom': fit.degrees_of_freedom,
         'rows': {'found': len(fit.used), 'used': int(fit.used.sum())},
         'checks': [{**check._asdict(), 'failed': check in run.failed_checks} for check in fit.checks],
-        'outlier_lines': [int(run.readings.line[row]) for row in run.outliers],
+        'outlier_lines': readings.line[list(run.outliers)],
         'note': run.note,
     }
 
 
-def _map(each: DirectionMap, unit: str) -> Document:
-    isotropy, ellipse = each.isotropy._asdict(), each.ellipse
-    del isotropy['value'], isotropy['std']
+def _map(each: DirectionMap) -> Document:
     return {
-        'mean': _estimate(each.mean, unit),
+        'mean': each.mean,
         'smallest': each.value.min(),
         'largest': each.value.max(),
-        'isotropy': isotropy,
-        'ellipse': ellipse and _fields(ellipse, {'major': unit, 'minor': unit, 'axis': 'rad'}),
-    }
-
-
-def _sense(sense: Sense) -> Document:
-    gap, compliance = ({'definitional_uncertainty': half} for half in sense.definitional_uncertainty)
-    units = {'gap': 'm', 'compliance': 'm/N', 'unloading_compliance': 'm/N'}
-    return {
-        'gap_force': sense.gap_force,
-        'slip_force': sense.slip_force,
-        'residual_std': sense.residual_std,
-        'gap': _estimate(sense.gap, 'm') | gap,
-        'compliance': _estimate(sense.compliance, 'm/N') | compliance,
-        'reversals': [_fields(each, units) for each in sense.reversals],
+        'isotropy': each.isotropy,
+        'ellipse': each.ellipse,
     }
 
 
@@ -140,10 +105,10 @@ def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
             'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
         )
         blocks.append(Section('Summary', (summary_table(analysis), note)))
-    blocks += [_loop_section(record, f'loop{k}') for k, record in enumerate(analysis.loops)]
+    blocks += [_loop_section(loops, f'loop{k}') for k, loops in enumerate(analysis.loops)]
     what = [
         *(TITLES[name] for name in analysis.parts),
-        *(f'loops of {record.readings.sources[0]}' for record in analysis.loops),
+        *(f'loops of {loops.record.source}' for loops in analysis.loops),
     ]
     return Report(
         title='Compliance and backlash by dial gauge',
@@ -161,7 +126,7 @@ def with_std(estimate: Estimate, factor: float = 1e6) -> str:
 
 
 def _cells(each: Part | Run) -> tuple[str, str, str]:
-    return with_std(each.compliance), with_std(each.gap), with_std(each.gap.half)
+    return with_std(each.compliance), with_std(each.gap), with_std(each.gap.over(2))
 
 
 def summary_table(analysis: DialGaugeAnalysis) -> Table:
@@ -169,16 +134,15 @@ def summary_table(analysis: DialGaugeAnalysis) -> Table:
     rows = []
     for part in analysis.parts.values():
         compliance, *gaps = _cells(part)
-        slope_unit, gap_unit = (f'µ{unit}' for unit in part.units)
-        rows.append((TITLES[part.name], str(len(part.runs)), compliance, slope_unit, *gaps, gap_unit))
+        units = f'µ{part.compliance.unit}', f'µ{part.gap.unit}'
+        rows.append((TITLES[part.name], str(len(part.runs)), compliance, units[0], *gaps, units[1]))
     return Table(('part', 'runs', 'compliance', '', 'gap', 'half gap g', ''), ('',) * 7, tuple(rows))
 
 
 def _run_table(part: Part) -> Table:
-    slope_unit, gap_unit = (f'µ{unit}' for unit in part.units)
     rows = tuple(
         (
-            NOT_DETERMINED if np.isnan(run.direction) else f'{np.degrees(run.direction):.5g}',
+            NOT_DETERMINED if np.isnan(run.readings.direction) else f'{np.degrees(run.readings.direction):.5g}',
             *_cells(run),
             f'{1e6 * run.fit.sigma:.2f}',
             f'{int(run.fit.used.sum())}',
@@ -187,7 +151,8 @@ def _run_table(part: Part) -> Table:
         for run in part.runs
     )
     heading = ('direction', 'compliance', 'gap', 'half gap g', 'reading σ', 'rows', 'checks')
-    return Table(heading, ('°', slope_unit, gap_unit, gap_unit, 'µm', '', ''), rows)
+    gap_unit = f'µ{part.gap.unit}'
+    return Table(heading, ('°', f'µ{part.compliance.unit}', gap_unit, gap_unit, 'µm', '', ''), rows)
 
 
 def _test(test: CombinedEstimate) -> str:
@@ -198,16 +163,17 @@ def _test(test: CombinedEstimate) -> str:
 def _map_sentences(part: Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
-    for (what, each), unit in zip(part.maps.items(), part.units, strict=False):
+    for what, each in part.maps.items():
+        unit = f'µ{each.mean.unit}'
         if each.isotropy.p_value >= FALSE_ALARM_LEVEL:
             found.append(f'The {what} is equal in all directions within its uncertainty ({_test(each.isotropy)}).')
             continue
         text = f'The {what} depends on the direction ({_test(each.isotropy)}): '
-        text += f'{1e6 * each.value.min():.4g} … {1e6 * each.value.max():.4g} µ{unit}'
+        text += f'{1e6 * each.value.min():.4g} … {1e6 * each.value.max():.4g} {unit}'
         if each.ellipse is not None:
             ellipse = each.ellipse
             fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
-            limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} µ{unit}'
+            limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} {unit}'
             text += f'; ellipse from {limits}, largest at {with_std(ellipse.axis, 180 / np.pi)}°{fits}'
         found.append(f'{text}.')
     return found
@@ -215,23 +181,19 @@ def _map_sentences(part: Part) -> list[str]:
 
 def part_figures(part: Part) -> tuple[Figures, ...]:
     """Maps over the direction, and the runs with the largest and the smallest gap."""
-    maps = [
-        Figure(partial(map_picture, each, f'µ{unit}', what, f'{part.name}_{what}'))
-        for (what, each), unit in zip(part.maps.items(), part.units, strict=False)
-    ]
-    order = sorted(range(len(part.runs)), key=lambda k: -part.runs[k].gap.value)
+    maps = [Figure(partial(map_picture, each, what, f'{part.name}_{what}')) for what, each in part.maps.items()]
+    dead_zone = 'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.'
+    gaps = [run.gap.value for run in part.runs]
+    runs = {k: part.runs[k] for k in (int(np.argmax(gaps)), int(np.argmin(gaps)))}
     forces = [
-        Figure(partial(force_picture, part.runs[k], f'{part.name}_force{k}'), title=part.runs[k].name.capitalize())
-        for k in dict.fromkeys((order[0], order[-1]))
+        Figure(partial(force_picture, run, f'{part.name}_force{k}'), title=run.readings.name.capitalize())
+        for k, run in runs.items()
     ]
-    found = [Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')]
-    if maps:
-        dead_zone = 'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.'
-        found.insert(0, Figures(tuple(maps), dead_zone))
-    return tuple(found)
+    found = Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')
+    return (Figures(tuple(maps), dead_zone), found) if maps else (found,)
 
 
-def map_picture(each: DirectionMap, unit: str, what: str, name: str) -> Markup:
+def map_picture(each: DirectionMap, what: str, name: str) -> Markup:
     """A quantity over the direction, with two standard deviations and its ellipse (figures 4(b) and 4(c))."""
     figure, found = new_figure(HALF, 400, subplot_kw={'projection': 'polar'})
     axes = cast(PolarAxes, found[0])
@@ -249,7 +211,7 @@ def map_picture(each: DirectionMap, unit: str, what: str, name: str) -> Markup:
     axes.set_rlabel_position(75)
     axes.yaxis.set_major_locator(MaxNLocator(4, prune='lower'))
     axes.spines['polar'].set_color(LINE)
-    axes.set_title(f'{what}  [{unit}]', pad=14)
+    axes.set_title(f'{what}  [µ{each.mean.unit}]', pad=14)
     return as_svg(figure, name, f'{what} over the direction')
 
 
@@ -284,41 +246,38 @@ def force_picture(run: Run, name: str) -> Markup:
     return as_svg(figure, name, 'displacement over force, with straight lines and their residuals')
 
 
-def _loop_section(record: LoopAnalysis, name: str) -> Section:
+def _loop_section(loops: LoopAnalysis, name: str) -> Section:
     picture = Figure(
-        partial(loop_picture, record, f'{name}_record'),
+        partial(loop_picture, loops, f'{name}_record'),
         'The record; bars: the gap of each reversal, at the force inside the backlash. Blue: displacement rising after '
         'the reversal, orange: falling.',
     )
     note = 'definitional: by the choice of the straight part, common to all reversals; those are in dial_gauge.json'
-    rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in record.rejected)
+    rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in loops.rejected)
     unused = [Items(rejected, f'{count(len(rejected), "reversal")} not used:')] if rejected else []
-    return Section(f'Loops: {record.readings.sources[0]}', (picture, _loop_table(record), note, *unused))
+    return Section(f'Loops: {loops.record.source}', (picture, _loop_table(loops), note, *unused))
 
 
-def _loop_table(record: LoopAnalysis) -> Table:
+def _loop_table(loops: LoopAnalysis) -> Table:
     """Mean, definitional uncertainty and consistency of gap and compliance after the reversals of each sense."""
     rows = []
-    for sense in record.senses:
-        gap, compliance = sense.definitional_uncertainty
-        for what, unit, factor, test, half in (
-            ('gap', 'µm', 1e6, sense.gap, gap),
-            ('compliance', 'nm/N', 1e9, sense.compliance, compliance),
-        ):
-            values = (with_std(test.estimate, factor), f'{float(f"{factor * half:.2g}"):g}', unit)
-            rows.append((sense.name, what, *values, _test(test)))
+    for sense in loops.senses:
+        quantities = ('gap', 'µm', 1e6, sense.gap), ('compliance', 'nm/N', 1e9, sense.compliance)
+        for what, unit, factor, test in quantities:
+            definitional = float(f'{factor * test.definitional_uncertainty:.2g}')
+            rows.append((sense.name, what, with_std(test.estimate, factor), f'{definitional:g}', unit, _test(test)))
         rows.append((sense.name, 'force inside the gap', f'{sense.gap_force:.0f}', '', 'N', ''))
         rows.append((sense.name, 'force at the plateau', f'{sense.slip_force:.0f}', '', 'N', ''))
     heading = ('displacement', '', 'mean', 'definitional ±', '', 'consistency of the reversals')
     return Table(heading, ('',) * len(heading), tuple(rows))
 
 
-def loop_picture(record: LoopAnalysis, name: str) -> Markup:
+def loop_picture(loops: LoopAnalysis, name: str) -> Markup:
     """The loops, and on each reversal that is used the two crossings of the level."""
     figure, (axes,) = new_figure(HALF, 400)
-    readings = record.readings
-    axes.plot(1e3 * readings.displacement, 1e-3 * readings.force, color=FAINT, lw=0.7)
-    for sense in record.senses:
+    record = loops.record
+    axes.plot(1e3 * record.response, 1e-3 * record.load, color=FAINT, lw=0.7)
+    for sense in loops.senses:
         colour = SERIES[0] if sense.sense > 0 else SERIES[1]
         for each in sense.reversals:
             start, end = (1e3 * (each.displacement + sense.sense * at) for at in each.crossings)

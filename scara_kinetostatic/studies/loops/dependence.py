@@ -33,10 +33,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.studies.hysteresis.fit import effective_count
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
-from scara_kinetostatic.studies.hysteresis.motion import Motion
-from scara_kinetostatic.studies.hysteresis.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, UNLOADED_BELOW
+from scara_kinetostatic.studies.loops.fit import effective_count
+from scara_kinetostatic.studies.loops.path import RecordPath, block_means
+from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, UNLOADED_BELOW
 
 _BINS = 16
 
@@ -64,82 +63,83 @@ class Dependence(NamedTuple):
     Attributes:
         variable: a key of `VARIABLES`.
         share: explained share of the squared residual, for a motion on the half held out; below 0 if it increases.
-        p_value: of no dependence, all records together.
-        by_record: the same of each record driven by its load; NaN where it could not be tested.
-        detectable: share that the test would have found with a probability of `POWER`; 1 where none.
+        p_value: of no dependence, all records together; NaN where it could not be tested.
+        detectable_share: share that the test would have found with a probability of `POWER`; NaN likewise.
+        p_value_by_record: of each record driven by its load; NaN where it could not be tested.
     """
 
     variable: str
     share: float
     p_value: float
-    by_record: tuple[float, ...] = ()
-    detectable: float = 1.0
+    detectable_share: float
+    p_value_by_record: tuple[float, ...] = ()
 
     @property
     def is_tested(self) -> bool:
-        """Whether it could be tested in any record; if not, `p_value` is 1."""
-        return not self.by_record or bool(np.any(np.isfinite(self.by_record)))
+        """Whether it could be tested in any record."""
+        return bool(np.isfinite(self.p_value))
 
 
 def p_independent(found: Sequence[Dependence]) -> float:
     """p-value of no dependence on any variable (Bonferroni)."""
-    return min(1.0, len(found) * min(each.p_value for each in found))
+    return min([1.0, *(len(found) * each.p_value for each in found if each.is_tested)])
 
 
-def loop_dependences(motions: Sequence[Motion | None], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
+def loop_dependences(paths: Sequence[RecordPath], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
     """Dependence on all variables of loops, in decreasing order of the explained share.
 
     Args:
-        motions: the records; None for one that is not in loops, which does not count.
+        paths: the records as measured; one that is not in loops does not count.
         residuals: of each, (n,); the first sweep does not count.
     """
-    records = list(zip(motions, residuals, strict=True))
-    squares = np.array([float((r[motion.scored] ** 2).sum()) if motion else 0.0 for motion, r in records])
-    driven_by = next(motion.driven_by for motion in motions if motion)
+    records = list(zip(paths, residuals, strict=True))
+    squares = np.array([float((r[path.scored] ** 2).sum()) if path.in_loops else 0.0 for path, r in records])
+    driven_by = paths[0].driven_by
     weights = squares / squares.sum() if squares.any() else np.ones(len(squares)) / len(squares)
     found = []
     for variable in _OF_LOOPS:
         name = variable.replace('driver', _DRIVER[driven_by])
-        tested = (_on_variable(motion, r, variable) if motion else (0.0, np.nan, 1.0) for motion, r in records)
+        tested = (_on_variable(path, r, variable) if path.in_loops else (0.0, np.nan, 1.0) for path, r in records)
         shares, p_values, detectable = zip(*tested, strict=True)
-        by_record, finite = p_values if driven_by == LOAD else (), [p for p in p_values if np.isfinite(p)]
-        found.append(Dependence(name, float(weights @ shares), _fisher(finite), by_record, min(detectable)))
+        by_record = p_values if driven_by == LOAD else ()
+        found.append(Dependence(name, float(weights @ shares), _fisher(p_values), min(detectable), by_record))
     return _by_share(found)
 
 
 def _fisher(p_values: Sequence[float]) -> float:
-    """p-value of all together; 1 where there is none."""
-    if len(p_values) == 1:
-        return p_values[0]
-    return float(stats.chi2.sf(-2 * np.log(np.maximum(p_values, 1e-300)).sum(), 2 * len(p_values)))
+    """p-value of all together; NaN where there is none."""
+    finite = [p for p in p_values if np.isfinite(p)]
+    if len(finite) < 2:
+        return finite[0] if finite else float('nan')
+    return float(stats.chi2.sf(-2 * np.log(np.maximum(finite, 1e-300)).sum(), 2 * len(finite)))
 
 
 def _by_share(found: Iterable[Dependence]) -> tuple[Dependence, ...]:
     return tuple(sorted(found, key=lambda each: -each.share))
 
 
-def _on_variable(motion: Motion, residual: Floats, variable: str) -> tuple[float, float, float]:
+def _on_variable(path: RecordPath, residual: Floats, variable: str) -> tuple[float, float, float]:
     """Share, p-value and detectable share of one record."""
-    place = _bin(motion, variable)
-    odd = motion.cycle % 2 == 1
+    place = _bin(path, variable)
+    odd = path.cycle % 2 == 1
     unexplained, p_values, detectable = residual.copy(), [], []
-    for fitted in (odd & motion.scored, ~odd & motion.scored):
-        held_out = motion.scored & ~fitted
+    for fitted in (odd & path.scored, ~odd & path.scored):
+        held_out = path.scored & ~fitted
         count, total = (
             np.bincount(place[fitted], weights=weights, minlength=2 * _BINS) for weights in (None, residual[fitted])
         )
         curve = (total / np.maximum(count, 1))[place]  # mean of each bin; 0 for an empty one
         unexplained[held_out] -= curve[held_out]
         sums = [
-            np.bincount(motion.sweep[held_out], weights=values[held_out], minlength=motion.sweeps)
-            for values in (residual * curve, residual**2, curve**2, np.ones(len(motion)))
+            np.bincount(path.sweep[held_out], weights=values[held_out], minlength=path.sweeps)
+            for values in (residual * curve, residual**2, curve**2, np.ones(len(path.time)))
         ]
         size = np.sqrt(sums[1] * sums[2])
         counts = (size > 0) & (sums[3] >= FEWEST_ROWS)
         alike = sums[0][counts] / size[counts]
         p_values.append(p_positive(alike))
         detectable.append(_detectable(alike))
-    rows = motion.scored
+    rows = path.scored
     share = 1 - float((unexplained[rows] ** 2).sum() / (residual[rows] ** 2).sum()) if np.any(residual[rows]) else 0.0
     return share, min(1.0, 2 * min(p_values)), min(detectable)
 
@@ -154,11 +154,11 @@ def _detectable(alike: Floats) -> float:
     return min(1.0, float(quantiles**2 * alike.var(ddof=1) / len(alike)))
 
 
-def _bin(motion: Motion, variable: str) -> NDArray[np.int64]:
-    values: Floats = getattr(motion, variable.removesuffix('_sense'))
+def _bin(path: RecordPath, variable: str) -> NDArray[np.int64]:
+    values: Floats = getattr(path, variable.removesuffix('_sense'))
     steps = _BINS * (values - values.min()) / (np.ptp(values) or 1.0)
     place = np.minimum(steps.astype(np.int64), _BINS - 1)
-    return place + _BINS * (motion.sense > 0) if variable.endswith('_sense') else place
+    return place + _BINS * (path.sense > 0) if variable.endswith('_sense') else place
 
 
 def p_positive(values: Floats) -> float:
@@ -168,7 +168,7 @@ def p_positive(values: Floats) -> float:
     return float(stats.ttest_1samp(values, 0.0, alternative='greater').pvalue)
 
 
-def load_dependences(paths: Sequence[LoadPath], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
+def load_dependences(paths: Sequence[RecordPath], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
     """Dependence on all variables of loads, in decreasing order of the explained share.
 
     Args:
@@ -181,24 +181,24 @@ def load_dependences(paths: Sequence[LoadPath], residuals: Sequence[Floats]) -> 
     for variable in _OF_LOAD:
         p_values, explained, detectable = zip(*(by_variable[variable] for _, by_variable in tested), strict=True)
         share, limit = ((sum(each) / total if total > 0 else 0.0) for each in (explained, detectable))
-        finite = [p for p in p_values if np.isfinite(p)]
-        found.append(Dependence(variable, share, _fisher(finite) if finite else 1.0, p_values, min(limit, 1.0)))
+        p_value = _fisher(p_values)
+        found.append(Dependence(variable, share, p_value, min(limit, 1.0) if p_value >= 0 else np.nan, p_values))
     return _by_share(found)
 
 
-def _record(path: LoadPath, residual: Floats) -> tuple[float, dict[str, tuple[float, float, float]]]:
+def _record(path: RecordPath, residual: Floats) -> tuple[float, dict[str, tuple[float, float, float]]]:
     """Sum of squares of the block means less that at rest; p-value, explained and detectable part of it by variable."""
     loaded = path.known & (np.abs(path.smooth) >= UNLOADED_BELOW * path.size)
     before, after = (_blocks(path, residual, rows) for rows in (path.rest, _at_rest_again(path)))
-    under_load, loads, times = (_blocks(path, values, loaded) for values in (residual, np.abs(path.load), path.time))
+    under_load, loads, times = (_blocks(path, values, loaded) for values in (residual, np.abs(path.driver), path.time))
     rest = before.mean() if len(before) else 0.0
     square = sum(float((means - rest) @ (means - rest)) for means in (before, after, under_load))
-    tolerance = 0.01 * float(np.ptp(path.response))
+    tolerance = 0.01 * float(np.ptp(path.driven))
     slopes = _slopes(under_load, loads, times, tolerance)
     return square, dict(zip(_OF_LOAD, (_difference(before, after, tolerance), *slopes), strict=True))
 
 
-def _at_rest_again(path: LoadPath) -> Mask:
+def _at_rest_again(path: RecordPath) -> Mask:
     """The samples at rest after the load, without 0.25 s of settling, or half of them if that is less."""
     quiet = np.abs(path.smooth) < max(0.05 * path.size, 4.0 * path.record.noise(path.record.load))
     after = np.flatnonzero(~path.known & (np.cumsum(~quiet[::-1])[::-1] == 0))
@@ -206,7 +206,7 @@ def _at_rest_again(path: LoadPath) -> Mask:
     return np.isin(np.arange(len(quiet)), after[settling:])
 
 
-def _blocks(path: LoadPath, values: Floats, rows: Mask) -> Floats:
+def _blocks(path: RecordPath, values: Floats, rows: Mask) -> Floats:
     """Means of the blocks that lie in rows; a block does not cross an end of a stretch."""
     block = path.long_block(int(rows.sum()))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))

@@ -28,14 +28,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
 from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.columns import Column, Place, load_table, split_heading
-from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.studies.dial_gauge.loop_analysis import reversals
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 
 MOTION, LOAD = 'motion', 'load'
+PROMINENCE = 0.03
+"""Smallest prominence of a reversal, as a share of the range of what reverses."""
 FEWEST_SWEEPS = 6
 """Three to fit and three to predict; fewer do not give a variance between sweeps."""
 FEWEST_ROWS = 8
@@ -398,6 +400,13 @@ def _gives_out_energy(record: Record) -> bool:
     load, response = record.load - record.load.mean(), record.response - record.response.mean()
     work = float(np.sum((load[1:] + load[:-1]) / 2 * np.diff(response))) * np.sign(load @ response)
     return work < -0.02 * float(np.ptp(load) * np.ptp(response))
+
+
+def reversals(values: Floats) -> Indices:
+    """The samples at which a displacement or a load, (n,), reverses, in the order of time."""
+    least = PROMINENCE * float(np.ptp(values))
+    peaks = [find_peaks(sign * values, prominence=least)[0] for sign in (1, -1)]
+    return np.sort(np.concatenate(peaks))
 
 
 def is_at_rest_first(load: Floats) -> bool:

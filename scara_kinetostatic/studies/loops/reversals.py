@@ -18,18 +18,17 @@ of the means over other windows of the lines; it is common to all reversals and 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.statistics import CombinedEstimate, Estimate, combine_estimates
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.studies.loops.estimates import CombinedEstimate, Estimate, combine_estimates
+from scara_kinetostatic.studies.loops.record import Record, reversals
 
-PROMINENCE = 0.03
-"""Smallest prominence of a reversal, as a share of the range of the displacement."""
 _WINDOW = (0.15, 0.55)
 """Shares of the way from the level to the plateau between which a branch is fitted by a straight line."""
 _OTHER_WINDOWS = ((0.1, 0.5), (0.2, 0.6), (0.1, 0.6), (0.2, 0.5))
@@ -77,7 +76,6 @@ class Sense(NamedTuple):
         residual_std: standard deviation of the residuals of the branches before and after the gap, m.
         gap: mean over the reversals, with a test of their consistency, m.
         compliance: likewise, m/N.
-        definitional_uncertainty: of gap and compliance; NaN where no other window has a result.
         reversals: in order.
     """
 
@@ -87,7 +85,6 @@ class Sense(NamedTuple):
     residual_std: tuple[float, float]
     gap: CombinedEstimate
     compliance: CombinedEstimate
-    definitional_uncertainty: tuple[float, float]
     reversals: tuple[Reversal, ...]
 
     @property
@@ -97,9 +94,9 @@ class Sense(NamedTuple):
 
 
 class LoopAnalysis(NamedTuple):
-    """Result of a continuous record: its readings, senses with two reversals or more, and reversals not used."""
+    """Result of a continuous record: senses with two reversals or more, and reversals not used."""
 
-    readings: DialGaugeReadings
+    record: Record
     senses: tuple[Sense, ...]
     rejected: tuple[Rejected, ...]
 
@@ -117,96 +114,83 @@ class _Sweep(NamedTuple):
 
 
 class _Line(NamedTuple):
-    """The line d = a + p (f - level): a, p, their unscaled covariance, residual sum of squares, number of samples."""
+    """The line d = a + p (f - level): (a, p), their unscaled std, residual sum of squares, number of samples."""
 
-    a: float
-    p: float
+    coefficients: Floats
     unscaled: Floats
     rss: float
     samples: int
 
 
-def analyse_loops(readings: DialGaugeReadings) -> LoopAnalysis:
+def analyse_loops(record: Record) -> LoopAnalysis:
     """Gap and slope at the reversals of a continuous record.
 
     Raises:
-        UnsupportedDataError: the time does not increase, or no sense has two reversals that can be used.
+        UnsupportedDataError: no sense has two reversals that can be used.
     """
-    source, time = readings.sources[0], readings.time
-    if len(time) < 2 or not np.all(np.diff(time) > 0):
-        problem = f'{source}: the time does not rise from row to row'
-        raise UnsupportedDataError(problem, 'give the rows in the order of time')
-    sweeps = _find_sweeps(time, readings.displacement, readings.force)
-    senses, rejected = _analyse(sweeps, _WINDOW)
+    sweeps, rejected = list(_sweeps(record)), list[Rejected]()
+    senses = _analyse(sweeps, _WINDOW, rejected)
     if not senses:
         why = f': {rejected[0].reason}' if rejected else ''
-        problem = f'{source}: no two reversals of a sense have a gap between two elastic branches{why}'
+        problem = f'{record.source}: no two reversals of a sense have a gap between two elastic branches{why}'
         raise UnsupportedDataError(problem, 'record more full loops, at a higher sampling rate')
-    others = [each for window in _OTHER_WINDOWS for each in _analyse(sweeps, window)[0]]
+    others = [each for window in _OTHER_WINDOWS for each in _analyse(sweeps, window, [])]
     for k, sense in enumerate(senses):
         same = [sense, *(each for each in others if each.sense == sense.sense)]
-        means = np.array([[each.gap.value, each.compliance.value] for each in same])
-        gap, compliance = np.ptp(means, axis=0) / 2 if len(same) > 1 else (np.nan, np.nan)
-        senses[k] = sense._replace(definitional_uncertainty=(float(gap), float(compliance)))
-    return LoopAnalysis(readings, tuple(senses), tuple(sorted(rejected)))
+        if len(same) > 1:
+            gap, compliance = np.ptp([[each.gap.value, each.compliance.value] for each in same], axis=0) / 2
+            senses[k] = sense._replace(
+                gap=sense.gap._replace(definitional_uncertainty=float(gap)),
+                compliance=sense.compliance._replace(definitional_uncertainty=float(compliance)),
+            )
+    return LoopAnalysis(record, tuple(senses), tuple(sorted(rejected)))
 
 
-def reversals(displacement: Floats) -> Indices:
-    """The samples at which the motion reverses, in the order of time."""
-    least = PROMINENCE * float(np.ptp(displacement))
-    peaks = [find_peaks(sign * displacement, prominence=least)[0] for sign in (1, -1)]
-    return np.sort(np.concatenate(peaks))
-
-
-def _find_sweeps(time: Floats, displacement: Floats, force: Floats) -> list[_Sweep]:
+def _sweeps(record: Record) -> Iterator[_Sweep]:
     """The record cut at the reversals, without what comes before the first."""
-    turns = reversals(displacement)
-    sweeps = []
-    for first, last in zip(turns, [*turns[1:], len(time) - 1][: len(turns)], strict=True):
-        rows = slice(first, last + 1)
-        sense = 1 if displacement[last] > displacement[first] else -1
-        distance, along = sense * (displacement[rows] - displacement[first]), sense * force[rows]
-        sweeps.append(_Sweep(distance, along, float(time[first]), float(displacement[first]), sense))
-    return sweeps
+    for first, last in pairwise([*reversals(record.response).tolist(), len(record) - 1]):
+        displacement = record.response[first : last + 1]
+        sense = 1 if displacement[-1] > displacement[0] else -1
+        distance, along = sense * (displacement - displacement[0]), sense * record.load[first : last + 1]
+        yield _Sweep(distance, along, float(record.time[first]), float(displacement[0]), sense)
 
 
-def _analyse(sweeps: list[_Sweep], window: tuple[float, float]) -> tuple[list[Sense], list[Rejected]]:
-    """Result for each sense, with lines fitted within a window, and the reversals that are not used."""
+def _analyse(sweeps: Sequence[_Sweep], window: tuple[float, float], rejected: list[Rejected]) -> list[Sense]:
+    """Result for each sense, with lines fitted within a window; the reversals that are not used are added."""
     by_sense = {sense: [sweep for sweep in sweeps if sweep.sense == sense] for sense in (1, -1)}
-    plateaus = {sense: _find_plateau(own) for sense, own in by_sense.items()}
-    senses, rejected = [], []
-    if not np.isfinite(plateaus[1] + plateaus[-1]):
-        return [], []
-    for sense, own in by_sense.items():
-        levels = np.array([_find_level(sweep, plateaus[sense]) for sweep in own])
+    plateaus = {sense: _plateau(own) for sense, own in by_sense.items()}
+    senses: list[Sense] = []
+    for sense, own in by_sense.items() if np.isfinite(sum(plateaus.values())) else ():
+        levels = np.array([_level(sweep, plateaus[sense]) for sweep in own])
         level = float(np.nanmedian(levels)) if np.any(np.isfinite(levels)) else np.nan
-        pairs = []
+        used, pairs = [], []
         for sweep in own:
             pair = _fit_pair(sweep, level, -plateaus[-sense], plateaus[sense], window)
             if isinstance(pair, str):
                 rejected.append(Rejected(sweep.time, pair))
             else:
-                pairs.append((sweep, *pair))
-        sigma = _pooled([line for _, line, _ in pairs]), _pooled([line for _, _, line in pairs])
-        if len(pairs) < 2 or not np.all(np.isfinite(sigma)):
-            rejected += [Rejected(sweep.time, 'too few reversals of its sense') for sweep, *_ in pairs]
+                used.append(sweep)
+                pairs.append(pair)
+        dof = [sum(line.samples - 2 for line in lines) for lines in zip(*pairs, strict=True)]
+        if len(pairs) < 2 or not all(dof):
+            rejected += [Rejected(sweep.time, 'too few reversals of its sense') for sweep in used]
             continue
-        dof = sum(after.samples - 2 for _, _, after in pairs)
-        reversals = tuple(_as_reversal(sweep, before, after, sigma) for sweep, before, after in pairs)
-        gap = combine_estimates([each.gap for each in reversals], dof)
-        compliance = combine_estimates([each.compliance for each in reversals], dof)
-        unknown = (np.nan, np.nan)
-        senses.append(Sense(sense, sense * level, sense * plateaus[sense], sigma, gap, compliance, unknown, reversals))
-    return senses, rejected
+        rss = [sum(line.rss for line in lines) for lines in zip(*pairs, strict=True)]
+        sigma = float(np.sqrt(rss[0] / dof[0])), float(np.sqrt(rss[1] / dof[1]))
+        found = tuple(_as_reversal(sweep, pair, sigma) for sweep, pair in zip(used, pairs, strict=True))
+        gap = combine_estimates([each.gap for each in found], dof[1])
+        compliance = combine_estimates([each.compliance for each in found], dof[1])
+        senses.append(Sense(sense, sense * level, sense * plateaus[sense], sigma, gap, compliance, found))
+    return senses
 
 
-def _find_plateau(sweeps: list[_Sweep]) -> float:
+def _plateau(sweeps: Sequence[_Sweep]) -> float:
     """Force of slip, N: the median over the sweeps of the median over the second half of each."""
     medians = [float(np.median(s.force[s.distance > s.distance[-1] / 2])) for s in sweeps if s.distance[-1] > 0]
     return float(np.median(medians)) if medians else np.nan
 
 
-def _find_level(sweep: _Sweep, plateau: float) -> float:
+def _level(sweep: _Sweep, plateau: float) -> float:
     """Force inside the backlash, N: where it changes least over a sixth of the way up to 75 % of the plateau."""
     risen = np.flatnonzero(sweep.force >= 0.75 * plateau)
     if not len(risen) or risen[0] < 2:
@@ -242,28 +226,23 @@ def _fit_pair(
 
 def _fit_line(force: Floats, distance: Floats) -> _Line:
     basis, triangle = np.linalg.qr(np.stack([np.ones_like(force), force], axis=1))
-    inverse = np.linalg.inv(triangle)
-    a, p = inverse @ (basis.T @ distance)
-    residual = distance - basis @ (basis.T @ distance)
-    return _Line(float(a), float(p), inverse @ inverse.T, float(residual @ residual), len(force))
+    inverse, along = np.linalg.inv(triangle), basis.T @ distance
+    residual = distance - basis @ along
+    return _Line(inverse @ along, np.linalg.norm(inverse, axis=1), float(residual @ residual), len(force))
 
 
-def _pooled(lines: list[_Line]) -> float:
-    """Standard deviation of the residuals of several lines, m; NaN without degrees of freedom."""
-    dof = sum(line.samples - 2 for line in lines)
-    return float(np.sqrt(sum(line.rss for line in lines) / dof)) if dof > 0 else np.nan
-
-
-def _as_reversal(sweep: _Sweep, before: _Line, after: _Line, sigma: tuple[float, float]) -> Reversal:
+def _as_reversal(sweep: _Sweep, pair: tuple[_Line, _Line], sigma: tuple[float, float]) -> Reversal:
     """Gap and slopes of a sweep from its lines; `sigma`: residual standard deviation before and after the gap, m."""
-    std = np.sqrt([np.diag(before.unscaled), np.diag(after.unscaled)]) * np.array(sigma)[:, None]
+    values = np.array([line.coefficients for line in pair]).tolist()
+    std = (np.array([line.unscaled for line in pair]) * np.array(sigma)[:, None]).tolist()
+    (start, unloading), (end, loading) = values
     return Reversal(
         time=sweep.time,
         displacement=sweep.displacement,
         force=-float(sweep.force[0]),
-        gap=Estimate(after.a - before.a, float(np.hypot(*std[:, 0]))),
-        compliance=Estimate(after.p, float(std[1, 1])),
-        unloading_compliance=Estimate(before.p, float(std[0, 1])),
-        samples=(before.samples, after.samples),
-        crossings=(before.a, after.a),
+        gap=Estimate(end, std[1][0], 'm').plus(-start, std[0][0]),
+        compliance=Estimate(loading, std[1][1], 'm/N'),
+        unloading_compliance=Estimate(unloading, std[0][1], 'm/N'),
+        samples=(pair[0].samples, pair[1].samples),
+        crossings=(start, end),
     )

@@ -35,14 +35,14 @@ from scipy import stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.statistics import (
+from scara_kinetostatic.studies.loops.estimates import (
+    FALSE_ALARM_LEVEL,
     Estimate,
     LeastSquares,
-    between_variance,
     find_resolution,
     least_squares,
 )
+from scara_kinetostatic.studies.loops.readings import Readings
 
 ZERO_BAND = 0.02
 """Share of the largest load of a run up to which a load counts as none."""
@@ -98,7 +98,7 @@ class RunFit(NamedTuple):
     row_p: Floats
 
 
-def find_passes(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> tuple[Indices, Floats, Floats]:
+def find_passes(readings: Readings, zero_band: float = ZERO_BAND) -> tuple[Indices, Floats, Floats]:
     """The pass to which each row belongs.
 
     Args:
@@ -120,7 +120,7 @@ def find_passes(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> tu
     return passes, keys[:, 0], -keys[:, 1]
 
 
-def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit:
+def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     """Slopes and gap of one run.
 
     Args:
@@ -146,26 +146,24 @@ def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit
         least = sigma * float(np.sqrt(len(force) / len(np.unique(np.abs(force)))))
         solution = solution._replace(sigma=least, floor=least)
     # linear functions of the coefficients, which are the intercepts, the negative and the positive slope
+    unit = np.eye(count + 2)
+    slopes = solution.of(unit[-2], 'm/N'), solution.of(unit[-1], 'm/N')
+    weight = 1 / np.diag(solution.unscaled)[-2:]  # the two slopes are independent
     gaps = np.array([[*np.where(cycle == number, sense, 0), 0, 0] for number in complete], dtype=float)
-    weight = 1 / np.diag(solution.unscaled)[count:]  # the two slopes are independent
-    compliance = solution.of(np.array([*np.zeros(count), *weight / weight.sum()]))
-    slopes = solution.of(np.eye(count + 2)[count]), solution.of(np.eye(count + 2)[count + 1])
-    repeatability = (
-        _gap_repeatability(solution, gaps, np.bincount(passes)),
-        _slope_repeatability(solution, force, displacement, passes, sense),
-    )
-    variances = [check.value**2 if check and check.p_value < 0.01 else 0.0 for check in repeatability]
+    gap_check = _gap_repeatability(solution, gaps, np.bincount(passes))
+    slope_check = _slope_repeatability(solution, force, displacement, passes, sense)
     checks = (
-        _student('slope_difference', solution.of(np.array([*np.zeros(count), -1.0, 1.0])), 'm/N', solution.dof),
+        _student('slope_difference', solution.of(unit[-1] - unit[-2], 'm/N'), solution.dof),
         *_shape_checks(solution, force, passes),
         _zero_drift(solution, gaps),
-        *repeatability,
+        gap_check,
+        slope_check,
     )
     residual, row_p = np.full(len(used), np.nan), np.ones(len(used))
     residual[used], row_p[used] = solution.residual, _row_p_values(solution)
     return RunFit(
-        compliance=_widened(compliance, variances[1] / count),
-        gap=_widened(solution.of(gaps.mean(axis=0)), variances[0] / len(gaps)),
+        compliance=solution.of(weight @ unit[-2:] / weight.sum(), 'm/N').plus(0.0, _between(slope_check, count)),
+        gap=solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(gap_check, len(gaps))),
         slopes=slopes,
         sigma=sigma,
         resolution=resolution,
@@ -174,18 +172,20 @@ def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit
         lines=np.stack([sense, solution.beta[:count], np.where(sense > 0, slopes[1].value, slopes[0].value)], axis=1),
         cycle_gaps=gaps @ solution.beta,
         residual=residual,
-        checks=tuple(check for check in checks if check is not None),
+        checks=tuple(check for check in checks if check),
         row_p=row_p,
     )
 
 
-def _widened(estimate: Estimate, variance: float) -> Estimate:
-    return Estimate(estimate.value, float(np.hypot(estimate.std, np.sqrt(variance))))
+def _between(repeatability: Check | None, count: int) -> float:
+    """What the scatter between cycles adds to the std of a mean, where it is more than that of the readings."""
+    if repeatability is None or repeatability.p_value >= FALSE_ALARM_LEVEL:
+        return 0.0
+    return repeatability.value / float(np.sqrt(count))
 
 
-def _student(name: str, estimate: Estimate, unit: str, dof: int) -> Check:
-    p_value = 2 * float(stats.t.sf(abs(estimate.value) / estimate.std, dof))
-    return Check(name, estimate.value, estimate.std, unit, p_value)
+def _student(name: str, estimate: Estimate, dof: int) -> Check:
+    return Check(name, *estimate, 2 * float(stats.t.sf(abs(estimate.value) / estimate.std, dof)))
 
 
 def _zero_drift(solution: LeastSquares, gaps: Floats) -> Check | None:
@@ -193,7 +193,7 @@ def _zero_drift(solution: LeastSquares, gaps: Floats) -> Check | None:
     if len(gaps) < 2:
         return None
     order = np.arange(len(gaps)) - (len(gaps) - 1) / 2
-    return _student('zero_drift', solution.of(order @ np.abs(gaps) / 2 / (order @ order)), 'm', solution.dof)
+    return _student('zero_drift', solution.of(order @ np.abs(gaps) / 2 / (order @ order), 'm'), solution.dof)
 
 
 def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Iterator[Check]:
@@ -215,43 +215,39 @@ def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Ite
             value = float(new @ solution.residual) / square
             rest = solution.residual - value * new
             sigma = max(float(np.sqrt(rest @ rest / dof)), solution.floor)
-            yield _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square))), 'm', dof)
+            yield _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square)), 'm'), dof)
 
 
 def _gap_repeatability(solution: LeastSquares, gaps: Floats, rows: Indices) -> Check | None:
     """Whether the gap is the same in every cycle; `rows`: number of rows of each pass, (k,)."""
-    dof = len(gaps) - 1
-    if dof < 1:
-        return None
-    steps = np.diff(gaps, axis=0)
-    change = steps @ solution.beta
-    square = float(change @ np.linalg.solve(steps @ solution.unscaled @ steps.T, change))
-    p_value = float(stats.f.sf(square / dof / solution.sigma**2, dof, solution.dof))
     values = gaps @ solution.beta
-    own = solution.sigma * np.sqrt((gaps[:, : len(rows)] ** 2) @ (1 / rows))  # the slopes' part is common to all
-    variance = between_variance(values, own, dof, np.full(len(values), values.mean()))
-    return Check('gap_repeatability', float(np.sqrt(variance)), np.nan, 'm', p_value)
+    std = solution.sigma * np.sqrt((gaps[:, : len(rows)] ** 2) @ (1 / rows))  # the slopes' part is common to all
+    centre = np.average(values, weights=1 / std**2)
+    return _repeatability('gap_repeatability', 'm', (values - centre) / std, std, len(gaps) - 1, solution.dof)
 
 
 def _slope_repeatability(
     solution: LeastSquares, force: Floats, displacement: Floats, passes: Indices, sense: Floats
 ) -> Check | None:
     """Whether the slope is the same in every pass of a sense; a pass with a single load has none."""
-    slopes, own, common = [], [], []
+    off, std = [], []
     for number, sign in enumerate(sense):
         x, y = force[passes == number], displacement[passes == number]
         squares = float(((x - x.mean()) ** 2).sum())
         if squares > 1e-12 * float(x @ x):
-            slopes.append(float((x - x.mean()) @ y) / squares)
-            own.append(solution.sigma / np.sqrt(squares))
-            common.append(solution.beta[-1 if sign > 0 else -2])
-    values, std, centre = np.array(slopes), np.array(own), np.array(common)
-    dof = len(values) - 2
+            slope = float((x - x.mean()) @ y) / squares
+            std.append(solution.sigma / np.sqrt(squares))
+            off.append((slope - solution.beta[-1 if sign > 0 else -2]) / std[-1])
+    return _repeatability('slope_repeatability', 'm/N', np.array(off), np.array(std), len(off) - 2, solution.dof)
+
+
+def _repeatability(name: str, unit: str, off: Floats, std: Floats, dof: int, of_sigma: int) -> Check | None:
+    """F-test of what several estimates are off, in units of their std; the value is what they scatter beyond it."""
     if dof < 1:
         return None
-    p_value = float(stats.f.sf(float((((values - centre) / std) ** 2).sum()) / dof, dof, solution.dof))
-    variance = between_variance(values, std, dof, centre)
-    return Check('slope_repeatability', float(np.sqrt(variance)), np.nan, 'm/N', p_value)
+    chi_square = float(off @ off)
+    between = float(np.sqrt(max(chi_square / dof - 1, 0.0) * (std**2).mean()))
+    return Check(name, between, np.nan, unit, float(stats.f.sf(chi_square / dof, dof, of_sigma)))
 
 
 def _row_p_values(solution: LeastSquares) -> Floats:

@@ -16,21 +16,25 @@ FALSE_ALARM_LEVEL = 0.01
 
 
 class Estimate(NamedTuple):
-    """A value with its standard deviation."""
+    """A value with its standard deviation, in an SI unit."""
 
     value: float
     std: float
+    unit: str = ''
 
-    @property
-    def half(self) -> Estimate:
-        """Half of it; of a gap the g of (6) and (7)."""
-        return Estimate(self.value / 2, self.std / 2)
+    def over(self, divisor: float, unit: str = '') -> Estimate:
+        """Divided by a number above 0, which may change the unit; a gap over 2 is the g of (6) and (7)."""
+        return Estimate(self.value / divisor, self.std / divisor, unit or self.unit)
+
+    def plus(self, value: float, std: float) -> Estimate:
+        """With an independent quantity of the same unit added."""
+        return self._replace(value=self.value + value, std=float(np.hypot(self.std, std)))
 
 
 def mean(estimates: Sequence[Estimate]) -> Estimate:
     """The unweighted mean of independent estimates."""
-    values, std = np.array(estimates).T
-    return Estimate(float(values.mean()), float(np.sqrt((std**2).sum())) / len(values))
+    values, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
+    return Estimate(float(values.mean()), float(np.sqrt((std**2).sum())) / len(values), estimates[0].unit)
 
 
 class LeastSquares(NamedTuple):
@@ -54,9 +58,9 @@ class LeastSquares(NamedTuple):
     floor: float
     dof: int
 
-    def of(self, row: Floats) -> Estimate:
+    def of(self, row: Floats, unit: str) -> Estimate:
         """A linear function of the coefficients, `row` (k,), with its standard deviation."""
-        return Estimate(float(row @ self.beta), self.sigma * float(np.sqrt(row @ self.unscaled @ row)))
+        return Estimate(float(row @ self.beta), self.sigma * float(np.sqrt(row @ self.unscaled @ row)), unit)
 
 
 def least_squares(design: Floats, displacement: Floats) -> LeastSquares:
@@ -107,7 +111,9 @@ class CombinedEstimate(NamedTuple):
         chi_square: of the estimates about their mean.
         degrees_of_freedom: number of estimates less one.
         p_value: of consistency; takes into account that the standard deviations are estimates themselves.
-        between_std: standard deviation between the estimates beyond their own (Paule and Mandel), m or m/N.
+        between_std: standard deviation between the estimates beyond their own (Paule and Mandel).
+        unit: of value and standard deviations.
+        definitional_uncertainty: what the choice of a definition adds, common to all estimates; NaN where none is.
     """
 
     value: float
@@ -116,33 +122,28 @@ class CombinedEstimate(NamedTuple):
     degrees_of_freedom: int
     p_value: float
     between_std: float
+    unit: str
+    definitional_uncertainty: float = float('nan')
 
     @property
     def estimate(self) -> Estimate:
         """The mean with its standard deviation."""
-        return Estimate(self.value, self.std)
+        return Estimate(self.value, self.std, self.unit)
 
 
-def between_variance(values: Floats, std: Floats, dof: int, centre: Floats | None = None) -> float:
-    """The variance to be added for χ² of the deviations to equal its expectation (Paule and Mandel).
-
-    Args:
-        values: (n,).
-        std: standard deviation of each, (n,).
-        dof: expected χ².
-        centre: what the values deviate from, (n,); their weighted mean if not given.
+def _between_variance(values: Floats, std: Floats) -> float:
+    """The variance to be added to those of estimates for χ² to equal its expectation.
 
     Source: Paule and Mandel, J. Res. Nat. Bur. Standards 87 (1982) 377.
     """
 
     def surplus(variance: float) -> float:
         weight = 1 / (std**2 + variance)
-        return float(weight @ (values - (np.average(values, weights=weight) if centre is None else centre)) ** 2) - dof
+        return float(weight @ (values - np.average(values, weights=weight)) ** 2) - (len(values) - 1)
 
     if surplus(0.0) <= 0:
         return 0.0
-    most = float(((values - (values.mean() if centre is None else centre)) ** 2).sum()) / dof
-    return float(optimize.brentq(surplus, 0.0, most, xtol=1e-40, rtol=1e-12))
+    return float(optimize.brentq(surplus, 0.0, float(values.var(ddof=1)), xtol=1e-40, rtol=1e-12))
 
 
 def combine_estimates(estimates: Sequence[Estimate], dof: Floats | float) -> CombinedEstimate:
@@ -156,19 +157,19 @@ def combine_estimates(estimates: Sequence[Estimate], dof: Floats | float) -> Com
         dof: degrees of freedom of each standard deviation, (n,), if each was estimated separately; a single number
             if all come from one common estimate.
     """
-    values, std = np.array(estimates).T
+    values, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
     count, weight = len(values), 1 / std**2
-    mean_value = float(np.average(values, weights=weight))
-    chi_square = float(weight @ (values - mean_value) ** 2)
+    centre = float(np.average(values, weights=weight))
+    chi_square = float(weight @ (values - centre) ** 2)
     ratio, denominator = chi_square / (count - 1), dof
     if np.ndim(dof):
         unevenness = float((((1 - weight / weight.sum()) ** 2) / dof).sum())
         ratio /= 1 + 2 * (count - 2) / (count**2 - 1) * unevenness
         denominator = (count**2 - 1) / (3 * unevenness)
     p_value = float(stats.f.sf(ratio, count - 1, denominator))
-    between = between_variance(values, std, count - 1)
+    between = _between_variance(values, std)
     if p_value < FALSE_ALARM_LEVEL:
         weight = 1 / (std**2 + between)
-        mean_value = float(np.average(values, weights=weight))
-    mean_std = float(1 / np.sqrt(weight.sum()))
-    return CombinedEstimate(mean_value, mean_std, chi_square, count - 1, p_value, float(np.sqrt(between)))
+        centre = float(np.average(values, weights=weight))
+    mean_std, unit = float(1 / np.sqrt(weight.sum())), estimates[0].unit
+    return CombinedEstimate(centre, mean_std, chi_square, count - 1, p_value, float(np.sqrt(between)), unit)

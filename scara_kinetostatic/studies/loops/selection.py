@@ -1,13 +1,13 @@
 """Selection of a law by cross-validation: fitted to a part of the data, tested on the rest.
 
-Driven by its motion, a record is judged by itself: both halves of the sweeps are held out in turn, so that each sample
-but those of the first sweep is predicted once by a law that was not fitted to it. Standard deviations are those of the
-delete-one-cycle jackknife, since residuals within a cycle are correlated.
+Of a single record either half of its loops is predicted by a fit to the other one; from rest to rest, the later half
+from the earlier one. Driven by its motion it is judged by itself, by all samples but those of the first sweep; driven
+by its load, by the later half. Standard deviations: delete-one-cycle jackknife, since residuals within a cycle are
+correlated; delete-one-sweep of a load, as few of its cycles are large.
 
-Driven by their load, records of one joint are judged together: each is predicted with the parameters fitted to all
-others; its own samples, up to `Record.judged_from`, give only its zero and its initial state of friction. Of a single
-record the later half is predicted from the earlier one. Standard deviations: delete-one-record jackknife; of a single
-record in loops delete-one-sweep, as few of its cycles are large.
+Driven by their load, several records of one joint are judged together: each is predicted with the parameters fitted to
+all others; its own samples, up to `Record.judged_from`, give only its zero and its initial state of friction. Standard
+deviations: delete-one-record jackknife.
 
 **Two laws** are compared in loops sweep by sweep, in a single record over both halves: a one-sided t-test of the
 logarithms of the ratios of their mean squares, which assumes independent sweeps and normal logarithms. From rest to
@@ -38,28 +38,18 @@ from scipy import stats
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
-from scara_kinetostatic.studies.hysteresis.dependence import (
+from scara_kinetostatic.studies.loops.dependence import (
     Dependence,
     load_dependences,
     loop_dependences,
     p_independent,
     p_positive,
 )
-from scara_kinetostatic.studies.hysteresis.fit import (
-    Fit,
-    Moments,
-    Prediction,
-    effective_count,
-    fit_load,
-    fit_motion,
-    predict,
-    response_to,
-)
-from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, BACKLASH_FORMS, GAP_FORMS, LOAD_LAWS, MOTION_LAWS, Law
-from scara_kinetostatic.studies.hysteresis.load_path import LoadPath, block_means
-from scara_kinetostatic.studies.hysteresis.motion import Motion, cut_at_reversals
-from scara_kinetostatic.studies.hysteresis.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record
+from scara_kinetostatic.studies.loops.estimates import Estimate
+from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, effective_count, evaluate, fit_law, predict
+from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, Law
+from scara_kinetostatic.studies.loops.path import RecordPath, block_means
+from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record
 
 BIC_GAIN = 2.0
 """Smallest decrease of BIC that is evidence."""
@@ -100,186 +90,133 @@ class Candidate(NamedTuple):
     accepted: bool = False
 
 
-class MotionStudy:
-    """A record driven by its motion.
-
-    Attributes:
-        records: the record.
-        paths: its motion.
-        judged: the samples for the errors, of each path.
-        laws: compared with law (6).
-    """
-
-    def __init__(self, record: Record, laws: Sequence[Law] = MOTION_LAWS) -> None:
-        self.motion = motion = cut_at_reversals(record)
-        self.records, self.paths, self.judged, self.laws = (record,), (motion,), (motion.scored,), tuple(laws)
-        self.direction = 1.0
-
-    def law6(self) -> tuple[Candidate, tuple[Dependence, ...], float]:
-        """Law (6), the dependence of its residual, and its p-value without memory."""
-        before = self.candidate(BACKLASH)
-        found = self.dependences(before)
-        return before, found, p_independent(found)
-
-    def candidate(self, law: Law) -> Candidate:
-        """The law fitted to all sweeps and to both halves, each half predicted from the other."""
-        motion, scored = self.motion, self.motion.scored
-        rows = (np.ones(len(motion), dtype=bool), motion.earlier | ~scored, ~motion.earlier | ~scored)
-        fits = [fit_motion(law, motion, each) for each in rows]
-        whole, first, last = (motion.driven - law.function(motion, each.values) for each in fits)
-        held_out, train = (np.where(motion.earlier, *pair) for pair in ((last, first), (first, last)))
-        parameters = {name: Estimate(value, float('nan')) for name, value in fits[0].values.items()}
-        along, predicted = (Prediction(whole),), (Prediction(held_out),)
-        return Candidate(law, fits[0], along, predicted, rms(train[scored]), rms(held_out[scored]), parameters)
-
-    def with_std(self, candidate: Candidate) -> Candidate:
-        """Parameters with their standard deviations by the delete-one-cycle jackknife."""
-        motion, values = self.motion, candidate.whole.values
-        several = [
-            fit_motion(candidate.law, motion, motion.cycle != cycle, values).values for cycle in np.unique(motion.cycle)
-        ]
-        return candidate._replace(parameters=_jackknife(values, several))
-
-    def dependences(self, candidate: Candidate) -> tuple[Dependence, ...]:
-        """Of the residual of the fit to all samples."""
-        return loop_dependences([self.motion], [candidate.along[0].residual])
-
-    def p_better(self, one: Candidate, other: Candidate) -> float:
-        """p-value of one law predicting no better than another, from the mean squares of the sweeps."""
-        return _p_better([self.motion], one, other, [self.motion.scored])
-
-    def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
-        """Residuals of the fit to all samples."""
-        return [candidate.along[0].residual[self.motion.scored]]
-
-
-def _p_better(motions: Sequence[Motion | None], one: Candidate, other: Candidate, rows: Sequence[Mask]) -> float:
-    """p-value of one law predicting no better than another, from the mean squares of the rows of each sweep."""
-    ratios = []
-    for k, (motion, which) in enumerate(zip(motions, rows, strict=True)):
-        if motion is None:
-            continue
-        size = np.bincount(motion.sweep[which], minlength=motion.sweeps)
-        squares = [
-            np.bincount(motion.sweep[which], each.held_out[k].residual[which] ** 2, motion.sweeps)
-            for each in (other, one)
-        ]
-        tiny = 1e-12 * motion.driven_range**2 * size
-        enough = size >= FEWEST_ROWS
-        ratios.append(np.log((squares[0] + tiny)[enough] / (squares[1] + tiny)[enough]))
-    return p_positive(np.concatenate(ratios))
-
-
-class LoadStudy:
-    """Records of one joint that are driven by their load: as arrays in blocks for fits, as measured for predictions.
+class Study:
+    """One record driven by its motion, or records of one joint driven by their load.
 
     Attributes:
         records: the records.
+        driven_by: `MOTION` or `LOAD`.
         paths: of each record, as measured.
-        judged: the samples for the errors, of each path: after unloading, or the later half of a single record.
-        motions: of each record in loops, else None.
-        in_loops: whether there are any: what is tested sweep by sweep is tested in these.
-        direction: +1 or -1: sign of the response to a positive load.
-        laws: compared with law (6).
+        blocks: the same as means of blocks, for fits.
+        judged: the samples for the errors, of each path.
+        in_loops: whether any record is: what is tested sweep by sweep is tested in these.
+        direction: +1 or -1: sign of what is driven under a positive driver.
+        laws: compared with law (6); those of what drives unless told.
 
     Raises:
         RecordingError: the response of a record changes in the opposite sense of the others.
-        UnsupportedDataError: a record does not go from rest to rest.
+        UnsupportedDataError: a record is not of full loops, or does not go from rest to rest.
     """
 
-    def __init__(self, records: Sequence[Record]) -> None:
-        self.records = tuple(records)
-        self.paths = tuple(LoadPath(record) for record in records)
-        self.blocks = [LoadPath.in_blocks(record) for record in records]
+    def __init__(self, records: Sequence[Record], driven_by: str = LOAD, laws: Sequence[Law] | None = None) -> None:
+        self.records, self.driven_by = tuple(records), driven_by
+        self.paths = tuple(RecordPath(record, driven_by) for record in records)
+        self.blocks = [RecordPath(record, driven_by, in_blocks=True) for record in records]
         self.size = max(path.size for path in self.paths)
-        joint = sum(float(np.dot(p.response - p.response.mean(), p.load - p.load.mean())) for p in self.blocks)
+        joint = sum(float(np.dot(p.driven - p.driven.mean(), p.driver - p.driver.mean())) for p in self.blocks)
         self.direction = 1.0 if joint >= 0 else -1.0
         for path in (*self.paths, *self.blocks):
             path.direction = self.direction
         check_sense(self.blocks)
         self.is_single = len(records) == 1
-        self.motions = [None if each.is_at_rest_first else cut_at_reversals(each, LOAD) for each in records]
-        self.in_loops = any(motion is not None for motion in self.motions)
-        self.judged = tuple(~path.earlier if self.is_single else ~path.known for path in self.paths)
-        self.laws: tuple[Law, ...] = ()
-
-    def forms(self, laws: Sequence[Law]) -> tuple[Law, tuple[Dependence, ...]]:
-        """Of the forms of law (6) the one of the least squares, and the dependence of that which explains best."""
-        fits = [fit_load(self._moments(law)) for law in laws]
-        found = [self._dependences(self._along(fitted)) for fitted in fits]
-        return min(fits, key=lambda each: each.square).law, max(found, key=p_independent)
+        self.in_loops = any(path.in_loops for path in self.paths)
+        if driven_by == MOTION:
+            self.judged = tuple(path.scored for path in self.paths)
+        else:
+            self.judged = tuple(~path.earlier if self.is_single else ~path.known for path in self.paths)
+        self._forms, self._gap_forms, own = FAMILIES[driven_by]
+        self.laws = tuple(own if laws is None else laws)
 
     def law6(self) -> tuple[Candidate, tuple[Dependence, ...], float]:
         """Law (6), the dependence of its residual in the form that leaves least, its p-value without memory.
 
+        The best form of a gap that keeps its place is added to the laws that are compared.
+
         Raises:
             UnsupportedDataError: law (6) cannot be tested in any record.
         """
-        (law, without), (gap, with_memory) = self.forms(BACKLASH_FORMS), self.forms(GAP_FORMS)
-        found = max(without, with_memory, key=p_independent)
+        law, without = self._best_form(self._forms)
+        found = without
+        if self._gap_forms:
+            gap, with_memory = self._best_form(self._gap_forms)
+            found = max(without, with_memory, key=p_independent)
+            self.laws = (gap, *self.laws)
         if not any(each.is_tested for each in found):
             problem = 'the load neither comes back to rest nor lasts long enough for a test of law (6)'
-            raise UnsupportedDataError(
-                f'{self.records[0].source}: {problem}', 'record some seconds at rest after the load'
-            )
-        self.laws = (gap, *LOAD_LAWS)
+            remedy = 'record some seconds at rest after the load'
+            raise UnsupportedDataError(f'{self.records[0].source}: {problem}', remedy)
         return self.candidate(law), found, p_independent(without)
+
+    def _best_form(self, laws: Sequence[Law]) -> tuple[Law, tuple[Dependence, ...]]:
+        """Of several forms the one of the least squares, and the dependence of that which explains best."""
+        fits = [fit_law(self._moments(law)) for law in laws]
+        found = [self.dependences(self._along(fitted)) for fitted in fits]
+        return min(fits, key=lambda each: each.square).law, max(found, key=p_independent)
 
     def candidate(self, law: Law) -> Candidate:
         """The law fitted to all records and held out from each."""
-        grids = self._moments(law)
-        whole = fit_load(grids)
+        moments = self._moments(law)
+        whole = fit_law(moments)
         if self.is_single:
-            held_out: tuple[Prediction, ...] = (self._halves(law),)
-            parameters = {name: Estimate(value, float('nan')) for name, value in whole.values.items()}
+            held_out: tuple[Prediction, ...] = (self._halves(law, whole),)
+            parameters = self._with_std(whole, [])
         else:
             fits = []
-            for k in range(len(grids)):
+            for k in range(len(moments)):
                 warm_start = whole._replace(states=np.delete(whole.states, k))
-                fits.append(fit_load(grids[:k] + grids[k + 1 :], warm_start))
+                fits.append(fit_law(moments[:k] + moments[k + 1 :], warm_start))
             held_out = tuple(predict(each, path, path.known) for each, path in zip(fits, self.paths, strict=True))
-            parameters = _jackknife(whole.values, [each.values for each in fits])
+            parameters = self._with_std(whole, fits)
         along = self._along(whole)
         return Candidate(law, whole, along, held_out, self._rms(along), self._rms(held_out), parameters)
 
-    def _halves(self, law: Law) -> Prediction:
-        """The later half of a single record predicted by a fit to the earlier one; in loops also the reverse."""
+    def _halves(self, law: Law, whole: Fit) -> Prediction:
+        """Each half of a single record predicted by a fit to the other one; from rest to rest the later one alone."""
         (path,), (block,) = self.paths, self.blocks
-        later = predict(fit_load([Moments(law, block, block.earlier, self.size)]), path, path.earlier)
-        if not self.in_loops:
-            return later
-        earlier = predict(fit_load([Moments(law, block, ~block.earlier, self.size)]), path, ~path.earlier)
-        return later._replace(residual=np.where(path.earlier, earlier.residual, later.residual))
+        pairs = zip(block.halves, path.halves, strict=True)
+        found = [predict(fit_law([Moments(law, block, rows, self.size)]), path, known) for rows, known in pairs]
+        return found[0]._replace(residual=np.where(path.earlier, found[-1].residual, found[0].residual))
 
     def with_std(self, candidate: Candidate) -> Candidate:
         """Parameters with their standard deviations; of several records they are there."""
         if not (self.is_single and self.in_loops):
             return candidate
-        (motion,), (block,), whole = self.motions, self.blocks, candidate.whole
-        assert motion is not None
-        sweep = motion.sweep[: len(block.time) * block.block : block.block]
+        (path,), (block,), whole = self.paths, self.blocks, candidate.whole
+        parts = block.cycle if path.driven_by == MOTION else block.sweep
         several = [
-            fit_load([Moments(candidate.law, block, sweep != each, self.size)], whole, near=True).values
-            for each in np.unique(sweep)
+            fit_law([Moments(candidate.law, block, parts != each, self.size)], whole, near=True)
+            for each in np.unique(parts)
         ]
-        return candidate._replace(parameters=_jackknife(whole.values, several))
+        return candidate._replace(parameters=self._with_std(whole, several))
 
-    def dependences(self, candidate: Candidate) -> tuple[Dependence, ...]:
+    def dependences(self, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
         """Of the residual along the records."""
-        return self._dependences(candidate.along)
-
-    def _dependences(self, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
         residuals = [each.residual for each in along]
-        return loop_dependences(self.motions, residuals) if self.in_loops else load_dependences(self.paths, residuals)
+        return loop_dependences(self.paths, residuals) if self.in_loops else load_dependences(self.paths, residuals)
 
     def p_better(self, one: Candidate, other: Candidate) -> float:
-        """p-value of one law predicting no better; from rest to rest by Pitman and Morgan's test."""
-        if self.in_loops:
-            pairs = zip(self.motions, self.paths, strict=True)
-            rows = [motion.scored if motion and self.is_single else ~path.known for motion, path in pairs]
-            return _p_better(self.motions, one, other, rows)
+        """p-value of one law predicting no better than another."""
+        return self._p_by_sweeps(one, other) if self.in_loops else self._p_by_blocks(one, other)
+
+    def _p_by_sweeps(self, one: Candidate, other: Candidate) -> float:
+        """From the mean squares of the sweeps of the records in loops."""
+        ratios = []
+        for path, better, worse in zip(self.paths, one.held_out, other.held_out, strict=True):
+            if path.in_loops:
+                rows = path.scored if self.is_single else ~path.known
+                size = np.bincount(path.sweep[rows], minlength=path.sweeps)
+                squares = [
+                    np.bincount(path.sweep[rows], each.residual[rows] ** 2, path.sweeps) for each in (worse, better)
+                ]
+                tiny, enough = 1e-12 * float(np.ptp(path.driven)) ** 2 * size, size >= FEWEST_ROWS
+                ratios.append(np.log((squares[0] + tiny)[enough] / (squares[1] + tiny)[enough]))
+        return p_positive(np.concatenate(ratios))
+
+    def _p_by_blocks(self, one: Candidate, other: Candidate) -> float:
+        """From rest to rest, by Pitman and Morgan's test."""
         rows = [~path.earlier if self.is_single else ~path.rest for path in self.paths]
-        compared = [self.is_single or not self._is_extrapolated(path) for path in self.paths]
+        sizes = sorted(path.size for path in self.paths)  # a load far beyond those of all others is left out
+        compared = [self.is_single or path.size <= 1.5 * sizes[-2] for path in self.paths]
         residuals = []
         for each in (one, other):
             parts = self._in_blocks([prediction.residual for prediction in each.held_out], rows)
@@ -301,21 +238,30 @@ class LoadStudy:
         """
         parts = enumerate(zip(self._moments(candidate.law), self.paths, candidate.whole.states, strict=True))
         for k, (part, path, state) in parts if self.in_loops and not self.is_single else ():
-            own = fit_load([part], candidate.whole._replace(states=np.array([state])), near=True)
+            own = fit_law([part], candidate.whole._replace(states=np.array([state])), near=True)
             alone, together = rms(predict(own, path, path.known).residual), rms(candidate.along[k].residual)
-            if together > max(2.5 * alone, 0.05 * np.ptp(path.response)):
+            if together > max(2.5 * alone, 0.05 * np.ptp(path.driven)):
                 problem = f'one law for all records errs on it {together / alone:.1f} times as much as one of its own'
-                raise RecordingError(
-                    path.record.source, problem, 'give records of one joint: this one or others differ'
-                )
+                remedy = 'give records of one joint: this one or others differ'
+                raise RecordingError(path.record.source, problem, remedy)
 
     def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
-        """Residuals of the fit to all records under load and after it, as means of blocks."""
+        """Residuals of the fit to all records, of a load from its coming on, as means of blocks."""
         found = []
         for state, path in zip(candidate.whole.states.tolist(), self.paths, strict=True):
-            residual = path.response - response_to(candidate.whole, path, state)
+            residual = path.driven - evaluate(candidate.whole, path, state)
             found.append(residual - residual.mean())
-        return self._in_blocks(found, [~path.rest for path in self.paths])
+        is_motion = self.driven_by == MOTION
+        return self._in_blocks(found, [path.scored if is_motion else ~path.rest for path in self.paths])
+
+    def _with_std(self, whole: Fit, without: Sequence[Fit]) -> dict[str, Estimate]:
+        """Parameters with their standard deviations from the fits without one part each; NaN without fits."""
+        share, found = (len(without) - 1) / max(len(without), 1), {}
+        for name, value in whole.reported.items():
+            several = np.array([each.reported[name] for each in without])
+            std = float(np.sqrt(share * ((several - several.mean()) ** 2).sum())) if without else np.nan
+            found[name] = Estimate(value, std, self.records[0].unit(PARAMETERS[name][1]))
+        return found
 
     def _moments(self, law: Law) -> list[Moments]:
         return [Moments(law, block, np.ones(len(block.time), dtype=bool), self.size) for block in self.blocks]
@@ -332,21 +278,8 @@ class LoadStudy:
             for residual, block, which in zip(residuals, self.blocks, rows, strict=True)
         ]
 
-    def _is_extrapolated(self, path: LoadPath) -> bool:
-        """Whether its load is far beyond those of all others."""
-        return all(path.size > 1.5 * other.size for other in self.paths if other is not path)
 
-
-def _jackknife(values: dict[str, float], without: Sequence[dict[str, float]]) -> dict[str, Estimate]:
-    """Values with their standard deviations from those without one part each."""
-    share, found = (len(without) - 1) / len(without), {}
-    for name, value in values.items():
-        several = np.array([each[name] for each in without])
-        found[name] = Estimate(value, float(np.sqrt(share * ((several - several.mean()) ** 2).sum())))
-    return found
-
-
-def check_sense(paths: Sequence[LoadPath], direction: float | None = None) -> None:
+def check_sense(paths: Sequence[RecordPath], direction: float | None = None) -> None:
     """Checks that, until the unloading, the response follows the load in one sense.
 
     Args:
@@ -357,13 +290,39 @@ def check_sense(paths: Sequence[LoadPath], direction: float | None = None) -> No
         RecordingError: a record follows in the opposite sense, with a correlation above 0.9.
     """
     with np.errstate(invalid='ignore', divide='ignore'):  # a response that is constant until the unloading has no sense
-        follows = [np.corrcoef(path.load[path.known], path.response[path.known])[0, 1] for path in paths]
+        follows = [np.corrcoef(path.driver[path.known], path.driven[path.known])[0, 1] for path in paths]
     certain = np.where(np.abs(follows) > 0.9, np.sign(follows), 0.0)
     right = direction or (1.0 if certain.sum() >= 0 else -1.0)
     for path, sense in zip(paths, certain.tolist(), strict=True):
         if sense == -right and (direction or np.any(certain == right)):
             problem = 'its response follows the load in the opposite sense of the other records'
             raise RecordingError(path.record.source, problem, 'give records of one joint, or reverse a sign')
+
+
+class Judged(NamedTuple):
+    """A record predicted by law (6) and by the selected law, law (6) if none is, by fits that have not seen it.
+
+    Attributes:
+        path: the record as measured.
+        rows: samples for the errors, (n,).
+        before: by law (6).
+        after: by the selected law.
+    """
+
+    path: RecordPath
+    rows: Mask
+    before: Prediction
+    after: Prediction
+
+    @property
+    def before_rms(self) -> float:
+        """Rms error of law (6)."""
+        return rms(self.before.residual[self.rows])
+
+    @property
+    def after_rms(self) -> float:
+        """Rms error of the selected law."""
+        return rms(self.after.residual[self.rows])
 
 
 class Selection(NamedTuple):
@@ -383,7 +342,7 @@ class Selection(NamedTuple):
             not show that it is not sufficient).
     """
 
-    study: MotionStudy | LoadStudy
+    study: Study
     before: Candidate
     candidates: tuple[Candidate, ...]
     selected: Candidate | None
@@ -399,6 +358,12 @@ class Selection(NamedTuple):
         return self.selected or self.before
 
     @property
+    def judged(self) -> tuple[Judged, ...]:
+        """The records, each held out."""
+        laws = self.before.held_out, self.final.held_out
+        return tuple(map(Judged, self.study.paths, self.study.judged, *laws))
+
+    @property
     def p_value(self) -> float:
         """p-value of law (6) as a sufficient law."""
         return p_independent(self.dependence_before)
@@ -411,15 +376,13 @@ class Selection(NamedTuple):
     @property
     def detectable(self) -> float:
         """Share of the squared residual of law (6) that each test would have found; 1 where there was none."""
-        return max((each.detectable for each in self.dependence_before if each.is_tested), default=1.0)
+        return max((each.detectable_share for each in self.dependence_before if each.is_tested), default=1.0)
 
     @property
     def share_of_range(self) -> float:
         """Held-out error of law (6) over the range of what is predicted."""
         paths = self.study.paths
-        return self.before.held_out_rms / max(
-            float(np.ptp(each.driven if isinstance(each, Motion) else each.response)) for each in paths
-        )
+        return self.before.held_out_rms / max(float(np.ptp(each.driven)) for each in paths)
 
     def is_clearly_smaller(self, candidate: Candidate) -> bool:
         """Whether its held-out error is clearly below that of law (6)."""
@@ -439,19 +402,19 @@ def analyse(records: Sequence[Record], driven: str) -> tuple[Selection, ...]:
         driven: `MOTION` or `LOAD`.
 
     Raises:
-        RecordingError: see `LoadStudy` and `LoadStudy.check_one_joint`.
+        RecordingError: see `Study` and `Study.check_one_joint`.
         UnsupportedDataError: a record is not of full loops, or does not go from rest to rest; it is named.
     """
     if driven == MOTION:
-        studies = [MotionStudy(record) for record in records]
+        studies = [Study([record], MOTION) for record in records]
         return tuple(select_model(study) for study in studies)
-    study = LoadStudy(records)
+    study = Study(records)
     selection = select_model(study)
     study.check_one_joint(selection.final)
     return (selection,)
 
 
-def select_model(study: MotionStudy | LoadStudy) -> Selection:
+def select_model(study: Study) -> Selection:
     """Selects the law that records need beyond law (6)."""
     before, dependence_before, p_without_memory = study.law6()
     is_independent = p_independent(dependence_before) >= LEVEL / 2
@@ -462,7 +425,7 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
     count = sum(effective_count(part) for part in blocks[best])
 
     def bic(each: Candidate) -> float:
-        return float(count * np.log(max(squares[each.law.name], 1e-300)) + len(each.law.parameters) * np.log(count))
+        return float(count * np.log(max(squares[each.law.name], 1e-300)) + each.law.size * np.log(count))
 
     compared, significant = [], False
     for each in candidates:
@@ -486,7 +449,7 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
         candidates=tuple(compared),
         selected=selected and study.with_std(selected),
         rivals=tuple(rivals),
-        dependence_after=study.dependences(selected) if selected else dependence_before,
+        dependence_after=study.dependences(selected.along) if selected else dependence_before,
     )
     if selected or not is_independent:
         return found._replace(verdict=AMBIGUOUS if rivals else EXPLAINED if selected else UNEXPLAINED)
@@ -494,25 +457,7 @@ def select_model(study: MotionStudy | LoadStudy) -> Selection:
     return found._replace(verdict=UNDECIDED) if is_open and found.share_of_range > MATERIAL else found
 
 
-class PredictedRecord(NamedTuple):
-    """A record predicted from others.
-
-    Attributes:
-        record: the record.
-        before: by law (6).
-        after: by the law selected; by law (6) if none is.
-        before_rms: rms error of the response from `Record.judged_from` on, m or rad.
-        after_rms: the same by the law selected.
-    """
-
-    record: Record
-    before: Prediction
-    after: Prediction
-    before_rms: float
-    after_rms: float
-
-
-def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[PredictedRecord, ...]:
+def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[Judged, ...]:
     """Predicts further records driven by their load, each from `Record.judged_from` on.
 
     Args:
@@ -524,11 +469,10 @@ def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[Pre
         UnsupportedDataError: a record does not go from rest to rest.
     """
     direction = selection.study.direction
-    check_sense([LoadPath.in_blocks(record) for record in others], direction)
+    check_sense([RecordPath(record, in_blocks=True) for record in others], direction)
     found = []
     for record in others:
-        path = LoadPath(record, direction=direction)
+        path = RecordPath(record, direction=direction)
         before, after = (predict(each.whole, path, path.known) for each in (selection.before, selection.final))
-        errors = [rms(each.residual[~path.known]) for each in (before, after)]
-        found.append(PredictedRecord(record, before, after, errors[0], errors[1]))
+        found.append(Judged(path, ~path.known, before, after))
     return tuple(found)

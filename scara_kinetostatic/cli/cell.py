@@ -1,0 +1,77 @@
+"""Write a cell description from a robot's URDF.
+
+Two parallel joints of a robot are an arm in a plane: the axes of a SCARA, or
+shoulder and elbow of an arm with six or seven joints. Reads the URDF of the
+robot (a xacro where that is installed), holds all other joints where --at puts
+them, and writes a cell description: joint names, directions, lengths, offsets,
+limits, the plane in the robot's frame, gravity in it, static moments, the
+mounting of the sensor. Comments say where each number comes from. What is
+touched has to be filled in.
+
+The URDF is that of a file, or is heard on a topic, as robot_state_publisher
+has it. Joints that --at does not name are taken at 0.
+
+Example:
+  scara-kinetostatic cell --urdf ur5.urdf --joints shoulder_lift_joint elbow_joint --tip tool0 --out cell.yaml
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from scara_kinetostatic.cli.arguments import add_options, check_file, note, real
+from scara_kinetostatic.errors import InputError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
+    source = parser.add_mutually_exclusive_group(required=True)
+    add_options(
+        source,
+        ('--urdf', 'FILE', Path, 'URDF of the robot, or a .xacro'),
+        ('--topic', 'NAME', str, 'topic that carries it, such as robot_description'),
+    )
+    held = 'position of another joint, rad or m; several, or repeatable'
+    add_options(
+        parser,
+        ('--joints', ('SHOULDER', 'ELBOW'), str, 'the two joints', {'nargs': 2, 'required': True}),
+        ('--tip', 'LINK', str, 'link whose origin is the tip', {'required': True}),
+        ('--at', 'JOINT=VALUE', _position, held, {'nargs': '+', 'action': 'extend', 'default': []}),
+        ('--sensor', 'LINK', str, 'link in whose frame the wrench is (default: the tip)', {'default': ''}),
+        ('--out', 'FILE', Path, 'the cell description', {'required': True}),
+    )
+
+
+def _position(text: str) -> tuple[str, float]:
+    name, equals, value = text.rpartition('=')
+    if not equals:
+        raise argparse.ArgumentTypeError(f'expected JOINT=VALUE, got {text!r}')
+    return name, real()(value)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Writes the cell description.
+
+    Raises:
+        InputError: the URDF cannot be read, or the joints are no such arm.
+    """
+    from scara_kinetostatic.files.atomic import write_texts
+    from scara_kinetostatic.files.robot_cell import robot_cell
+    from scara_kinetostatic.files.robot_urdf import Robot, read_robot
+
+    if args.urdf:
+        check_file(args.out, [args.urdf])
+        robot = read_robot(args.urdf)
+    else:
+        try:
+            from scara_kinetostatic.nodes.description import heard_description
+        except ImportError as error:
+            raise InputError('rclpy', f'cannot be imported: {error}', 'source ROS 2, or give --urdf FILE') from error
+        robot = Robot(heard_description(args.topic).encode(), args.topic)
+    text, notes = robot_cell(robot, tuple(args.joints), args.tip, dict(args.at), args.sensor)
+    write_texts(args.out.parent, {args.out.name: text})
+    print(args.out)
+    for each in notes:
+        note(each)
+    return 0

@@ -1,0 +1,243 @@
+"""A cell description from a robot's URDF: two parallel joints of it are the arm, all others are held.
+
+With the axes a_1, a_2 of the joints, the plane of the arm is at right angles to a_1 through the tip. Its normal n is
+a_1 or -a_1, so that y is up and x ahead or, where the axes stand upright, n is up and x the robot's. p_1, p_2 are the
+places where the axes pierce the plane, T is that of the tip. At readings of zero
+
+    l_1 e_1 = p_2 - p_1,    l_2 e_2 = T - p_2,    theta_1 = angle of e_1,    theta_1 + theta_2 = angle of e_2
+
+in the plane, whose origin is p_1. The static moments are Σ m (r - p_i) over the links that joint i moves, with what the
+elbow carries at the elbow for joint 1; where they do not lie along the links, phi_i is the angle between.
+
+Axes that are not exactly parallel make the tip leave the plane and its projection differ from the model's tip; how much
+is worked out over all positions of the joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import asin, degrees, pi
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.errors import one_line
+from scara_kinetostatic.files.robot_urdf import Robot, axis_of
+from scara_kinetostatic.files.template import render
+from scara_kinetostatic.files.yaml_file import dump_yaml
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.parameters import Parameters, quantity
+from scara_kinetostatic.model.plane import Plane
+
+GRAVITY = 9.81
+"""m/s², along -z of the root."""
+MOST_TILT = 0.035
+"""Axes farther from parallel are not those of a planar arm, rad: 2 degrees."""
+_EXACT, _SAID = 1e-9, 1e-4
+"""Axes nearer to parallel are called so, and those that are farther from it are said, rad."""
+_LEAST = 1e-4
+"""A link of no length, m; gravity of no size, m/s²."""
+
+
+class PlanarArm(NamedTuple):
+    """Two joints of a robot as an arm in a plane.
+
+    Attributes:
+        nominal: geometry, and static moments where gravity loads the joints; no compliances.
+        direction: sign of both readings.
+        plane: in the root of the robot.
+        tilt: angle between the axes, rad.
+        mass: of what joint 1 and joint 2 move, kg.
+    """
+
+    nominal: Parameters
+    direction: tuple[int, int]
+    plane: Plane
+    tilt: float
+    mass: tuple[float, float]
+
+
+def planar_arm(robot: Robot, joints: tuple[str, str], tip: str, held: Mapping[str, float]) -> PlanarArm:
+    """The arm of two joints.
+
+    Args:
+        robot: whose they are.
+        joints: shoulder and elbow.
+        tip: link at the end of the arm.
+        held: positions of other joints, rad or m; 0 of those that are not there.
+
+    Raises:
+        InputError: they make none.
+    """
+    frames = [robot.frame(robot.turning(name).child, held) for name in joints]
+    a1, a2 = (frame[:3, :3] @ axis_of(robot.joints[name]) for name, frame in zip(joints, frames, strict=True))
+    end = robot.frame(tip, held)[:3, 3]
+    tilt = asin(min(1.0, float(np.linalg.norm(np.cross(a1, a2)))))
+    if tilt > MOST_TILT:
+        problem = f'the axes of {joints[0]} and {joints[1]} are {degrees(tilt):.3g} degrees from parallel'
+        raise robot.error(problem, 'choose two parallel joints; --at sets the joints between')
+    axes, normal = _axes_of_plane(a1)
+    p1, p2 = (
+        frame[:3, 3] + a * (normal @ (end - frame[:3, 3])) / (normal @ a)
+        for frame, a in zip(frames, (a1, a2), strict=True)
+    )
+    e1, e2 = complex(*(axes @ (p2 - p1))), complex(*(axes @ (end - p2)))
+    for link, problem in ((e1, 'the axes of both joints are one'), (e2, 'the tip is on the axis of joint 2')):
+        if abs(link) < _LEAST:
+            raise robot.error(f'{problem}: a link of length zero', 'choose another joint, or another --tip')
+    found = {'theta1': np.angle(e1), 'l1': abs(e1), 'theta2': np.angle(e2 / e1), 'l2': abs(e2)}
+    beyond1, beyond2 = (dict(robot.masses_beyond(name, held)) for name in joints)
+    mass1, mass2 = (sum(mass for mass, _ in beyond.values()) for beyond in (beyond1, beyond2))
+    gravity = axes @ (0.0, 0.0, -GRAVITY)
+    if np.hypot(*gravity) > _LEAST:
+        own = [beyond1[name] for name in beyond1.keys() - beyond2.keys()]
+        moment1 = sum((mass * complex(*(axes @ (at - p1))) for mass, at in own), mass2 * e1)
+        moment2 = sum((mass * complex(*(axes @ (at - p2))) for mass, at in beyond2.values()), 0j)
+        found |= {'s1': abs(moment1), 's2': abs(moment2)}
+        found |= {'phi1': np.angle(moment1 / e1), 'phi2': np.angle(moment2 / e2)}
+    nominal = Parameters(**dict(zip(found, _rounded(list(found.values())), strict=True)), gravity=_rounded(gravity))
+    plane = Plane(robot.root, _rounded(p1), _rounded(axes[0]), _rounded(axes[1]), tip)
+    direction = int(np.sign(normal @ a1)), int(np.sign(normal @ a2))
+    return PlanarArm(nominal, direction, plane, tilt, (mass1, mass2))
+
+
+def _axes_of_plane(axis: Floats) -> tuple[Floats, Floats]:
+    """X and y, (2, 3), and the normal of the plane at right angles to an axis."""
+    ahead, left, up = np.eye(3)
+    y = up - axis * (axis @ up)
+    if np.linalg.norm(y) * GRAVITY <= _LEAST:  # a SCARA
+        normal = axis * np.sign(axis @ up)
+        x = ahead - axis * (axis @ ahead)
+        x /= np.linalg.norm(x)
+        return np.stack([x, np.cross(normal, x)]), normal
+    y /= np.linalg.norm(y)
+    x = np.cross(y, axis)
+    x *= np.sign(x @ (ahead if abs(x @ ahead) > 1e-6 else left))
+    return np.stack([x, y]), np.cross(x, y)
+
+
+def _rounded(values: Any) -> tuple[Any, ...]:
+    """Numbers without the digits of rounding errors."""
+    return tuple((np.round(values, 15) + 0.0).tolist())
+
+
+def robot_cell(
+    robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, float], sensor: str = ''
+) -> tuple[str, list[str]]:
+    """The cell description of two joints of a robot, without objects; and what is to be known of it.
+
+    Args:
+        robot: whose they are.
+        joints: shoulder and elbow.
+        tip: link at the end of the arm.
+        at: positions of other joints, rad or m; 0 of those that are not there.
+        sensor: link in whose frame the wrench is; empty: the tip.
+
+    Raises:
+        InputError: they make no arm; or a joint between or beyond does not stay where it is put.
+    """
+    held = _held(robot, joints, tip, at)
+    arm = planar_arm(robot, joints, tip, held)
+    parallel = _parallel(robot, joints, held, arm)
+    mounted = _mounting(robot, sensor or tip, joints, held, arm)
+    has_weight = arm.nominal.has_gravity and arm.mass[0] > 0
+    notes = [f'the axes are {parallel}'] if arm.tilt > _SAID else []
+    if not arm.nominal.has_gravity:
+        notes.append('gravity is across the plane: none in it')
+    elif not has_weight:
+        notes.append(f'{robot.where} has no inertias: state robot.moments, {{s1, s2}} in kg m')
+    plane = arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}
+    text = render(
+        Path(__file__).with_name('cell.yaml.j2'),
+        escape=False,
+        arm=arm,
+        source=one_line(robot.where),
+        joints=[one_line(name) for name in joints],
+        continuous=[one_line(name) for name in joints if robot.joints[name].type == 'continuous'],
+        assumed=one_line(' '.join(name for name in held if name not in at)),
+        root=one_line(robot.root),
+        tip=one_line(tip),
+        sensor=one_line(sensor or tip),
+        parallel=parallel,
+        has_weight=has_weight,
+        mounted=mounted,
+        names=_flow(list(joints)),
+        plane=_flow(plane),
+        limits=_flow({name: _limits(robot.joints[name]) for name in joints}),
+        held=_flow(held) if held else '',
+    )
+    return text, notes
+
+
+def _held(robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, float]) -> dict[str, float]:
+    """Positions of the other joints on the way to the tip, and of those that are stated.
+
+    Raises:
+        InputError: the two do not move the tip in their order, or another joint does not stay where it is put.
+    """
+    for name in joints:
+        robot.turning(name)
+    chain = robot.chain(tip)
+    names = [joint.name for joint in chain if joint.type != 'fixed']
+    if missing := [name for name in joints if name not in names]:
+        raise robot.error(f'{missing[0]} does not move link {tip!r}', f'it is moved by {" ".join(names) or "none"}')
+    if names.index(joints[0]) >= names.index(joints[1]):
+        raise robot.error(f'{joints[1]} comes before {joints[0]}', f'write --joints {joints[1]} {joints[0]}')
+    between = names[names.index(joints[0]) : names.index(joints[1])]
+    for joint in (joint for joint in chain if joint.name not in joints):
+        if joint.mimic or joint.type not in ('fixed', 'revolute', 'continuous', 'prismatic'):
+            kind = f'mimics {joint.mimic.joint}' if joint.mimic else f'is {joint.type}'
+            raise robot.error(f'joint {joint.name!r} on the way to {tip!r} {kind}', 'choose another --tip')
+        if joint.type == 'prismatic' and joint.name in between:
+            problem = f'joint {joint.name!r} between the two is prismatic: link 1 has no length of its own'
+            raise robot.error(problem, 'choose other joints, or make it fixed in a copy of the URDF')
+    for name in at:
+        if name in joints or robot.joint(name).type == 'fixed' or robot.joint(name).mimic:
+            raise robot.error(f'--at {name}: it is not a joint to be held', 'name other joints that move')
+    held = {name: at.get(name, 0.0) for name in dict.fromkeys((*names, *at)) if name not in joints}
+    for name, value in held.items():
+        limit = robot.joints[name].limit
+        if limit and robot.joints[name].type != 'continuous' and not limit.lower <= value <= limit.upper:
+            problem = f'{name} at {value:g} is beyond its limits, {limit.lower:g} to {limit.upper:g}'
+            raise robot.error(problem, f'state another position: --at {name}=VALUE')
+    return held
+
+
+def _limits(joint: Any) -> list[float]:
+    if joint.type == 'continuous' or not joint.limit or joint.limit.lower >= joint.limit.upper:
+        return [-3.14, 3.14]
+    return [max(-12.5, joint.limit.lower), min(12.5, joint.limit.upper)]
+
+
+def _mounting(robot: Robot, sensor: str, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm) -> str:
+    """The key that says how the sensor is mounted on link 2: `rotation`, or `axes` where its z axis is not across."""
+    if joints[1] not in [joint.name for joint in robot.chain(sensor)]:
+        raise robot.error(f'link {sensor!r} is not moved by {joints[1]}', 'name the link of the sensor by --sensor')
+    turn = np.exp(1j * (arm.nominal.theta1 + arm.nominal.theta2))
+    link2 = arm.plane.axes @ [[turn.real, -turn.imag, 0], [turn.imag, turn.real, 0], [0, 0, 1]]
+    seen = robot.frame(sensor, held)[:3, :3].T @ link2  # axes of link 2 in the sensor, as columns
+    if seen[2, 2] > 1 - 1e-9:
+        return f'rotation: {_rounded([-np.arctan2(seen[1, 0], seen[0, 0])])[0]}'
+    return f'axes: {_flow({"x": list(_rounded(seen[:, 0])), "y": list(_rounded(seen[:, 1]))})}'
+
+
+def _parallel(robot: Robot, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm) -> str:
+    """How exactly the axes are parallel, and what it costs over all positions of both joints."""
+    if arm.tilt < _EXACT:
+        return 'parallel to rounding'
+    turns = np.linspace(-pi, pi, 9)
+    readings = np.stack(np.meshgrid(turns, turns), axis=-1).reshape(-1, 2)
+    positions = ({**held, joints[0]: one, joints[1]: two} for one, two in readings.tolist())
+    places = arm.plane.in_plane(np.array([robot.frame(arm.plane.tip, each)[:3, 3] for each in positions]))
+    off = np.hypot(*(places[:, :2] - forward(arm.nominal, readings * arm.direction)).T).max()
+    leaves, misses = quantity(float(np.abs(places[:, 2]).max()), 'm'), f'{1e6 * off:.2g} µm'
+    return (
+        f'{degrees(arm.tilt):.3g} degrees off parallel: the tip leaves the plane by up to {leaves}, and is up to '
+        f'{misses} off the model in it'
+    )
+
+
+def _flow(value: Any) -> str:
+    return dump_yaml(value, flow=True).removesuffix('\n')

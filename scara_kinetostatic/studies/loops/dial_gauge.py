@@ -1,0 +1,309 @@
+"""Compliance and backlash from tables of gauge readings, loads point by point or continuous loops.
+
+Each run of loads applied point by point, the experiments of section 5.2, gives a compliance and a gap (`run_fit`). For
+a joint with lever l, torque F l and Δq = ΔS / l:
+
+    p = slope / l²  [rad/Nm],      gap = jump / l  [rad].
+
+A gauge at the end-effector measures joint and gripper in series; both dead zones add. Where the gripper was measured
+along the same direction in the same experiment, its displacement is subtracted, and its variance added.
+
+**Gap and half gap.** Section 5.2 calls the jump of ΔS at F = 0 the backlash, "whose value is the ΔS gap itself"; g in
+(6) and (7) is half of it, since q - q* jumps from +g to -g. By its wording, figure 4(d) lists gaps. (Table 2 has 2.9e-4
+rad for g1 and g2, near the gaps 2.64e-4 and 2.68e-4; the paper calls its values "reasonable but arbitrary".) Both are
+reported.
+
+**Over the direction.** The compliance along u of the general gripper (7) is uᵀPu; the gap of an elliptical dead zone is
+√(uᵀWu). Both are even functions of the direction with two orthogonal principal axes,
+
+    q(φ) = major cos²(φ - axis) + minor sin²(φ - axis),     q the compliance, or the square of the gap.
+
+A gauge along u measures the symmetric part of P only; displacements across u (p12 - p21) are not measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.studies.loops.estimates import (
+    FALSE_ALARM_LEVEL,
+    CombinedEstimate,
+    Estimate,
+    combine_estimates,
+    mean,
+)
+from scara_kinetostatic.studies.loops.readings import GRIPPER, PARTS, TIP, GaugeTable, Readings
+from scara_kinetostatic.studies.loops.reversals import LoopAnalysis, analyse_loops
+from scara_kinetostatic.studies.loops.run_fit import ZERO_BAND, Check, RunFit, fit_run
+
+
+class Run(NamedTuple):
+    """Result of one run.
+
+    Attributes:
+        readings: its rows.
+        fit: slope and gap at the gauge, m/N and m.
+        compliance: of the part, m/N or rad/Nm.
+        gap: of the part, m or rad.
+        failed_checks: tests that fail.
+        outliers: rows far from their line.
+        note: remark on the gripper's contribution.
+    """
+
+    readings: Readings
+    fit: RunFit
+    compliance: Estimate
+    gap: Estimate
+    failed_checks: tuple[Check, ...] = ()
+    outliers: tuple[int, ...] = ()
+    note: str = ''
+
+    def of_part(self, compliance: Estimate, gap: Estimate) -> Run:
+        """The run with compliance and gap of the part, from those at the gauge."""
+        if self.readings.part == GRIPPER:
+            return self._replace(compliance=compliance, gap=gap)
+        arm = self.readings.lever
+        return self._replace(compliance=compliance.over(arm**2, 'rad/Nm'), gap=gap.over(arm, 'rad'))
+
+
+class Ellipse(NamedTuple):
+    """Principal values over the direction.
+
+    Attributes:
+        major: the largest.
+        minor: the smallest.
+        axis: direction of the largest, rad, in [0, π); its std is infinite where both are equal.
+        chi_square: of the values about the ellipse.
+        degrees_of_freedom: number of values less three.
+        p_value: of the ellipse as a sufficient description; NaN without degrees of freedom.
+    """
+
+    major: Estimate
+    minor: Estimate
+    axis: Estimate
+    chi_square: float
+    degrees_of_freedom: int
+    p_value: float
+
+
+class DirectionMap(NamedTuple):
+    """One quantity over the direction.
+
+    Attributes:
+        direction: rad, (n,).
+        value: (n,).
+        std: (n,).
+        power: 1 for a compliance, 2 for a gap: that of the value which has an ellipse.
+        mean: unweighted mean over the directions, as in the paper.
+        isotropy: test of equal values in all directions.
+        ellipse: None for fewer than three axes, or where a gap is not significantly above 0.
+    """
+
+    direction: Floats
+    value: Floats
+    std: Floats
+    power: int
+    mean: Estimate
+    isotropy: CombinedEstimate
+    ellipse: Ellipse | None
+
+
+class Part(NamedTuple):
+    """Result of one part, from all its runs.
+
+    Attributes:
+        name: one of `PARTS`.
+        runs: in the order of the readings.
+        compliance: m/N or rad/Nm; over the directions their mean.
+        gap: m or rad; over the directions their mean.
+        maps: compliance and gap over the direction, for a gripper with two directions or more; else empty.
+        combined: compliance and gap of two runs or more without maps, by name; else empty.
+    """
+
+    name: str
+    runs: tuple[Run, ...]
+    compliance: Estimate
+    gap: Estimate
+    maps: dict[str, DirectionMap]
+    combined: dict[str, CombinedEstimate]
+
+
+class DialGaugeAnalysis(NamedTuple):
+    """Result of all tables.
+
+    Attributes:
+        parts: with loads point by point, by name, in the order of `PARTS`.
+        loops: the continuous records.
+        warnings: one sentence each.
+        sources: names of the files, those of `parts` first.
+    """
+
+    parts: dict[str, Part]
+    loops: tuple[LoopAnalysis, ...]
+    warnings: tuple[str, ...]
+    sources: tuple[str, ...]
+
+
+def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
+    """Compliance and backlash from tables, loads point by point or loops.
+
+    Args:
+        tables: each from one file.
+        zero_band: share of the largest load of a run up to which a load counts as none.
+
+    Raises:
+        UnsupportedDataError: a run has no reversal, too few rows, or a record no loops; it is named.
+    """
+    readings = [run for table in tables for run in table.runs]
+    parts, warnings = analyse_runs(readings, zero_band) if readings else ({}, [])
+    loops = [analyse_loops(table.record) for table in tables if table.record]
+    warnings = [note for table in tables for note in table.notes] + warnings
+    level = FALSE_ALARM_LEVEL / 2 / max(1, sum(len(found.senses) for found in loops))
+    for found in loops:
+        for sense in found.senses:
+            where = f'{found.record.source}: {sense.name}: the reversals'
+            warnings += _inconsistencies(where, {'compliance': sense.compliance, 'gap': sense.gap}, level)
+    sources = [run.source for run in readings] + [found.record.source for found in loops]
+    return DialGaugeAnalysis(parts, tuple(loops), tuple(warnings), tuple(dict.fromkeys(sources)))
+
+
+def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> tuple[dict[str, Part], list[str]]:
+    """Every part in the runs, by name, and the warnings; see `analyse_tables`."""
+    runs = [_fit(each, zero_band) for each in readings]
+    level = FALSE_ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
+    grippers = [run for run in runs if run.readings.part == GRIPPER]
+    runs = [
+        _without_gripper(run, grippers)._replace(
+            failed_checks=tuple(check for check in run.fit.checks if check.p_value < level),
+            outliers=tuple(np.flatnonzero(run.fit.row_p < level / run.fit.used.sum()).tolist()),
+        )
+        for run in runs
+    ]
+    by_part = {name: tuple(run for run in runs if run.readings.part == name) for name in PARTS}
+    parts = {name: _combine(name, own) for name, own in by_part.items() if own}
+    warnings = [text for run in runs for text in _run_warnings(run)]
+    for part in parts.values():
+        warnings += _inconsistencies(f'{part.name}: the runs', part.combined, level)
+    return parts, warnings
+
+
+def _inconsistencies(where: str, combined: dict[str, CombinedEstimate], level: float) -> list[str]:
+    return [
+        f'{where} are inconsistent in {what} (p = {each.p_value:.2g})'
+        for what, each in combined.items()
+        if each.p_value < level
+    ]
+
+
+def _fit(readings: Readings, zero_band: float) -> Run:
+    try:
+        fit = fit_run(readings, zero_band)
+    except UnsupportedDataError as error:
+        raise UnsupportedDataError(f'{readings.source}: {readings.name}: {error.problem}', error.remedy) from error
+    return Run(readings, fit, fit.compliance, fit.gap).of_part(fit.compliance, fit.gap)
+
+
+def _without_gripper(run: Run, grippers: Sequence[Run]) -> Run:
+    """A joint's run less the gripper's contribution, if the gauge was at the tip; directions within 0.5° are equal."""
+    readings = run.readings
+    if readings.part == GRIPPER or readings.gauge_at != TIP:
+        return run
+    turns = [abs((each.readings.direction - readings.direction + np.pi / 2) % np.pi - np.pi / 2) for each in grippers]
+    there = [each for each, turn in zip(grippers, turns, strict=True) if turn < np.radians(0.5)]
+    if not there:
+        return run._replace(note='the gauge was at the tip: compliance and gap include those of the gripper')
+    compliance, gap = mean([each.compliance for each in there]), mean([each.gap for each in there])
+    own = run.fit.compliance.plus(-compliance.value, compliance.std), run.fit.gap.plus(-gap.value, gap.std)
+    return run.of_part(*own)._replace(note='the gripper along this direction was subtracted')
+
+
+def _combine(name: str, runs: tuple[Run, ...]) -> Part:
+    """A part from its runs: over the directions the mean, otherwise the weighted mean."""
+    estimates = {'compliance': [run.compliance for run in runs], 'gap': [run.gap for run in runs]}
+    dof = np.array([run.fit.degrees_of_freedom for run in runs], dtype=float)
+    if len(runs) == 1:
+        return Part(name, runs, runs[0].compliance, runs[0].gap, {}, {})
+    direction = np.array([run.readings.direction for run in runs])
+    if name == GRIPPER and np.all(np.isfinite(direction)) and len(np.unique(direction)) > 1:
+        maps = {
+            what: direction_map(direction, several, dof, power)
+            for power, (what, several) in enumerate(estimates.items(), start=1)
+        }
+        return Part(name, runs, maps['compliance'].mean, maps['gap'].mean, maps, {})
+    combined = {what: combine_estimates(several, dof) for what, several in estimates.items()}
+    return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, {}, combined)
+
+
+def direction_map(direction: Floats, estimates: Sequence[Estimate], dof: Floats, power: int) -> DirectionMap:
+    """One quantity over the direction.
+
+    Args:
+        direction: rad, (n,), n of 2 or more.
+        estimates: n.
+        dof: degrees of freedom of each std, (n,).
+        power: 1 for a compliance, 2 for a gap.
+    """
+    value, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
+    axes = len(np.unique(np.round(np.mod(direction, np.pi), 3) % np.round(np.pi, 3)))
+    has_ellipse = axes > 2 and (power == 1 or np.all(value > 4 * std))
+    ellipse = _fit_ellipse(direction, value, std, dof, power, estimates[0].unit) if has_ellipse else None
+    return DirectionMap(direction, value, std, power, mean(estimates), combine_estimates(estimates, dof), ellipse)
+
+
+def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, power: int, unit: str) -> Ellipse | None:
+    """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ; None if one is not above 0."""
+    q, weight = value**power, 1 / (power * value ** (power - 1) * std)
+    design = np.stack([np.ones_like(direction), np.cos(2 * direction), np.sin(2 * direction)], axis=1)
+    basis, triangle = np.linalg.qr(design * weight[:, None])
+    inverse = np.linalg.inv(triangle)
+    coefficients, covariance = inverse @ (basis.T @ (q * weight)), inverse @ inverse.T
+    chi_square, left = float(((weight * (q - design @ coefficients)) ** 2).sum()), len(value) - 3
+    p_value = float(stats.f.sf(chi_square / left, left, float(np.sum(dof)))) if left > 0 else np.nan
+    centre, a, b = coefficients.tolist()
+    radius, turned = float(np.hypot(a, b)), float(np.arctan2(b, a))
+    if power == 2 and centre <= radius:
+        return None
+    along, across = np.array([np.cos(turned), np.sin(turned)]), np.array([-np.sin(turned), np.cos(turned)])
+
+    def principal(sign: float) -> Estimate:
+        row = np.array([1.0, *(sign * along)])
+        end = (centre + sign * radius) ** (1 / power)
+        return Estimate(end, float(np.sqrt(row @ covariance @ row)) / (power * end ** (power - 1)), unit)
+
+    axis_std = float(np.sqrt(across @ covariance[1:, 1:] @ across)) / (2 * radius) if radius > 0 else np.inf
+    axis = Estimate(float(np.mod(turned / 2, np.pi)), axis_std, 'rad')
+    return Ellipse(principal(1.0), principal(-1.0), axis, chi_square, left, p_value)
+
+
+_MEANING = {
+    'slope_difference': 'the slopes of the two senses differ by {value:.3g} ± {std:.2g} µm/N',
+    'hysteresis': 'the displacement is {value:.3g} ± {std:.2g} µm larger while the load is removed: friction or creep',
+    'curvature': 'the lines deviate from straight by {value:.3g} ± {std:.2g} µm: the compliance depends on the load',
+    'zero_drift': "the gauge's zero drifts by {value:.3g} ± {std:.2g} µm per cycle; half of it is contained in the gap",
+    'gap_repeatability': 'the gap varies by {value:.3g} µm between cycles; its standard deviation includes this',
+    'slope_repeatability': 'the slope varies by {value:.3g} µm/N between cycles; its standard deviation includes this',
+}
+
+
+def _run_warnings(run: Run) -> list[str]:
+    """Warnings about one run, one sentence each."""
+    name = run.readings.name
+    found = [
+        f'{name}: {_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std)}'
+        for check in run.failed_checks
+    ]
+    if run.outliers:
+        lines = ', '.join(str(line) for line in run.readings.line[list(run.outliers)])
+        where = f'{run.readings.source}: line {lines}'
+        found.append(f'{where}: far from the straight line of {name}; check for a typing error')
+    if not 1e-8 < run.fit.compliance.value < 1e-2:  # m/N, of robots; outside it a unit is probably wrong
+        found.append(f'{name}: a compliance of {run.fit.compliance.value:.2g} m/N; are the units and signs right?')
+    if run.gap.value < -4 * run.gap.std:
+        found.append(f'{name}: the gap is negative; is the displacement positive along the positive force?')
+    return found + [f'{name}: {run.note}'] * bool(run.note)

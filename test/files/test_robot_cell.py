@@ -1,0 +1,159 @@
+"""A cell description from a URDF has the kinematics and the weight of the robot; what makes no arm is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from files.robots import CASES, SCARA, Tree, text_of
+
+from scara_kinetostatic.errors import CellError, InputError
+from scara_kinetostatic.files.cell_file import load_cell, read_cell
+from scara_kinetostatic.files.robot_cell import robot_cell
+from scara_kinetostatic.files.robot_urdf import Robot, read_robot
+from scara_kinetostatic.files.yaml_file import parse_yaml
+from scara_kinetostatic.model.cell import Cell, SensorFrame
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import joint_torques
+
+pytest.importorskip('urdf_parser_py')
+
+
+def cell_of(text: str) -> Cell:
+    return read_cell(parse_yaml(text, 'cell.yaml', CellError), 'cell.yaml', may_be_empty=True)
+
+
+def described(text: str, name: str = 'scara', **more: object) -> tuple[str, list[str]]:
+    case = CASES[name]
+    given = {'joints': case.joints, 'tip': case.tip, 'at': case.at} | more
+    return robot_cell(Robot(text.encode(), 'robot.urdf'), **given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('name', CASES)
+def test_tip_and_weight_are_those_of_the_robot(name: str) -> None:
+    """1000 poses each; axes that are not exactly parallel, as the truncated numbers of one make them, cost torque."""
+    case, text = CASES[name], text_of(CASES[name])
+    cell, tree = cell_of(described(text, name)[0]), Tree(text)
+    assert cell.hold.keys() >= case.at.keys() and cell.plane.tip == case.tip
+    readings = np.random.default_rng(7).uniform(-3, 3, (1000, 2))
+    positions = [dict(cell.hold) | dict(zip(case.joints, pair, strict=True)) for pair in readings.tolist()]
+    tips = np.array([tree.frame(case.tip, each)[1] for each in positions])
+    angles = cell.angles(readings)
+    np.testing.assert_allclose(cell.plane.in_plane(tips)[:, :2], forward(cell.nominal, angles), rtol=0, atol=1e-9)
+    torques = [[tree.holding_torque(joint, each) for joint in case.joints] for each in positions[:100]]
+    found = cell.in_sense(joint_torques(cell.nominal, angles[:100], np.zeros((100, 2))))
+    np.testing.assert_allclose(found, torques, rtol=0, atol=1e-5 if name == 'xarm' else 1e-9)
+
+
+def test_the_description_of_an_upright_arm(tmp_path: Path) -> None:
+    text, notes = described(text_of(CASES['ur5']), 'ur5', at={}, sensor='tool0')
+    cell = cell_of(text)
+    assert notes == [] and 'not stated, so taken as 0: shoulder_pan_joint wrist_1_joint' in text
+    assert cell.direction == (-1, -1) and cell.nominal.gravity == (0.0, -9.81)
+    assert (cell.plane.frame, cell.plane.x, cell.plane.y) == ('world', (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    assert cell.nominal.l1 == 0.425 and cell.plane.origin[2] == 0.089159
+    assert cell.uncertainty.nominal['s1'] == pytest.approx(0.3 * cell.nominal.s1, rel=1e-2)
+    path = tmp_path / 'cell.yaml'
+    path.write_text(text)
+    with pytest.raises(CellError, match='give at least one'):
+        load_cell(path)
+
+
+@pytest.mark.parametrize('name', ['scara', 'ur5'])
+def test_the_sensor_sees_the_force_as_it_is_mounted(name: str) -> None:
+    case = CASES[name]
+    text = text_of(case)
+    cell, tree = cell_of(described(text, name)[0]), Tree(text)
+    assert cell.sensor.frame is SensorFrame.TOOL and bool(cell.sensor.rotation) == (name == 'scara')
+    readings, force = np.array([0.4, -0.9]), np.array([3.0, 5.0])
+    turn, _ = tree.frame(case.tip, dict(cell.hold) | dict(zip(case.joints, readings, strict=True)))
+    seen = cell.force_axes @ turn.T @ cell.plane.axes[:, :2] @ force
+    angle = cell.angles(readings).sum() + cell.nominal.theta1 + cell.nominal.theta2
+    at_link2 = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]) @ force
+    np.testing.assert_allclose(seen, at_link2, atol=1e-12)
+
+
+def test_a_scara_has_no_gravity_in_its_plane_and_limits_of_its_readings() -> None:
+    text, notes = described(SCARA)
+    cell = cell_of(text)
+    assert notes == ['gravity is across the plane: none in it'] and not cell.nominal.has_gravity
+    assert cell.direction == (1, -1) and cell.limits == ((-2.5, 2.2), (-3.14, 3.14))
+    assert 'elbow turns without end' in text
+    assert cell_of(text.replace('[-3.14, 3.14]', '[-1.0, 2.0]')).limits == ((-2.5, 2.2), (-2.0, 1.0))
+
+
+ELBOW = '<axis xyz="0 0 -1"/>\n  </joint>\n  <link name="fore'
+BENEATH = '"frame"/>\n    <child link="upper_link"'
+QUILL = '<axis xyz="0 0 -1"/>\n    <limit lower="0"'
+
+
+@pytest.mark.parametrize(
+    ('change', 'given', 'words'),
+    [
+        (('', ''), {'joints': ('shoulder', 'elbo')}, "no joint 'elbo'; did you mean 'elbow'?"),
+        (('', ''), {'joints': ('elbow', 'shoulder')}, 'shoulder comes before elbow; write --joints shoulder elbow'),
+        (('', ''), {'joints': ('shoulder', 'quill')}, "joint 'quill' is prismatic, not revolute"),
+        (('', ''), {'tip': 'tol'}, "no link 'tol'; did you mean 'tool'?"),
+        (('', ''), {'tip': 'fore_link'}, 'the tip is on the axis of joint 2: a link of length zero'),
+        (('', ''), {'tip': 'upper_link'}, "elbow does not move link 'upper_link'; it is moved by shoulder"),
+        (('', ''), {'at': {'quill': 0.5}}, 'quill at 0.5 is beyond its limits, 0 to 0.2; state another'),
+        (('', ''), {'at': {'elbow': 0.5}}, '--at elbow: it is not a joint to be held'),
+        (('', ''), {'sensor': 'frame'}, "link 'frame' is not moved by elbow; name the link of the sensor"),
+        (('xyz="0.3 0.02 0.03"', 'xyz="0 0 0.03"'), {}, 'the axes of both joints are one: a link of length zero'),
+        ((ELBOW, ELBOW.replace('0 0 -1', '0 1 -1')), {}, 'are 45 degrees from parallel; choose two parallel'),
+        ((QUILL, '<mimic joint="elbow"/>' + QUILL), {}, "joint 'quill' on the way to 'tool' mimics elbow"),
+        (
+            ('"frame"/>\n    <child link="upper_link"', '"tool"/>\n    <child link="upper_link"'),
+            {},
+            "above 'fore_link' go round in a loop",
+        ),
+        (('link="tool"', 'link="upper_link"'), {}, "'upper_link' hangs on two joints, shoulder and flange: a loop"),
+        (('xyz="0.3 0.02', 'xyz="0.3 nan'), {}, "joint 'elbow' has no axis, or a number that is not finite"),
+        ((ELBOW, ELBOW.replace('0 0 -1', '0 0 0')), {}, "joint 'elbow' has no axis"),
+        (('xyz="0.3 0.02', 'xyz="0.3'), {}, 'is no valid URDF: ParseError'),
+        (('parent link="quill_link"', 'parent link="quil"'), {}, 'one link without a parent, got base quil'),
+        ((SCARA, '<robot name="a"/>'), {}, 'expected one link without a parent, got none; describe a tree'),
+        (('</robot>', ''), {}, 'is no valid URDF: no element found'),
+        (('type="prismatic"', 'type="floating"'), {'at': {}}, "joint 'quill' on the way to 'tool' is floating"),
+    ],
+)
+def test_what_makes_no_arm_is_one_line(change: tuple[str, str], given: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words.replace('(', r'\(').replace('?', r'\?')) as caught:
+        described(SCARA.replace(*change), **given)
+    assert '\n' not in str(caught.value) and str(caught.value).startswith('robot.urdf: ')
+
+
+def test_a_prismatic_joint_between_the_two_is_refused() -> None:
+    moved = SCARA.replace('name="quill" type="prismatic"', 'name="wrist" type="revolute"')
+    moved = moved.replace('name="elbow" type="continuous"', 'name="slide" type="prismatic"')
+    with pytest.raises(InputError, match="'slide' between the two is prismatic: link 1 has no length of its own"):
+        described(moved, joints=('shoulder', 'flange'), at={})
+
+
+def test_axes_that_are_one_degree_off_are_said_with_what_it_costs() -> None:
+    text, notes = described(SCARA.replace(ELBOW, ELBOW.replace('0 0 -1', '0 0.017455 -1')))
+    assert notes[0].startswith('the axes are 1 degrees off parallel: the tip leaves the plane by up to ')
+    assert 'off the model in it' in notes[0] and notes[0] in text.replace('Their axes', 'the axes')
+
+
+def test_without_inertias_the_moments_are_to_be_stated() -> None:
+    lying = SCARA.replace('rpy="0 0 0.3"', 'rpy="1.5707963267948966 0 0"')
+    cell = cell_of(described(lying)[0])
+    assert cell.nominal.gravity == (0.0, -9.81) and cell.nominal.s1 > 0
+    text, notes = described(lying.replace('inertial>', 'visual>'))
+    assert notes == ['robot.urdf has no inertias: state robot.moments, {s1, s2} in kg m']
+    assert cell_of(text).nominal.s1 == 0
+
+
+def test_a_xacro_is_expanded(tmp_path: Path) -> None:
+    pytest.importorskip('xacro')
+    path = tmp_path / 'robot.urdf.xacro'
+    text = SCARA.replace('<robot name="scara">', '<robot name="scara" xmlns:xacro="http://www.ros.org/wiki/xacro">')
+    path.write_text(text.replace('xyz="0.3 0.02', 'xyz="${0.1 + 0.2} 0.02'))
+    case = CASES['scara']
+    found = cell_of(robot_cell(read_robot(path), case.joints, case.tip, case.at)[0])
+    assert found.nominal.l1 == pytest.approx(np.hypot(0.3, 0.02), abs=1e-12)
+    path.write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:none/></robot>')
+    with pytest.raises(InputError, match='xacro cannot expand it'):
+        read_robot(path)

@@ -1,0 +1,81 @@
+"""Touches planned for an arm that stands upright."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.cell import PAPER_DISCS
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
+from scara_kinetostatic.planning.candidates import LEAST_ARM, candidate_plan
+from scara_kinetostatic.planning.next_touches import Planner
+from scara_kinetostatic.planning.prediction import Robot, exact_plan, free_tip, make_workspace, predict, tip_std
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+GRAVITY = (0.0, -9.81)
+TRUTH = sk.PAPER_ACTUAL.replace(s1=1.6, s2=0.5, gravity=GRAVITY)
+CELL = sk.Cell(
+    sk.PAPER_NOMINAL.replace(s1=1.3, s2=0.4, gravity=GRAVITY),
+    PAPER_DISCS,
+    noise=sk.Noise(joint=1e-5, force=0.3),
+    limits=((-3.1, 3.1), (-2.7, 2.7)),
+)
+
+
+def test_the_free_tip_hangs():
+    robot = Robot.of(CELL, TRUTH)
+    area = make_workspace(robot, radii=3, angles=12)
+    tip, free = free_tip(robot, area).derivative[:, 0], np.zeros_like(area.places)
+    joints, torques = inverse_kinetostatics(TRUTH, area.places, free, area.posture)
+    sure = (np.abs(torques) > 0.01).all(axis=1)
+    for k, name in enumerate(TRUTH.names):
+        step = 1e-9 if name[0] in 'pg' else 1e-6
+        there, back = (
+            direct_kinetostatics(TRUTH.replace(**{name: value}), joints, free)[0]
+            for value in (getattr(TRUTH, name) + step, getattr(TRUTH, name) - step)
+        )
+        np.testing.assert_allclose(tip[sure, :, k], (there - back)[sure] / (2 * step), atol=1e-5, err_msg=name)
+
+
+def test_a_fit_scatters_as_predicted():
+    robot = Robot.of(CELL, TRUTH)
+    every = candidate_plan(robot, (10.0, 40.0), per_disc=12)
+    predicted = predict(robot, every)
+    assert predicted.rank == 14 and tip_std(free_tip(robot, make_workspace(robot)), predicted).largest < 2e-5
+    found = sk.calibrate(simulate_touches(CELL, ExtendedModel(TRUTH), every, CELL.noise, 4), CELL)
+    np.testing.assert_allclose(found.std, predicted.std, rtol=0.15)
+    assert np.abs((found.parameters.as_array() - TRUTH.as_array()) / found.std).max() < 4.0
+
+
+def test_touches_whose_flank_is_doubtful_are_no_candidates():
+    robot = Robot.of(CELL)
+    kept = candidate_plan(robot, (10.0, 40.0))
+    assert (exact_plan(robot, kept).arms >= LEAST_ARM).all()
+    level = candidate_plan(Robot.of(replace(CELL, nominal=sk.PAPER_NOMINAL)), (10.0, 40.0))
+    assert 0.2 * len(level) < len(kept) < 0.9 * len(level)
+    force = -kept.force[:, None] * kept.normal(CELL)
+    for lighter in (0.85, 1.0, 1.15):  # as long as the moments are about right
+        arm = CELL.nominal.replace(s1=lighter * CELL.nominal.s1, s2=lighter * CELL.nominal.s2)
+        torques = inverse_kinetostatics(arm, kept.contact(CELL), force, kept.posture)[1]
+        assert (np.sign(torques) == np.sign(_torques(kept, force))).all()
+
+
+def _torques(plan, force):
+    return inverse_kinetostatics(CELL.nominal, plan.contact(CELL), force, plan.posture)[1]
+
+
+def test_planned_touches_lose_fewer_than_even_ones():
+    planned = (
+        Planner(CalibratedArm.of(sk.calibrate(sk.simulate(CELL, TRUTH, seed=3), CELL)), now=1e-4).accurate(24).plan
+    )
+    even = default_plan(CELL, 4, (20.0,))
+    lost = []
+    for plan in (planned, even):
+        touches = simulate_touches(CELL, ExtendedModel(TRUTH), plan, CELL.noise, 5)
+        lost.append(len(sk.calibrate(touches, CELL).rejected) / len(plan))
+    assert lost[0] < 0.5 * lost[1]
