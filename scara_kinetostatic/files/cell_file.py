@@ -496,9 +496,7 @@ def _sensor(section: Section) -> Sensor:
     topics = {name: section.word(name, getattr(default, name)) for name in ('joint_states', 'wrench')}
     service = section.word('zero_service', '') if section.data.get('zero_service') else ''
     if service and not _TOPIC.match(service):
-        raise section.error(
-            'zero_service', f'{service!r} is not the name of a service', 'write it like /ft_sensor/zero'
-        )
+        raise section.error('zero_service', f'{service!r} is no name of a service', 'write it like /sensor/zero')
     for name, topic in topics.items():
         if not _TOPIC.match(topic):
             raise section.error(name, f'{topic!r} is not a topic name', f'write it like {getattr(default, name)}')

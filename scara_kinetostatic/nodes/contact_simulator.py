@@ -225,51 +225,35 @@ class GoalServer:
     def __init__(self, node: Node, plant: Plant, take: Callable[[JointTrajectory], bool]) -> None:
         self._kind, self._plant = follow_joint_trajectory('action', 'use joint_trajectory'), plant
         self._goal: Any = None
-        self._ended: Future | None = None
+        self._ended = Future()
 
         def accept(goal: Any) -> GoalResponse:
             return GoalResponse.ACCEPT if take(goal.trajectory) else GoalResponse.REJECT
 
         async def execute(goal: Any) -> Any:
-            self._end('INVALID_GOAL', 'Current goal preempted by new incoming action.')
+            self._end('abort', 'INVALID_GOAL', 'Current goal preempted by new incoming action.')
             self._goal, self._ended = goal, Future()
             return await self._ended
 
-        server = ActionServer(
-            node,
-            self._kind,
-            'follow_joint_trajectory',
-            execute,
-            goal_callback=accept,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
-        self._server = server
+        answers = {'goal_callback': accept, 'cancel_callback': lambda _: CancelResponse.ACCEPT}
+        self._server = ActionServer(node, self._kind, 'follow_joint_trajectory', execute, **answers)
 
     def follow(self) -> None:
         """Ends the goal where its time is over, it is to be cancelled, or the controller is no longer active."""
-        if self._goal is None:
-            return
-        if self._goal.is_cancel_requested:
+        if self._goal is not None and self._goal.is_cancel_requested:
             self._plant.command(self._plant.names, [], [])
-            self._end('', '')
+            self._end('canceled', 'SUCCESSFUL', '')
         elif not self._plant.active:
-            self._end('INVALID_GOAL', 'Current goal cancelled during deactivate transition.')
+            self._end('abort', 'INVALID_GOAL', 'Current goal cancelled during deactivate transition.')
         elif self._plant.left <= 0.0:
-            self._end('SUCCESSFUL', 'Goal successfully reached!')
+            self._end('succeed', 'SUCCESSFUL', 'Goal successfully reached!')
 
-    def _end(self, name: str, text: str) -> None:
-        if self._goal is None or self._ended is None:
-            return
-        result = self._kind.Result(error_string=text)
-        if not name:
-            self._goal.canceled()
-        elif name == 'SUCCESSFUL':
-            self._goal.succeed()
-        else:
-            result.error_code = getattr(self._kind.Result, name)
-            self._goal.abort()
-        self._goal = None
-        self._ended.set_result(result)
+    def _end(self, how: str, code: str, text: str) -> None:
+        """Ends the goal that is under way, where there is one."""
+        if self._goal is not None:
+            getattr(self._goal, how)()
+            self._ended.set_result(self._kind.Result(error_code=getattr(self._kind.Result, code), error_string=text))
+            self._goal = None
 
 
 class Playback:
@@ -377,9 +361,7 @@ class ContactSimulator(CellNode):
                 begins = 1e-9 * conversion.nanoseconds_of(message.header.stamp)
                 ends = begins + max(times, default=0.0)
                 if begins and ends < (now := 1e-9 * self.get_clock().now().nanoseconds):
-                    raise ParameterError(
-                        'trajectory refused', f'it ended {now - ends:.1f} s ago', 'leave its stamp zero'
-                    )
+                    raise ParameterError('trajectory refused', f'it ended {now - ends:.1f} s ago', 'stamp it with 0')
                 plant.command(message.joint_names, times, *points)
             except ParameterError as error:
                 self.get_logger().warning(str(error))
@@ -444,8 +426,7 @@ class ContactSimulator(CellNode):
         """The fault as the parameter has it now; says an overload once."""
         plant.fault = Fault(self.get_parameter('fault').value)
         plant.scaling = self.get_parameter('scaling').value
-        if plant.active != (active := self.get_parameter('active').value):
-            plant.active = active
+        plant.active = self.get_parameter('active').value
         if plant.stopped != self._stopped:
             self._stopped = plant.stopped
             if plant.stopped:

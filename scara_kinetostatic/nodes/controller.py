@@ -53,6 +53,7 @@ class Controller:
         failed: called where a command failed, with the reason, one sentence, and whether it may pass by itself.
 
     Attributes:
+        is_action: whether it is commanded by goals.
         error: largest difference of a joint from where the controller wants it, by its feedback, rad; None without.
 
     Raises:
@@ -67,15 +68,10 @@ class Controller:
         if action:
             self._kind = follow_joint_trajectory('action', 'leave action empty and command by joint_trajectory')
             self._client, self._name = ActionClient(node, self._kind, action), node.resolve_service_name(action)
-        self._number, self._aborted = 0, ''
+        self.is_action, self._number, self._aborted = bool(action), 0, ''
         self.error: float | None = None
         self._parameters = node.create_client(GetParameters, f'{self._name.rpartition("/")[0]}/get_parameters')
         self._asked: Future | None = None
-
-    @property
-    def is_action(self) -> bool:
-        """Whether it is commanded by goals."""
-        return self._client is not None
 
     def absence(self) -> str:
         """That nobody moves the robot; empty where somebody does."""

@@ -211,8 +211,7 @@ class TouchRunner(CellNode):
 
     def _hearing(self) -> str:
         """Why somebody else as well, or with other joints or clocks, moves the robot; empty where all is well."""
-        cell = self._cell
-        if problem := self._controller.problem((*cell.joint_names, *cell.other_joints)):
+        if problem := self._controller.problem((*self._cell.joint_names, *self._cell.other_joints)):
             return problem
         if self._runner.status.phase == 'idle':
             for stream, apart in self._apart.items():

@@ -65,8 +65,8 @@ _HALT = 0.05
 """Time within which it stops, s."""
 _BACK = 0.02
 """How far it goes back after a contact on the way, m."""
-_FAST, _MET = 0.02, 1.0
-"""Towards a contact, as far as none can be expected, m/s, and the part of the largest force with which one is met."""
+_FAST = 0.02
+"""Towards a contact, as far as none can be expected, m/s; a stop from it has to stay below the largest force."""
 _CLEAR = 5e-4
 """How far from the surface it is before it retracts fast, m."""
 _WAIT = 0.12
@@ -292,7 +292,9 @@ class Runner:
             behind = abs(motion.at - near)
             if motion.sent is not None and behind > _BEHIND and (near - motion.at) * (motion.sent - near) > 0:
                 motion.at, behind = near, 0.0  # this machine was busy: the robot went on
-        self._near, self._is_behind = near, motion is not None and behind > self._lateness(motion)
+        is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
+        late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed + _BEHIND
+        self._near, self._is_behind = near, behind > late
         if not self._is_behind or abs(near - self._seen) > _MOVED:
             self._seen, self._seen_at = near, self._now
         if away > off_track:
@@ -301,10 +303,6 @@ class Runner:
         if self._now - self._seen_at > _STANDS:
             text = f'the robot stands {1e3 * behind:.1f} mm behind: it does not follow'
             raise Fault(text, may_retract=False, passes=True)
-
-    def _lateness(self, motion: Motion) -> float:
-        """How far the robot may be behind, m."""
-        return _ARRIVED if motion.at in (0.0, motion.track.length) else _LATE * motion.speed + _BEHIND
 
     # The run
 
@@ -440,6 +438,7 @@ class Runner:
         limit, pausing = self._free_limit, False
         while motion.at < track.length:
             self._check(_OFF_TRACK)
+            self._check_lift(track)
             if self.senses.force > limit:
                 raise Fault(f'a force of {self.senses.force:.1f} N on the way: a contact where none must be')
             if self._paused and not pausing:
@@ -455,6 +454,17 @@ class Runner:
             yield
         yield from self._stopped()
         self._motion = None
+
+    def _check_lift(self, track: Track) -> None:
+        """Check that the lift is up wherever the arm is under way, on a track that is raised.
+
+        Raises:
+            Fault: it is not.
+        """
+        at, up = self.senses.lift, float(track.lift[len(track.lift) // 2])
+        away = float(np.abs(track.joints[[0, -1]] - self.senses.joints).max(axis=1).min())
+        if np.ptp(track.lift) and at is not None and away > _OFF_APPROACH and abs(at - up) > 2 * HELD_WITHIN:
+            raise Fault(f'the lift is at {at:.4f} m, not at {up:g} m, while the arm moves', may_retract=False)
 
     def _stopped(self) -> Iterator[None]:
         """Waits until the joints stand where they were commanded to be."""
@@ -529,7 +539,7 @@ class Runner:
         speed = np.clip((0.8 * goal - threshold) * compliance / DELAY, _LEAST_SPEED, touch.contact_speed)
         depths = np.linspace(0.0, begin + 4e-3, count)
         expected, deepest = (float(np.interp(depth, depths, track.at)) for depth in (begin - touch.search, begin))
-        fast, slow = float(np.clip(_MET * touch.max_force * compliance / DELAY, speed, _FAST)), expected - planner.doubt
+        fast, slow = float(np.clip(touch.max_force * compliance / DELAY, speed, _FAST)), expected - planner.doubt
         self._contact, self._surface, self._steepest = True, 0.0, max(_STIFFER * touch.contact_speed, fast) / compliance
         self._last_force = self.senses.net_force
         motion = self._motion = Motion(track, fast, ramps=False, slow=(slow, float(speed)))
@@ -643,9 +653,9 @@ class Runner:
             Fault: a force remains.
         """
         assert self._motion is not None
-        slow = self._surface - _CLEAR
-        given = (slow, self.cell.touch.contact_speed)
-        motion = self._motion = Motion(self._motion.track, self._travel_speed(), self._motion.at, slow=given)
+        slow, track = self._surface - _CLEAR, self._motion.track
+        motion = Motion(track, self._travel_speed(), self._motion.at, slow=(slow, self.cell.touch.contact_speed))
+        self._motion = motion
         while motion.at > 0.0:
             self._check(_OFF_TRACK)
             self._move(motion, 0.0, is_free=motion.at <= slow)
@@ -691,9 +701,7 @@ class Runner:
         """Waits where the cause may pass by itself and time is left for that in this touch; else gives up."""
         self._waits_until = min(self._waits_until, self._now + self._patience) if fault.passes else self._waits_until
         if fault.passes and self._now < self._waits_until:
-            self._script = self._wait(
-                f'{fault} (in {self.status.phase})' if self.status.phase != 'waiting' else str(fault)
-            )
+            self._script = self._wait(f'{fault} (in {self.status.phase})')
         else:
             self._give_up(fault)
 
@@ -704,8 +712,8 @@ class Runner:
             Fault: it does not pass, or the robot has been moved.
         """
         self._command, self._disturbed = self._stand(), self._now
-        left = self._waits_until - self._now
-        self.status = Status('waiting', f'{reason}; waiting for {left:.0f} s at most', values=self._values())
+        text = f'{reason}; waiting for {self._waits_until - self._now:.0f} s at most'
+        self.status = Status('waiting', text, values=self._values())
         yield
         while self._now - self._disturbed < _QUIET:
             if self._now > self._waits_until:
@@ -726,9 +734,7 @@ class Runner:
             yield from self._back()
         self._motion = None
         began = self._now
-        while (
-            self.target is not None and self._now - began < 2 * _QUIET
-        ):  # what was touched is not judged, unless it is good
+        while self.target is not None and self._now - began < 2 * _QUIET:  # a touch that is good counts all the same
             self._check(_OFF_TRACK)
             if len((found := self._detect()).touches):
                 self.campaign.accept(found)

@@ -411,7 +411,7 @@ class Plant:
         time: since the start, s.
         fault: what is wrong; may be set at any time.
         scaling: of the time of a motion, from 0 on; may be set at any time.
-        active: whether the controller is active.
+        active: whether the controller is active, which else drops its motion; may be set at any time.
         stopped: why the drives have stopped; empty where they have not.
         peak_force: largest force so far, N.
 
@@ -440,7 +440,7 @@ class Plant:
         self._limits += [(min(lift.up, lift.down), max(lift.up, lift.down))] if lift else []
         self._limits += [(-np.inf, np.inf) for _ in cell.hold]
         self._motion: tuple[list[float], list[list[float]], list[list[float]] | None] | None = None
-        self.scaling, self._elapsed, self._rate, self._active = 1.0, 0.0, [0.0] * len(self.names), True
+        self.scaling, self.active, self._elapsed, self._rate = 1.0, True, 0.0, [0.0] * len(self.names)
         self._overload = self._most = s.overload or 2.0 * cell.touch.max_force
         self.time, self.peak_force, self.stopped, self.fault = 0.0, 0.0, '', Fault.NONE
         self._noise = sensors.touch_noise or cell.noise or TYPICAL_NOISE
@@ -454,17 +454,6 @@ class Plant:
     def _raised(self) -> float:
         lift = self.cell.lift
         return (self._position[2] - lift.down) / (lift.up - lift.down) if lift else 0.0
-
-    @property
-    def active(self) -> bool:
-        """May be set; a controller that is deactivated drops its motion."""
-        return self._active
-
-    @active.setter
-    def active(self, active: bool) -> None:
-        self._active = active
-        if not active:
-            self._motion, self._rate = None, [0.0] * len(self.names)
 
     @property
     def left(self) -> float:
@@ -514,7 +503,7 @@ class Plant:
         where = 'trajectory refused'
         if self.stopped:
             raise ParameterError(where, f'the drives have stopped: {self.stopped}', 'reset them')
-        if not self._active:
+        if not self.active:
             raise ParameterError(where, "can't accept new action goals, the controller is not running", 'activate it')
         if sorted(names) != sorted(self.names):
             problem = f'expected the joints {" ".join(self.names)}, got {" ".join(names) or "none"}'
@@ -581,7 +570,8 @@ class Plant:
 
     def _wanted(self) -> list[float]:
         """Where the motion has the joints now."""
-        if self._motion is None:
+        if self._motion is None or not self.active:
+            self._motion, self._rate = None, [0.0] * len(self.names)
             return self._setpoint
         times, points, rates = self._motion
         while len(times) > 1 and self._elapsed >= times[1]:
