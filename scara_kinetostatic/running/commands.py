@@ -33,6 +33,9 @@ _FASTER = 1.25
 """What a commanded speed may exceed the wanted one by: the model of the arm is not exact."""
 
 
+_NEVER = (np.inf, 0.0)
+
+
 class Command(NamedTuple):
     """Motion of the joints to come.
 
@@ -151,13 +154,7 @@ class Motion:
     """
 
     def __init__(
-        self,
-        track: Track,
-        speed: float,
-        at: float = 0.0,
-        *,
-        ramps: bool = True,
-        slow: tuple[float, float] = (np.inf, 0.0),
+        self, track: Track, speed: float, at: float = 0.0, *, ramps: bool = True, slow: tuple[float, float] = _NEVER
     ) -> None:
         self.track, self.at = track, at
         self.sent: float | None = None

@@ -137,8 +137,7 @@ class Runner:
         self._elapsed = 0.0
         self._command: Command | None = None
         self._motion: Motion | None = None
-        self._contact, self._surface = False, 0.0
-        self._steepest, self._last_force = 0.0, (0.0, 0.0)
+        self._contact, self._surface, self._steepest, self._last_force = False, 0.0, 0.0, (0.0, 0.0)
         self._is_behind, self._near, self._seen, self._seen_at = False, 0.0, 0.0, -np.inf
         self._waits_until, self._disturbed = np.inf, -np.inf
         self._script: Iterator[None] | None = None
