@@ -324,7 +324,7 @@ def test_a_controller_of_other_joints_is_refused(spin: Callable[..., Node], clie
     client._node.create_service(GetParameters, '/arm/get_parameters', joints)
     client._node.create_subscription(JointTrajectory, topic, lambda _: None, 10)
     node = spin(TouchRunner, '--ros-args', '-r', f'joint_trajectory:={topic}', *arguments)
-    assert eventually(lambda: not node._controller.absence() and 'joint4' in node._hearing())
+    client.wait('the joints', lambda: not node._controller.absence() and 'joint4' in node._hearing(), WAIT)
     answer = trigger(client, '/touch_runner/start')
     expected = f'the controller of {topic} moves joint1 joint2 joint4, the cell names joint1 joint2: correct robot'
     assert answer.message.startswith(expected)
