@@ -70,7 +70,7 @@ class Controller:
             self._client, self._name = ActionClient(node, self._kind, action), node.resolve_service_name(action)
         self.is_action, self._number, self._aborted = bool(action), 0, ''
         self.error: float | None = None
-        self._parameters = node.create_client(GetParameters, f'{self._name.rpartition("/")[0]}/get_parameters')
+        self._parameters = node.create_client(GetParameters, f'{self._name}'.rpartition('/')[0] + '/get_parameters')
         self._asked: Future | None = None
 
     def absence(self) -> str:
