@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--tip', 'LINK', str, 'link whose origin is the tip', {'required': True}),
         ('--at', 'JOINT=VALUE', _position, held, {'nargs': '+', 'action': 'extend', 'default': []}),
         ('--sensor', 'LINK', str, 'link in whose frame the wrench is (default: the tip)', {'default': ''}),
-        ('--out', 'FILE', Path, 'the cell description', {'required': True}),
+        ('--out', 'FILE', Path, 'the cell description; must not exist', {'required': True}),
     )
 
 
@@ -69,6 +69,8 @@ def run(args: argparse.Namespace) -> int:
         except ImportError as error:
             raise InputError('rclpy', f'cannot be imported: {error}', 'source ROS 2, or give --urdf FILE') from error
         robot = Robot(heard_description(args.topic).encode(), args.topic)
+    if args.out.exists():
+        raise InputError(f'{args.out}', 'exists, and may have objects filled in', 'give another --out')
     text, notes = robot_cell(robot, tuple(args.joints), args.tip, dict(args.at), args.sensor)
     write_texts(args.out.parent, {args.out.name: text})
     print(args.out)

@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
         check_file(out, [args.calibration, *([args.into] if args.into else [])])
     if args.into and out is not None:
         files, notes = exported_into(load_calibration(args.calibration), args.into, args.calibration.name)
-        named = {out.name if kind == '.urdf' else out.stem + kind: text for kind, text in files.items()}
+        named = dict(zip((out.name, f'{out.stem}_kinematics.yaml'), files, strict=True))
+        check_file(out.parent / f'{out.stem}_kinematics.yaml', [args.calibration, args.into])
         write_texts(out.parent, named)
         print(*(out.parent / name for name in named), sep='\n')
         for text in notes:

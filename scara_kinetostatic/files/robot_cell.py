@@ -21,14 +21,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 
 from scara_kinetostatic.errors import one_line
+from scara_kinetostatic.files.cell_file import read_cell
 from scara_kinetostatic.files.robot_urdf import Robot, axis_of
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.yaml_file import dump_yaml
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import Parameters, quantity
+from scara_kinetostatic.model.parameters import MOMENTS, Parameters, quantity
 from scara_kinetostatic.model.plane import Plane
 
 GRAVITY = 9.81
@@ -38,7 +40,9 @@ MOST_TILT = 0.035
 _EXACT, _SAID = 1e-9, 1e-4
 """Axes nearer to parallel are called so, and those that are farther from it are said, rad."""
 _LEAST = 1e-4
-"""A link of no length, m; gravity of no size, m/s²."""
+"""A link of no length, m."""
+_LEVEL = 0.01
+"""A plane that is less tilted is level, rad: URDFs round their angles."""
 
 
 class PlanarArm(NamedTuple):
@@ -91,7 +95,9 @@ def planar_arm(robot: Robot, joints: tuple[str, str], tip: str, held: Mapping[st
     beyond1, beyond2 = (dict(robot.masses_beyond(name, held)) for name in joints)
     mass1, mass2 = (sum(mass for mass, _ in beyond.values()) for beyond in (beyond1, beyond2))
     gravity = axes @ (0.0, 0.0, -GRAVITY)
-    if np.hypot(*gravity) > _LEAST:
+    if np.hypot(*gravity) <= _LEVEL * GRAVITY:
+        gravity = np.zeros(2)
+    else:
         own = [beyond1[name] for name in beyond1.keys() - beyond2.keys()]
         moment1 = sum((mass * complex(*(axes @ (at - p1))) for mass, at in own), mass2 * e1)
         moment2 = sum((mass * complex(*(axes @ (at - p2))) for mass, at in beyond2.values()), 0j)
@@ -107,7 +113,7 @@ def _axes_of_plane(axis: Floats) -> tuple[Floats, Floats]:
     """X and y, (2, 3), and the normal of the plane at right angles to an axis."""
     ahead, left, up = np.eye(3)
     y = up - axis * (axis @ up)
-    if np.linalg.norm(y) * GRAVITY <= _LEAST:  # a SCARA
+    if np.linalg.norm(y) <= _LEVEL:  # a SCARA
         normal = axis * np.sign(axis @ up)
         x = ahead - axis * (axis @ ahead)
         x /= np.linalg.norm(x)
@@ -142,10 +148,13 @@ def robot_cell(
     arm = planar_arm(robot, joints, tip, held)
     parallel = _parallel(robot, joints, held, arm)
     mounted = _mounting(robot, sensor or tip, joints, held, arm)
-    has_weight = arm.nominal.has_gravity and arm.mass[0] > 0
+    known = {name: float(f'{0.3 * getattr(arm.nominal, name):.3g}') for name in MOMENTS}
+    known = {name: std for name, std in known.items() if std}
+    has_weight = bool(known)
     notes = [f'the axes are {parallel}'] if arm.tilt > _SAID else []
     if not arm.nominal.has_gravity:
-        notes.append('gravity is across the plane: none in it')
+        tilt = degrees(np.hypot(arm.plane.x[2], arm.plane.y[2]))
+        notes.append(f'gravity is across the plane{f" to {tilt:.1g} degrees" if tilt > 1e-9 else ""}: none in it')
     elif not has_weight:
         notes.append(f'{robot.where} has no inertias: state robot.moments, {{s1, s2}} in kg m')
     plane = arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}
@@ -162,12 +171,14 @@ def robot_cell(
         sensor=one_line(sensor or tip),
         parallel=parallel,
         has_weight=has_weight,
+        known=_flow({'nominal': known}),
         mounted=mounted,
         names=_flow(list(joints)),
         plane=_flow(plane),
         limits=_flow({name: _limits(robot.joints[name]) for name in joints}),
         held=_flow(held) if held else '',
     )
+    read_cell(yaml.safe_load(text), f'the cell of {robot.where}', may_be_empty=True)  # whoever reads it finds it right
     return text, notes
 
 

@@ -154,6 +154,8 @@ class Robot:
     def masses_beyond(self, joint: str, positions: Mapping[str, float]) -> Iterator[tuple[str, tuple[float, Floats]]]:
         """Name, mass, kg, and centre in the root, (3,), m, of each link that a joint moves."""
         for name, (mass, center) in self.inertias.items():
+            if mass < 0:
+                raise self.error(f'the mass of link {name!r} is {mass:g} kg', 'correct the URDF')
             if any(each.name == joint for each in self.chain(name)):
                 yield name, (mass, (self.frame(name, positions) @ [*center, 1.0])[:3])
 

@@ -97,7 +97,7 @@ def find_lower_bound(candidates: CandidateTouches, target: float, iterations: in
         number = next((n for n in numbers if candidates.evenly_distributed(n) <= target), numbers[-1])
     declared = candidates.declared.T @ candidates.declared
     regular = declared.copy()
-    regular[: candidates.values, : candidates.values] += 1e-9 * np.eye(candidates.values)  # where the rank is less
+    regular[: candidates.values, : candidates.values] += 1e-6 * np.eye(candidates.values)  # where the rank is less
     design = np.full(len(candidates.plan), 1 / len(candidates.plan))  # ξ
     places = np.full(candidates.quadric.shape[1], 1 / candidates.quadric.shape[1])  # λ
     bounds = []
@@ -112,7 +112,7 @@ def find_lower_bound(candidates: CandidateTouches, target: float, iterations: in
         by_prior = float(np.einsum('pk,kl,pl->', known, squares, known))
         mean, largest = float(places @ variance), float(variance.max())
         bounds.append((mean, float(gain.max()), by_prior))
-        design = design * np.sqrt(gain)
+        design = design * np.sqrt(np.maximum(gain, 0.0))  # less is rounding
         design /= design.sum()
         places = places * np.exp(6.0 / np.sqrt(step + 1) * (variance / largest - 1))
         places /= places.sum()

@@ -36,8 +36,14 @@ def test_from_a_urdf_to_a_calibrated_urdf(run: Run) -> None:
     assert run('calibrate', 'recording', '--cell', 'cell.yaml', '--out', 'result').status == 0
     into = ('export', 'result/calibration.json', '--format', 'urdf', '--into', 'robot.urdf', '--out', 'better.urdf')
     written = run(*into)
-    assert written.out == 'better.urdf\nbetter.yaml\n' and 'cannot hold compliance and backlash' in written.err
+    assert (
+        written.out == 'better.urdf\nbetter_kinematics.yaml\n' and 'cannot hold compliance and backlash' in written.err
+    )
     assert run('cell', '--urdf', 'better.urdf', *DESCRIBE, '--out', 'again.yaml').status == 0
+    refused = run('cell', '--urdf', 'better.urdf', *DESCRIBE, '--out', 'cell.yaml')
+    assert (
+        refused.status == 2 and 'cell.yaml: exists, and may have objects filled in; give another --out' in refused.err
+    )
     rows = [f'{q1},{q2},0,0' for q1, q2 in np.random.default_rng(0).uniform(-2, 2, (50, 2)).tolist()]
     Path('states.csv').write_text('\n'.join(['q1_rad,q2_rad,fx_N,fy_N', *rows]))
     places = []

@@ -29,7 +29,7 @@ def calibrated(text: str, name: str = 'scara', l2: float = -1.5e-3) -> Calibrate
     return replace(arm, model=ExtendedModel(n.replace(**more, l2=n.l2 + l2, g1=1e-4)))
 
 
-def into(arm: CalibratedArm, content: bytes, path: Path) -> tuple[dict[str, str], list[str]]:
+def into(arm: CalibratedArm, content: bytes, path: Path) -> tuple[tuple[str, str], list[str]]:
     path.write_bytes(content)
     return exported_into(arm, path, 'calibration.json')
 
@@ -48,11 +48,11 @@ def test_the_tip_is_that_of_the_calibrated_arm(name: str, tmp_path: Path) -> Non
     text = text_of(CASES[name])
     arm = calibrated(text, name)
     files, notes = into(arm, text.encode(), tmp_path / 'robot.urdf')
-    assert largest_miss(text, arm, CASES[name]) > 1e-3 and largest_miss(files['.urdf'], arm, CASES[name]) < 1e-9
-    found = cell_of(described(files['.urdf'], name)[0])
+    assert largest_miss(text, arm, CASES[name]) > 1e-3 and largest_miss(files[0], arm, CASES[name]) < 1e-9
+    found = cell_of(described(files[0], name)[0])
     assert (found.nominal.l1, found.nominal.l2) == pytest.approx((arm.model.parameters.l1, arm.model.parameters.l2))
-    again, _ = into(arm, files['.urdf'].encode(), tmp_path / 'again.urdf')
-    assert largest_miss(again['.urdf'], arm, CASES[name]) < 1e-9
+    again, _ = into(arm, files[0].encode(), tmp_path / 'again.urdf')
+    assert largest_miss(again[0], arm, CASES[name]) < 1e-9
     assert any('cannot hold compliance and backlash (p_ee 1e-05 m/N' in note for note in notes)
 
 
@@ -62,26 +62,26 @@ def test_all_else_stays(l2: float, number: int, newline: str, tmp_path: Path) ->
     """Two origins, and that of the joint behind for another l2; the comment stands before the root."""
     text = SCARA.replace('\n', newline)
     files, _ = into(calibrated(SCARA, l2=l2), text.encode(), tmp_path / 'robot.urdf')
-    before, after = text.splitlines(keepends=True), files['.urdf'].splitlines(keepends=True)
+    before, after = text.splitlines(keepends=True), files[0].splitlines(keepends=True)
     changes = [line for line in difflib.ndiff(before, after) if line[:2] in ('- ', '+ ')]
     comment = [line[2:] for line in changes if '<origin' not in line]
     assert comment[0] == f'<!--{newline}' and comment[-1] == f'-->{newline}' and 'cannot hold compl' in ''.join(comment)
     assert len([line for line in changes if line.startswith('- ')]) == number
-    assert '<!-- a comment of the user -->' in files['.urdf']
-    assert 'rpy="0 0 0.103" xyz="' in files['.urdf'], 'the order of the attributes, and numbers that are the same'
-    assert files['.urdf'].count('"0 0 0"') == text.count('"0 0 0"')
+    assert '<!-- a comment of the user -->' in files[0]
+    assert 'rpy="0 0 0.103" xyz="' in files[0], 'the order of the attributes, and numbers that are the same'
+    assert files[0].count('"0 0 0"') == text.count('"0 0 0"')
 
 
 def test_an_origin_that_is_not_there_is_added(tmp_path: Path) -> None:
     bare = SCARA.replace('    <origin rpy="0 0 0.1" xyz="0.0 0.0 0.05"/>\n', '')
     arm = calibrated(bare)
     files, _ = into(arm, bare.encode(), tmp_path / 'robot.urdf')
-    assert largest_miss(files['.urdf'], arm, CASES['scara']) < 1e-9
+    assert largest_miss(files[0], arm, CASES['scara']) < 1e-9
 
 
 def test_the_origins_as_ur_calibration_writes_them(tmp_path: Path) -> None:
     files, _ = into(calibrated(SCARA), SCARA.encode(), tmp_path / 'robot.urdf')
-    found, tree = yaml.safe_load(files['.yaml'])['kinematics'], Tree(files['.urdf'])
+    found, tree = yaml.safe_load(files[1])['kinematics'], Tree(files[0])
     assert list(found) == ['upper', 'fore', 'quill']
     for name, numbers in found.items():
         origin = tree.joints[f'{name}_link'].find('origin')
@@ -112,5 +112,5 @@ def test_refused_in_one_line(change: tuple[str, str], plane: dict[str, object], 
 def test_parameters_of_an_arm_that_is_not_changed_change_nothing(tmp_path: Path) -> None:
     arm = nominal_arm(cell_of(described(SCARA)[0]))
     files, _ = into(arm, SCARA.encode(), tmp_path / 'robot.urdf')
-    text = files['.urdf']
+    text = files[0]
     assert text[: text.index('<!--')] + text[text.index('<robot') :] == SCARA

@@ -157,3 +157,30 @@ def test_a_xacro_is_expanded(tmp_path: Path) -> None:
     path.write_text('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:none/></robot>')
     with pytest.raises(InputError, match='xacro cannot expand it'):
         read_robot(path)
+
+
+@pytest.mark.parametrize('turn', ['3.141592653589793 0 0', '3.14159 0 0', '0 3.1415 0', '3.14 0 0.3'])
+def test_a_scara_that_hangs_is_level_whatever_its_urdf_rounds(turn: str) -> None:
+    text, notes = described(SCARA.replace('rpy="0 0 0.3"', f'rpy="{turn}"'))
+    cell = cell_of(text)
+    assert not cell.nominal.has_gravity and 'gravity is across the plane' in notes[-1] and 'none in it' in notes[-1]
+    assert abs(cell.plane.x[2]) < 2e-3 and ('degrees' in notes[-1]) == (
+        turn in ('0 3.1415 0', '3.14 0 0.3', '3.14159 0 0')
+    )
+
+
+def test_a_link_without_a_mass_has_no_moment_to_trust() -> None:
+    text = SCARA.replace('rpy="0 0 0.3"', 'rpy="1.5707963267948966 0 0"')
+    bare = text.replace(
+        '<link name="fore_link"><inertial><mass value="2"/><origin xyz="0.1 0 0"/></inertial></link>',
+        '<link name="fore_link"/>',
+    )
+    assert set(cell_of(described(text)[0]).uncertainty.nominal) == {'s1', 's2'}
+    assert set(cell_of(described(bare)[0]).uncertainty.nominal) == {'s1'}
+    with pytest.raises(InputError, match=r"the mass of link 'fore_link' is -2 kg"):
+        described(text.replace('mass value="2"', 'mass value="-2"'))
+
+
+def test_lengths_that_no_cell_has_are_refused_at_once() -> None:
+    with pytest.raises(CellError, match='l1'):
+        described(SCARA.replace('xyz="0.3 0.02 0.03"', 'xyz="300 20 30"'))

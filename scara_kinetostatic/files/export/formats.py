@@ -31,7 +31,7 @@ from scara_kinetostatic.model.parameters import UNITS
 
 RIGID = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2')
 """The parameters of the rigid arm."""
-_SOFT = ('p_', 'p1', 'p2', 'g_', 'g1', 'g2')
+_SOFT = ('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2')
 _FREE = 'not determined'
 
 
@@ -275,8 +275,8 @@ FORMATS = {
 """The formats by name."""
 
 
-def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[dict[str, str], list[str]]:
-    """The user's URDF with corrected origins, and these as YAML, by suffix; and what is to be known of them.
+def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[tuple[str, str], list[str]]:
+    """The user's URDF with corrected origins, and these as YAML; and what is to be known of them.
 
     Args:
         arm: the calibrated arm.
@@ -290,11 +290,11 @@ def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[dict[str
     robot = Robot(content, str(urdf))
     origins, p = corrected_origins(arm, robot), arm.model.parameters
     facts = ExportFacts.of(arm, source, f'Calibrated by touch: origins of {", ".join(origins) or "no joint"}; rigid.')
-    soft = ', '.join(f'{name} {value:.3g} {UNITS[name]}' for name, value in p.as_dict().items() if name[:2] in _SOFT)
+    soft = ', '.join(f'{name} {value:.3g} {UNITS[name]}' for name, value in p.as_dict().items() if name in _SOFT)
     rest = f'a rigid URDF cannot hold compliance and backlash ({soft}), nor effects too small to be detected'
     facts = facts._replace(lines=(*facts.lines, escaping.comment(f'{rest[:1].upper()}{rest[1:]}.')))
     text = with_origins(content, origins, _comment(facts), robot)
-    return {'.urdf': text, '.yaml': origins_yaml(origins, facts.lines)}, [*facts.notes(is_rigid=True), rest]
+    return (text, origins_yaml(origins, facts.lines)), [*facts.notes(is_rigid=True), rest]
 
 
 def exported(arm: CalibratedArm, kind: str, source: str, options: Options = Options()) -> tuple[str, list[str]]:  # noqa: B008 - immutable
