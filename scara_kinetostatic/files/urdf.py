@@ -68,22 +68,26 @@ def arm_urdf(name: str, cell: Cell, arms: Sequence[Arm], comment: str = '') -> s
         for number, arm in enumerate(arms)
     ]
     template, head = Path(__file__).with_name('arm.urdf.j2'), Markup(comment)
-    from scipy.spatial.transform import Rotation
-
-    plane = cell.plane
     return render(
         template,
         name=name,
         joints=cell.joint_names,
         back=-cell.coupling,
         axes=cell.direction,
-        plane=plane,
-        base='arm_plane' if plane.is_stated else plane.frame,
-        rpy=Rotation.from_matrix(plane.axes).as_euler('xyz').tolist(),
+        **place_of_arm(cell),
         arms=described,
         quarter=pi / 2,
         comment=head,
     )
+
+
+def place_of_arm(cell: Cell) -> dict[str, object]:
+    """Where the arm of a cell stands, for a template: the robot's frame, that of the plane, the angles between."""
+    from scipy.spatial.transform import Rotation
+
+    plane = cell.plane
+    angles = Rotation.from_matrix(plane.axes).as_euler('xyz').tolist()
+    return {'plane': plane, 'base': 'arm_plane' if plane.is_stated else plane.frame, 'rpy': angles}
 
 
 def side_by_side(name: str, cell: Cell, calibrated: Parameters | None) -> str:

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from files.robots import Tree
 from files.test_urdf import pose
 
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -36,6 +37,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
+from scara_kinetostatic.model.plane import Plane
 
 JOINTS = np.random.default_rng(0).uniform(-np.pi, np.pi, (30, 2))
 PROGRAM = """\
@@ -94,6 +96,20 @@ def coupled(request: pytest.FixtureRequest, arm: CalibratedArm) -> CalibratedArm
 
 def test_urdf(coupled: CalibratedArm) -> None:
     check_tree(urdf_text(coupled, facts(coupled, 'urdf')), coupled)
+
+
+def test_urdf_and_xacro_start_in_the_robots_frame(arm: CalibratedArm, tmp_path: Path) -> None:
+    plane = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 'flange')
+    upright = replace(arm, cell=replace(arm.cell, plane=plane))
+    (tmp_path / 'arm.xacro').write_text(xacro_text(upright, facts(upright, 'xacro')))
+    xacro = pytest.importorskip('xacro')
+    for text in (
+        urdf_text(upright, facts(upright, 'urdf')),
+        xacro.process_file(str(tmp_path / 'arm.xacro')).toprettyxml(),
+    ):
+        _, at = Tree(text).frame(TOOL_FRAME, dict(zip(arm.cell.joint_names, JOINTS[0].tolist(), strict=True)))
+        there = plane.in_robot(forward(arm.model.parameters, JOINTS[0])[None])[0]
+        np.testing.assert_allclose(at, there, rtol=0, atol=1e-12)
 
 
 def test_xacro(coupled: CalibratedArm, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from scara_kinetostatic.files.export.corrections import Grid, correction_file
 from scara_kinetostatic.files.export.into_urdf import corrected_origins, origins_yaml, with_origins
 from scara_kinetostatic.files.robot_urdf import Robot, read_bytes
 from scara_kinetostatic.files.template import render
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf, place_of_arm
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import EffectLaw
@@ -133,6 +133,7 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         joints=[escaping.xacro(name) for name in arm.cell.joint_names],
         back=-arm.cell.coupling,
         axes=arm.cell.direction,
+        **place_of_arm(arm.cell),
     )
 
 
