@@ -8,7 +8,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import without_sources
 from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, estimate, fewest_touches
-from scara_kinetostatic.calibration.fit_point import base_force, fitted_surfaces, fitted_tips, project
+from scara_kinetostatic.calibration.fit_point import Point, base_force, fitted_surfaces, fitted_tips, project
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
@@ -17,13 +17,15 @@ from scara_kinetostatic.calibration.result import Calibration, build_result
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
-from scara_kinetostatic.model.arrays import Indices
+from scara_kinetostatic.model.arrays import Indices, Mask
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import joint_torques
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, Parameters, implausible_size
 from scara_kinetostatic.model.touch import Rejection, TouchSet
+from scara_kinetostatic.model.touch_equations import has_no_sure_sign
 
 
 def calibrate(
@@ -135,7 +137,7 @@ def _settle_flanks(
         fit = found.fit.point
         point = project(everything.with_errors(fit.errors), fit.model, noise)
         apart = nearest_flanks(everything, fit.model, point.adjusted.state)[1] / point.whitened.root[0]
-        known = apart >= (_FLANKS_APART if is_last else np.inf)
+        known = (apart >= _FLANKS_APART) & ~_only_guessed(point) if is_last else np.isinf(apart)
         if known.sum() < (1 if is_last else 3) * fewest_touches(len(free)):
             continue
         near = WarmStart(fit.model, found.noise, good[known], fit.errors)
@@ -145,6 +147,22 @@ def _settle_flanks(
         raise UnsupportedDataError(f'of {(~known).sum()} touches {reason}', 'press harder, or farther from the axes')
     unsettled = [Rejection(int(touches.index[k]), reason) for k in np.flatnonzero(~known)]
     return touches.select(known), everything.select(known), found, unsettled
+
+
+_ON_A_FLANK = 3
+"""Touches with a torque of sure sign that show a flank."""
+
+
+def _only_guessed(point: Point) -> Mask:
+    """Touches whose torque has no sure sign in a joint of which those with a sure one do not show both flanks, (n,):
+    the backlash by which the others are judged would be their own.
+    """
+    state, p = point.adjusted.state, point.parameters
+    force = state.magnitude * np.array([np.cos(state.direction), np.sin(state.direction)])
+    torques = joint_torques(p, np.array([state.link1, state.link2]).T, force.T).T
+    unsure = has_no_sure_sign(p, torques)
+    fewest = np.minimum(*(((sign * torques > 0) & ~unsure).sum(axis=1) for sign in (1, -1)))
+    return np.asarray((unsure & (fewest < _ON_A_FLANK)[:, None]).any(axis=0))
 
 
 _BOTH_EDGES = 1e-3

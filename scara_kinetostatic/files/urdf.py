@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import pi
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
@@ -81,7 +81,7 @@ def arm_urdf(name: str, cell: Cell, arms: Sequence[Arm], comment: str = '') -> s
     )
 
 
-def place_of_arm(cell: Cell) -> dict[str, object]:
+def place_of_arm(cell: Cell) -> dict[str, Any]:
     """Where the arm of a cell stands, for a template: the robot's frame, that of the plane, the angles between."""
     from scipy.spatial.transform import Rotation
 

@@ -15,9 +15,12 @@ from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS, Uncertainty
 from scara_kinetostatic.model.contact import contact, contact_derivatives
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.model.touch_equations import free_state
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
 
 GRAVITY = (1.2, -9.7)
 BESIDE = {'phi1': 0.15, 'phi2': -0.3}
@@ -236,3 +239,25 @@ def test_a_weightless_nominal_arm_is_refused_under_gravity(tmp_path):
     path.write_text(dump_cell(replace(CELL, nominal=CELL.nominal.replace(s1=0.0, s2=0.0))))
     with pytest.raises(InputError, match=r'no weight; give robot\.moments'):
         load_predictor(path)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_a_backlash_of_which_one_flank_is_guessed_is_not_determined(seed):
+    """A short, heavy forearm: gravity holds the elbow on one flank in nearly all touches."""
+    nominal = sk.Parameters(
+        theta1=1.3154, l1=0.3266, theta2=0.2237, l2=0.1737, p_ee=1e-5, p1=1e-5, p2=1e-5,
+        s1=3.4264, s2=1.8686, gravity=(0.0, -9.81), phi1=0.036, phi2=0.211,
+    )  # fmt: skip
+    discs = (sk.Disc('a', 0.3, 0.1, 0.05), sk.Disc('b', 0.2, 0.3, 0.05), sk.Disc('c', 0.3, -0.15, 0.04))
+    limits = ((-1.76, 1.76), (-3.07, -0.07))
+    cell = sk.Cell(nominal, discs, noise=sk.Noise(joint=1e-5, force=0.3), limits=limits)
+    random = np.random.default_rng([seed, 9])
+    scale = random.uniform(0.75, 1.25, 2)
+    truth = nominal.replace(
+        p_ee=1e-6, p1=1e-5, p2=1e-5, g_ee=2e-5, g1=8e-5, g2=8e-5, s1=scale[0] * nominal.s1, s2=scale[1] * nominal.s2
+    )
+    plan = default_plan(cell, 16, (20.0, 40.0, 60.0))
+    plan = plan.select(np.linspace(0, len(plan) - 1, min(72, len(plan))).astype(int))
+    found = sk.calibrate(simulate_touches(cell, ExtendedModel(truth), plan, cell.noise, seed), cell)
+    z = (found.parameters.as_array() - truth.as_array()) / found.std
+    assert np.nanmax(np.abs(z)) < 5.0 and np.isfinite(z).sum() >= 4
