@@ -117,15 +117,21 @@ def pose_bytes(stamp_ns: int, plane: Plane, pose: PlanarPose) -> bytes:
     return head.ljust(aligned(len(head), 8), b'\0') + struct.pack('<43d', *numbers)
 
 
+MOST_OFF_PLANE = 0.01
+"""Of a wanted place, m."""
+
+
 def planar(vector: Any, plane: Plane, *, is_place: bool) -> tuple[float, float]:
     """X and y in the plane of a place, m, or a vector such as a force in the robot's frame.
 
     Raises:
-        UnusableMessageError: they are not finite.
+        UnusableMessageError: they are not finite, or the place is not in the stated plane.
     """
     given = np.array([vector.x, vector.y, vector.z], dtype=float)
-    x, y, _ = (plane.in_plane(given) if is_place else given @ plane.axes).tolist()
+    x, y, z = (plane.in_plane(given) if is_place else given @ plane.axes).tolist()
     found = _finite(Sample(0, x, y))
+    if is_place and plane.is_stated and not abs(z) <= MOST_OFF_PLANE:
+        raise UnusableMessageError(f'the place is {1e3 * abs(z):.0f} mm off the plane of the arm (robot.plane)')
     return found.first, found.second
 
 

@@ -167,9 +167,9 @@ class WrenchFrame:
 
     def turn(self, frame_id: str) -> Floats | None:
         """How wrenches with a `frame_id` give the force in the plane, (2, 3); None: they are taken as they come."""
-        frame, _, turn = self._known_frame(frame_id.lstrip('/'))
-        is_connected = frame is self._stated and not np.allclose(turn, np.eye(3), rtol=0, atol=1e-9)
-        axes = self._plane[:2] @ turn if is_connected else self._axes
+        start = frame_id.lstrip('/')
+        frame, name, turn = self._known_frame(start)
+        axes = self._plane[:2] @ turn if frame is self._stated and name != start else self._axes
         return None if np.allclose(axes, np.eye(3)[:2], rtol=0, atol=1e-9) else axes
 
     def description(self, frame_id: str) -> str:

@@ -109,6 +109,9 @@ def test_poses_and_markers_are_in_the_frame_of_the_robot(place: tuple[float, flo
     np.testing.assert_allclose(matrix, PLANE.axes @ [[c, -s, 0], [s, c, 0], [0, 0, 1]], atol=1e-15)
     assert conversion.place_of(message.pose, PLANE) == pytest.approx(place, abs=1e-14)
     assert conversion.planar(at, PLANE, is_place=True) == pytest.approx(place[:2], abs=1e-15)
+    off = np.array([at.x, at.y, at.z]) + 0.02 * np.array(PLANE.axes)[:, 2]
+    with pytest.raises(conversion.UnusableMessageError, match=r'20 mm off the plane of the arm \(robot\.plane\)'):
+        conversion.planar(type(at)(x=off[0], y=off[1], z=off[2]), PLANE, is_place=True)
     _, dot, line = conversion.marker_array(
         [
             Primitive('a', Shape.DOT, ((*place[:2], 0.1),), (1.0, 0.0, 0.0, 1.0), 0.01),

@@ -116,6 +116,8 @@ def test_a_stated_turn_counts_where_no_transform_says_it() -> None:
     np.testing.assert_allclose(frame.turn('sensor') @ (1.0, 2.0, 9.0), (-2.0, 1.0), atol=1e-15)
     frame.add(FixedTransform('tool0', 'sensor', about_z(180)))
     np.testing.assert_allclose(frame.turn('sensor') @ (1.0, 2.0, 9.0), (-1.0, -2.0), atol=1e-15)
+    frame.add(FixedTransform('tool0', 'sensor', NO_TURN))
+    assert frame.turn('sensor') is None and not frame.description('sensor')
 
 
 def test_the_plane_of_an_upright_arm_takes_its_part_of_the_force() -> None:
