@@ -67,7 +67,7 @@ ROUNDING = 1e-8
 
 _OBJECT_ERRORS = ('object_', 'plate_')
 """Beginning of the labels of wrong places and sizes."""
-_MOST = 1200
+_MOST = 1000
 """Touches among which effects are looked for at most; tests of the residual and the fit use all. More find effects of a
 typical size in 13 of 19 kinds, not 12, and take twice as long."""
 
