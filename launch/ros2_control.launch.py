@@ -13,18 +13,21 @@ from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
 
 def generate_launch_description() -> LaunchDescription:
     """The runner, with names of controllers as arguments."""
     controller = LaunchConfiguration('controller')
-    parameters = {name: LaunchConfiguration(name) for name in ('cell', 'output', 'patience')}
+    kinds = {'cell': str, 'output': str, 'patience': float, 'use_sim_time': bool}
+    parameters = {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in kinds.items()}
 
     def runner(condition: IfCondition | UnlessCondition, **more: object) -> Node:
         return Node(
             package='scara_kinetostatic',
             executable='touch_runner',
             name='touch_runner',
+            namespace=LaunchConfiguration('namespace'),
             output='screen',
             parameters=[{**parameters, **more}],
             remappings=[('joint_trajectory', [controller, '/joint_trajectory'])],
@@ -32,6 +35,7 @@ def generate_launch_description() -> LaunchDescription:
         )
 
     use_action = LaunchConfiguration('use_action')
+    action = ParameterValue([controller, '/follow_joint_trajectory'], value_type=str)
     return LaunchDescription(
         [
             DeclareLaunchArgument('cell', description='cell description, with sensor.wrench as the broadcaster has it'),
@@ -39,7 +43,13 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument('use_action', default_value='false', choices=['true', 'false'], description='goals'),
             DeclareLaunchArgument('output', default_value='recordings', description='folder for recording and result'),
             DeclareLaunchArgument('patience', default_value='30.0', description='for what passes by itself, s'),
+            DeclareLaunchArgument('namespace', default_value='', description='of the runner, such as left'),
+            DeclareLaunchArgument(
+                'use_sim_time', default_value='false', choices=['true', 'false'], description='/clock'
+            ),
             runner(UnlessCondition(use_action)),
-            runner(IfCondition(use_action), action=[controller, '/follow_joint_trajectory']),
+            runner(
+                IfCondition(use_action), action=ParameterValue([controller, '/follow_joint_trajectory'], value_type=str)
+            ),
         ]
     )

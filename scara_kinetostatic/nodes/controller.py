@@ -128,6 +128,9 @@ class Controller:
 
     def _take_answer(self, number: int, future: Future) -> None:
         aborted, self._aborted = self._aborted, ''
+        if future.exception() is not None:
+            self._failed(f'the controller does not answer: {future.exception()}', True)
+            return
         if not future.result().accepted:
             if number == self._number:
                 self._failed('the controller rejects a trajectory: it is not active, or its log says why', True)
@@ -137,12 +140,16 @@ class Controller:
         future.result().get_result_async().add_done_callback(partial(self._take_result, number))
 
     def _take_result(self, number: int, future: Future) -> None:
+        if future.exception() is not None:
+            return  # the next goal tells
         status, result = future.result().status, future.result().result
         if number != self._number or status == GoalStatus.STATUS_SUCCEEDED:
             return
+        if status == GoalStatus.STATUS_CANCELED:
+            self._failed('somebody cancelled a trajectory', False)
+            return
         names = ('INVALID_GOAL', *_LASTING, 'GOAL_TOLERANCE_VIOLATED')
         name = next((name for name in names if getattr(self._kind.Result, name) == result.error_code), 'no error code')
-        how = 'cancels' if status == GoalStatus.STATUS_CANCELED else 'aborts'
-        text = f'the controller {how} a trajectory ({name}, {result.error_code}): {result.error_string}'
+        text = f'the controller aborts a trajectory ({name}, {result.error_code}): {result.error_string}'
         self._aborted = text if name == 'INVALID_GOAL' else ''
         self._failed(text, name not in _LASTING)

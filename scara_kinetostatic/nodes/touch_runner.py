@@ -154,7 +154,7 @@ class TouchRunner(CellNode):
 
     def _take_failure(self, reason: str, passes: bool) -> None:
         if self._is_running:
-            self._runner.fail(reason, passes=passes)
+            self._runner.fail(reason, may_retract=passes, passes=passes)
 
     def _new_runner(self) -> Runner:
         runner = Runner(self._cell, self._most, self._detect, self._submit, self._planner, self._patience)

@@ -163,7 +163,11 @@ class Motion:
     @property
     def speed(self) -> float:
         """Largest speed where it is, m/s."""
-        return self._slow[1] if self.at > self._slow[0] else self._speed
+        return self.speed_at(self.at)
+
+    def speed_at(self, at: float) -> float:
+        """Largest speed at a length of the track, m/s."""
+        return self._slow[1] if at > self._slow[0] else self._speed
 
     def advance(self, elapsed: float, goal: float) -> None:
         """Goes on for some time towards a length of the track."""
@@ -214,7 +218,12 @@ class Commander:
         self.lift = 0.0 if cell.lift is None else cell.lift.down
 
     def command(
-        self, at: tuple[Floats, float], points: tuple[Floats, Floats, Floats], *, is_free: bool = False
+        self,
+        at: tuple[Floats, float],
+        points: tuple[Floats, Floats, Floats],
+        *,
+        is_free: bool = False,
+        is_halt: bool = False,
     ) -> Command:
         """Checks where the joints are to be, and says it.
 
@@ -222,16 +231,18 @@ class Commander:
             at: Q and lift that hold now.
             points: times, Q and lift to come, evenly spaced in time.
             is_free: whether all of them are far from a contact: they are then passed smoothly.
+            is_halt: whether it is to stand where it is, which is never refused.
 
         Raises:
             Fault: a point is beyond the limits of a joint, or too fast.
         """
         times, joints, lift = points
-        if not np.isfinite(joints).all() or not ((joints >= self._limits[0]) & (joints <= self._limits[1])).all():
+        inside = (joints >= self._limits[0]) & (joints <= self._limits[1])
+        if not np.isfinite(joints).all() or not (is_halt or inside.all()):
             raise Fault('a motion beyond the limits of the joints was planned; nothing was commanded')
         tip = forward(self._cell.nominal, np.vstack([at[0], joints]))
         speed = np.hypot(*np.diff(tip, axis=0).T) / np.diff(np.append(0.0, times))
-        if speed.max() > _FASTER * self._cell.touch.speed:
+        if not is_halt and speed.max() > _FASTER * self._cell.touch.speed:
             raise Fault(f'a motion of {1e3 * speed.max():.0f} mm/s was planned; nothing was commanded')
         self.joints, self.lift = at[0], float(at[1])
         lifts = [np.append(at[1], lift)[:, None]] if self._cell.lift is not None else []

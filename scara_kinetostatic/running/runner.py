@@ -139,7 +139,7 @@ class Runner:
         self._motion: Motion | None = None
         self._contact, self._surface, self._steepest, self._last_force = False, 0.0, 0.0, (0.0, 0.0)
         self._is_behind, self._near, self._seen, self._seen_at = False, 0.0, 0.0, -np.inf
-        self._waits_until, self._disturbed = np.inf, -np.inf
+        self._waits_until, self._disturbed, self._owes_halt = np.inf, -np.inf, False
         self._script: Iterator[None] | None = None
         self._paused = False
 
@@ -191,6 +191,8 @@ class Runner:
             self.senses.excuse(now)
         self._elapsed = min(now - self._now, 2 * PERIOD) if np.isfinite(self._now) else 0.0
         self._now = now
+        if self._owes_halt and (self.senses.knows_joints(now) or not self.senses.is_excused(now)):
+            return self._stand()
         if self._script is None:
             return None
         self._command = None
@@ -214,7 +216,7 @@ class Runner:
     def _halt(self, joints: Floats, lift: float) -> Command:
         """To stop at once where the robot is to be."""
         points = np.array([_HALT]), joints[None], np.array([lift])
-        return self._commander.command((joints, lift), points)
+        return self._commander.command((joints, lift), points, is_halt=True)
 
     def _halt_motion(self, motion: Motion) -> None:
         """Stops a motion where it is; where the robot is late, there."""
@@ -225,16 +227,14 @@ class Runner:
             self._command, motion.sent = self._halt(joints[0], float(lift[0])), motion.at
 
     def _stand(self) -> Command | None:
-        """Stops where the robot is; where that is not known, where it is to be."""
-        at = self._commander.joints
-        if at is None:
+        """Stops where the robot is; where that is not known, where it is to be. After this machine was busy, when it is
+        known again: the robot has gone on.
+        """
+        at, is_known = self._commander.joints, self.senses.knows_joints(self._now)
+        self._owes_halt = at is not None and not is_known and self.senses.is_excused(self._now)
+        if at is None or self._owes_halt:
             return None
-        if not self.senses.problem(self._now):
-            at = self.senses.joints
-        try:
-            return self._halt(at, self._commander.lift)
-        except Fault:
-            return None
+        return self._halt(self.senses.joints if is_known else at, self._commander.lift)
 
     def _move(self, motion: Motion, goal: float, until: float | None = None, *, is_free: bool = False) -> None:
         """Advances a motion, and commands what comes of it where that is due.
@@ -253,7 +253,7 @@ class Runner:
         if self.streams and not is_free:
             due, end, ahead = self._now - self._sent >= PERIOD - 1e-9, goal, AHEAD_OF_CONTACT
         else:
-            reach = AHEAD_OF_CONTACT * motion.speed
+            reach = AHEAD_OF_CONTACT * motion.speed_at(motion.at if until is None else max(motion.at, until))
             end = goal if until is None else min(goal, max(motion.at, until) + reach)
             due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.25 * reach)
             due, ahead = due and not self._is_behind, np.inf
@@ -349,7 +349,7 @@ class Runner:
                 yield from self._finish(chosen)
                 return
             if chosen is None:
-                self.target = None
+                self.target, self._waits_until = None, np.inf
                 self._say('plan', 'calibrating and planning the next touches')
                 self._check(_OFF_TRACK)
                 yield
@@ -481,7 +481,11 @@ class Runner:
         planner, cell, name = self._planner, self.cell, self.campaign.name(target)
         text = f'next: {name}, {target.reason}'
         self._say('travel', text)
-        self.senses.tare(self._now)
+        if (zero := self.senses.tare(self._now)) > self._free_limit:
+            text = (
+                f'the force where nothing is touched changed by {zero:.1f} N: the sensor, or something touches the arm'
+            )
+            raise Fault(text, may_retract=False)
         corners = joint_angles(planner, way)
         pieces = [self._here()[None]]
         for k in range(len(corners)):
@@ -700,12 +704,16 @@ class Runner:
         """Waits where the cause may pass by itself and time is left for that in this touch; else gives up."""
         self._waits_until = min(self._waits_until, self._now + self._patience) if fault.passes else self._waits_until
         if fault.passes and self._now < self._waits_until:
-            self._script = self._wait(f'{fault} (in {self.status.phase})')
+            self._script = self._wait(f'{fault} (in {self.status.phase})', may_retract=fault.may_retract)
         else:
             self._give_up(fault)
 
-    def _wait(self, reason: str) -> Iterator[None]:
+    def _wait(self, reason: str, *, may_retract: bool) -> Iterator[None]:
         """Stands until all is well, retracts, and goes on with the touch that was interrupted.
+
+        Args:
+            reason: why.
+            may_retract: whether the robot may go back where the cause does not pass.
 
         Raises:
             Fault: it does not pass, or the robot has been moved.
@@ -716,28 +724,37 @@ class Runner:
         yield
         while self._now - self._disturbed < _QUIET:
             if self._now > self._waits_until:
-                raise Fault(f'{reason}; waited for {self._patience:g} s')
+                raise Fault(f'{reason}; waited for {self._patience:g} s', may_retract=may_retract)
+            if self.senses.hears_force(self._now) and self.senses.force > self.cell.touch.max_force:
+                text = f'{reason}; a force of {self.senses.force:.1f} N while it waits'
+                raise Fault(text, may_retract=may_retract)
             if self.senses.problem(self._now) or not self.senses.stands(self._now):
                 self._disturbed = self._now
             yield
-        joints, lift, motion = self.senses.joints, self.senses.lift, self._motion
+        joints, lift, motion, stood = self.senses.joints, self.senses.lift, self._motion, self._commander.joints
+        away = 0.0 if stood is None else float(np.abs(joints - stood).max())
         if motion is not None:
             at, away = motion.track.nearest(joints, lift, motion.at)
-            if away > (_OFF_APPROACH if self._contact else _OFF_TRACK):
-                text = f'{reason}; meanwhile the robot was moved, {1e3 * away:.1f} mrad off its way'
-                raise Fault(text, may_retract=False)
             motion.at, motion.sent = at, None
+        if away > (_OFF_APPROACH if self._contact else _OFF_TRACK):
+            text = f'{reason}; meanwhile the robot was moved, {1e3 * away:.1f} mrad off its way'
+            raise Fault(text, may_retract=False)
+        if not self._contact and self.senses.force > self._free_limit:
+            text = f'{reason}; now there is a force of {self.senses.force:.1f} N where nothing must be touched'
+            raise Fault(text, may_retract=False)
         self._commander.joints, self._commander.lift = joints, self._commander.lift if lift is None else lift
         self._is_behind, self._seen_at, self._last_force = False, self._now, self.senses.net_force
         if self._contact:
+            self._say('retract', f'going on after: {reason}')
             yield from self._back()
         self._motion = None
+        self._say('judge', f'going on after: {reason}')
         began = self._now
         while self.target is not None and self._now - began < 2 * _QUIET:  # a touch that is good counts all the same
             self._check(_OFF_TRACK)
             if len((found := self._detect()).touches):
                 self.campaign.accept(found)
-                self.target = None
+                self.target, self._waits_until = None, np.inf
             yield
         yield from self._go_on()
 
@@ -757,7 +774,10 @@ class Runner:
         """Back along the way it came: to the beginning of an approach, else a little."""
         self._command, self._sent = self._stand(), self._now
         yield
-        at = min(motion.at, motion.track.nearest(self.senses.joints, self.senses.lift, motion.at)[0])
+        near, away = motion.track.nearest(self.senses.joints, self.senses.lift, motion.at)
+        if away > (_OFF_APPROACH if self._contact else _OFF_TRACK):
+            raise Fault('the robot is off its way: it stays where it is', may_retract=False)
+        at = min(motion.at, near)
         self._is_behind = False
         motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
         goal = 0.0 if self._contact else max(0.0, motion.at - _BACK)

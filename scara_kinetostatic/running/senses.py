@@ -19,6 +19,8 @@ from scara_kinetostatic.running.commands import Fault
 
 SILENT = 0.1
 """Sensors that say nothing for so long are silent, s."""
+_FRESH = 0.05
+"""The joints are where a reading so old had them, s, to stop there."""
 LATE = 0.15
 """Messages that come so much later than the fastest ones are late, s."""
 TARE = 0.15
@@ -118,6 +120,14 @@ class Senses:
     def is_excused(self, now: float) -> bool:
         """Whether nobody has listened a moment ago."""
         return now <= self._excused_until
+
+    def knows_joints(self, now: float) -> bool:
+        """Whether the last joint state is so new that the robot is still there."""
+        return bool(self._joints) and now - self._joints[-1][0] <= _FRESH
+
+    def hears_force(self, now: float) -> bool:
+        """Whether there are readings of the force."""
+        return bool(self._forces) and now - self._forces[-1][0] <= SILENT
 
     def is_blind(self, now: float) -> bool:
         """Whether there are no joint states."""

@@ -18,8 +18,9 @@ from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.next_touches import Planner
+from scara_kinetostatic.running import commands
 from scara_kinetostatic.running.campaign import calibrated
-from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, Command, Track
+from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, Command, Commander, Track
 from scara_kinetostatic.running.rehearsal import Rehearsal
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings
 from scara_kinetostatic.simulation.plan import default_plan
@@ -448,7 +449,54 @@ def test_a_robot_that_was_moved_meanwhile_does_not_go_on() -> None:
     one.run(longest=2.0)
     one.plant.fault = Fault.NONE
     one.run(lambda at: at.runner.end is not None, 5.0)
-    assert 'meanwhile the robot was moved' in one.runner.status.text
+    assert 'meanwhile the robot was moved' in one.runner.status.text or 'a force of' in one.runner.status.text
+    there = one.plant._position[:2]
+    one.run(longest=1.0)
+    assert one.plant._position[:2] == pytest.approx(there, abs=2e-3)
+
+
+@pytest.mark.parametrize('ends', ['stop', 'patience'])
+def test_a_robot_that_was_moved_while_it_waits_is_not_thrown_back(ends: str) -> None:
+    one = rehearsal(patience=3.0)
+    until_phase(one, 'travel')
+    one.plant.fault = Fault.SILENT_WRENCH
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    one.run(longest=0.5)
+    here = one.plant._position[:2]
+    one.plant.command(one.plant.names, [1.0], [[here[0] - 0.05, here[1] + 0.05]])
+    one.run(longest=1.5)
+    moved = one.plant._position[:2]
+    if ends == 'stop':
+        one.runner.stop('asked')
+    one.run(lambda at: at.runner.is_over, 5.0)
+    one.run(longest=0.5)
+    assert one.plant._position[:2] == pytest.approx(moved, abs=2e-3)
+
+
+def test_a_robot_that_was_moved_between_touches_does_not_go_on() -> None:
+    one = rehearsal(patience=10.0)
+    until_phase(one, 'travel')
+    one.runner.pause()
+    until_phase(one, 'paused')
+    one.plant.fault = Fault.SILENT_JOINTS
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    one.run(longest=0.5)
+    here = one.plant._position[:2]
+    one.plant.command(one.plant.names, [1.0], [[here[0] - 0.03, here[1] + 0.03]])
+    one.run(longest=1.5)
+    one.plant.fault = Fault.NONE
+    one.run(lambda at: at.runner.end is not None, 5.0)
+    assert 'meanwhile the robot was moved' in one.runner.status.text or 'a force of' in one.runner.status.text
+
+
+def test_a_halt_is_never_refused() -> None:
+    commander = Commander(CELL)
+    beyond = np.array(CELL.limits)[:, 1] + 1e-5
+    points = np.array([0.05]), beyond[None], np.zeros(1)
+    with pytest.raises(commands.Fault, match='beyond the limits'):
+        commander.command((beyond, 0.0), points)
+    halt = commander.command((beyond, 0.0), points, is_halt=True)
+    np.testing.assert_array_equal(halt.positions[-1][:2], beyond)
 
 
 @pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
@@ -467,7 +515,7 @@ def test_a_scaling_of_zero_is_waited_for() -> None:
     until_phase(one, 'travel')
     one.plant.scaling = 0.0
     one.run(longest=5.0)
-    assert one.runner.status.phase in ('waiting', 'travel')
+    assert one.runner.status.phase in ('waiting', 'travel', 'judge')
     assert any(status.phase == 'waiting' for _, status in one.history)
     one.plant.scaling = 1.0
     one.run()
