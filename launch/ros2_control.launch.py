@@ -48,8 +48,6 @@ def generate_launch_description() -> LaunchDescription:
                 'use_sim_time', default_value='false', choices=['true', 'false'], description='/clock'
             ),
             runner(UnlessCondition(use_action)),
-            runner(
-                IfCondition(use_action), action=ParameterValue([controller, '/follow_joint_trajectory'], value_type=str)
-            ),
+            runner(IfCondition(use_action), action=action),
         ]
     )
