@@ -46,7 +46,7 @@ def test_parameters_have_descriptions_and_ranges(spin: Callable[..., Node]) -> N
         if descriptor.type in (2, 3):
             assert descriptor.integer_range or descriptor.floating_point_range, descriptor.name
     changeable = {descriptor.name for descriptor in descriptors if not descriptor.read_only}
-    assert changeable == {'time_factor', 'loop', 'fault'}
+    assert changeable == {'time_factor', 'loop', 'fault', 'scaling', 'active'}
     assert [simulator.get_parameter(f'truth.{name}').value for name in PAPER_ACTUAL.as_dict()] == list(
         PAPER_ACTUAL.as_array()
     )
