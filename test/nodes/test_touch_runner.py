@@ -98,9 +98,18 @@ def watch(processes: NodeProcesses, client: DemoClient, tmp_path: Path) -> Watch
 
 
 def test_a_kill_leaves_the_robot_standing_and_all_that_was_counted(
-    watch: Watch, processes: NodeProcesses, tmp_path: Path
+    watch: Watch, processes: NodeProcesses, client: DemoClient, tmp_path: Path
 ) -> None:
-    watch.until('press', accepted=1)
+    def is_pressing() -> bool:
+        return watch.values.get('phase') == 'press' and int(watch.values.get('accepted') or 0) >= 1
+
+    for _ in range(5):  # where this machine is busy, messages that come late end a run: it is begun again
+        client.wait('a press', lambda: is_pressing() or watch.values.get('phase') == 'stopped', WAIT)
+        if is_pressing():
+            break
+        trigger(client, '/touch_runner/start')
+        watch.states.clear()
+    assert is_pressing()
     accepted = int(watch.values['accepted'])
     os.kill(watch.pid, signal.SIGKILL)
     killed = monotonic()
@@ -111,7 +120,7 @@ def test_a_kill_leaves_the_robot_standing_and_all_that_was_counted(
 
     watch.client.wait('joint states', lambda: len(later()) > 50, WAIT)
     assert np.ptp(later(), axis=0).max() < 1e-4
-    (bag,) = (tmp_path / 'out').iterdir()
+    bag = max((tmp_path / 'out').iterdir())
     assert len(gather_touches([bag], CELL).touches) >= accepted
 
 
