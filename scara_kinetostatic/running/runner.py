@@ -370,9 +370,12 @@ class Runner:
         Raises:
             Fault: something is wrong.
         """
-        cell, began = self.cell, self._now
+        cell, began, forgot = self.cell, self._now, self._now
         while (problem := self.senses.problem(self._now)) or self._now - began < 0.5:
             self._say('idle', problem or 'listening to the sensors')
+            if self._now - forgot > 1.0:
+                self.senses.forget_delays()
+                forgot = self._now
             if self._now - began > 5.0:
                 raise Fault(problem, may_retract=False)
             yield

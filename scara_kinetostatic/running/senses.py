@@ -81,6 +81,10 @@ class Senses:
         late = now - stamp - self._fastest[which] > LATE
         self._late[which] = self._late[which] + 1 if late else 0
 
+    def forget_delays(self) -> None:
+        """Measures delays anew: before anything moves the first messages, or a clock that is set, tell wrong ones."""
+        self._fastest, self._late = [np.inf, np.inf], [0, 0]
+
     def excuse(self, now: float) -> None:
         """For a moment messages may be missing or late: nobody has listened."""
         self._excused_until = now + SILENT

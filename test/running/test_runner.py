@@ -489,6 +489,15 @@ def test_a_robot_that_was_moved_between_touches_does_not_go_on() -> None:
     assert 'meanwhile the robot was moved' in one.runner.status.text or 'a force of' in one.runner.status.text
 
 
+def test_a_delay_that_the_first_messages_told_wrongly_is_forgotten_before_anything_moves() -> None:
+    one = rehearsal()
+    one.runner.senses._fastest = [-1.0, -1.0]  # a clock that was set
+    one.run(lambda at: 'late' in at.runner.status.text, 1.0)
+    assert one.runner.status.phase == 'idle' and 'late' in one.runner.status.text
+    one.run(lambda at: at.runner.status.phase == 'travel', 3.0)
+    assert one.runner.status.phase == 'travel' and one.runner.end is None
+
+
 def test_a_halt_is_never_refused() -> None:
     commander = Commander(CELL)
     beyond = np.array(CELL.limits)[:, 1] + 1e-5
