@@ -26,6 +26,10 @@ from scara_kinetostatic.running.commands import Command
 _TYPE = 'control_msgs/action/FollowJointTrajectory'
 _LASTING = ('INVALID_JOINTS', 'OLD_HEADER_TIMESTAMP', 'PATH_TOLERANCE_VIOLATED')
 """Errors of a result that do not pass by themselves."""
+_PREEMPTED = 'new incoming action'
+"""In what the controller says of a goal in whose place another one came; of one that it dropped as it was deactivated,
+with the same code, it says something else.
+"""
 
 
 def follow_joint_trajectory(purpose: str, remedy: str) -> Any:
@@ -68,9 +72,11 @@ class Controller:
         if action:
             self._kind = follow_joint_trajectory('action', 'leave action empty and command by joint_trajectory')
             self._client, self._name = ActionClient(node, self._kind, action), node.resolve_service_name(action)
-        self.is_action, self._number, self._aborted = bool(action), 0, ''
+        self.is_action, self._number = bool(action), 0
         self.error: float | None = None
-        self._parameters = node.create_client(GetParameters, f'{self._name}'.rpartition('/')[0] + '/get_parameters')
+        own = self._name.rpartition('/')[0]
+        self._topic = f'{own}/joint_trajectory' if action else self._name
+        self._parameters = node.create_client(GetParameters, f'{own}/get_parameters')
         self._asked: Future | None = None
 
     def absence(self) -> str:
@@ -92,15 +98,17 @@ class Controller:
             joints: that are commanded.
         """
         own = self._node.get_namespace(), self._node.get_name()
-        found = [] if self._client else self._node.get_publishers_info_by_topic(self._name)
+        found = self._node.get_publishers_info_by_topic(self._topic)
         others = [
             f'{info.node_namespace.rstrip("/")}/{info.node_name}'
             for info in found
             if (info.node_namespace, info.node_name) != own
         ]
         if others or len(found) > 1:
-            return f'another node publishes {self._name}, {", ".join(others) or "of the same name"}: end it'
-        if self._asked is None and self._parameters.service_is_ready():
+            return f'another node publishes {self._topic}, {", ".join(others) or "of the same name"}: end it'
+        if not self._parameters.service_is_ready():
+            self._asked = None  # the next controller is asked anew
+        elif self._asked is None:
             request = GetParameters.Request(names=['joints', 'allow_partial_joints_goal'])
             self._asked = self._parameters.call_async(request)
         values = self._asked.result().values if self._asked and self._asked.done() else []
@@ -127,7 +135,6 @@ class Controller:
         self.error = max((abs(each) for each in message.feedback.error.positions), default=0.0)
 
     def _take_answer(self, number: int, future: Future) -> None:
-        aborted, self._aborted = self._aborted, ''
         if future.exception() is not None:
             self._failed(f'the controller does not answer: {future.exception()}', True)
             return
@@ -135,8 +142,6 @@ class Controller:
             if number == self._number:
                 self._failed('the controller rejects a trajectory: it is not active, or its log says why', True)
             return
-        if aborted:  # of a controller that had been deactivated it would not be accepted
-            self._failed(f'{aborted}: somebody else commands the robot', False)
         future.result().get_result_async().add_done_callback(partial(self._take_result, number))
 
     def _take_result(self, number: int, future: Future) -> None:
@@ -151,5 +156,7 @@ class Controller:
         names = ('INVALID_GOAL', *_LASTING, 'GOAL_TOLERANCE_VIOLATED')
         name = next((name for name in names if getattr(self._kind.Result, name) == result.error_code), 'no error code')
         text = f'the controller aborts a trajectory ({name}, {result.error_code}): {result.error_string}'
-        self._aborted = text if name == 'INVALID_GOAL' else ''
-        self._failed(text, name not in _LASTING)
+        if _PREEMPTED in result.error_string:
+            self._failed(f'{text}: somebody else commands the robot', False)
+        else:
+            self._failed(text, name not in _LASTING)

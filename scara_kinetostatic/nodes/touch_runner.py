@@ -136,6 +136,7 @@ class TouchRunner(CellNode):
         """Lets the robot stand, completes the recording, ends a calibration."""
         if self._is_running:
             self._runner.fail('the node was ended', may_retract=False)
+            self._ticked = -_SECOND  # at once, even where /clock stands
             self._tick()
             self._end_recording()
             self._publish_state()
@@ -175,11 +176,9 @@ class TouchRunner(CellNode):
             return 'going on'
         if self._process is not None:
             raise RefusedError('the former run is being calibrated; call again when that is done')
-        if problem := self._controller.absence() or self._hearing():
+        if problem := self._absence():
             raise RefusedError(problem)
         if self._zero_client is not None:
-            if not self._zero_client.service_is_ready():
-                raise RefusedError(f'nobody serves {self._cell.sensor.zero_service} (sensor.zero_service)')
             self._zero = self._zero_client.call_async(Trigger.Request())
             self._waits_until = monotonic_ns() + int(_WAIT * _SECOND)
         if self._runner.end is not None:
@@ -208,6 +207,12 @@ class TouchRunner(CellNode):
     def _check_running(self) -> None:
         if not self._is_running:
             raise RefusedError('nothing is running; call ~/start first')
+
+    def _absence(self) -> str:
+        """What is missing or wrong before a run; empty where nothing is."""
+        zero = self._zero_client
+        missing = '' if zero is None or zero.service_is_ready() else f'nobody serves {zero.srv_name}'
+        return self._controller.absence() or self._hearing() or (missing and f'{missing} (sensor.zero_service)')
 
     def _hearing(self) -> str:
         """Why somebody else as well, or with other joints or clocks, moves the robot; empty where all is well."""
@@ -335,7 +340,7 @@ class TouchRunner(CellNode):
 
     def _begin_by_itself(self) -> None:
         """With `autostart`: as soon as somebody hears."""
-        problem = self._controller.absence() or self._hearing()
+        problem = self._absence()
         if problem and monotonic_ns() < self._waits_until:
             return
         self._autostart = False

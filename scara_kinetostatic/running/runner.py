@@ -234,7 +234,8 @@ class Runner:
         self._owes_halt = at is not None and not is_known and self.senses.is_excused(self._now)
         if at is None or self._owes_halt:
             return None
-        return self._halt(self.senses.joints if is_known else at, self._commander.lift)
+        lift = self.senses.lift if is_known else None
+        return self._halt(self.senses.joints if is_known else at, self._commander.lift if lift is None else lift)
 
     def _move(self, motion: Motion, goal: float, until: float | None = None, *, is_free: bool = False) -> None:
         """Advances a motion, and commands what comes of it where that is due.
@@ -256,8 +257,8 @@ class Runner:
             reach = AHEAD_OF_CONTACT * motion.speed_at(motion.at if until is None else max(motion.at, until))
             end = goal if until is None else min(goal, max(motion.at, until) + reach)
             due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.25 * reach)
-            due, ahead = due and not self._is_behind, np.inf
-        if due:
+            ahead = np.inf
+        if due and not self._is_behind:  # a controller that scales the time goes on at each message, be it by 0
             self._command = self._commander.command(here, motion.points(end, ahead), is_free=is_free)
             self._sent = self._now
 
@@ -277,30 +278,43 @@ class Runner:
             raise Fault(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
         self._check_place(off_track)
 
-    def _check_place(self, off_track: float) -> None:
-        """Check that the robot is on its track, and not far from where it is to be; where it stands, there."""
-        joints, lift, motion = self.senses.joints, self.senses.lift, self._motion
-        near = behind = 0.0
-        if motion is None:
-            at = self._commander.joints
-            away = 0.0 if at is None else float(np.abs(joints - at).max())
-            if at is not None and lift is not None:
-                away = max(away, abs(lift - self._commander.lift))
-        else:
+    def _on_way(self, motion: Motion | None, off_track: float) -> float:
+        """Length of the track of a motion next to which the robot is, m; without one, 0, and it is where it stood.
+
+        Raises:
+            Fault: it is off its way.
+        """
+        joints, lift, stood, near = self.senses.joints, self.senses.lift, self._commander.joints, 0.0
+        if motion is not None:
             near, away = motion.track.nearest(joints, lift, motion.at)
-            behind = abs(motion.at - near)
-            if motion.sent is not None and behind > _BEHIND and (near - motion.at) * (motion.sent - near) > 0:
-                motion.at, behind = near, 0.0  # this machine was busy: the robot went on
-        is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
-        late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed + _BEHIND
-        self._near, self._is_behind = near, behind > late
-        if not self._is_behind or abs(near - self._seen) > _MOVED:
-            self._seen, self._seen_at = near, self._now
+        else:
+            away = 0.0 if stood is None else float(np.abs(joints - stood).max())
+            away = away if stood is None or lift is None else max(away, abs(lift - self._commander.lift))
         if away > off_track:
             text = f'the robot is {1e3 * away:.1f} mrad off its way: it does not follow, or is moved by something else'
             raise Fault(text, may_retract=False)
-        if self._now - self._seen_at > _STANDS:
-            text = f'the robot stands {1e3 * behind:.1f} mm behind: it does not follow'
+        return near
+
+    def _check_place(self, off_track: float) -> None:
+        """Check that the robot is on its track, and not far from where it is to be; where it stands, there."""
+        motion, near = self._motion, self._on_way(self._motion, off_track)
+        behind = 0.0 if motion is None else abs(motion.at - near)
+        is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
+        late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed + _BEHIND
+        if motion is not None and motion.sent is not None and (near - motion.at) * (motion.sent - near) > 0:
+            if behind > _BEHIND and self.senses.is_excused(self._now):  # this machine was busy: the robot went on
+                motion.at, behind = near, 0.0
+            elif behind > late:
+                text = f'the robot is {1e3 * behind:.1f} mm ahead on its way: it is faster than commanded'
+                raise Fault(text, may_retract=False)
+        self._near, self._is_behind = near, behind > late
+        if not self._is_behind or abs(near - self._seen) > _MOVED:
+            self._seen, self._seen_at = near, self._now
+        if motion is not None and self._now - self._seen_at > _STANDS:
+            joints, lift = motion.track.place(np.array([motion.at]))
+            off = np.append(joints[0] - self.senses.joints, 0.0 if self.senses.lift is None else lift - self.senses.lift)
+            name = (*self.cell.joint_names, *self.cell.other_joints)[int(np.abs(off).argmax())]
+            text = f'the robot stands {1e3 * behind:.1f} mm behind, {name} most: it does not follow'
             raise Fault(text, may_retract=False, passes=True)
 
     # The run
@@ -721,7 +735,7 @@ class Runner:
         Raises:
             Fault: it does not pass, or the robot has been moved.
         """
-        self._command, self._disturbed = self._stand(), self._now
+        self._command, self._disturbed, asked = self._stand(), self._now, self._now
         text = f'{reason}; waiting for {self._waits_until - self._now:.0f} s at most'
         self.status = Status('waiting', text, values=self._values())
         yield
@@ -733,19 +747,17 @@ class Runner:
                 raise Fault(text, may_retract=may_retract)
             if self.senses.problem(self._now) or not self.senses.stands(self._now):
                 self._disturbed = self._now
+            elif asked < self._disturbed < self._now - 0.5 * _QUIET:  # a controller that still refuses says so
+                self._command, asked = self._stand(), self._now
             yield
-        joints, lift, motion, stood = self.senses.joints, self.senses.lift, self._motion, self._commander.joints
-        away = 0.0 if stood is None else float(np.abs(joints - stood).max())
-        if motion is not None:
-            at, away = motion.track.nearest(joints, lift, motion.at)
-            motion.at, motion.sent = at, None
-        if away > (_OFF_APPROACH if self._contact else _OFF_TRACK):
-            text = f'{reason}; meanwhile the robot was moved, {1e3 * away:.1f} mrad off its way'
-            raise Fault(text, may_retract=False)
+        near = self._on_way(self._motion, _OFF_APPROACH if self._contact else _OFF_TRACK)
+        if self._motion is not None:
+            self._motion.at, self._motion.sent = near, None
         if not self._contact and self.senses.force > self._free_limit:
             text = f'{reason}; now there is a force of {self.senses.force:.1f} N where nothing must be touched'
             raise Fault(text, may_retract=False)
-        self._commander.joints, self._commander.lift = joints, self._commander.lift if lift is None else lift
+        lift = self.senses.lift
+        self._commander.joints, self._commander.lift = self.senses.joints, self._commander.lift if lift is None else lift
         self._is_behind, self._seen_at, self._last_force = False, self._now, self.senses.net_force
         if self._contact:
             self._say('retract', f'going on after: {reason}')
@@ -777,12 +789,9 @@ class Runner:
         """Back along the way it came: to the beginning of an approach, else a little."""
         self._command, self._sent = self._stand(), self._now
         yield
-        near, away = motion.track.nearest(self.senses.joints, self.senses.lift, motion.at)
-        if away > (_OFF_APPROACH if self._contact else _OFF_TRACK):
-            raise Fault('the robot is off its way: it stays where it is', may_retract=False)
-        at = min(motion.at, near)
+        near = self._on_way(motion, _OFF_APPROACH if self._contact else _OFF_TRACK)
         self._is_behind = False
-        motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
+        motion = Motion(motion.track, self.cell.touch.contact_speed, min(motion.at, near), ramps=False)
         goal = 0.0 if self._contact else max(0.0, motion.at - _BACK)
         force, began = self.senses.force, self._now
         while motion.at > goal:

@@ -183,13 +183,21 @@ RESULT = SimpleNamespace(
 """The error codes of FollowJointTrajectory: control_msgs is not needed here."""
 
 
+TOLERANCE = 'Aborted due to path tolerance violation'
+STOPPED = 'Current goal cancelled during deactivate transition.'
+PREEMPTED = 'Current goal preempted by new incoming action.'
+"""What joint_trajectory_controller says."""
+
+
 class StandIn:
     """In the place of rclpy's action client; a goal has the answer that `answers` says, from the last one on the same.
 
-    An answer is None where the goal is rejected, 0 where it goes on, else the code with which it is aborted.
+    An answer is None where the goal is rejected, 0 where it goes on, else the code with which it is aborted, and `why`
+    what is said then.
     """
 
     answers: tuple[int | None, ...] = (0,)
+    why = ''
     goals: list[JointTrajectory]
 
     def __init__(self, *_: object) -> None:
@@ -204,21 +212,22 @@ class StandIn:
         answer, ended = Future(), Future()
         answer.set_result(SimpleNamespace(accepted=code is not None, get_result_async=lambda: ended))
         if code:
-            result = SimpleNamespace(error_code=code, error_string='as the controller says')
+            result = SimpleNamespace(error_code=code, error_string=self.why)
             ended.set_result(SimpleNamespace(status=6, result=result))
         return answer
 
 
 @pytest.mark.parametrize(
-    ('answers', 'phase', 'says'),
+    ('answers', 'why', 'phase', 'says'),
     [
-        ((None,), 'stopped', 'the controller rejects a trajectory'),
-        ((0, -4), 'stopped', '(PATH_TOLERANCE_VIOLATED, -4): as the controller says (in travel)'),
-        ((0, -5, 0), 'waiting', '(GOAL_TOLERANCE_VIOLATED, -5)'),
-        ((0, -1, None), 'waiting', '(INVALID_GOAL, -1): as the controller says (in travel); waiting for 30 s at most'),
-        ((0, -1, 0), 'stopped', 'somebody else commands the robot'),
+        ((None,), '', 'stopped', 'the controller rejects a trajectory'),
+        ((0, -4), TOLERANCE, 'stopped', f'(PATH_TOLERANCE_VIOLATED, -4): {TOLERANCE} (in travel)'),
+        ((0, -5, 0), '', 'waiting', '(GOAL_TOLERANCE_VIOLATED, -5)'),
+        ((0, -1, None), STOPPED, 'waiting', f'(INVALID_GOAL, -1): {STOPPED} (in travel); waiting for 30 s at most'),
+        ((0, -1, 0), STOPPED, 'judge', f'going on after: the controller aborts a trajectory (INVALID_GOAL, -1): {STOPPED}'),
+        ((0, -1, 0), PREEMPTED, 'stopped', f'{PREEMPTED}: somebody else commands the robot'),
     ],
-    ids=['rejected', 'tolerance', 'late', 'inactive', 'preempted'],
+    ids=['rejected', 'tolerance', 'late', 'inactive', 'active again', 'preempted'],
 )
 def test_an_action_server_is_commanded_and_may_refuse(
     spin: Callable[..., Node],
@@ -226,10 +235,12 @@ def test_an_action_server_is_commanded_and_may_refuse(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     answers: tuple[int | None, ...],
+    why: str,
     phase: str,
     says: str,
 ) -> None:
     monkeypatch.setattr(StandIn, 'answers', answers)
+    monkeypatch.setattr(StandIn, 'why', why)
     monkeypatch.setattr(controller, 'ActionClient', StandIn)
     kind = SimpleNamespace(Goal=lambda trajectory: SimpleNamespace(trajectory=trajectory), Result=RESULT)
     monkeypatch.setattr(controller, 'follow_joint_trajectory', lambda *_: kind)

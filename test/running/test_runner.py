@@ -200,7 +200,7 @@ def test_a_lift_that_does_not_lift() -> None:
     one.plant.fault = Fault.LIFT_STUCK
     one.plant._position[2] = one.plant._setpoint[2] = 0.0
     one.run(longest=5.0)
-    assert 'does not follow' in one.runner.status.text
+    assert 'behind, joint3 most: it does not follow' in one.runner.status.text
     assert one.runner.end is not None
     assert one.fastest < 0.02  # the arm has not moved
 
@@ -427,6 +427,74 @@ def test_what_passes_by_itself_is_waited_for(
     assert one.plant.peak_force < 1.5 * CELL.touch.max_force
 
 
+def test_a_robot_that_runs_ahead_is_stopped() -> None:
+    one = rehearsal(replace(CELL, lift=LIFT), patience=10.0)
+    until_phase(one, 'travel')
+    one.plant.scaling, one.plant._elapsed = 1.5, one.plant._elapsed + 0.1
+    one.run(lambda at: at.runner.end is not None, 2.0)
+    assert 'mm ahead on its way: it is faster than commanded (in travel)' in one.runner.status.text
+    one.run(longest=0.3)
+    before = one.plant._position[:2]
+    one.run(longest=1.0)
+    assert one.plant._position[:2] == pytest.approx(before, abs=1e-4)
+
+
+def test_a_robot_that_went_on_while_nobody_listened_is_followed() -> None:
+    one = rehearsal(replace(CELL, lift=LIFT))
+    until_phase(one, 'travel')
+    at = one.runner._motion.at
+    one.time = one.plant.step(one.time + 0.4).time  # as where this machine is busy
+    one.run(longest=0.05)
+    assert one.runner._motion.at > at + 0.3 * one.runner._motion.speed
+    one.run(lambda at: at.runner.status.phase == 'approach', 20.0)
+    assert one.runner.end is None
+
+
+def test_a_streamed_motion_is_not_commanded_on_while_the_robot_is_behind() -> None:
+    """A controller that scales the time by 0 goes on by one of its periods at each new message."""
+    one = rehearsal(replace(CELL, tolerance=None), patience=20.0)
+    until_phase(one, 'approach')
+    one.plant.scaling, sent = 0.0, list[float]()
+    while one.runner.status.phase != 'waiting':
+        if one.step() is not None:
+            sent.append(one.runner._motion.at - one.runner._near)
+    motion = one.runner._motion
+    assert max(sent[:-1]) < 0.15 * motion.speed + 3e-4
+    assert 'does not follow' in one.runner.status.text
+
+
+def test_a_force_that_comes_while_it_waits_ends_the_run() -> None:
+    one = rehearsal(patience=10.0)
+    until_phase(one, 'travel')
+    one.plant.active = False
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    one.plant.fault, one.plant.active = Fault.FREE_FORCE, True
+    before = one.plant._position[:2]
+    one.run(lambda at: at.runner.end is not None, 5.0)
+    assert 'a force of 30' in one.runner.status.text.replace('29.', '30.')
+    assert 'where nothing must be touched' in one.runner.status.text
+    one.run(longest=1.0)
+    assert one.plant._position[:2] == pytest.approx(before, abs=1e-4)
+
+
+def test_a_controller_that_refuses_is_asked_again_while_it_waits() -> None:
+    one = rehearsal(patience=10.0)
+    until_phase(one, 'travel')
+    one.plant.active, sent = False, list[Command]()
+    one.runner.fail('the controller rejects a trajectory', passes=True)
+    for _ in range(750):
+        if (command := one.step()) is not None:
+            sent.append(command)
+            one.runner.fail('the controller rejects a trajectory', passes=True)
+    assert [status.phase for _, status in one.history][-1] == 'waiting'
+    assert one.runner.status.phase == 'waiting', 'nothing is commanded that would move'
+    assert 5 < len(sent) < 15
+    assert all(np.abs(command.positions[-1, :2] - one.plant._position[:2]).max() < 1e-4 for command in sent)
+    one.plant.active = True
+    one.run(lambda at: at.runner.status.phase == 'approach', 20.0)
+    assert one.runner.status.phase == 'approach'
+
+
 def test_patience_ends() -> None:
     one = rehearsal(patience=3.0)
     until_phase(one, 'approach')
@@ -449,7 +517,7 @@ def test_a_robot_that_was_moved_meanwhile_does_not_go_on() -> None:
     one.run(longest=2.0)
     one.plant.fault = Fault.NONE
     one.run(lambda at: at.runner.end is not None, 5.0)
-    assert 'meanwhile the robot was moved' in one.runner.status.text or 'a force of' in one.runner.status.text
+    assert 'mrad off its way' in one.runner.status.text or 'a force of' in one.runner.status.text
     there = one.plant._position[:2]
     one.run(longest=1.0)
     assert one.plant._position[:2] == pytest.approx(there, abs=2e-3)
@@ -486,7 +554,7 @@ def test_a_robot_that_was_moved_between_touches_does_not_go_on() -> None:
     one.run(longest=1.5)
     one.plant.fault = Fault.NONE
     one.run(lambda at: at.runner.end is not None, 5.0)
-    assert 'meanwhile the robot was moved' in one.runner.status.text or 'a force of' in one.runner.status.text
+    assert 'mrad off its way' in one.runner.status.text or 'a force of' in one.runner.status.text
 
 
 def test_a_delay_that_the_first_messages_told_wrongly_is_forgotten_before_anything_moves() -> None:
