@@ -156,7 +156,6 @@ class Controller:
         names = ('INVALID_GOAL', *_LASTING, 'GOAL_TOLERANCE_VIOLATED')
         name = next((name for name in names if getattr(self._kind.Result, name) == result.error_code), 'no error code')
         text = f'the controller aborts a trajectory ({name}, {result.error_code}): {result.error_string}'
-        if _PREEMPTED in result.error_string:
-            self._failed(f'{text}: somebody else commands the robot', False)
-        else:
-            self._failed(text, name not in _LASTING)
+        is_preempted = _PREEMPTED in result.error_string
+        text += ': somebody else commands the robot' if is_preempted else ''
+        self._failed(text, not is_preempted and name not in _LASTING)

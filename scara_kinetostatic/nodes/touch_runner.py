@@ -348,7 +348,6 @@ class TouchRunner(CellNode):
             self.get_logger().info(self._start())
         except ScaraKinetostaticError as error:
             self._runner.fail(str(error), may_retract=False)
-            self._publish_state()
             self.get_logger().error(str(error))
             self._end()
 

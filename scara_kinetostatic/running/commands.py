@@ -169,6 +169,10 @@ class Motion:
         """Largest speed at a length of the track, m/s."""
         return self._slow[1] if at > self._slow[0] else self._speed
 
+    def even(self, at: float, goal: float) -> float:
+        """How far from a length of the track towards another its largest speed stays as it is, m."""
+        return self._slow[0] if (at - self._slow[0]) * (goal - self._slow[0]) < 0 else goal
+
     def advance(self, elapsed: float, goal: float) -> None:
         """Goes on for some time towards a length of the track."""
         self.at, self._now = self._after(self.at, self._now, elapsed, goal)
@@ -186,7 +190,7 @@ class Motion:
         """Length and speed after some time."""
         left = goal - at
         speed = most = self._slow[1] if at + 1e-9 * np.sign(left) > self._slow[0] else self._speed
-        within = self._slow[0] - at if (at - self._slow[0]) * (goal - self._slow[0]) < 0 else left
+        within = self.even(at, goal) - at
         if self._ramps:
             ahead = (np.append(self.track.corners, goal) - at) * np.sign(left)
             there = np.append(self.track.slow, _CORNER)

@@ -34,7 +34,7 @@ from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
 from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker
 from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, PERIOD, Command, Commander, Fault, Motion, Track
-from scara_kinetostatic.running.senses import Senses
+from scara_kinetostatic.running.senses import SILENT, Senses
 from scara_kinetostatic.touches.detection import Detection
 
 DELAY = 0.08
@@ -133,7 +133,7 @@ class Runner:
         self.status = Status('idle', 'not started')
         self.target: Target | None = None
         self.end: End | None = None
-        self._now = self._sent = -np.inf
+        self._now = -np.inf
         self._elapsed = 0.0
         self._command: Command | None = None
         self._motion: Motion | None = None
@@ -251,16 +251,22 @@ class Runner:
         motion.advance(self._elapsed, goal)
         joints, lift = motion.track.place(np.array([motion.at]))
         self._commander.joints, self._commander.lift = here = joints[0], float(lift[0])
-        if self.streams and not is_free:
-            due, end, ahead = self._now - self._sent >= PERIOD - 1e-9, goal, AHEAD_OF_CONTACT
-        else:
-            reach = AHEAD_OF_CONTACT * motion.speed_at(motion.at if until is None else max(motion.at, until))
-            end = goal if until is None else min(goal, max(motion.at, until) + reach)
-            due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.25 * reach)
-            ahead = np.inf
-        if due and not self._is_behind:  # a controller that scales the time goes on at each message, be it by 0
-            self._command = self._commander.command(here, motion.points(end, ahead), is_free=is_free)
-            self._sent = self._now
+        streams = self.streams and not is_free
+        until = None if streams else until
+        reach = AHEAD_OF_CONTACT * motion.speed_at(motion.at if until is None else max(motion.at, until))
+        end = (
+            motion.even(motion.at, goal)
+            if streams
+            else goal
+            if until is None
+            else min(goal, max(motion.at, until) + reach)
+        )
+        due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.25 * reach)
+        if due and not self._is_behind:
+            points = motion.points(end, AHEAD_OF_CONTACT if streams else np.inf)
+            # at each message a controller that scales the time, be it by 0, goes on by some of the way to the first point
+            points = (points[0][-1:], points[1][-1:], points[2][-1:]) if streams else points
+            self._command = self._commander.command(here, points, is_free=is_free)
 
     def _check(self, off_track: float) -> None:
         """Check the sensors and the robot.
@@ -312,7 +318,9 @@ class Runner:
             self._seen, self._seen_at = near, self._now
         if motion is not None and self._now - self._seen_at > _STANDS:
             joints, lift = motion.track.place(np.array([motion.at]))
-            off = np.append(joints[0] - self.senses.joints, 0.0 if self.senses.lift is None else lift - self.senses.lift)
+            off = np.append(
+                joints[0] - self.senses.joints, 0.0 if self.senses.lift is None else lift - self.senses.lift
+            )
             name = (*self.cell.joint_names, *self.cell.other_joints)[int(np.abs(off).argmax())]
             text = f'the robot stands {1e3 * behind:.1f} mm behind, {name} most: it does not follow'
             raise Fault(text, may_retract=False, passes=True)
@@ -678,7 +686,8 @@ class Runner:
         self._motion = motion
         while motion.at > 0.0:
             self._check(_OFF_TRACK)
-            self._move(motion, 0.0, is_free=motion.at <= slow)
+            is_free = max(motion.at, self._near - _BEHIND) <= slow  # the robot, too, has left the contact
+            self._move(motion, 0.0 if is_free else max(slow, 0.0), is_free=is_free)
             yield
         yield from self._stopped()
         if self.senses.force > 2 * self._free_limit:
@@ -735,19 +744,19 @@ class Runner:
         Raises:
             Fault: it does not pass, or the robot has been moved.
         """
-        self._command, self._disturbed, asked = self._stand(), self._now, self._now
+        self._command, self._disturbed, asked = self._stand(), self._now, -np.inf
         text = f'{reason}; waiting for {self._waits_until - self._now:.0f} s at most'
         self.status = Status('waiting', text, values=self._values())
         yield
         while self._now - self._disturbed < _QUIET:
             if self._now > self._waits_until:
                 raise Fault(f'{reason}; waited for {self._patience:g} s', may_retract=may_retract)
-            if self.senses.hears_force(self._now) and self.senses.force > self.cell.touch.max_force:
+            if self.senses.force > self.cell.touch.max_force:
                 text = f'{reason}; a force of {self.senses.force:.1f} N while it waits'
                 raise Fault(text, may_retract=may_retract)
             if self.senses.problem(self._now) or not self.senses.stands(self._now):
                 self._disturbed = self._now
-            elif asked < self._disturbed < self._now - 0.5 * _QUIET:  # a controller that still refuses says so
+            elif asked <= self._disturbed < self._now - 0.5 * _QUIET:  # a controller that still refuses says so
                 self._command, asked = self._stand(), self._now
             yield
         near = self._on_way(self._motion, _OFF_APPROACH if self._contact else _OFF_TRACK)
@@ -757,7 +766,10 @@ class Runner:
             text = f'{reason}; now there is a force of {self.senses.force:.1f} N where nothing must be touched'
             raise Fault(text, may_retract=False)
         lift = self.senses.lift
-        self._commander.joints, self._commander.lift = self.senses.joints, self._commander.lift if lift is None else lift
+        self._commander.joints, self._commander.lift = (
+            self.senses.joints,
+            self._commander.lift if lift is None else lift,
+        )
         self._is_behind, self._seen_at, self._last_force = False, self._now, self.senses.net_force
         if self._contact:
             self._say('retract', f'going on after: {reason}')
@@ -779,23 +791,21 @@ class Runner:
         self.end = End(3, f'{fault} (in {where})' if is_fault else str(fault))
         self.status = Status('stopped', self.end.reason, is_fault, self._values())
         motion, self._motion = self._motion, None
-        self._script = self._hold() if motion is None or not fault.may_retract else self._retract(motion)
+        self._script = self._retract(motion if fault.may_retract else None)
 
-    def _hold(self) -> Iterator[None]:
+    def _retract(self, motion: Motion | None) -> Iterator[None]:
+        """Stands, then goes back along the way it came: to the beginning of an approach, else a little."""
         self._command = self._stand()
         yield
-
-    def _retract(self, motion: Motion) -> Iterator[None]:
-        """Back along the way it came: to the beginning of an approach, else a little."""
-        self._command, self._sent = self._stand(), self._now
-        yield
+        if motion is None:
+            return
         near = self._on_way(motion, _OFF_APPROACH if self._contact else _OFF_TRACK)
         self._is_behind = False
         motion = Motion(motion.track, self.cell.touch.contact_speed, min(motion.at, near), ramps=False)
         goal = 0.0 if self._contact else max(0.0, motion.at - _BACK)
         force, began = self.senses.force, self._now
         while motion.at > goal:
-            if self.senses.is_blind(self._now):
+            if not self.senses.knows_joints(self._now, SILENT):
                 raise Fault('no joint states while retracting', may_retract=False)
             if self._now - began > 0.3 and self.senses.force > max(1.2 * force, self.cell.touch.max_force):
                 raise Fault('the force grows while retracting', may_retract=False)

@@ -125,17 +125,9 @@ class Senses:
         """Whether nobody has listened a moment ago."""
         return now <= self._excused_until
 
-    def knows_joints(self, now: float) -> bool:
-        """Whether the last joint state is so new that the robot is still there."""
-        return bool(self._joints) and now - self._joints[-1][0] <= _FRESH
-
-    def hears_force(self, now: float) -> bool:
-        """Whether there are readings of the force."""
-        return bool(self._forces) and now - self._forces[-1][0] <= SILENT
-
-    def is_blind(self, now: float) -> bool:
-        """Whether there are no joint states."""
-        return not self._joints or now - self._joints[-1][0] > SILENT
+    def knows_joints(self, now: float, age: float = _FRESH) -> bool:
+        """Whether the last joint state is not older than so, s; by default so that the robot is still there."""
+        return bool(self._joints) and now - self._joints[-1][0] <= age
 
     def check(self, now: float) -> None:
         """Check that both topics can be relied on.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -21,6 +22,7 @@ MODULES = {
         'LogInfo',
         'OpaqueFunction',
     ),
+    'launch.conditions': ('IfCondition', 'UnlessCondition'),
     'launch.events': (),
     'launch.events.process': ('ShutdownProcess',),
     'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
@@ -218,3 +220,28 @@ def test_two_cells_share_nothing(launched: Launched) -> None:
     assert [cell['enclaves'] for cell in cells] == ['/scara_kinetostatic/left', '/scara_kinetostatic/right']
     assert [cell['recordings'].args[0][-1] for cell in cells] == ['left', 'right']
     assert all(cell.keys() <= launched.defaults.keys() for cell in cells)
+
+
+def test_the_runner_on_ros2_control(launched: Launched) -> None:
+    """By messages or by goals; all that it is given are parameters of the node, of their types."""
+    file = runpy.run_path(str(LAUNCH / 'ros2_control.launch.py'))
+    (entities,) = file['generate_launch_description']().args
+    arguments = {item.args[0]: item.given for item in entities if item.args}
+    by_topic, by_action = (item.given for item in entities if 'executable' in item.given)
+    assert type(by_topic['condition']).__name__ == 'UnlessCondition'
+    assert type(by_action['condition']).__name__ == 'IfCondition'
+    for node in (by_topic, by_action):
+        assert (node['executable'], node['condition'].args[0].args) == ('touch_runner', ('use_action',))
+        ((heard, (controller, topic)),) = node['remappings']
+        assert (heard, controller.args, topic) == ('joint_trajectory', ('controller',), '/joint_trajectory')
+        assert node['namespace'].args == ('namespace',)
+    given = {name: value.given['value_type'] for name, value in parameters(by_action).items()}
+    assert given.keys() - parameters(by_topic).keys() == {'action'}
+    assert parameters(by_action)['action'].args[0][1] == '/follow_joint_trajectory'
+    source = (LAUNCH.parent / 'scara_kinetostatic' / 'nodes' / 'touch_runner.py').read_text()
+    declared = dict(re.findall(r"declare\.parameter\(\s*self, '(\w+)', ([^,]+),", source))
+    assert declared.pop('patience') == arguments['patience']['default_value'] == '30.0'
+    assert given.pop('patience') is float and given.pop('use_sim_time') is bool and given.pop('cell') is str
+    assert set(given) == {'output', 'action'} and all(declared[name].startswith("'") for name in given)
+    assert arguments.keys() == {*parameters(by_topic), 'controller', 'use_action', 'namespace'}
+    assert [name for name, item in arguments.items() if 'default_value' not in item] == ['cell']

@@ -217,6 +217,30 @@ class StandIn:
         return answer
 
 
+@pytest.fixture
+def action(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
+    """Arguments of a runner that commands by goals, to the stand-in."""
+    monkeypatch.setattr(controller, 'ActionClient', StandIn)
+    kind = SimpleNamespace(Goal=lambda trajectory: SimpleNamespace(trajectory=trajectory), Result=RESULT)
+    monkeypatch.setattr(controller, 'follow_joint_trajectory', lambda *_: kind)
+    given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'action': 'arm/follow', 'use_sim_time': 'true'}
+    return ['--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}'))]
+
+
+def test_who_publishes_trajectories_beside_an_action_is_refused(
+    spin: Callable[..., Node], client: DemoClient, action: list[str]
+) -> None:
+    spin(TouchRunner, *action)
+    client._node.create_publisher(JointTrajectory, '/arm/joint_trajectory', 10)
+    answer = trigger(client, '/touch_runner/start')
+    client.wait('the discovery', lambda: client._node.count_publishers('/arm/joint_trajectory') > 0, WAIT)
+    for _ in range(50):
+        answer = trigger(client, '/touch_runner/start')
+        if 'another node publishes /arm/joint_trajectory, /demo: end it' in answer.message:
+            return
+    pytest.fail(answer.message)
+
+
 @pytest.mark.parametrize(
     ('answers', 'why', 'phase', 'says'),
     [
@@ -224,7 +248,12 @@ class StandIn:
         ((0, -4), TOLERANCE, 'stopped', f'(PATH_TOLERANCE_VIOLATED, -4): {TOLERANCE} (in travel)'),
         ((0, -5, 0), '', 'waiting', '(GOAL_TOLERANCE_VIOLATED, -5)'),
         ((0, -1, None), STOPPED, 'waiting', f'(INVALID_GOAL, -1): {STOPPED} (in travel); waiting for 30 s at most'),
-        ((0, -1, 0), STOPPED, 'judge', f'going on after: the controller aborts a trajectory (INVALID_GOAL, -1): {STOPPED}'),
+        (
+            (0, -1, 0),
+            STOPPED,
+            'judge',
+            f'going on after: the controller aborts a trajectory (INVALID_GOAL, -1): {STOPPED}',
+        ),
         ((0, -1, 0), PREEMPTED, 'stopped', f'{PREEMPTED}: somebody else commands the robot'),
     ],
     ids=['rejected', 'tolerance', 'late', 'inactive', 'active again', 'preempted'],
@@ -232,8 +261,8 @@ class StandIn:
 def test_an_action_server_is_commanded_and_may_refuse(
     spin: Callable[..., Node],
     client: DemoClient,
-    tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
+    action: list[str],
     answers: tuple[int | None, ...],
     why: str,
     phase: str,
@@ -241,11 +270,7 @@ def test_an_action_server_is_commanded_and_may_refuse(
 ) -> None:
     monkeypatch.setattr(StandIn, 'answers', answers)
     monkeypatch.setattr(StandIn, 'why', why)
-    monkeypatch.setattr(controller, 'ActionClient', StandIn)
-    kind = SimpleNamespace(Goal=lambda trajectory: SimpleNamespace(trajectory=trajectory), Result=RESULT)
-    monkeypatch.setattr(controller, 'follow_joint_trajectory', lambda *_: kind)
-    given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'action': 'arm/follow', 'use_sim_time': 'true'}
-    node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
+    node = spin(TouchRunner, *action)
     said, stand = standing(node, client)
     client.wait('the answer', lambda: stand() and any(p == phase and says in text for p, text in said()), WAIT)
     first, *others = StandIn.goals
@@ -301,6 +326,41 @@ def test_stamps_of_another_clock_are_refused_before_anything_moves(
     assert not sent
 
 
+def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+) -> None:
+    given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'use_sim_time': 'true'}
+    node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
+    sent: list[JointTrajectory] = []
+    client._node.create_subscription(JointTrajectory, '/joint_trajectory', sent.append, 10)
+    assert eventually(lambda: not node._controller.absence())
+    _, stand = standing(node, client)
+    client.wait('a way', lambda: stand() and bool(sent) and len(sent[-1].points) > 1, WAIT)
+    before = len(sent)
+    node.close()
+    node._is_running = False
+    client.wait('the halt', lambda: len(sent) > before, WAIT)
+    assert 'the node was ended' in node._runner.status.text
+    assert [list(point.positions) for point in sent[-1].points] == [pytest.approx(STANDS)]
+
+
+def test_by_itself_it_begins_when_the_sensor_can_be_zeroed(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+) -> None:
+    path = tmp_path / 'cell.yaml'
+    path.write_text(dump_cell(replace(CELL, sensor=CELL.sensor._replace(zero_service='/ft/zero'))))
+    client._node.create_subscription(JointTrajectory, '/joint_trajectory', lambda _: None, 10)
+    given = {'cell': path, 'output': tmp_path / 'out', 'autostart': 'true', 'exit_when_done': 'true'}
+    node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
+    assert eventually(lambda: not node._controller.absence())
+    assert 'nobody serves /ft/zero (sensor.zero_service)' in node._absence()
+    end = monotonic() + 0.5
+    client.wait('some looks', lambda: monotonic() > end, WAIT)
+    assert node.exit_status is None and not node._is_running
+    client._node.create_service(Trigger, '/ft/zero', lambda _, answer: answer)
+    assert eventually(lambda: node._is_running)
+
+
 @pytest.mark.parametrize('answer', [None, False, True], ids=['missing', 'fails', 'succeeds'])
 def test_the_sensor_is_zeroed_before_the_run(
     spin: Callable[..., Node], client: DemoClient, tmp_path: Path, answer: bool | None
@@ -333,21 +393,26 @@ def test_the_sensor_is_zeroed_before_the_run(
 
 def test_a_controller_of_other_joints_is_refused(spin: Callable[..., Node], client: DemoClient, tmp_path: Path) -> None:
     arguments = ['-p', f'cell:={cell_in(tmp_path)}', '-p', f'output:={tmp_path / "out"}']
-    topic = '/arm/joint_trajectory'
+    topic, moved = '/arm/joint_trajectory', ['joint1', 'joint2', 'joint4']
 
     def joints(request: GetParameters.Request, response: GetParameters.Response) -> GetParameters.Response:
         assert request.names == ['joints', 'allow_partial_joints_goal']
-        names = ParameterValue(type=9, string_array_value=['joint1', 'joint2', 'joint4'])
+        names = ParameterValue(type=9, string_array_value=moved)
         response.values = [names, ParameterValue(type=1, bool_value=False)]
         return response
 
-    client._node.create_service(GetParameters, '/arm/get_parameters', joints)
+    service = client._node.create_service(GetParameters, '/arm/get_parameters', joints)
     client._node.create_subscription(JointTrajectory, topic, lambda _: None, 10)
     node = spin(TouchRunner, '--ros-args', '-r', f'joint_trajectory:={topic}', *arguments)
     client.wait('the joints', lambda: not node._controller.absence() and 'joint4' in node._hearing(), WAIT)
     answer = trigger(client, '/touch_runner/start')
     expected = f'the controller of {topic} moves joint1 joint2 joint4, the cell names joint1 joint2: correct robot'
     assert answer.message.startswith(expected)
+    client._node.destroy_service(service)  # another controller takes its place, and is asked anew
+    assert eventually(lambda: not node._hearing())
+    moved[2:] = []
+    client._node.create_service(GetParameters, '/arm/get_parameters', joints)
+    client.wait('the answer', lambda: not node._hearing() and node._controller._asked is not None, WAIT)
 
 
 @pytest.mark.parametrize(

@@ -489,7 +489,7 @@ def test_a_controller_that_refuses_is_asked_again_while_it_waits() -> None:
     assert [status.phase for _, status in one.history][-1] == 'waiting'
     assert one.runner.status.phase == 'waiting', 'nothing is commanded that would move'
     assert 5 < len(sent) < 15
-    assert all(np.abs(command.positions[-1, :2] - one.plant._position[:2]).max() < 1e-4 for command in sent)
+    assert all(np.abs(command.positions[-1, :2] - one.plant._position[:2]).max() < 1e-4 for command in sent[1:])
     one.plant.active = True
     one.run(lambda at: at.runner.status.phase == 'approach', 20.0)
     assert one.runner.status.phase == 'approach'
