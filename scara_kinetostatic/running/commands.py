@@ -178,13 +178,16 @@ class Motion:
         self.at, self._now = self._after(self.at, self._now, elapsed, goal)
 
     def points(self, goal: float, ahead: float = np.inf) -> tuple[Floats, Floats, Floats]:
-        """Times, Q and lift of the motion to come, to a length of the track or for so long."""
+        """Times, Q and lift of the motion to come, to a length of the track; or one point, where it is after so long.
+
+        At each message a controller that scales the time, be it by 0, goes on by a part of the way to the first point.
+        """
         lengths, at, now = list[float](), self.at, self._now
         while not lengths or (at != goal and len(lengths) * _APART < ahead - 1e-9):
             at, now = self._after(at, now, _APART, goal)
             lengths.append(at)
-        self.sent = at
-        return (_APART * np.arange(1.0, len(lengths) + 1), *self.track.place(np.array(lengths)))
+        self.sent, first = at, 0 if np.isinf(ahead) else len(lengths) - 1
+        return (_APART * np.arange(first + 1.0, len(lengths) + 1), *self.track.place(np.array(lengths[first:])))
 
     def _after(self, at: float, now: float, elapsed: float, goal: float) -> tuple[float, float]:
         """Length and speed after some time."""

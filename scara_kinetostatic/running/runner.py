@@ -251,22 +251,14 @@ class Runner:
         motion.advance(self._elapsed, goal)
         joints, lift = motion.track.place(np.array([motion.at]))
         self._commander.joints, self._commander.lift = here = joints[0], float(lift[0])
-        streams = self.streams and not is_free
-        until = None if streams else until
-        reach = AHEAD_OF_CONTACT * motion.speed_at(motion.at if until is None else max(motion.at, until))
-        end = (
-            motion.even(motion.at, goal)
-            if streams
-            else goal
-            if until is None
-            else min(goal, max(motion.at, until) + reach)
-        )
+        if self.streams and not is_free:
+            end, ahead, reach = motion.even(motion.at, goal), AHEAD_OF_CONTACT, AHEAD_OF_CONTACT * motion.speed
+        else:
+            reach = AHEAD_OF_CONTACT * motion.speed_at(motion.at if until is None else max(motion.at, until))
+            end, ahead = goal if until is None else min(goal, max(motion.at, until) + reach), np.inf
         due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.25 * reach)
         if due and not self._is_behind:
-            points = motion.points(end, AHEAD_OF_CONTACT if streams else np.inf)
-            # at each message a controller that scales the time, be it by 0, goes on by some of the way to the first point
-            points = (points[0][-1:], points[1][-1:], points[2][-1:]) if streams else points
-            self._command = self._commander.command(here, points, is_free=is_free)
+            self._command = self._commander.command(here, motion.points(end, ahead), is_free=is_free)
 
     def _check(self, off_track: float) -> None:
         """Check the sensors and the robot.
@@ -290,12 +282,11 @@ class Runner:
         Raises:
             Fault: it is off its way.
         """
-        joints, lift, stood, near = self.senses.joints, self.senses.lift, self._commander.joints, 0.0
+        stood, near, away = self._commander.joints, 0.0, 0.0
         if motion is not None:
-            near, away = motion.track.nearest(joints, lift, motion.at)
-        else:
-            away = 0.0 if stood is None else float(np.abs(joints - stood).max())
-            away = away if stood is None or lift is None else max(away, abs(lift - self._commander.lift))
+            near, away = motion.track.nearest(self.senses.joints, self.senses.lift, motion.at)
+        elif stood is not None:
+            away = float(np.nanmax(np.abs(self.senses.place - [*stood, self._commander.lift])))
         if away > off_track:
             text = f'the robot is {1e3 * away:.1f} mrad off its way: it does not follow, or is moved by something else'
             raise Fault(text, may_retract=False)
@@ -306,7 +297,8 @@ class Runner:
         motion, near = self._motion, self._on_way(self._motion, off_track)
         behind = 0.0 if motion is None else abs(motion.at - near)
         is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
-        late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed + _BEHIND
+        runs = motion is not None and motion.sent != motion.at
+        late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed * runs + _BEHIND
         if motion is not None and motion.sent is not None and (near - motion.at) * (motion.sent - near) > 0:
             if behind > _BEHIND and self.senses.is_excused(self._now):  # this machine was busy: the robot went on
                 motion.at, behind = near, 0.0
@@ -318,10 +310,8 @@ class Runner:
             self._seen, self._seen_at = near, self._now
         if motion is not None and self._now - self._seen_at > _STANDS:
             joints, lift = motion.track.place(np.array([motion.at]))
-            off = np.append(
-                joints[0] - self.senses.joints, 0.0 if self.senses.lift is None else lift - self.senses.lift
-            )
-            name = (*self.cell.joint_names, *self.cell.other_joints)[int(np.abs(off).argmax())]
+            slowest = int(np.nanargmax(np.abs(self.senses.place - [*joints[0], *lift])))
+            name = (*self.cell.joint_names, *self.cell.other_joints)[slowest]
             text = f'the robot stands {1e3 * behind:.1f} mm behind, {name} most: it does not follow'
             raise Fault(text, may_retract=False, passes=True)
 
@@ -744,11 +734,11 @@ class Runner:
         Raises:
             Fault: it does not pass, or the robot has been moved.
         """
-        self._command, self._disturbed, asked = self._stand(), self._now, -np.inf
+        self._command, self._disturbed, asked, near = self._stand(), self._now, -np.inf, 0.0
         text = f'{reason}; waiting for {self._waits_until - self._now:.0f} s at most'
         self.status = Status('waiting', text, values=self._values())
         yield
-        while self._now - self._disturbed < _QUIET:
+        while asked <= self._disturbed or self._now - self._disturbed < _QUIET:
             if self._now > self._waits_until:
                 raise Fault(f'{reason}; waited for {self._patience:g} s', may_retract=may_retract)
             if self.senses.force > self.cell.touch.max_force:
@@ -756,20 +746,15 @@ class Runner:
                 raise Fault(text, may_retract=may_retract)
             if self.senses.problem(self._now) or not self.senses.stands(self._now):
                 self._disturbed = self._now
-            elif asked <= self._disturbed < self._now - 0.5 * _QUIET:  # a controller that still refuses says so
-                self._command, asked = self._stand(), self._now
+            elif asked <= self._disturbed < self._now - 0.5 * _QUIET and self.senses.knows_joints(self._now):
+                near = self._on_way(self._motion, _OFF_APPROACH if self._contact else _OFF_TRACK)
+                self._command, asked = self._stand(), self._now  # a controller that still refuses says so
             yield
-        near = self._on_way(self._motion, _OFF_APPROACH if self._contact else _OFF_TRACK)
         if self._motion is not None:
             self._motion.at, self._motion.sent = near, None
         if not self._contact and self.senses.force > self._free_limit:
             text = f'{reason}; now there is a force of {self.senses.force:.1f} N where nothing must be touched'
             raise Fault(text, may_retract=False)
-        lift = self.senses.lift
-        self._commander.joints, self._commander.lift = (
-            self.senses.joints,
-            self._commander.lift if lift is None else lift,
-        )
         self._is_behind, self._seen_at, self._last_force = False, self._now, self.senses.net_force
         if self._contact:
             self._say('retract', f'going on after: {reason}')

@@ -90,6 +90,11 @@ class Senses:
         self._excused_until = now + SILENT
 
     @property
+    def place(self) -> Floats:
+        """Q, rad, and the lift, m, NaN where it is not known, (3,)."""
+        return np.array([*self.joints, self.lift], dtype=float)
+
+    @property
     def net_force(self) -> tuple[float, float]:
         """The force now, as reported, N; the median of three readings."""
         last = list(islice(reversed(self._forces), 3))

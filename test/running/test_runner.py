@@ -495,6 +495,36 @@ def test_a_controller_that_refuses_is_asked_again_while_it_waits() -> None:
     assert one.runner.status.phase == 'approach'
 
 
+@pytest.mark.parametrize(('streams', 'scaling'), [(True, 0.2), (False, 0.2), (True, 0.0)])
+def test_no_way_through_free_space_is_commanded_to_a_robot_that_is_still_in_contact(
+    streams: bool, scaling: float
+) -> None:
+    one = rehearsal(patience=10.0)
+    one.runner.streams = streams
+    until_phase(one, 'hold')
+    one.plant.scaling, began = scaling, one.time
+    while one.runner.status.phase in ('hold', 'retract'):
+        command = one.step()
+        assert command is None or not command.velocities.size or not one.plant.body.touched
+    assert (one.runner.status.phase == 'waiting') == (scaling == 0.0)
+    assert scaling or one.time - began < CELL.touch.hold + 1.0
+
+
+def test_a_robot_that_was_moved_while_it_waits_without_a_way_does_not_go_on() -> None:
+    one = rehearsal(patience=10.0)
+    one.run(lambda at: at.runner.status.phase == 'judge')
+    one.plant.fault = Fault.SILENT_WRENCH
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    assert one.runner._motion is None
+    one.run(longest=0.5)
+    here = one.plant._position[:2]
+    one.plant.command(one.plant.names, [1.0], [[here[0] - 0.03, here[1] + 0.03]])
+    one.run(longest=1.5)
+    one.plant.fault = Fault.NONE
+    one.run(lambda at: at.runner.end is not None, 5.0)
+    assert 'mrad off its way' in one.runner.status.text or 'a force of' in one.runner.status.text
+
+
 def test_patience_ends() -> None:
     one = rehearsal(patience=3.0)
     until_phase(one, 'approach')
