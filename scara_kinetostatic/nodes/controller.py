@@ -137,12 +137,10 @@ class Controller:
     def _take_answer(self, number: int, future: Future) -> None:
         if future.exception() is not None:
             self._failed(f'the controller does not answer: {future.exception()}', True)
-            return
-        if not future.result().accepted:
-            if number == self._number:
-                self._failed('the controller rejects a trajectory: it is not active, or its log says why', True)
-            return
-        future.result().get_result_async().add_done_callback(partial(self._take_result, number))
+        elif future.result().accepted:
+            future.result().get_result_async().add_done_callback(partial(self._take_result, number))
+        elif number == self._number:
+            self._failed('the controller rejects a trajectory: it is not active, or its log says why', True)
 
     def _take_result(self, number: int, future: Future) -> None:
         if future.exception() is not None:
@@ -157,5 +155,6 @@ class Controller:
         name = next((name for name in names if getattr(self._kind.Result, name) == result.error_code), 'no error code')
         text = f'the controller aborts a trajectory ({name}, {result.error_code}): {result.error_string}'
         is_preempted = _PREEMPTED in result.error_string
-        text += ': somebody else commands the robot' if is_preempted else ''
-        self._failed(text, not is_preempted and name not in _LASTING)
+        self._failed(
+            text + is_preempted * ': somebody else commands the robot', not is_preempted and name not in _LASTING
+        )

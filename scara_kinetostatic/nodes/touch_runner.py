@@ -2,11 +2,10 @@
 
 The robot is moved by `joint_trajectory`, or with the parameter `action` by a FollowJointTrajectory server: positions of
 the cell's joints, then of the lift and the held joints; each replaces the one before. A way through free space is one
-command, with velocities. Towards a contact and in it positions are streamed for the next 0.1 s at most, so that the
+command, with velocities. Towards a contact and in it each message leads to one place, 0.1 s away at most, so that the
 robot stands soon after the node has died; the server gets as few goals as that allows. `~/start` begins or goes on,
-`~/pause`
-stands still when the touch under way has ended, `~/stop` retracts and holds. What is done, what comes next and why is
-on `~/state`, the place of the next contact on `~/next_touch`, its x axis along the outward normal.
+`~/pause` stands still when the touch under way has ended, `~/stop` retracts and holds. What is done, what comes next
+and why is on `~/state`, the place of the next contact on `~/next_touch`, its x axis along the outward normal.
 
 The recording is that of the collector: a touch that was counted is on the disk. At the end it is calibrated in a
 process of its own, into the folder `calibration` in `output`. With `exit_when_done` the node ends then, with status 0
@@ -201,7 +200,6 @@ class TouchRunner(CellNode):
     def _stop(self) -> str:
         self._check_running()
         self._runner.stop('stopped by ~/stop')
-        self._tick()
         return 'stopped: the tip is retracted, then the robot holds'
 
     def _check_running(self) -> None:
@@ -340,8 +338,7 @@ class TouchRunner(CellNode):
 
     def _begin_by_itself(self) -> None:
         """With `autostart`: as soon as somebody hears."""
-        problem = self._absence()
-        if problem and monotonic_ns() < self._waits_until:
+        if self._absence() and monotonic_ns() < self._waits_until:
             return
         self._autostart = False
         try:
@@ -381,9 +378,7 @@ class TouchRunner(CellNode):
     # What it says
 
     def _level(self, status: Status) -> bytes:
-        if status.is_fault:
-            return ERROR
-        return WARN if status.phase in ('paused', 'waiting', 'stopped') else OK
+        return ERROR if status.is_fault else WARN if status.phase in ('paused', 'waiting', 'stopped') else OK
 
     def facts(self) -> dict[str, str]:
         """What is on `~/state`, by name."""

@@ -20,7 +20,7 @@ from scara_kinetostatic.model.parameters import Parameters
 AHEAD_OF_CONTACT = 0.1
 """No motion is commanded farther ahead towards a contact and in it, s."""
 PERIOD = 0.02
-"""Time between two commands that are streamed, s."""
+"""After twice this time without a tick nobody has listened, s."""
 ACCELERATION = 1.5
 """Of the tip at the ends of a track and at its corners, m/s²."""
 _CORNER = 0.02
