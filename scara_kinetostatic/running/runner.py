@@ -163,7 +163,6 @@ class Runner:
     def fail(self, reason: str, *, may_retract: bool = True, passes: bool = False) -> None:
         """Something outside is wrong: stops, and retracts where it may, or waits where it may pass by itself."""
         self._disturbed = self._now
-        passes = passes and self.status.phase != 'idle'
         if self.end is None and not (passes and self.status.phase == 'waiting'):
             self._interrupt(Fault(reason, may_retract=may_retract, passes=passes))
 
@@ -383,13 +382,15 @@ class Runner:
             Fault: something is wrong.
         """
         cell, began, forgot = self.cell, self._now, self._now
-        while (problem := self.senses.problem(self._now)) or self._now - began < 0.5:
+        while (
+            (problem := self.senses.problem(self._now)) or self.senses.is_excused(self._now) or self._now - began < 0.5
+        ):
             self._say('idle', problem or 'listening to the sensors')
             if self._now - forgot > 1.0:
                 self.senses.forget_delays()
                 forgot = self._now
             if self._now - began > 5.0:
-                raise Fault(problem, may_retract=False)
+                raise Fault(problem or 'this machine does not keep up with the sensors', may_retract=False)
             yield
         if not self.senses.stands(self._now):
             raise Fault('the joints move: something else moves the robot', may_retract=False)
@@ -718,8 +719,9 @@ class Runner:
 
     def _interrupt(self, fault: Fault) -> None:
         """Waits where the cause may pass by itself and time is left for that in this touch; else gives up."""
-        self._waits_until = min(self._waits_until, self._now + self._patience) if fault.passes else self._waits_until
-        if fault.passes and self._now < self._waits_until:
+        passes = fault.passes and self.status.phase != 'idle'
+        self._waits_until = min(self._waits_until, self._now + self._patience) if passes else self._waits_until
+        if passes and self._now < self._waits_until:
             self._script = self._wait(f'{fault} (in {self.status.phase})', may_retract=fault.may_retract)
         else:
             self._give_up(fault)
@@ -744,7 +746,7 @@ class Runner:
             if self.senses.force > self.cell.touch.max_force:
                 text = f'{reason}; a force of {self.senses.force:.1f} N while it waits'
                 raise Fault(text, may_retract=may_retract)
-            if self.senses.problem(self._now) or not self.senses.stands(self._now):
+            if self.senses.problem(self._now) or self.senses.is_excused(self._now) or not self.senses.stands(self._now):
                 self._disturbed = self._now
             elif asked <= self._disturbed < self._now - 0.5 * _QUIET and self.senses.knows_joints(self._now):
                 near = self._on_way(self._motion, _OFF_APPROACH if self._contact else _OFF_TRACK)

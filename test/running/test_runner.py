@@ -86,7 +86,7 @@ def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
 def test_a_coupled_drive_is_commanded_in_its_own_angles() -> None:
     runs = [rehearsal(replace(CELL, coupling=part)) for part in (0.0, 16 / 76)]
     commands = [[command for _ in range(2500) if (command := one.step())] for one in runs]
-    assert len(commands[0]) == len(commands[1]) > 100
+    assert len(commands[0]) == len(commands[1]) > 50
     for plain, coupled in zip(*commands, strict=True):
         expected = plain.positions + [0.0, 16 / 76] * plain.positions[:, :1]
         np.testing.assert_allclose(coupled.positions, expected, rtol=0, atol=1e-6)
@@ -291,6 +291,26 @@ def test_what_is_refused_before_anything_moves(change: dict[str, object], error:
     cell = replace(CELL, **change)
     with pytest.raises(error, match=says):
         Rehearsal(cell, Plant(cell, ModelBody(CELL, TRUTH), settings=PlantSettings(start=(0.5, 1.0))))
+
+
+def test_a_busy_machine_does_not_go_on_without_a_force() -> None:
+    one = rehearsal(patience=5.0)
+    until_phase(one, 'travel')
+    one.plant.fault = Fault.SILENT_WRENCH
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    one._period = 0.05
+    one.run(lambda at: at.runner.status.phase != 'waiting', 20.0)
+    assert one.runner.status.phase == 'stopped'
+    assert 'waited for 5 s' in one.runner.status.text
+
+
+def test_a_busy_machine_does_not_begin_without_a_force() -> None:
+    one = Rehearsal(CELL, Plant(CELL, ModelBody(CELL, TRUTH)), rate=20.0)
+    one.plant.fault = Fault.SILENT_WRENCH
+    one.runner.start()
+    commands = [one.step() for _ in range(150)]
+    assert not any(commands)
+    assert one.runner.status.text == 'this machine does not keep up with the sensors (in idle)'
 
 
 def test_a_robot_that_stands_at_an_object_is_refused() -> None:
