@@ -296,8 +296,7 @@ class Runner:
         motion, near = self._motion, self._on_way(self._motion, off_track)
         behind = 0.0 if motion is None else abs(motion.at - near)
         is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
-        runs = motion is not None and motion.sent != motion.at
-        late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed * runs + _BEHIND
+        late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed * (motion.sent != motion.at) + _BEHIND
         if motion is not None and motion.sent is not None and (near - motion.at) * (motion.sent - near) > 0:
             if behind > _BEHIND and self.senses.is_excused(self._now):  # this machine was busy: the robot went on
                 motion.at, behind = near, 0.0
@@ -582,7 +581,7 @@ class Runner:
         motion.track, way = self._into(track, surface, target)
         yield from self._press(motion, goal * (1 + float(plan.preload[0])), way)
         if plan.preload[0] > 0:
-            track, way = self._out_of(motion.track, self._at(), target)
+            track, way = self._out_of(motion.track, self._motion.at, target)
             self._surface = track.nearest(motion.track.place(np.array([surface]))[0][0], None, surface)[0]
             yield from self._release(track, goal, way)
         self._say('hold', f'holding {self.senses.force:.1f} N')
@@ -661,9 +660,6 @@ class Runner:
             if force < 1.07 * goal:
                 return
             yield from self._pushed(motion, -0.9 * (force - goal) * compliance, 1.03 * goal)
-
-    def _at(self) -> float:
-        return 0.0 if self._motion is None else self._motion.at
 
     def _back(self) -> Iterator[None]:
         """To where the approach began: in contact slowly, then as through free space.

@@ -110,13 +110,14 @@ class Senses:
 
     def problem(self, now: float) -> str:
         """What is wrong with the messages; empty if nothing."""
-        for which, readings in enumerate((self._joints, self._forces)) if not self.is_excused(now) else ():
+        most = 10 * SILENT if self.is_excused(now) else SILENT
+        for which, readings in enumerate((self._joints, self._forces)):
             topic = self._topics[which]
             silent = now - readings[-1][0] if readings else np.inf
-            if silent > SILENT:
+            if silent > most:
                 lasting = f' for {silent:.2f} s' if readings else ''
                 return f'{topic} is silent{lasting}' + (f': {self._refusal}' if self._refusal else '')
-            if self._late[which] > 2:
+            if self._late[which] > 2 and most == SILENT:
                 return f'{topic}: messages come {LATE} s late'
         if self._moved:
             return f'a joint has moved that must not: {self._moved}'

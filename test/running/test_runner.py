@@ -304,13 +304,22 @@ def test_a_busy_machine_does_not_go_on_without_a_force() -> None:
     assert 'waited for 5 s' in one.runner.status.text
 
 
+def test_a_force_that_is_missing_is_seen_by_a_busy_machine() -> None:
+    one = rehearsal(patience=5.0)
+    until_phase(one, 'travel')
+    one.plant.fault, one._period, began = Fault.SILENT_WRENCH, 0.05, one.time
+    one.run(lambda at: at.runner.status.phase == 'waiting', 5.0)
+    assert '/wrench is silent' in one.runner.status.text
+    assert one.time - began < 1.3
+
+
 def test_a_busy_machine_does_not_begin_without_a_force() -> None:
     one = Rehearsal(CELL, Plant(CELL, ModelBody(CELL, TRUTH)), rate=20.0)
     one.plant.fault = Fault.SILENT_WRENCH
     one.runner.start()
     commands = [one.step() for _ in range(150)]
     assert not any(commands)
-    assert one.runner.status.text == 'this machine does not keep up with the sensors (in idle)'
+    assert one.runner.status.text == '/wrench is silent (in idle)'
 
 
 def test_a_robot_that_stands_at_an_object_is_refused() -> None:
