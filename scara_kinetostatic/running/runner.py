@@ -668,14 +668,14 @@ class Runner:
             Fault: a force remains.
         """
         assert self._motion is not None
-        slow, track = self._surface - _CLEAR, self._motion.track
-        motion = Motion(track, self._travel_speed(), self._motion.at, slow=(slow, self.cell.touch.contact_speed))
+        clear, track = max(self._surface - _CLEAR, 0.0), self._motion.track
+        motion = Motion(track, self._travel_speed(), self._motion.at, slow=(clear, self.cell.touch.contact_speed))
         self._motion = motion
-        while motion.at > 0.0:
-            self._check(_OFF_TRACK)
-            is_free = max(motion.at, self._near - _BEHIND) <= slow  # the robot, too, has left the contact
-            self._move(motion, 0.0 if is_free else max(slow, 0.0), is_free=is_free)
-            yield
+        for goal in (clear, 0.0) if self.streams else (0.0,):
+            while motion.at > goal or self._near - _BEHIND > clear:  # the robot, too, has to leave the contact
+                self._check(_OFF_TRACK)
+                self._move(motion, goal, is_free=self.streams and goal < clear)
+                yield
         yield from self._stopped()
         if self.senses.force > 2 * self._free_limit:
             raise Fault(f'a force of {self.senses.force:.1f} N remains after the touch', may_retract=False)
