@@ -3,7 +3,7 @@
     python -m benchmark.diagnosis.shifts [--first N] [--count N] [--clean N] [--cell NAME] [--effect LABEL]
                                          [--json FILE]
 
-Each shift, and cross-talk, in a random way at the size that doubles the reduced chi-square of the twelve parameters,
+Each shift, and cross-talk, in a random way at the size that doubles the reduced chi-square of the base model,
 `count` recordings of 108 touches in each of two cells, the noise given. Rows: named alone or among rivals, recordings
 in which a base parameter is 4 standard deviations off or more, moments more than 3 touches off. Of a disc only its
 own touches count, as the others do not show it. `clean` recordings have no effect: the false alarms are counted.

@@ -10,7 +10,7 @@ every touch puts the rigid tip at S* = H(Q*), and of the touched disc two number
     d = |c_d - S*| - (r_d - p_ee f - g_ee),        the distance from the circle of contact (5) (7), m,
     a = angle(F) - angle(c_d - S*),                the off-normal angle of the force, rad.
 
-The disc is the one with the smallest miss. The twelve parameters are fitted by iteratively reweighted least squares
+The disc is the one with the smallest miss. The base model is fitted by iteratively reweighted least squares
 (Cauchy's loss) with a prior about the nominal values that is as wide as the errors of real cells; the backlash of the
 gripper is nearly free, as it stands for an error of all radii. What is left is measured by the misfit, the mean of
 log(1 + (d/D)²) + log(1 + (a/A)²): about 0 for a right reading, above 5 for one that has nothing to do with the touches.
@@ -244,7 +244,7 @@ class _Reading(NamedTuple):
         tool: whether that frame turns with link 2.
         centers: of the discs, (m, 2), m.
         radii: of the discs, (m,), m.
-        nominal: the twelve parameters, (12,).
+        nominal: parameters of the base model, (12,).
         free: which of them are fitted, (12,).
         surfaces: of the objects; None of discs alone.
     """
@@ -263,7 +263,7 @@ class _Agreement(NamedTuple):
     """How well a reading agrees with n touches.
 
     Attributes:
-        parameters: the twelve fitted, (12,).
+        parameters: the fitted ones, (12,).
         disc: the touched one, (n,).
         distance: d, (n,), m.
         angle: a, (n,), rad.
@@ -323,7 +323,7 @@ def _fit(r: _Reading) -> _Agreement:
 
 
 def _misses(r: _Reading, values: Floats) -> _Misses:
-    """Distances, angles and their derivatives at the twelve parameters; sign(c) is continuous within 0.01 Nm."""
+    """Distances, angles and their derivatives by L̄; sign(c) is continuous within 0.01 Nm."""
     p = Parameters.from_array(values)
     force = rotate(r.force, r.joints.sum(axis=1) + p.theta1 + p.theta2) if r.tool else r.force
     size = np.maximum(np.linalg.norm(force, axis=1), 1e-300)
