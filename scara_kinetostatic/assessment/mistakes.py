@@ -303,7 +303,11 @@ def _fit(r: _Reading) -> _Agreement:
 
 
 def _misses(r: _Reading, values: Floats) -> _Misses:
-    """Distances, angles and their derivatives by L̄; sign(c) is continuous within 0.01 Nm."""
+    """Distances, angles and their derivatives by L̄; sign(c) is continuous within 0.01 Nm.
+
+    The disc is that of the nearest surface. The normal of a circle turns as the tip moves along it, by its radius; that
+    of an edge does not, and the distance from it grows beyond its ends.
+    """
     p = Parameters.from_array(values)
     force = rotate(r.force, r.joints.sum(axis=1) + p.theta1 + p.theta2) if r.tool else r.force
     size = np.maximum(np.linalg.norm(force, axis=1), 1e-300)
