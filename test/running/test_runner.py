@@ -541,7 +541,7 @@ def test_no_way_through_free_space_is_commanded_to_a_robot_that_is_still_in_cont
 
 def test_a_robot_that_was_moved_while_it_waits_without_a_way_does_not_go_on() -> None:
     one = rehearsal(patience=10.0)
-    one.run(lambda at: at.runner.status.phase == 'judge')
+    one.run(lambda at: at.runner.status.phase == 'plan')
     one.plant.fault = Fault.SILENT_WRENCH
     one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
     assert one.runner._motion is None
