@@ -74,7 +74,7 @@ class Controller:
             self._client, self._name = ActionClient(node, self._kind, action), node.resolve_service_name(action)
         self.is_action, self._number = bool(action), 0
         self.error: float | None = None
-        own = self._name.rpartition('/')[0]
+        own = f'{self._name}'.rpartition('/')[0]
         self._topic = f'{own}/joint_trajectory' if action else self._name
         self._parameters = node.create_client(GetParameters, f'{own}/get_parameters')
         self._asked: Future | None = None
