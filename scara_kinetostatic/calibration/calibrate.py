@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import without_sources
-from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, estimate, fewest_touches
+from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, covariance_of_fit, estimate, fewest_touches
 from scara_kinetostatic.calibration.fit_point import Point, base_force, fitted_surfaces, fitted_tips, project
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
 from scara_kinetostatic.calibration.identifiability import SCALES
@@ -136,7 +136,10 @@ def _settle_flanks(
     for is_last in (False, False, True, True):
         fit = found.fit.point
         point = project(everything.with_errors(fit.errors), fit.model, noise)
+        along, covariance = point.whitened.jacobian[:, 0], covariance_of_fit(found.fit, found.subspace)
+        predicted = np.einsum('ni,ij,nj->n', along, covariance, along, optimize=True)  # over the variance of a touch
         apart = nearest_flanks(everything, fit.model, point.adjusted.state)[1] / point.whitened.root[0]
+        apart /= np.sqrt(1.0 + predicted)
         known = (apart >= _FLANKS_APART) & ~_only_guessed(point) if is_last else np.isinf(apart)
         if known.sum() < (1 if is_last else 3) * fewest_touches(len(free)):
             continue

@@ -351,7 +351,7 @@ class ContactSimulator(CellNode):
         if scene := self.get_parameter('scene').value:
             if self._truth.effects:
                 raise ParameterError('parameter effects', 'a scene has its own', 'leave out scene or effects')
-            body = EngineBody(scene_named(scene).with_parameters(self._truth.parameters), self._cell)
+            body = EngineBody(replace(scene_named(scene), parameters=self._truth.parameters), self._cell)
         plant = Plant(self._cell, body, settings=drives, sensors=self._sensors, seed=self._seed)
         self._names = plant.names
 
