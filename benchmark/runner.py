@@ -173,8 +173,10 @@ def run(seed: int, options: Options) -> dict[str, object]:
     if options.even and end is not None and end.reason.startswith('enough'):
         row['even'] = even_touches(seed, options.tolerance, cell, truth)
     if campaign.touches:
-        outcome = calibrate_touches(TouchSet.concatenate(campaign.touches), cell)
-        final = outcome.final
+        try:
+            final = calibrate_touches(TouchSet.concatenate(campaign.touches), cell).final
+        except ScaraKinetostaticError as error:
+            return row | {'not_calibrated': str(error)}
         names = truth.parameters.names
         std = np.array([final[name].std for name in names])
         off = np.array([final[name].value for name in names]) - truth.parameters.as_array()

@@ -121,19 +121,19 @@ def calibrate(
     return build_result(touches, cell, start, fixed, observations, found, left_out)
 
 
-_FLANKS_APART = 8.0
-"""Standard deviations between two flanks of a joint from which touches tell them apart. With 6 wrong ones are left."""
+_FLANKS_APART = 6.0
+"""Standard deviations between two flanks of a joint from which touches tell them apart. With 5 wrong ones are left."""
 
 
 def _settle_flanks(
     touches: TouchSet, cell: Cell, start: ExtendedModel, free: Indices, found: Estimation
 ) -> tuple[TouchSet, Observations, Estimation, list[Rejection]]:
     """Fit again under gravity: twice by the touches whose torques have a known sign, which no flank can mislead; then
-    by all but those whose flank this fit does not tell, and once more where their flanks were not yet right.
+    by all but those whose flank this fit does not tell, and twice more where their flanks were not yet right.
     """
     everything, good = found.observations, found.used
     noise = cell.noise or min(found.noise, USUAL_NOISE, key=lambda one: one.joint_rms)  # not what a model error adds
-    for is_last in (False, False, True, True):
+    for is_last in (False, False, True, True, True):
         fit = found.fit.point
         point = project(everything.with_errors(fit.errors), fit.model, noise)
         along, covariance = point.whitened.jacobian[:, 0], covariance_of_fit(found.fit, found.subspace)
@@ -163,7 +163,7 @@ def _only_guessed(point: Point) -> Mask:
     state, p = point.adjusted.state, point.parameters
     force = state.magnitude * np.array([np.cos(state.direction), np.sin(state.direction)])
     torques = joint_torques(p, np.array([state.link1, state.link2]).T, force.T).T
-    unsure = has_no_sure_sign(p, torques)
+    unsure = has_no_sure_sign(p, torques, fitted=True)
     fewest = np.minimum(*(((sign * torques > 0) & ~unsure).sum(axis=1) for sign in (1, -1)))
     return np.asarray((unsure & (fewest < _ON_A_FLANK)[:, None]).any(axis=0))
 

@@ -320,7 +320,7 @@ def nearest_flanks(observations: Observations, model: ExtendedModel, state: Stat
         for _ in range(3):
             trial, arm = solve_links(model, problem, trial, frozen=True)
         shifted, tip = problem.shifted(model, trial, arm), forward(p, np.array(trial[:2]).T)
-        flanks = keep_flanks(p, next_modes(p, shifted.joints, trial, arm), trial, arm)
+        flanks = keep_flanks(p, next_modes(p, shifted.joints, trial, arm), trial, arm, fitted=True)
         inward = shifted.inward(tip)
         along = ((shifted.centers - tip) * inward).sum(axis=1) / np.hypot(*inward.T)
         off = along - o.radii - o.gripper.stretch(p, trial.magnitude)

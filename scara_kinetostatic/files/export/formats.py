@@ -93,7 +93,9 @@ class ExportFacts(NamedTuple):
             found.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
         if is_rigid and self.rigid_miss:
             miss = f'{1e3 * self.rigid_miss:.3g} mm'
-            found.append(f'it cannot hold {self.left_out}: the tip is up to {miss} elsewhere even without load; see `locate`')
+            found.append(
+                f'it cannot hold {self.left_out}: the tip is up to {miss} elsewhere even without load; see `locate`'
+            )
         return found
 
 
