@@ -202,9 +202,8 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
     size = np.trace(gram, axis1=1, axis2=2)
     # a ridge keeps the trials solvable whose columns are parallel, or are all among those beside but for rounding
     rounding = 1e-15 * np.trace(scan.gram, axis1=1, axis2=2).max()
-    ridge = (max(1e-6 * size.max(), rounding) or 1.0) * np.eye(
-        projected.shape[1]
-    )  # where no trial explains anything, any
+    least = max(1e-6 * size.max(), rounding) or 1.0  # where no trial explains anything, any
+    ridge = least * np.eye(projected.shape[1])
     coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
     return np.asarray((projected * coefficients).sum(axis=1))
 

@@ -332,9 +332,7 @@ class ContactSimulator(CellNode):
         self._time_of_cell = self.create_publisher(Clock, '/clock', 10) if with_clock else None
         prefix = declare.parameter(self, 'frame_prefix', '', 'before the frame_id of the wrench')
         plane, self._axes = self._cell.plane, self._cell.force_axes
-        link = declare.parameter(
-            self, 'sensor_link', '', 'of the wrench, before its prefix; empty: the tip, or the base'
-        )
+        link = declare.parameter(self, 'sensor_link', '', 'frame_id of the wrench; empty: the tip, or the base')
         of_tool = sensor.frame is SensorFrame.TOOL
         self._frame_id = prefix + (link or (plane.tip or TOOL_FRAME if of_tool else plane.frame))
         self._stopped = ''

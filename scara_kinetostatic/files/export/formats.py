@@ -92,10 +92,8 @@ class ExportFacts(NamedTuple):
         if free:
             found.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
         if is_rigid and self.rigid_miss:
-            miss = f'{1e3 * self.rigid_miss:.3g} mm'
-            found.append(
-                f'it cannot hold {self.left_out}: the tip is up to {miss} elsewhere even without load; see `locate`'
-            )
+            where = f'up to {1e3 * self.rigid_miss:.3g} mm elsewhere even without load'
+            found.append(f'it cannot hold {self.left_out}: the tip is {where}; see `locate`')
         return found
 
 
