@@ -6,7 +6,7 @@ The paper's cell (three discs, 1e-5 rad, 0.3 N), 1e-5 m required of the tip. Two
 and simulated with it; recommended for the nominal robot and simulated with L̄a, as in practice.
 
 Each case is simulated twice. With independent noise, the tip's standard deviation, at the worst place and in the
-mean, must agree with the prediction within 10 %; those of the twelve parameters have a sampling error of 5 % each
+mean, must agree with the prediction within 10 %; those of the parameters have a sampling error of 5 % each
 at 200 runs, and must agree within three of it. With balanced noise the sample covariance of the noise of all runs is
 exactly the stated one: that takes the sampling error away and leaves what the prediction itself gets wrong
 (non-linearity, rejected touches), and everything must agree within 10 %.

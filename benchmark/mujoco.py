@@ -40,7 +40,7 @@ from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 
 SAME_LAW = ('joint_slip', 'object_position', 'base_compliance', 'link_bending')
 """Effects that are built by the law that the catalogue has."""
-HEAD = ('scene', 'verdict', 'named, values ± std (built)', 'χ²', 'e_f held out, N', 'largest z of twelve', 'touches')
+HEAD = ('scene', 'verdict', 'named, values ± std (built)', 'χ²', 'e_f held out, N', 'largest z of L̄', 'touches')
 
 
 def row(

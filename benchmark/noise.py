@@ -12,7 +12,7 @@ noise of the cell description is
 Student's t with 4 degrees of freedom is simulated with the stated levels as its standard deviation, and, separately,
 as its scale: then its standard deviation is 1.41 times the stated one.
 
-Reported: false alarms (a verdict other than none), the z-score of each of the twelve parameters (error / standard
+Reported: false alarms (a verdict other than none), the z-score of each parameter of the base model (error / standard
 uncertainty), root mean square over the recordings, and how often noise that grows with the force was noticed.
 """
 

@@ -22,7 +22,8 @@ author = 'scara_kinetostatic maintainers'
 copyright = author
 release = version = __version__
 
-extensions = ['myst_parser', 'mathml', 'command_reference', 'effect_reference', 'node_reference', 'python_reference']
+extensions = ['myst_parser', 'mathml', 'architecture', 'command_reference', 'effect_reference', 'node_reference']
+extensions += ['python_reference']
 source_suffix = {'.md': 'markdown'}
 root_doc = 'index'
 exclude_patterns = ['_build', '_ext']

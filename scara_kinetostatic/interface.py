@@ -204,7 +204,7 @@ def diagnose(
             name, all of them: the effect is in the model with these values, and is not looked for.
 
     Returns:
-        ``outcome.verdict``; ``outcome['l1'].value``, ``.std``, ``.unit`` of the twelve parameters, and
+        ``outcome.verdict``; ``outcome['l1'].value``, ``.std``, ``.unit`` of the base model's parameters, and
         ``outcome.effects['object_radius[disc_2]']['radius']`` alike; more in `Outcome`.
 
     Raises:

@@ -99,7 +99,7 @@ def off_normal_fit(touches: TouchSet) -> TouchSet:
 
 @pytest.fixture(scope='session')
 def make() -> Make:
-    """Makes outcomes of 36 touches of the twelve-parameter robot, one of them detected as bad, one spoilt."""
+    """Makes outcomes of 36 touches of a robot without effects, one of them detected as bad, one spoilt."""
 
     def outcome(levels: tuple[float, ...] = (10.0, 25.0, 40.0), names: tuple[str, ...] = (), **fixed: float) -> Outcome:
         discs = tuple(disc._replace(name=name) for disc, name in zip(PAPER_DISCS, names or NAMES, strict=True))

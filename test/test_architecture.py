@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 from token import NAME as NAME_TOKEN
 from tokenize import tokenize
@@ -15,10 +13,8 @@ import pytest
 
 import scara_kinetostatic
 from benchmark.smoke import ARGUMENTS, SHARED
+from docs._ext.imports import MODULES, NAME, PACKAGE, ROOT, floors, imports, module_name, package_of
 
-ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / 'scara_kinetostatic'
-NAME = 'scara_kinetostatic'
 ORDER = (
     'errors',
     'model',
@@ -67,33 +63,6 @@ leaning lean deciding hidden_bend bent unbent unseen misreading unread structure
 folders overpress let_down play played player gauge situation setting tags twelve settle
 """
 """Words that a standard term has replaced: none of them is an identifier."""
-MODULES = sorted(PACKAGE.rglob('*.py'))
-
-
-def module_name(path: Path) -> str:
-    return '.'.join(path.relative_to(ROOT).with_suffix('').parts).removesuffix('.__init__')
-
-
-@cache
-def imports(path: Path) -> tuple[str, ...]:
-    """Every module that a file imports, wherever in the file, `from package import module` resolved."""
-    found: list[str] = []
-    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-        if isinstance(node, ast.Import):
-            found += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f'{path}: relative import'
-            assert node.module
-            for alias in node.names:
-                inner = ROOT.joinpath(*node.module.split('.'), f'{alias.name}.py')
-                found.append(f'{node.module}.{alias.name}' if inner.exists() else node.module)
-    return tuple(found)
-
-
-def package_of(module: str) -> str:
-    """The package of a module, such as `model`, `studies.paper`; of one at the top its own name."""
-    parts = module.split('.')[1:]
-    return '.'.join(parts[:2] if parts[:1] == ['studies'] and parts[1:] else parts[:1])
 
 
 def test_every_module_is_in_a_known_package() -> None:
@@ -109,6 +78,11 @@ def test_imports_go_downwards(path: Path) -> None:
             assert ORDER.index(package_of(module)) < ORDER.index(here), f'{module_name(path)} imports {module}'
             if package_of(module) == 'nodes':  # only the demonstration starts nodes, and one verb hears a topic
                 assert module_name(path) in (f'{NAME}.cli.demo', f'{NAME}.cli.cell')
+
+
+def test_the_picture_shows_every_package_above_what_it_imports() -> None:
+    assert set(floors()) == set(ORDER)
+    assert floors()['errors'] == 0 and floors()['cli'] == max(floors().values())
 
 
 def test_types_of_arrays_are_defined_once() -> None:
@@ -181,8 +155,9 @@ def test_one_version_everywhere() -> None:
     version = scara_kinetostatic.__version__
     assert f"version='{version}'" in (ROOT / 'setup.py').read_text()
     assert f'<version>{version}</version>' in (ROOT / 'package.xml').read_text()
+    assert f'\nversion: {version}\n' in (ROOT / 'CITATION.cff').read_text()
     changes = (ROOT / 'CHANGELOG.md').read_text(encoding='utf-8')
-    assert re.search(rf'^## (\[Unreleased\]|\[?{re.escape(version)})', changes, re.MULTILINE)
+    assert re.search(rf'^## \[?{re.escape(version)}', changes, re.MULTILINE)
 
 
 def test_every_benchmark_has_a_small_run() -> None:

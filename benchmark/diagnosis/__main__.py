@@ -6,13 +6,13 @@
 All touches are simulated, by this package's own simulator: 108 per recording, in two cells, the noise given and
 estimated. Sections:
 
-- clean: no effect, or one that is an exact alias of the twelve parameters;
+- clean: no effect, or one that is an exact alias of the base model's parameters;
 - effects: each effect of the catalogue in a random way, at three sizes;
 - pairs: two effects at once, each pair of six;
 - unlisted: effects that are not in the catalogue;
 - time: of the diagnoses above, CPU.
 
-A size is the reduced chi-square to which the effect brings the fit of the twelve parameters, all touches used.
+A size is the reduced chi-square to which the effect brings the fit of the base model, all touches used.
 """
 
 from __future__ import annotations

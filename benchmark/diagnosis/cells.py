@@ -33,7 +33,7 @@ FOUR_DISCS = (
     Disc('disc_4', 0.20, -0.33, 0.05),
 )
 SIZES = (1.3, 2.0, 5.0)
-"""Reduced chi-square of the fit of the twelve parameters at which each effect is simulated."""
+"""Reduced chi-square of the fit of the base model at which each effect is simulated."""
 LARGEST_PLAUSIBLE = 30.0
 """Largest size of an effect, in plausible sizes."""
 FIRST_FACTOR = 1e-3
@@ -137,7 +137,7 @@ def simulate(setup: Setup, simulated: SimulatedEffects, noise: Noise = NOISE, se
 
 
 def chi_square_increase(setup: Setup, simulated: SimulatedEffects) -> float:
-    """By how much effects raise the reduced chi-square of the twelve parameters, fitted to all touches."""
+    """By how much effects raise the reduced chi-square of the base model, fitted to all touches."""
     observations: Observations = observe(simulate(setup, simulated, Noise(0.0, 0.0)), setup.cell)
     start = ExtendedModel(setup.truth)
     subspace, noise = Subspace(start.as_array(), np.diag(scales_of(start))), setup.cell.noise or NOISE

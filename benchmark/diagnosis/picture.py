@@ -41,7 +41,7 @@ def draw(records: Sequence[Record], path: Path) -> None:
         _errors(second, shown, labels, palette, lambda r, k: r.held_out[k] / r.held_out[2])
         second.set(title='held-out error over that of the true model', xlabel='before (open), after (full)')
         _errors(third, shown, labels, palette, lambda r, k: r.z[k])
-        third.set(title='largest |z| of the twelve parameters', xlabel='before (open), after (full)', xscale='log')
+        third.set(title='largest |z| of the base model', xlabel='before (open), after (full)', xscale='log')
         third.xaxis.set_major_formatter('{x:g}')
         third.axvline(WITHIN, color=palette[WARN], lw=1)
         _matrix(below.subplots(), every, labels, palette)

@@ -29,16 +29,16 @@ class Record:
         values: of all parameters of the effects.
         reason: why there is no recording; empty if there is one.
         error: that came instead of a diagnosis.
-        chi_square: reduced, of the twelve parameters, bad touches apart.
+        chi_square: reduced, of the base model, bad touches apart.
         verdict: of the diagnosis.
-        p_value: of the twelve parameters alone.
+        p_value: of the base model.
         remaining: p-value of the extended model.
         named: effects stated as found.
         rivals: groups of rivals.
         naming: of each true effect: alone, rivals, unnamed, wrong, none.
         more: in every credible model, but not simulated.
         held_out: force error on held-out touches of the base, of the extended and of the true model, N.
-        z: largest error of the twelve parameters in standard deviations, in the same three.
+        z: largest error of L̄ in standard deviations, in the same three.
         value_z: the same of the values of effects that were named rightly.
         cpu: time of the diagnosis, s.
     """
@@ -99,7 +99,7 @@ def predicts_like_truth(r: Record) -> bool:
 
 
 def unbiased(r: Record) -> bool:
-    """Whether the twelve parameters of the extended model are free of bias."""
+    """Whether L̄ of the extended model is free of bias."""
     return r.z[1] < WITHIN
 
 

@@ -48,7 +48,7 @@ PAIRED = (
 PAIR_SIZE = 2.0
 UNLISTED_SIZES = (2.0, 5.0)
 ALIASES = ('link_bending[link2]', 'gripper along link 2')
-"""Exact aliases of the twelve parameters."""
+"""Exact aliases of the base model's parameters."""
 ALIAS_OF = {'tip_shape[oval]': 'anisotropic_backlash'}
 """Effects that are named as another one, whose prediction is the same."""
 

@@ -199,12 +199,12 @@ def summary(records: Sequence[Record]) -> Iterator[str]:
             lambda r: error_reduction(r) >= REQUIRED_REDUCTION,
         ),
         (
-            'effects and pairs that were found: the twelve parameters within 4 std',
+            'effects and pairs that were found: the parameters of the base model within 4 std',
             '100 %',
             [r for r in all_effects if r.verdict != 'none'],
             unbiased,
         ),
-        ('outside the list: the twelve parameters within 4 std', '100 %', of['unlisted'], unbiased),
+        ('outside the list: the parameters of the base model within 4 std', '100 %', of['unlisted'], unbiased),
         ('CPU time below 2 s', '100 %', records, lambda r: r.cpu < 2.0),
     )
     for text, bound, some, holds in wanted:

@@ -125,11 +125,6 @@ def _memory(process: int) -> int:
     return next(int(line.split()[1]) // 1024 for line in status if line.startswith('VmHWM'))
 
 
-def memory_now() -> int:
-    """Memory that this process uses, bytes."""
-    return int(Path('/proc/self/statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE')
-
-
 def main() -> int:
     """Run, print, save."""
     options_of = parser(__doc__)

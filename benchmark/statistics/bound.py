@@ -1,4 +1,4 @@
-"""The Cramér–Rao bound of the twelve parameters, derived independently of the package's equations and fit.
+"""The Cramér–Rao bound of the base model's parameters, derived independently of the package's equations and fit.
 
 A touch ties the true observations Q̂ and F̂ by two conditions in the base frame, h(Q̂, F̂, L̄) = 0:
 

@@ -81,7 +81,7 @@ def run_task(task: Task) -> dict[str, Any]:
 
 
 def _draw(there: Reference, task: Task, number: int) -> Floats:
-    """One draw: the twelve deviations and that of the tip, (13,)."""
+    """One draw: the deviations of L̄ and that of the tip, (13,)."""
     random = np.random.default_rng([number, seed_of(task.cell, task.source)])
     world = World.draw(there.setup.cell, random)
     if task.source != ALL:

@@ -10,7 +10,7 @@ every touch puts the rigid tip at S* = H(Q*), and of the touched disc two number
     d = |c_d - S*| - (r_d - p_ee f - g_ee),        the distance from the circle of contact (5) (7), m,
     a = angle(F) - angle(c_d - S*),                the off-normal angle of the force, rad.
 
-The disc is the one with the smallest miss. The twelve parameters are fitted by iteratively reweighted least squares
+The disc is the one with the smallest miss. The base model is fitted by iteratively reweighted least squares
 (Cauchy's loss) with a prior about the nominal values that is as wide as the errors of real cells; the backlash of the
 gripper is nearly free, as it stands for an error of all radii. What is left is measured by the misfit, the mean of
 log(1 + (d/D)²) + log(1 + (a/A)²): about 0 for a right reading, above 5 for one that has nothing to do with the touches.
@@ -26,7 +26,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -34,28 +34,11 @@ from scipy.optimize import minimize_scalar
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame, SensorSign, layout_problems
+from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_problems
 from scara_kinetostatic.model.kinematics import LoadedJoints, forward, quarter_turn, rotate, tip_by_parameters, wrap
 from scara_kinetostatic.model.kinetostatics import joint_torques
 from scara_kinetostatic.model.outline import EDGE_RADIUS, Outline, Surfaces, surfaces_of
-from scara_kinetostatic.model.parameters import (
-    G1,
-    G2,
-    G_EE,
-    L1,
-    L2,
-    NAMES,
-    P1,
-    P2,
-    P_EE,
-    THETA1,
-    THETA2,
-    UNITS,
-    X0,
-    Y0,
-    Parameters,
-    quantity,
-)
+from scara_kinetostatic.model.parameters import G_EE, L1, L2, NAMES, P_EE, THETA1, THETA2, UNITS, Parameters, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
 FEWEST_TOUCHES = 8
@@ -109,12 +92,7 @@ class _Limits:
 
 
 _LIMITS = _Limits()
-_PRIOR = np.empty(len(NAMES))
-_PRIOR[[X0, Y0, L1, L2]] = 0.015
-_PRIOR[[THETA1, THETA2]] = np.deg2rad(2.5)
-_PRIOR[[P1, P2]] = 3e-4
-_PRIOR[[G1, G2]] = 5e-3
-_PRIOR[[P_EE, G_EE]] = 1e-4, 0.05
+_PRIOR = np.array([0.015, 0.015, *(np.deg2rad(2.5), 0.015) * 2, 1e-4, 3e-4, 3e-4, 0.05, 5e-3, 5e-3])
 """Standard deviation of the error of each nominal value, SI units."""
 
 
@@ -212,7 +190,7 @@ def check_touches(
         found = _gross(stated, cell, list(_candidates(reading, cell, origin)))
         displaced = found or _gross(stated, cell, list(_displaced(reading, stated, cell)))
     else:
-        found = _mislabelled(named, stated.disc, cell)
+        found = _mislabelled(named, stated.left.disc, cell)
     return Check(cell, found, stated.misfit, float(stated.parameters[G_EE]), displaced)
 
 
@@ -236,51 +214,40 @@ def wrong_unit(joints: Floats, force: float) -> Mistake | None:
 
 
 class _Reading(NamedTuple):
-    """A way to read n touches of m discs.
+    """A way to read n touches of objects.
 
     Attributes:
         joints: Q, (n, 2), rad.
         force: F on the object in the frame of the sensor, (n, 2), N.
         tool: whether that frame turns with link 2.
-        centers: of the discs, (m, 2), m.
-        radii: of the discs, (m,), m.
-        nominal: the twelve parameters, (12,).
+        surfaces: of the objects; of a disc its circle.
+        nominal: parameters of the base model, (12,).
         free: which of them are fitted, (12,).
-        surfaces: of the objects; None of discs alone.
     """
 
     joints: Floats
     force: Floats
     tool: bool
-    centers: Floats
-    radii: Floats
+    surfaces: Surfaces
     nominal: Floats
     free: Floats
-    surfaces: Surfaces | None = None
+
+    def with_surfaces(self, **parts: Any) -> _Reading:
+        """The reading with other centers, radii, … of the surfaces."""
+        return self._replace(surfaces=self.surfaces._replace(**parts))
 
 
-class _Agreement(NamedTuple):
-    """How well a reading agrees with n touches.
+class _Misses(NamedTuple):
+    """What is left of n touches, and its derivatives.
 
     Attributes:
-        parameters: the twelve fitted, (12,).
         disc: the touched one, (n,).
         distance: d, (n,), m.
         angle: a, (n,), rad.
         miss: from the place of contact to the disc less its radius along the force, (n, 2), m.
-        misfit: the mean of log(1 + (d/D)²) + log(1 + (a/A)²); infinite where it cannot be evaluated.
+        by_distance: derivatives of d by the parameters, (n, 12).
+        by_angle: those of a.
     """
-
-    parameters: Floats
-    disc: Indices
-    distance: Floats
-    angle: Floats
-    miss: Floats
-    misfit: float
-
-
-class _Misses(NamedTuple):
-    """Touched disc, d and a of n touches, (n,), miss, (n, 2), and derivatives by the parameters, (n, 12)."""
 
     disc: Indices
     distance: Floats
@@ -290,12 +257,25 @@ class _Misses(NamedTuple):
     by_angle: Floats
 
 
+class _Agreement(NamedTuple):
+    """How well a reading agrees with the touches.
+
+    Attributes:
+        parameters: the fitted ones, (12,).
+        left: what is left of each touch.
+        misfit: the mean of log(1 + (d/D)²) + log(1 + (a/A)²); infinite where it cannot be evaluated.
+    """
+
+    parameters: Floats
+    left: _Misses
+    misfit: float
+
+
 def _reading(touches: TouchSet, cell: Cell, fixed: Mapping[str, float]) -> _Reading:
     fixed = {name: value for name, value in fixed.items() if name in NAMES}
     free = np.array([float(name not in fixed) for name in NAMES])
     tool, nominal = cell.sensor.frame is SensorFrame.TOOL, cell.nominal.replace(**fixed).as_array()[: len(NAMES)]
-    surfaces = cell.surfaces if cell.has_outlines else None
-    return _Reading(touches.joints, touches.force, tool, cell.centers, cell.radii, nominal, free, surfaces)
+    return _Reading(touches.joints, touches.force, tool, cell.surfaces, nominal, free)
 
 
 @np.errstate(all='ignore')
@@ -317,64 +297,41 @@ def _fit(r: _Reading) -> _Agreement:
         if not np.isfinite(system).all():
             break
         change = prior * np.linalg.lstsq(system, np.concatenate(right), rcond=None)[0]
-    disc, distance, angle, miss, *_ = _misses(r, r.nominal + change)
-    loss = np.log1p((distance / _LIMITS.distance) ** 2) + np.log1p((angle / _LIMITS.angle) ** 2)
-    return _Agreement(r.nominal + change, disc, distance, angle, miss, float(np.nan_to_num(loss.mean(), nan=np.inf)))
+    left = _misses(r, r.nominal + change)
+    loss = np.log1p((left.distance / _LIMITS.distance) ** 2) + np.log1p((left.angle / _LIMITS.angle) ** 2)
+    return _Agreement(r.nominal + change, left, float(np.nan_to_num(loss.mean(), nan=np.inf)))
 
 
 def _misses(r: _Reading, values: Floats) -> _Misses:
-    """Distances, angles and their derivatives at the twelve parameters; sign(c) is continuous within 0.01 Nm."""
+    """Distances, angles and their derivatives by L̄; sign(c) is continuous within 0.01 Nm.
+
+    The disc is that of the nearest surface. The normal of a circle turns as the tip moves along it, by its radius; that
+    of an edge does not, and the distance from it grows beyond its ends.
+    """
     p = Parameters.from_array(values)
     force = rotate(r.force, r.joints.sum(axis=1) + p.theta1 + p.theta2) if r.tool else r.force
     size = np.maximum(np.linalg.norm(force, axis=1), 1e-300)
     rigid = joint_torques(p, r.joints, force)
     links = r.joints - rigid * [p.p1, p.p2] - rigid / np.hypot(rigid, 1e-2) * [p.g1, p.g2]
     torque, tip = joint_torques(p, links, force), forward(p, links)
-    press = p.p_ee * size + p.g_ee
-    if r.surfaces is not None:
-        disc, reach, away, to_disc, miss, by_turn = _nearest(r.surfaces, tip, force / size[:, None], press)
-        inward = to_disc
-    else:
-        reach = r.radii - press[:, None]
-        to_disc = r.centers - tip[:, None]
-        miss = to_disc - reach[..., None] * (force / size[:, None])[:, None]
-        disc, every = np.argmin(np.linalg.norm(miss, axis=2), axis=1), np.arange(len(size))
-        to_disc, reach, miss = to_disc[every, disc], reach[every, disc], miss[every, disc]
-        away = by_turn = np.maximum(np.linalg.norm(to_disc, axis=1), 1e-9)
-        inward = to_disc / away[:, None]
-    angle = wrap(np.arctan2(force[:, 1], force[:, 0]) - np.arctan2(to_disc[:, 1], to_disc[:, 0]))
+    press, unit, every = p.p_ee * size + p.g_ee, force / size[:, None], np.arange(len(size))
+    misses, _ = r.surfaces.misses(tip - press[:, None] * unit, unit, EDGE_RADIUS)
+    k = np.argmin(np.hypot(misses[..., 0], misses[..., 1]), axis=1)
+    here, miss = r.surfaces.select(k), -misses[every, k]
+    off, edge = tip - here.centers, here.is_edge
+    signed = np.sign(here.radii) * np.maximum(np.hypot(*off.T), 1e-9)
+    inward = -np.where(edge[:, None], here.normals, off / signed[:, None])
+    past = np.maximum(np.abs((off * here.tangents).sum(axis=1)) - here.halves, 0.0) * edge
+    away = np.where(edge, (off * here.normals).sum(axis=1), signed) + past
+    angle = wrap(np.arctan2(force[:, 1], force[:, 0]) - np.arctan2(inward[:, 1], inward[:, 0]))
     at = LoadedJoints(torque=tuple(torque.T), sense=tuple((torque / np.hypot(torque, 1e-2)).T))
     moves = tip_by_parameters(p, links, force, 0.0, at)
     moves[..., G_EE] = 0.0
     by_distance = -np.einsum('nk,nkj->nj', inward, moves)
     by_distance[:, P_EE], by_distance[:, G_EE] = size, 1.0
-    by_angle = np.einsum('nk,nkj->nj', quarter_turn(inward), moves) / by_turn[:, None]
+    by_angle = np.einsum('nk,nkj->nj', quarter_turn(inward), moves) / np.where(edge, np.inf, signed)[:, None]
     by_angle[:, [THETA1, THETA2]] += float(r.tool)
-    return _Misses(disc, away - reach, angle, miss, by_distance, by_angle)
-
-
-def _nearest(
-    surfaces: Surfaces, tip: Floats, unit: Floats, press: Floats
-) -> tuple[Indices, Floats, Floats, Floats, Floats, Floats]:
-    """Of n touches the object, the distance of the tip's centre in contact from that of the surface's disc, what it is,
-    m, the inward normal, (n, 2), the miss, (n, 2), and the radius by which the normal turns, m, infinite at an edge.
-
-    Args:
-        surfaces: of the objects.
-        tip: of the rigid arm, (n, 2), m.
-        unit: directions of the forces, (n, 2).
-        press: by which the gripper gives way, (n,), m.
-    """
-    misses, _ = surfaces.misses(tip - press[:, None] * unit, unit, EDGE_RADIUS)
-    k = np.argmin(np.hypot(misses[..., 0], misses[..., 1]), axis=1)
-    here, miss = surfaces.select(k), -misses[np.arange(len(k)), k]
-    off, edge = tip - here.centers, here.is_edge
-    signed = np.sign(here.radii) * np.maximum(np.hypot(*off.T), 1e-9)
-    outward = np.where(edge[:, None], here.normals, off / signed[:, None])
-    along = np.abs((off * here.tangents).sum(axis=1))
-    past = np.maximum(along - here.halves, 0.0) * edge
-    away = np.where(edge, (off * here.normals).sum(axis=1), signed) + past
-    return here.object, here.radii - press, away, -outward, miss, np.where(edge, np.inf, signed)
+    return _Misses(here.object, away - (here.radii - press), angle, miss, by_distance, by_angle)
 
 
 def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> Mistake | None:
@@ -382,7 +339,7 @@ def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> 
     found = [
         (candidate, _fit(candidate.mended))
         for candidate in candidates
-        if cell.has_outlines or not layout_problems(cell, candidate.mended.centers, candidate.mended.radii)
+        if cell.has_outlines or not layout_problems(cell, *candidate.mended.surfaces[1:3])
     ]
     found.sort(key=lambda item: item[1].misfit)
     best = found[0][1].misfit if found else np.inf
@@ -406,11 +363,11 @@ def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> 
 
 def _evidence(stated: _Agreement, mended: _Agreement) -> str:
     """By how much the touches miss the discs, or the forces their normals, as stated and without the mistake."""
-    before, after = (float(np.sqrt(np.mean(each.distance**2))) for each in (stated, mended))
+    before, after = (float(np.sqrt(np.mean(each.left.distance**2))) for each in (stated, mended))
     if before > 10 * after and before > 1e-3:
         sizes = quantity(before, 'm'), quantity(after, 'm')
         return f'as stated the touches miss the discs by {sizes[0]}, without the mistake by {sizes[1]}'
-    before, after = (np.rad2deg(float(np.median(np.abs(each.angle)))) for each in (stated, mended))
+    before, after = (np.rad2deg(float(np.median(np.abs(each.left.angle)))) for each in (stated, mended))
     return f'as stated the forces point {before:.0f}° beside the discs, without the mistake {after:.1f}°'
 
 
@@ -577,74 +534,65 @@ def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
 
 
 def _of_objects(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
-    """Axes of the centres, diameters for radii, of all discs or of one; radii at the wrong discs."""
-    if r.surfaces is not None:
-        yield from _of_outlines(r, r.surfaces, cell)
-        return
-    m, names = len(r.radii), [disc.name for disc in cell.discs]
-    groups = [(f'objects: {name}', f'center of {name}', name, np.arange(m) == d) for d, name in enumerate(names)]
-    if m > 1:
-        groups.insert(0, ('objects', 'centers of all discs', 'every disc', np.ones(m, dtype=bool)))
-    for where, of_centers, of_radii, which in groups:
-        for matrix, statement, action in _PLACES:
-            centers = np.where(which[:, None], _applied(matrix, r.centers), r.centers)
-            if np.abs(centers - r.centers).max() > _LIMITS.same_length:
-                yield _Candidate(where, f'{statement} in the {of_centers}', action, r._replace(centers=centers))
-        for factor, statement, action in _RADII:
-            radii = np.where(which, factor * r.radii, r.radii)
-            yield _Candidate(where, statement.format(of_radii), action, r._replace(radii=radii))
-    for i, j in combinations(range(m), 2):
-        if abs(r.radii[i] - r.radii[j]) > _LIMITS.same_length:
-            radii = r.radii.copy()
-            radii[[i, j]] = radii[[j, i]]
-            statement = f'the radii, or the centers, of {names[i]} and {names[j]} are swapped'
-            yield _Candidate('objects', statement, 'exchange them', r._replace(radii=radii))
-
-
-def _of_outlines(r: _Reading, surfaces: Surfaces, cell: Cell) -> Iterator[_Candidate]:
-    """Outlines turned, and diameters for radii of discs and tip."""
-    for number, disc in enumerate(cell.discs):
-        own, where = surfaces.object == number, f'objects: {disc.name}'
-        if isinstance(disc, Disc):
-            for factor, statement, action in _RADII:
-                mended = surfaces._replace(radii=np.where(own, factor * surfaces.radii, surfaces.radii))
-                yield _Candidate(where, statement.format(disc.name), action, r._replace(surfaces=mended))
+    """Axes of the centres, diameters for radii, of all discs or of one; radii at the wrong discs; outlines turned."""
+    centers, radii, names = r.surfaces.centers, r.surfaces.radii, [disc.name for disc in cell.discs]
+    groups = [(f'objects: {name}', name, r.surfaces.object == d) for d, name in enumerate(names)]
+    if len(names) > 1 and not cell.has_outlines:
+        groups.insert(0, ('objects', 'every disc', np.ones(len(names), dtype=bool)))
+    for where, name, own in groups:
+        outline = cell.discs[names.index(name)] if name in names else None
+        if isinstance(outline, Outline):
+            for degrees in (90, 180, -90):
+                turned = surfaces_of([outline.moved((0.0, 0.0), np.deg2rad(degrees))], cell.tip_radius)
+                parts = {field: getattr(r.surfaces, field).copy() for field in Surfaces._fields[1:]}
+                for field, part in parts.items():
+                    part[own] = getattr(turned, field)
+                statement = f'the outline of {name} is turned by {-degrees}°'
+                yield _Candidate(where, statement, f'turn it by {degrees}°', r.with_surfaces(**parts))
             continue
-        for degrees in (90, 180, -90):
-            turned = surfaces_of([disc.moved((0.0, 0.0), np.deg2rad(degrees))], cell.tip_radius)
-            parts = [part.copy() for part in surfaces]
-            for part, new in zip(parts[1:], turned[1:], strict=True):
-                part[own] = new
-            statement = f'the outline of {disc.name} is turned by {-degrees}°'
-            mended = Surfaces(surfaces.object, *parts[1:])
-            yield _Candidate(where, statement, f'turn it by {degrees}°', r._replace(surfaces=mended))
-    is_outline = np.array([isinstance(disc, Outline) for disc in cell.discs])[surfaces.object]
-    tip, edge = cell.tip_radius or 0.0, surfaces.is_edge[:, None] * surfaces.normals
+        for matrix, statement, action in () if cell.has_outlines else _PLACES:
+            moved = np.where(own[:, None], _applied(matrix, centers), centers)
+            if np.abs(moved - centers).max() > _LIMITS.same_length:
+                which = 'centers of all discs' if where == 'objects' else f'center of {name}'
+                yield _Candidate(where, f'{statement} in the {which}', action, r.with_surfaces(centers=moved))
+        for factor, statement, action in _RADII:
+            mended = r.with_surfaces(radii=np.where(own, factor * radii, radii))
+            yield _Candidate(where, statement.format(name), action, mended)
+    if cell.has_outlines:
+        yield from _of_tip(r, cell)
+        return
+    for i, j in combinations(range(len(names)), 2):
+        if abs(radii[i] - radii[j]) > _LIMITS.same_length:
+            swapped = radii.copy()
+            swapped[[i, j]] = radii[[j, i]]
+            statement = f'the radii, or the centers, of {names[i]} and {names[j]} are swapped'
+            yield _Candidate('objects', statement, 'exchange them', r.with_surfaces(radii=swapped))
+
+
+def _of_tip(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
+    """A diameter for the radius of the tip, or none: it displaces the edges and corners of outlines."""
+    is_outline = np.array([isinstance(disc, Outline) for disc in cell.discs])[r.surfaces.object]
+    corner, edge = is_outline & ~r.surfaces.is_edge, r.surfaces.is_edge[:, None] * r.surfaces.normals
+    tip = cell.tip_radius or 0.0
     changes = [('radius of the tip is its diameter', 'halve it', -0.5 * tip)]
     if tip < _LIMITS.least_tip:  # what is left of it is a backlash
         changes += [('the radius of the tip is missing', 'measure it, m', size) for size in (2e-3, 5e-3, 1e-2)]
     for statement, action, more in changes:
-        mended = surfaces._replace(
-            radii=surfaces.radii + more * is_outline * ~surfaces.is_edge, centers=surfaces.centers + more * edge
-        )
-        yield _Candidate('tip.radius', statement, action, r._replace(surfaces=mended))
+        mended = r.with_surfaces(radii=r.surfaces.radii + more * corner, centers=r.surfaces.centers + more * edge)
+        yield _Candidate('tip.radius', statement, action, mended)
 
 
 def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[_Candidate]:
     """Each of three discs or more displaced by the median miss of its touches, again and again as the fit follows."""
     for number, disc in enumerate(cell.discs if len(cell.discs) > 2 else ()):
         mended, found = r, stated
+        own = r.surfaces.object == number
         for _ in range(4):
-            miss = found.miss[found.disc == number]
-            off = -np.median(miss, axis=0) if len(miss) else np.zeros(2)
-            this = (np.arange(len(r.centers)) == number)[:, None]
-            mended = mended._replace(centers=mended.centers + this * off)
-            if mended.surfaces is not None:
-                own = (mended.surfaces.object == number)[:, None]
-                moved = mended.surfaces.centers + own * off
-                mended = mended._replace(surfaces=mended.surfaces._replace(centers=moved))
+            miss = found.left.miss[found.left.disc == number]
+            off = np.median(miss, axis=0) if len(miss) else np.zeros(2)
+            mended = mended.with_surfaces(centers=mended.surfaces.centers - own[:, None] * off)
             found = _fit(mended)
-        far = 1e3 * np.hypot(*(mended.centers - r.centers)[number])
+        far = 1e3 * np.hypot(*(mended.surfaces.centers - r.surfaces.centers)[own][0])
         statement = f'{disc.name} stands about {far:.0f} mm from where it is stated'
         yield _Candidate(f'objects: {disc.name}', statement, f'measure the place of {disc.name} again', mended)
 

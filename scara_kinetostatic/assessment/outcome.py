@@ -64,7 +64,7 @@ class Outcome(Evidence):
         return f'<Outcome: {self.verdict}, effects: {found}, final {self.final!r}>'
 
     def __getitem__(self, name: str) -> Estimate:
-        """One of the twelve parameters of the final model by name: ``outcome['l1'].value``, ``.std``, ``.unit``.
+        """A parameter of the base model by name, in the final model: ``outcome['l1'].value``, ``.std``, ``.unit``.
 
         Raises:
             KeyError: no such parameter.

@@ -69,7 +69,7 @@ class Item(NamedTuple):
         label: ``noise``, or as `declared_errors.Source` has it.
         declared: its declared standard uncertainty; None for noise and credible models.
         unit: of `declared`.
-        parameters: contribution to each of the twelve, (12,), in their units; NaN where confounded.
+        parameters: contribution to each of the base model, (12,), in their units; NaN where confounded.
         tip: contribution to the tip where its uncertainty is largest, in its worst direction, m; NaN if undetermined.
     """
 

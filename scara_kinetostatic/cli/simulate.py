@@ -3,7 +3,7 @@
 Simulates a robot that touches the discs of a cell, and records joint angles and
 forces as its sensors would report them: approach, press, hold, retract, noise,
 sensor zero, irregular rates. The same seed gives the same recording. With
---effect the robot has physical effects beyond the twelve parameters; nothing in
+--effect the robot has physical effects beyond the base model; nothing in
 the recording mentions them.
 
 Example:

@@ -112,7 +112,7 @@ def component_by_parameters(
         at: the joints.
 
     Returns:
-        The twelve, in the order of `NAMES`; with `pull` those by s1 and s2 behind.
+        Those of L̄, in the order of `NAMES`; with `pull` those by s1 and s2 behind.
     """
     (u, v), (g1, g2) = links, turns
     (k1, k2), (m1, m2), (c1, c2), (s1, s2), (rests1, rests2), pull = at

@@ -1,4 +1,4 @@
-"""The twelve parameters L̄ of table 1: names, units, order, values."""
+"""The parameters L̄ of the base model (table 1): names, units, order, values."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MOMENTS = (
 )
 NAMES = tuple(name for name, *_ in _TABLE)
 MOMENTS = tuple(name for name, *_ in _MOMENTS)
-"""The parameters beside the twelve of an arm that gravity loads in its plane."""
+"""The further parameters of an arm that gravity loads in its plane."""
 UNITS = {name: unit for name, unit, _ in _TABLE + _MOMENTS}
 DESCRIPTIONS = {name: description for name, _, description in _TABLE + _MOMENTS}
 _LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0, 'kg m': 1e4}

@@ -25,7 +25,7 @@ SCALES = {
     else Scale(f'µ{unit}', 1e6)
     for name, unit in UNITS.items()
 }
-"""The unit in which each of the twelve parameters is shown."""
+"""The unit in which each parameter of the base model is shown."""
 FIT_UNITS = {'m': Scale('mm', 1e3), 'rad': Scale('°', 180 / math.pi)}
 """Of shapes fitted to a contour, by SI unit."""
 

@@ -148,7 +148,7 @@ def _parameters(outcome: Outcome) -> Document:
 
 
 def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
-    """Of the twelve parameters, and of the effects' if their standard deviations are given; estimated ones only."""
+    """Of the base model's parameters, of the effects' if their standard deviations are given; estimated ones only."""
     names = [name for name in c.parameters.names if c.status[name] == 'estimated']
     places = [c.parameters.names.index(name) for name in names]
     labels = c.model.names[c.model.base_count :]
@@ -199,7 +199,7 @@ def _touches(outcome: Outcome) -> Document:
 
 
 def _identifiability(c: Calibration) -> Document:
-    """That of the twelve parameters; groups of effects' parameters alone have a key of their own."""
+    """That of the base model's parameters; groups of effects' parameters alone have a key of their own."""
     found = c.identifiability
     own = [group for group in found.confounded if set(group) & set(c.parameters.names)]
     return {

@@ -174,7 +174,7 @@ def _uncertainty(outcome: Outcome) -> Fact:
 
 
 def _parameters(outcome: Outcome) -> Section:
-    """The twelve parameters, and the combinations that are determined instead of some."""
+    """The parameters of the base model, and the combinations that are determined instead of some."""
     _, *combinations = messages.identifiability(outcome)
     title = 'Parameters' if outcome.final is outcome.calibration else 'Parameters (extended model)'
     return Section(title, (tables.parameter_table(outcome.final), *combinations))

@@ -23,7 +23,7 @@ _LISTED = 8
 
 
 def parameter_table(c: Calibration) -> Table:
-    """The twelve parameters with what they are, or why they have no value.
+    """The parameters of the base model with what they are, or why they have no value.
 
     A value has the digits that its uncertainty allows; one that the data do not determine is in brackets.
     """
@@ -45,7 +45,7 @@ def parameter_table(c: Calibration) -> Table:
 
 
 def base_rank(c: Calibration) -> int:
-    """How many of the twelve parameters, or of their combinations, the data determine.
+    """How many parameters of the base model, or of their combinations, the data determine.
 
     Each confounded group is one unidentifiable direction; groups of effects' parameters alone do not count.
     """

@@ -83,3 +83,14 @@ def test_modules_and_files_that_are_named_exist(page: Path) -> None:
         assert module == 'pytest' or any(f.with_suffix('.py').exists() or f.is_dir() for f in folders), module
     for path in re.findall(r'`((?:test|config|benchmark)/[\w./-]+)`', text):
         assert (ROOT / path).exists(), path
+
+
+@pytest.mark.parametrize('page', [*sorted((DOCS / 'project').glob('*.md')), ROOT / 'CONTRIBUTING.md'], ids=str)
+def test_files_of_the_package_that_a_page_of_the_project_names_exist(page: Path) -> None:
+    text = page.read_text(encoding='utf-8')
+    named = re.findall(r'`((?:[a-z_0-9.]+/)+[a-z_0-9]+\.[a-z]+)`', text)
+    assert len(named) > 10
+    for path in named:
+        assert (ROOT / path).exists() or (ROOT / 'scara_kinetostatic' / path).exists(), path
+    for target in re.findall(r'\]\(([^)#]+)', text):
+        assert (page.parent / target).exists(), target

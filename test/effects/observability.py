@@ -1,4 +1,4 @@
-"""What of each effect the touches can show beside the twelve parameters.
+"""What of each effect the touches can show beside the base model.
 
 ``python -m effects.observability`` (with ``test`` and the package on the path) prints the table.
 """
@@ -32,7 +32,7 @@ class Visibility(NamedTuple):
 
     Attributes:
         label: effect and parameter.
-        new: part of its whitened column that the twelve parameters do not explain, 0 to 1.
+        new: part of its whitened column that the base model does not explain, 0 to 1.
         doubling: its value at which it alone doubles the reduced chi-square, in its unit.
         scale: its plausible size.
         unit: its unit.

@@ -1,4 +1,4 @@
-"""The simulated cell with effects beyond the twelve parameters."""
+"""The simulated cell with effects beyond the base model."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class ExportFacts(NamedTuple):
 
     Attributes:
         lines: comment lines without marks; no line holds the end of a comment of XML or C.
-        std: of each of the twelve parameters, words: ``u = 2e-06`` or ``not determined``.
+        std: of each parameter of the base model, words: ``u = 2e-06`` or ``not determined``.
         robot_effects: labels of the effects that act on the robot itself.
         left_out: what a rigid arm leaves out: these, gravity, effects that were not detected.
         rigid_miss: largest displacement of the tip without load by what is left out, m.
@@ -144,7 +144,7 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
 
 
 def _values(arm: CalibratedArm, facts: ExportFacts) -> list[tuple[str, float, str, str]]:
-    """Name, value, uncertainty in words and unit of the twelve parameters."""
+    """Name, value, uncertainty in words and unit of the base model's parameters."""
     values = zip(arm.model.parameters.names, arm.model.parameters.as_array().tolist(), facts.std, strict=True)
     return [(name, value, std, UNITS[name]) for name, value, std in values]
 

@@ -1,6 +1,6 @@
 """Reproduction of section 5 of the paper as a whole, the result of the verb `paper`; and of the gripper of (7).
 
-General gripper beside the twelve parameters: P = p_ee I + E in the frame of link 2. E has three parts besides the
+General gripper beside the base model: P = p_ee I + E in the frame of link 2. E has three parts besides the
 isotropic one: a larger compliance across link 2 than along it (p22 - p11), principal axes that are rotated (p12 + p21),
 and a part that does not conserve energy (p12 - p21). A displacement across link 2 proportional to the force across it
 is also caused by a compliance of joint 2: p22 - p11 is an exact alias of l2² p2 (and half of it of p_ee). The other
@@ -49,8 +49,8 @@ class GripperPart(NamedTuple):
 
     Attributes:
         name: such as ``p22 - p11``.
-        explained: share of its effect on the touches that the twelve parameters reproduce, 0 to 1.
-        std: standard deviation with which the touches determine it beside the twelve parameters, m/N; infinite
+        explained: share of its effect on the touches that the base model reproduces, 0 to 1.
+        std: standard deviation with which the touches determine it beside the base model, m/N; infinite
             for an exact alias.
         biases: bias of each parameter if the part is not modelled, per m/N of it.
     """
