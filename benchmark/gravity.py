@@ -1,23 +1,33 @@
 """An arm that stands upright: scatter of the estimates over many recordings, recovery, error of the tip under load.
 
-Simulated touches, at the end of a robot in MuJoCo. Usage: `python -m benchmark.gravity [RECORDINGS]`.
+Simulated touches, at the end of a robot in MuJoCo. Usage: `python -m benchmark.gravity [RECORDINGS]`. With
+`python -m benchmark.gravity RECORDINGS ur5|panda even|planned [FIRST]` the robots of a URDF (`benchmark.urdf`) make 72
+touches, 20 robots in each cell: spread evenly, or as `plan --count 72` chooses them.
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 
 import scara_kinetostatic as sk
+from benchmark.urdf import displaced, true_robot, urdf_cell
+from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
+from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.simulation.mujoco import scene_named
 from scara_kinetostatic.simulation.mujoco.streams import expected_parameters, simulate_touches
-from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.plan import Plan, default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches as simulate_plan
 
+KNOWN, TOUCHES = 3e-6, 72
+"""Standard uncertainty of the objects of `benchmark.urdf`, m; touches of each recording there."""
 GRAVITY = (0.0, -9.81)
 ROBOTS = {
     '2 and 8 Nm': (sk.PAPER_ACTUAL, 8.0 / 9.81, 2.0 / 9.81),
@@ -64,10 +74,44 @@ def main(recordings: int) -> None:
         print(f'  without noise: {moments} off, relative; force {off:.1e} of the largest')
 
 
+def of_urdf(recordings: int, name: str, how: str, first: int) -> None:
+    """Prints the figures of the robots of a URDF."""
+    z, lost, refused, wrong = [], [], 0, list[str]()
+    for seed in range(first, first + recordings):
+        if seed == first or seed % 20 == 0:
+            cell = urdf_cell(name, seed // 20, KNOWN)
+            plan = Planner(nominal_arm(cell)).accurate(TOUCHES).plan if how == 'planned' else _even(cell)
+        random = np.random.default_rng([33, seed])
+        truth = true_robot(cell, random)
+        true = replace(cell, discs=displaced(cell, KNOWN, random))
+        try:
+            found = sk.calibrate(simulate_plan(true, truth, plan, seed=seed), cell)
+        except ScaraKinetostaticError as error:
+            refused += 1
+            wrong.append(f'{seed}: {error}')
+            continue
+        z.append((found.parameters.as_array() - truth.as_array()) / found.std)
+        lost.append(len(found.rejected) / len(plan))
+        if (worst := np.nanargmax(np.abs(z[-1]))) is not None and abs(z[-1][worst]) > 4.5:
+            wrong.append(f'{seed}: {truth.names[worst]} {z[-1][worst]:.1f} standard deviations off')
+    rms, most = np.sqrt(np.nanmean(np.square(z), axis=0)), np.nanmax(np.abs(z), axis=0)
+    print(f'{name}, {how}: {recordings} recordings, {refused} refused, of {len(plan)} touches', end=' ')
+    print(f'{100 * np.mean(lost):.0f} % left out (median {100 * np.median(lost):.0f}, at most {100 * max(lost):.0f})')
+    for k, parameter in enumerate(truth.names):
+        known = int(np.isfinite(np.array(z)[:, k]).sum())
+        print(f'  {parameter:6s} z: rms {rms[k]:.2f}, at most {most[k]:.1f}, determined in {known}')
+    print(*wrong, sep='\n')
+
+
+def _even(cell: sk.Cell) -> Plan:
+    plan = default_plan(cell, 18, (20.0, 40.0, 60.0))
+    return plan.select(np.linspace(0, len(plan) - 1, TOUCHES).astype(int))
+
+
 def engine(seed: int) -> None:
     """Prints how far a calibration of a robot in MuJoCo is off, in standard deviations."""
-    cell, truth = cell_of(2.0, 0.7), sk.PAPER_ACTUAL.replace(gravity=GRAVITY)
-    scene = scene_named('plain').with_parameters(truth)
+    cell, truth = cell_of(2.0, 0.7), sk.PAPER_ACTUAL.replace(s1=2.0, s2=0.7, gravity=GRAVITY)
+    scene = replace(scene_named('plain'), parameters=truth)
     outcome = sk.diagnose(simulate_touches(scene, cell, default_plan(cell), seed=seed), cell)
     expected = expected_parameters(scene)
     z = {n: (outcome[n].value - getattr(expected, n)) / outcome.calibration[n].std for n in expected.names}
@@ -86,6 +130,9 @@ def _without_noise(cell: sk.Cell, truth: sk.Parameters) -> sk.TouchSet:
 
 if __name__ == '__main__':
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    if len(sys.argv) > 2:
+        of_urdf(count, sys.argv[2], sys.argv[3], int(sys.argv[4]) if len(sys.argv) > 4 else 0)
+        sys.exit()
     main(count)
     for seed in range(40, 40 + min(count, 5)):
         engine(seed)

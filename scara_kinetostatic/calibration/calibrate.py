@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import without_sources
-from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, estimate, fewest_touches
+from scara_kinetostatic.calibration.estimate import Estimation, WarmStart, covariance_of_fit, estimate, fewest_touches
 from scara_kinetostatic.calibration.fit_point import Point, base_force, fitted_surfaces, fitted_tips, project
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
 from scara_kinetostatic.calibration.identifiability import SCALES
@@ -18,7 +18,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
 from scara_kinetostatic.model.arrays import Indices, Mask
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
@@ -123,44 +123,71 @@ def calibrate(
 
 _FLANKS_APART = 8.0
 """Standard deviations between two flanks of a joint from which touches tell them apart. With 6 wrong ones are left."""
+_MISFIT = 5.0
+"""Standard deviations of chi-square beyond its mean from which on touches disagree, as some on a wrong flank do."""
 
 
 def _settle_flanks(
     touches: TouchSet, cell: Cell, start: ExtendedModel, free: Indices, found: Estimation
 ) -> tuple[TouchSet, Observations, Estimation, list[Rejection]]:
-    """Fit again under gravity: twice by the touches whose torques have a known sign, which no flank can mislead; then
-    by all but those whose flank this fit does not tell, and once more where their flanks were not yet right.
+    """Fit again under gravity without touches whose flank is not told; where the rest disagree, and enough are left,
+    once more with fewer torques taken as of known sign.
     """
-    everything, good = found.observations, found.used
+    everything, good, needed = found.observations, found.used, fewest_touches(len(free))
     noise = cell.noise or min(found.noise, USUAL_NOISE, key=lambda one: one.joint_rms)  # not what a model error adds
+    known, found = _with_told_flanks(everything, good, cell, start, free, found, noise, wide=False)
+    freedoms = 2 * int(found.used.sum()) - len(free)
+    if found.fit.point.distance[found.used].sum() > freedoms + _MISFIT * np.sqrt(2 * max(freedoms, 1)):
+        fewer, other = _with_told_flanks(everything, good, cell, start, free, found, noise, wide=True)
+        known, found = (fewer, other) if fewer.sum() >= 3 * needed else (known, found)
+    reason = 'the torque of a joint is near zero: on which side of its backlash it rests is not known'
+    if known.sum() < needed:
+        raise UnsupportedDataError(f'of {(~known).sum()} touches {reason}', 'press harder, or farther from the axes')
+    unsettled = [Rejection(int(touches.index[k]), reason) for k in np.flatnonzero(~known)]
+    return touches.select(known), everything.select(known), found, unsettled
+
+
+def _with_told_flanks(
+    everything: Observations,
+    good: Mask,
+    cell: Cell,
+    start: ExtendedModel,
+    free: Indices,
+    found: Estimation,
+    noise: Noise,
+    *,
+    wide: bool,
+) -> tuple[Mask, Estimation]:
+    """Twice by the touches whose torques have a known sign, which no flank can mislead; then by all but those whose
+    flank this fit does not tell, and once more where their flanks were not yet right.
+    """
     for is_last in (False, False, True, True):
         fit = found.fit.point
         point = project(everything.with_errors(fit.errors), fit.model, noise)
-        apart = nearest_flanks(everything, fit.model, point.adjusted.state)[1] / point.whitened.root[0]
-        known = (apart >= _FLANKS_APART) & ~_only_guessed(point) if is_last else np.isinf(apart)
+        along, covariance = point.whitened.jacobian[:, 0], covariance_of_fit(found.fit, found.subspace)
+        predicted = np.einsum('ni,ij,nj->n', along, covariance, along, optimize=True)  # over the variance of a touch
+        apart = nearest_flanks(everything, fit.model, point.adjusted.state, wide=wide)[1] / point.whitened.root[0]
+        apart /= np.sqrt(1.0 + predicted)
+        known = (apart >= _FLANKS_APART) & ~_only_guessed(point, wide) if is_last else np.isinf(apart)
         if known.sum() < (1 if is_last else 3) * fewest_touches(len(free)):
             continue
         near = WarmStart(fit.model, found.noise, good[known], fit.errors)
         found = estimate(everything.select(known), cell, start, free, near)
-    reason = 'the torque of a joint is near zero: on which side of its backlash it rests is not known'
-    if known.sum() < fewest_touches(len(free)):
-        raise UnsupportedDataError(f'of {(~known).sum()} touches {reason}', 'press harder, or farther from the axes')
-    unsettled = [Rejection(int(touches.index[k]), reason) for k in np.flatnonzero(~known)]
-    return touches.select(known), everything.select(known), found, unsettled
+    return known, found
 
 
 _ON_A_FLANK = 3
 """Touches with a torque of sure sign that show a flank."""
 
 
-def _only_guessed(point: Point) -> Mask:
+def _only_guessed(point: Point, wide: bool) -> Mask:
     """Touches whose torque has no sure sign in a joint of which those with a sure one do not show both flanks, (n,):
     the backlash by which the others are judged would be their own.
     """
     state, p = point.adjusted.state, point.parameters
     force = state.magnitude * np.array([np.cos(state.direction), np.sin(state.direction)])
     torques = joint_torques(p, np.array([state.link1, state.link2]).T, force.T).T
-    unsure = has_no_sure_sign(p, torques)
+    unsure = has_no_sure_sign(p, torques, wide=wide)
     fewest = np.minimum(*(((sign * torques > 0) & ~unsure).sum(axis=1) for sign in (1, -1)))
     return np.asarray((unsure & (fewest < _ON_A_FLANK)[:, None]).any(axis=0))
 

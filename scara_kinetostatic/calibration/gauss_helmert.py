@@ -306,8 +306,10 @@ def _turned_radial(observations: Observations, model: ExtendedModel, state: Stat
     return reported_force(model, turned, o.metadata)
 
 
-def nearest_flanks(observations: Observations, model: ExtendedModel, state: State) -> tuple[State, Floats]:
-    """Each joint whose torque has no known sign (`keep_flanks`) on the flank that fits best.
+def nearest_flanks(
+    observations: Observations, model: ExtendedModel, state: State, *, wide: bool = False
+) -> tuple[State, Floats]:
+    """Each joint whose torque has no known sign (`keep_flanks`) on the flank that fits best; `wide`: of more torques.
 
     Returns:
         The state, and how far along the normal the next best flanks would have the tip, (n,), m; inf where there are
@@ -320,7 +322,7 @@ def nearest_flanks(observations: Observations, model: ExtendedModel, state: Stat
         for _ in range(3):
             trial, arm = solve_links(model, problem, trial, frozen=True)
         shifted, tip = problem.shifted(model, trial, arm), forward(p, np.array(trial[:2]).T)
-        flanks = keep_flanks(p, next_modes(p, shifted.joints, trial, arm), trial, arm)
+        flanks = keep_flanks(p, next_modes(p, shifted.joints, trial, arm), trial, arm, wide=wide)
         inward = shifted.inward(tip)
         along = ((shifted.centers - tip) * inward).sum(axis=1) / np.hypot(*inward.T)
         off = along - o.radii - o.gripper.stretch(p, trial.magnitude)

@@ -21,7 +21,7 @@ import argparse
 from pathlib import Path
 
 from scara_kinetostatic.cli.arguments import add_options, check_file, note, real
-from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.errors import InputError, ParameterError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +60,8 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.robot_cell import robot_cell
     from scara_kinetostatic.files.robot_urdf import Robot, read_robot
 
+    if len(dict(args.at)) < len(args.at):
+        raise ParameterError('--at', 'names a joint twice', 'give one position of each')
     if args.urdf:
         check_file(args.out, [args.urdf])
         robot = read_robot(args.urdf)

@@ -70,6 +70,8 @@ def run(args: argparse.Namespace) -> int:
     out: Path | None = args.out
     if args.into and (out is None or args.format != 'urdf'):
         raise ParameterError('--into', 'is for --format urdf with --out FILE', 'give both')
+    if args.into and args.into.suffix == '.xacro':
+        raise ParameterError('--into', 'a xacro is a program', f'expand it: xacro {args.into} > robot.urdf')
     if out is not None:
         check_file(out, [args.calibration, *([args.into] if args.into else [])])
     if args.into and out is not None:

@@ -18,6 +18,7 @@ Example:
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from scara_kinetostatic.cli.arguments import add_cell, add_options, add_seed, cell_or_paper, whole
@@ -50,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.simulation.truth import truth_named
 
     cell = cell_or_paper(args.cell)
-    scene = scene_named(args.scene).with_parameters(truth_named('paper', cell).parameters)
+    scene = replace(scene_named(args.scene), parameters=truth_named('paper', cell).parameters)
     truth = truth_text(truth_of_scene(scene, cell, args.seed))
     beside = args.out.with_name(args.out.name + '.truth.yaml')
     if args.out.exists():

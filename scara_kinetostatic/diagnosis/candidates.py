@@ -200,8 +200,10 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
         gram = gram - part @ part.transpose(0, 2, 1)
         projected = projected - part @ (beside.T @ problem.left)
     size = np.trace(gram, axis1=1, axis2=2)
-    # a ridge keeps the trials solvable whose columns are parallel
-    ridge = (1e-6 * size.max() or 1.0) * np.eye(projected.shape[1])  # where no trial explains anything, any
+    # a ridge keeps the trials solvable whose columns are parallel, or are all among those beside but for rounding
+    rounding = 1e-15 * np.trace(scan.gram, axis1=1, axis2=2).max()
+    least = max(1e-6 * size.max(), rounding) or 1.0  # where no trial explains anything, any
+    ridge = least * np.eye(projected.shape[1])
     coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
     return np.asarray((projected * coefficients).sum(axis=1))
 

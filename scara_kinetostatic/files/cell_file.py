@@ -145,7 +145,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
         tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=_TOLERANCE),
         tip_radius=top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE),
         region=_region(top),
-        limits=in_sense(_limits(robot, joint_names), direction),
+        limits=turned_limits(_limits(robot, joint_names), direction),
         lift=lift,
         hold=_hold(robot, (*joint_names, *([lift.joint] if lift else []))),
         obstacles=_obstacles(top),
@@ -188,7 +188,7 @@ def cell_description(cell: Cell) -> dict[str, Any]:
         'region': {} if cell.region == Region() else {'x': list(cell.region[:2]), 'y': list(cell.region[2:])},
         'identification': cell.identification.given(),
     }
-    stated = in_sense(cell.limits, cell.direction)
+    stated = turned_limits(cell.limits, cell.direction)
     limits = dict(zip(cell.joint_names, map(list, stated), strict=True)) if stated else {}
     moments = {name: getattr(cell.nominal, name) for name in cell.nominal.names[len(NAMES) :]}
     moments |= {name: value for name in _PHI if (value := getattr(cell.nominal, name))}
@@ -297,12 +297,12 @@ def _joint_names(robot: Section) -> tuple[str, str]:
 
 def _direction(robot: Section) -> tuple[int, int]:
     signs = robot.data.get('direction', [1, 1])
-    if not isinstance(signs, list) or len(signs) != 2 or any(sign not in (1, -1) for sign in signs):
+    if not isinstance(signs, list) or len(signs) != 2 or any(sign not in (1, -1) or sign is True for sign in signs):
         raise robot.error('direction', f'expected two of 1 and -1, got {shown(signs)}', 'write [1, -1]')
     return int(signs[0]), int(signs[1])
 
 
-def in_sense(limits: Limits | None, direction: tuple[int, int]) -> Limits | None:
+def turned_limits(limits: Limits | None, direction: tuple[int, int]) -> Limits | None:
     """Limits of the readings as those of the angles, or back: turned round where a joint turns clockwise."""
     if limits is None:
         return None

@@ -151,12 +151,15 @@ def robot_cell(
     known = {name: float(f'{0.3 * getattr(arm.nominal, name):.3g}') for name in MOMENTS}
     known = {name: std for name, std in known.items() if std}
     has_weight = bool(known)
+    idle = _idle(robot, joints[0], {*joints, *held}, [sensor or tip, *(robot.inertias if has_weight else ())])
     notes = [f'the axes are {parallel}'] if arm.tilt > _SAID else []
     if not arm.nominal.has_gravity:
         tilt = degrees(np.hypot(arm.plane.x[2], arm.plane.y[2]))
         notes.append(f'gravity is across the plane{f" to {tilt:.1g} degrees" if tilt > 1e-9 else ""}: none in it')
     elif not has_weight:
         notes.append(f'{robot.where} has no inertias: state robot.moments, {{s1, s2}} in kg m')
+    if idle:
+        notes.append(f'joints off the way to {tip} are taken at 0: {" ".join(idle)}; --at JOINT=VALUE sets them')
     plane = arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}
     text = render(
         Path(__file__).with_name('cell.yaml.j2'),
@@ -165,7 +168,7 @@ def robot_cell(
         source=one_line(robot.where),
         joints=[one_line(name) for name in joints],
         continuous=[one_line(name) for name in joints if robot.joints[name].type == 'continuous'],
-        assumed=one_line(' '.join(name for name in held if name not in at)),
+        assumed=one_line(' '.join([*(name for name in held if name not in at), *idle])),
         root=one_line(robot.root),
         tip=one_line(tip),
         sensor=one_line(sensor or tip),
@@ -209,15 +212,27 @@ def _held(robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, floa
             raise robot.error(f'--at {name}: it is not a joint to be held', 'name other joints that move')
     held = {name: at.get(name, 0.0) for name in dict.fromkeys((*names, *at)) if name not in joints}
     for name, value in held.items():
-        limit = robot.joints[name].limit
-        if limit and robot.joints[name].type != 'continuous' and not limit.lower <= value <= limit.upper:
+        limit = robot.joints[name].limit if _is_limited(robot.joints[name]) else None
+        if limit and not limit.lower <= value <= limit.upper:
             problem = f'{name} at {value:g} is beyond its limits, {limit.lower:g} to {limit.upper:g}'
             raise robot.error(problem, f'state another position: --at {name}=VALUE')
     return held
 
 
+def _idle(robot: Robot, first: str, known: set[str], links: list[str]) -> list[str]:
+    """Joints between the first and some links that are neither known nor follow one that is."""
+    chains = [[joint for joint in robot.chain(link) if joint.type != 'fixed'] for link in links]
+    moved = [joint for chain in chains if first in [joint.name for joint in chain] for joint in chain]
+    names = [joint.mimic.joint if joint.mimic else joint.name for joint in moved]
+    return [name for name in dict.fromkeys(names) if name not in known]
+
+
+def _is_limited(joint: Any) -> bool:
+    return joint.type != 'continuous' and bool(joint.limit) and joint.limit.lower < joint.limit.upper
+
+
 def _limits(joint: Any) -> list[float]:
-    if joint.type == 'continuous' or not joint.limit or joint.limit.lower >= joint.limit.upper:
+    if not _is_limited(joint):
         return [-3.14, 3.14]
     return [max(-12.5, joint.limit.lower), min(12.5, joint.limit.upper)]
 

@@ -46,6 +46,8 @@ class Robot:
         self.where = where
         robot = self._parsed(text)
         self.joints: dict[str, Any] = {joint.name: joint for joint in robot.joints}
+        if len(self.joints) < len(robot.joints):
+            raise self.error('two of its joints have one name', 'give each its own')
         self._links = {link.name: link for link in robot.links}
         self._parents: dict[str, Any] = {}
         for joint in robot.joints:
@@ -73,6 +75,8 @@ class Robot:
             for parent, kept in [(tree, set(_KEPT)), *((child, _KEPT.get(child.tag, set())) for child in tree)]:
                 for child in [child for child in parent if child.tag not in kept]:
                     parent.remove(child)
+                if parent is not tree and len({child.tag for child in parent}) < len(parent):
+                    raise ValueError(f'{parent.tag} {parent.get("name")!r} has one of its elements twice')
             with redirect_stderr(io.StringIO()):  # of attributes that it does not know
                 return URDF.from_xml_string(ElementTree.tostring(tree))
         except Exception as error:  # whatever the library raises

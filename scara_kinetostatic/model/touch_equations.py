@@ -206,7 +206,7 @@ SMALL_TORQUE, SMALL_DEFLECTION = 0.25, 1e-4
 not known: the moments are not, as touches show them by the deflection."""
 
 
-def keep_flanks(parameters: Parameters, state: State, before: State, arm: Arm) -> State:
+def keep_flanks(parameters: Parameters, state: State, before: State, arm: Arm, *, wide: bool = False) -> State:
     """The flanks of before wherever a torque is too small for its sign to be known; only under gravity.
 
     Elsewhere C = f a has the sign of a lever arm, which is known better than the static moments are.
@@ -214,15 +214,19 @@ def keep_flanks(parameters: Parameters, state: State, before: State, arm: Arm) -
     pull = pull_of(parameters, arm.link1, arm.link2)
     if pull is None:
         return state
-    small = has_no_sure_sign(parameters, state.magnitude * arm.lever + pull.torque)
+    small = has_no_sure_sign(parameters, state.magnitude * arm.lever + pull.torque, wide=wide)
     mode1, mode2 = np.where(small, before[4:], state[4:])
     return state._replace(mode1=mode1, mode2=mode2)
 
 
-def has_no_sure_sign(parameters: Parameters, torque: Floats) -> Mask:
-    """Which torques (2, n), Nm, are too small for their sign to be known under gravity."""
+def has_no_sure_sign(parameters: Parameters, torque: Floats, *, wide: bool = False) -> Mask:
+    """Which torques (2, n), Nm, are too small for their sign to be known under gravity.
+
+    A joint on the wrong flank looks like other moments that deflect it by the gap, 2 g: with `wide`, those may be.
+    """
     largest, torque = (abs(parameters.s1) + abs(parameters.s2)) * np.hypot(*parameters.gravity), np.abs(torque)
-    small = (torque < SMALL_TORQUE * largest) & (parameters.joint_compliances * torque < SMALL_DEFLECTION)
+    deflection = SMALL_DEFLECTION + 2 * np.abs(parameters.joint_backlashes) * wide
+    small = (torque < SMALL_TORQUE * largest) & (parameters.joint_compliances * torque < deflection)
     return np.asarray(small)
 
 

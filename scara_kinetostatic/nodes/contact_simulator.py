@@ -332,7 +332,9 @@ class ContactSimulator(CellNode):
         self._time_of_cell = self.create_publisher(Clock, '/clock', 10) if with_clock else None
         prefix = declare.parameter(self, 'frame_prefix', '', 'before the frame_id of the wrench')
         plane, self._axes = self._cell.plane, self._cell.force_axes
-        self._frame_id = prefix + (plane.tip or TOOL_FRAME if sensor.frame is SensorFrame.TOOL else plane.frame)
+        link = declare.parameter(self, 'sensor_link', '', 'frame_id of the wrench; empty: the tip, or the base')
+        of_tool = sensor.frame is SensorFrame.TOOL
+        self._frame_id = prefix + (link or (plane.tip or TOOL_FRAME if of_tool else plane.frame))
         self._stopped = ''
         self._goals: GoalServer | None = None
         self._passes, self._names = 0, tuple(self._cell.joint_names)
@@ -351,7 +353,7 @@ class ContactSimulator(CellNode):
         if scene := self.get_parameter('scene').value:
             if self._truth.effects:
                 raise ParameterError('parameter effects', 'a scene has its own', 'leave out scene or effects')
-            body = EngineBody(scene_named(scene).with_parameters(self._truth.parameters), self._cell)
+            body = EngineBody(replace(scene_named(scene), parameters=self._truth.parameters), self._cell)
         plant = Plant(self._cell, body, settings=drives, sensors=self._sensors, seed=self._seed)
         self._names = plant.names
 

@@ -44,6 +44,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, press_aside
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.candidates import CandidateTouches, candidate_plan, declared_rows, prepare_candidates
@@ -280,6 +281,10 @@ class Planner:
         touched = cell.surfaces.select(surface)
         to_end = np.where(touched.is_edge, (1 - np.abs(part)) * touched.halves, _SLIPS * np.abs(touched.radii))
         slipped[both] = slid > np.maximum(to_end, _SLIPS * (cell.tip_radius or 0.0))
+        if self.arm.undetermined.any():  # the tip of an arm that is not calibrated may pass beside a corner
+            room = np.where(touched.is_edge, to_end, np.abs(touched.radii))
+            has_corners = np.array([isinstance(disc, Outline) for disc in cell.discs])[plan.disc[both]]
+            slipped[both] |= has_corners & (room < cell.touch.search)
         cases = [strong, left, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, slipped, ~joined]
         texts = [
             'beyond touch.max_force',

@@ -62,6 +62,7 @@ def test_from_a_urdf_to_a_calibrated_urdf(run: Run) -> None:
         (('--urdf', 'none.urdf', *DESCRIBE), 'none.urdf: cannot be read: No such file or directory'),
         (('--urdf', 'robot.urdf', *DESCRIBE, 'flange'), "expected JOINT=VALUE, got 'flange'"),
         (('--urdf', 'robot.urdf', *DESCRIBE, 'flange=a'), "expected a number, got 'a'"),
+        (('--urdf', 'robot.urdf', *DESCRIBE, 'quill=0.06'), '--at: names a joint twice; give one position of each'),
         (('--urdf', 'robot.urdf', '--topic', 'description', *DESCRIBE), 'not allowed with argument --urdf'),
         (DESCRIBE, 'one of the arguments --urdf --topic is required'),
     ],
@@ -80,3 +81,5 @@ def test_the_urdf_is_not_replaced(run: Run) -> None:
     )
     into = run('export', 'calibration.json', '--format', 'dh', '--into', 'robot.urdf')
     assert into.status == 2 and '--into: is for --format urdf with --out FILE' in into.err
+    xacro = run('export', 'calibration.json', '--format', 'urdf', '--into', 'robot.xacro', '--out', 'better.urdf')
+    assert xacro.status == 2 and '--into: a xacro is a program; expand it: xacro robot.xacro > robot' in xacro.err

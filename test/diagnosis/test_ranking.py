@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -111,3 +112,15 @@ def test_trials_that_the_base_model_explains_gain_nothing() -> None:
     columns, none = np.zeros((4, 3, 2)), np.zeros((3, 2))
     scan = Scan(None, (), columns, 3, 0.0, np.zeros((3, 2, 2)), none)  # type: ignore[arg-type]
     assert gains(None, scan).tolist() == [0.0, 0.0, 0.0]  # type: ignore[arg-type]
+
+
+def test_trials_that_are_among_what_stands_beside_gain_nothing() -> None:
+    """What is left of their columns is rounding."""
+    random = np.random.default_rng(1)
+    for _ in range(50):
+        columns = random.standard_normal((6, 2, 2)) * 10.0 ** random.uniform(-8, 2, 2)
+        left = random.standard_normal(6)
+        beside = np.linalg.qr(columns.reshape(6, -1))[0]
+        gram, projected = np.einsum('nti,ntj->tij', columns, columns), np.einsum('nti,n->ti', columns, left)
+        scan = Scan(None, (), columns, 2, 0.0, gram, projected)  # type: ignore[arg-type]
+        assert np.abs(gains(SimpleNamespace(left=left), scan, beside)).max() < 1e-6  # type: ignore[arg-type]

@@ -257,6 +257,8 @@ def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> Non
     assert 'encoder_gain[joint1]' in note
     assert 'Not contained: encoder_gain[joint1], up to ' in urdf_text(other, facts(other, 'urdf'))
     assert not facts(arm, 'urdf').notes(is_rigid=True)
+    (note,) = facts(upright((0.0, -9.81)), 'urdf').notes(is_rigid=True)
+    assert note.startswith('it cannot hold deflection by gravity: the tip is up to ')
 
 
 def test_what_is_not_determined_or_unfit_is_said(arm: CalibratedArm) -> None:

@@ -116,6 +116,8 @@ QUILL = '<axis xyz="0 0 -1"/>\n    <limit lower="0"'
         ((SCARA, '<robot name="a"/>'), {}, 'expected one link without a parent, got none; describe a tree'),
         (('</robot>', ''), {}, 'is no valid URDF: no element found'),
         (('type="prismatic"', 'type="floating"'), {'at': {}}, "joint 'quill' on the way to 'tool' is floating"),
+        (('joint name="flange"', 'joint name="quill"'), {}, 'two of its joints have one name; give each its own'),
+        (('<axis xyz="0 0 1"/>', '<origin/><axis xyz="0 0 1"/>'), {}, "joint 'shoulder' has one of its elements twice"),
     ],
 )
 def test_what_makes_no_arm_is_one_line(change: tuple[str, str], given: dict[str, object], words: str) -> None:
@@ -144,6 +146,25 @@ def test_without_inertias_the_moments_are_to_be_stated() -> None:
     text, notes = described(lying.replace('inertial>', 'visual>'))
     assert notes == ['robot.urdf has no inertias: state robot.moments, {s1, s2} in kg m']
     assert cell_of(text).nominal.s1 == 0
+
+
+FINGER = """<joint name="finger" type="prismatic"><parent link="tool"/><child link="finger_link"/><axis xyz="1 0 0"/>
+<limit lower="0" upper="0" effort="1" velocity="1"/></joint>
+<link name="finger_link"><inertial><mass value="1"/></inertial></link>
+<joint name="other" type="prismatic"><parent link="tool"/><child link="other_link"/><mimic joint="finger"/></joint>
+<link name="other_link"><inertial><mass value="1"/></inertial></link></robot>"""
+
+
+def test_joints_off_the_way_that_carry_weight_or_the_sensor_are_said() -> None:
+    """Those that mimic one follow it; limits that are none, as lower 0 and upper 0, bound nothing."""
+    lying = SCARA.replace('rpy="0 0 0.3"', 'rpy="1.5707963267948966 0 0"').replace('</robot>', FINGER)
+    text, notes = described(lying)
+    assert notes == ['joints off the way to tool are taken at 0: finger; --at JOINT=VALUE sets them']
+    assert 'not stated, so taken as 0: finger.' in text
+    text, notes = described(lying, at=CASES['scara'].at | {'finger': 0.02})
+    assert notes == [] and cell_of(text).hold['finger'] == 0.02
+    level = SCARA.replace('</robot>', FINGER)
+    assert len(described(level)[1]) == 1 and 'finger' in described(level, sensor='finger_link')[1][1]
 
 
 def test_a_xacro_is_expanded(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Uncertainty
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.model.touch_equations import free_state
 from scara_kinetostatic.simulation.plan import default_plan
@@ -239,6 +240,33 @@ def test_a_weightless_nominal_arm_is_refused_under_gravity(tmp_path):
     path.write_text(dump_cell(replace(CELL, nominal=CELL.nominal.replace(s1=0.0, s2=0.0))))
     with pytest.raises(InputError, match=r'no weight; give robot\.moments'):
         load_predictor(path)
+
+
+def test_a_gap_is_not_taken_for_other_moments():
+    """A soft arm with a wide backlash: a joint on the wrong flank looks like moments that deflect it by the gap."""
+    nominal = sk.Parameters(
+        theta1=1.3154, l1=0.3266, theta2=-0.0092, l2=0.489, p_ee=1e-5, p1=1e-5, p2=1e-5,
+        s1=3.4264, s2=2.2812, gravity=(0.0, -9.81), phi1=0.0362, phi2=0.438,
+    )  # fmt: skip
+    truth = nominal.replace(
+        x0=-1.13e-3, y0=1.66e-3, theta1=1.31355, l1=0.32702, theta2=-8.2e-4, l2=0.48883, p_ee=6.3e-5, p1=5.45e-5,
+        p2=3.63e-5, g_ee=1.99e-4, g1=2.44e-4, g2=2.15e-4, s1=3.199, s2=1.867,
+    )  # fmt: skip
+    discs = (
+        sk.Disc('a', 0.65638, 0.16126, 0.03795), sk.Disc('b', 0.09963, 0.4196, 0.05279),
+        sk.Disc('c', -0.15796, 0.4297, 0.07504),
+        Outline('block', ((0.43695, 0.31398), (0.44676, 0.4296), (0.30425, 0.44169), (0.29444, 0.32607))),
+    )  # fmt: skip
+    limits = ((-1.7628, 1.7628), (0.0698 - np.pi, -0.0698))
+    known = Uncertainty(nominal={'s1': 1.03, 's2': 0.684})
+    noise = sk.Noise(joint=1e-5, force=0.3)
+    cell = sk.Cell(nominal, discs, noise=noise, limits=limits, tip_radius=0.005, uncertainty=known)
+    plan = default_plan(cell, 18, (20.0, 40.0, 60.0))
+    plan = plan.select(np.linspace(0, len(plan) - 1, 72).astype(int))
+    for seed in (40, 41, 42):
+        found = sk.calibrate(simulate_touches(cell, ExtendedModel(truth), plan, cell.noise, seed), cell)
+        z = (found.parameters.as_array() - truth.as_array()) / found.std
+        assert np.abs(z).max() < 4.0 and found.reduced_chi_square < 1.7
 
 
 @pytest.mark.parametrize('seed', range(4))

@@ -61,6 +61,7 @@ def test_torques_of_gravity_are_the_slope_of_the_height_of_the_centres() -> None
     ('line', 'words'),
     [
         ('direction: [1, 2]', r'robot.direction: expected two of 1 and -1, got \[1, 2\]; write \[1, -1\]'),
+        ('direction: [true, 1]', r'robot.direction: expected two of 1 and -1, got \[True, 1\]'),
         ('direction: -1', 'robot.direction: expected two of 1 and -1, got -1'),
         ('plane: {frame: b, origin: [0, 0, 0], x: [1, 0, 0], y: [0, 2, 0]}', 'x and y of length 1, got 1 and 2'),
         ('plane: {frame: b, origin: [0, 0, 0], x: [1, 0, 0], y: [0.6, 0.8, 0]}', 'x and y at right angles'),

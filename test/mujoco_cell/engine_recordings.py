@@ -7,6 +7,7 @@ there.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,7 +45,7 @@ class EngineRecording(NamedTuple):
     @property
     def robot(self) -> Scene:
         """What is built."""
-        return scene_named(self.scene).with_parameters(truth_named('paper', self.cell).parameters)
+        return replace(scene_named(self.scene), parameters=truth_named('paper', self.cell).parameters)
 
     @property
     def plan(self) -> Plan:

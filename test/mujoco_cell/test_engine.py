@@ -14,9 +14,10 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.kinetostatics import joint_torques
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
-from scara_kinetostatic.simulation.mujoco.engine import SCENES, Scene, scene_named
+from scara_kinetostatic.simulation.mujoco.engine import SCENES, Engine, Scene, scene_named
 from scara_kinetostatic.simulation.mujoco.streams import as_touches, with_noise
 from scara_kinetostatic.simulation.plan import Plan
 
@@ -116,6 +117,17 @@ def test_preload_brings_the_joints_from_the_other_side(motion: Play, plan: Plan)
     assert straight.min() > 0.01 > eased.max()
 
 
+def test_upright_the_links_weigh_what_the_parameters_say() -> None:
+    """The springs turn by what the static moments, beside the links, load them with: p_1 C_1 and p_2 C_2."""
+    p = PAPER_ACTUAL.replace(gravity=(0.0, -9.81), s1=4.0, s2=1.7, phi1=0.1, phi2=0.4, g1=0.0, g2=0.0)
+    engine = Engine(Scene(parameters=p, masses=(3.9, 8.0)), CELL, np.array([0.3, 0.8]), smooth=True)
+    for _ in range(1500):
+        engine.advance()
+    torques = joint_torques(p, engine.links[None], np.zeros((1, 2)))[0]
+    assert np.abs(torques).min() > 1.0
+    np.testing.assert_allclose(engine.joints - engine.links, [p.p1, p.p2] * torques, rtol=1e-6)
+
+
 def test_senseless_scenes_and_plans_are_refused(plan: Plan) -> None:
     with pytest.raises(ParameterError, match='contact_friction'):
         Scene(contact_friction=-0.1)
@@ -123,6 +135,10 @@ def test_senseless_scenes_and_plans_are_refused(plan: Plan) -> None:
         Scene(parameters=PAPER_ACTUAL.replace(p1=0.0))
     with pytest.raises(ParameterError, match='nonsense'):
         scene_named('nonsense')
+    upright = PAPER_ACTUAL.replace(gravity=(0.0, -9.81), s1=2.0, s2=0.7)
+    for more in ({'quasi_static': True}, {'link_compliance': 1e-4}, {'masses': (6.0, 0.0)}):
+        with pytest.raises(ParameterError, match='upright has heavy links that do not bend'):
+            Scene(parameters=upright, **more)
     with pytest.raises(UnsupportedDataError, match='no touch'):
         TouchController(Scene(), CELL, plan.select(np.arange(0)))
     far = replace(CELL, discs=(CELL.discs[0]._replace(x=2.0),))

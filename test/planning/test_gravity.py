@@ -47,7 +47,7 @@ def test_a_fit_scatters_as_predicted():
     every = candidate_plan(robot, (10.0, 40.0), per_disc=12)
     predicted = predict(robot, every)
     assert predicted.rank == 14 and tip_std(free_tip(robot, make_workspace(robot)), predicted).largest < 2e-5
-    found = sk.calibrate(simulate_touches(CELL, ExtendedModel(TRUTH), every, CELL.noise, 4), CELL)
+    found = sk.calibrate(simulate_touches(CELL, ExtendedModel(TRUTH), every, CELL.noise, 5), CELL)
     np.testing.assert_allclose(found.std, predicted.std, rtol=0.15)
     assert np.abs((found.parameters.as_array() - TRUTH.as_array()) / found.std).max() < 4.0
 

@@ -15,7 +15,7 @@ from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Region, Uncertainty
+from scara_kinetostatic.model.cell import PAPER_CELL, Disc, Lift, Region, Uncertainty
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.outline import Outline
@@ -314,6 +314,21 @@ def test_a_disc_beyond_the_limits_is_left_out_with_the_reason():
     near = planner_of(replace(CELL, limits=((-0.6, 0.3), (-2.2, 2.2)))).accurate(9)
     assert 0 not in near.plan.disc
     assert near.left_out[0].startswith('disc_1: ')
+
+
+def test_an_arm_that_is_not_calibrated_touches_no_sharp_corner():
+    """Off by millimetres, it would slide off, or pass beside an edge near its end."""
+    corners = ((0.15, 0.3), (0.25, 0.3), (0.25, 0.4), (0.15, 0.4))
+    discs = (Disc('disc_1', -0.25, 0.30, 0.15), Outline('block', corners))
+    cell = replace(CELL, discs=discs, obstacles=(), tip_radius=0.005)
+    nominal = nominal_arm(cell)
+    for known, sharp in ((nominal, False), (replace(nominal, undetermined=np.zeros((12, 0))), True)):
+        plan = Planner(known).candidates.plan
+        plan = plan.select(plan.disc == 1)
+        surface, part = cell.surfaces.places(plan.disc, plan.angle)
+        touched = cell.surfaces.select(surface)
+        to_end = np.where(touched.is_edge, (1 - np.abs(part)) * touched.halves, 0.0)
+        assert len(plan) > 10 and (to_end.min() < cell.touch.search) == sharp
 
 
 def test_limits_are_needed_and_kept_with_a_margin():

@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 from scara_kinetostatic import __version__
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files import escaping
-from scara_kinetostatic.files.cell_file import in_sense
+from scara_kinetostatic.files.cell_file import turned_limits
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
 from scara_kinetostatic.files.export.into_urdf import corrected_origins, origins_yaml, with_origins
 from scara_kinetostatic.files.robot_urdf import Robot, read_bytes
@@ -42,13 +42,15 @@ class ExportFacts(NamedTuple):
         lines: comment lines without marks; no line holds the end of a comment of XML or C.
         std: of each parameter of the base model, words: ``u = 2e-06`` or ``not determined``.
         robot_effects: labels of the effects that act on the robot itself.
-        rigid_miss: largest displacement of the tip without load by these effects, which a rigid arm leaves out, m.
+        left_out: what a rigid arm leaves out: these, gravity, effects that were not detected.
+        rigid_miss: largest displacement of the tip without load by what is left out, m.
         reservations: what is to be known of the calibration, one sentence each.
     """
 
     lines: tuple[str, ...]
     std: tuple[str, ...]
     robot_effects: tuple[str, ...]
+    left_out: str
     rigid_miss: float
     reservations: tuple[str, ...] = ()
 
@@ -70,11 +72,16 @@ class ExportFacts(NamedTuple):
             f'Model errors found: {found}.',
             f'Written by scara_kinetostatic {__version__}.',
         )
-        miss = rigid_miss(arm) if effects else 0.0
+        others = {
+            'deflection by gravity': arm.model.parameters.has_gravity,
+            'effects not detected': any(effect.is_undetected for effect in arm.model.acting.effects),
+        }
+        left_out = ', '.join((*effects, *(name for name, is_there in others.items() if is_there)))
+        miss = rigid_miss(arm) if left_out else 0.0
         if miss:
-            lines += (f'Not contained: {", ".join(effects)}, up to {1e3 * miss:.3g} mm at the unloaded tip.',)
+            lines += (f'Not contained: {left_out}, up to {1e3 * miss:.3g} mm at the unloaded tip.',)
         cleaned = tuple(map(escaping.comment, lines))
-        return cls(cleaned, _stds(arm), effects, miss, arm.reservations)
+        return cls(cleaned, _stds(arm), effects, left_out, miss, arm.reservations)
 
     def notes(self, *, is_rigid: bool) -> list[str]:
         """What a reader must know besides, one sentence each; `is_rigid`: whether the file has the geometry alone."""
@@ -85,9 +92,8 @@ class ExportFacts(NamedTuple):
         if free:
             found.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
         if is_rigid and self.rigid_miss:
-            effects = ', '.join(self.robot_effects)
-            miss = f'{1e3 * self.rigid_miss:.3g} mm'
-            found.append(f'it cannot hold {effects}: the tip is up to {miss} elsewhere even without load; see `locate`')
+            where = f'up to {1e3 * self.rigid_miss:.3g} mm elsewhere even without load'
+            found.append(f'it cannot hold {self.left_out}: the tip is {where}; see `locate`')
         return found
 
 
@@ -203,7 +209,7 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
-    pairs = zip(arm.cell.joint_names, in_sense(arm.cell.limits, arm.cell.direction) or (), strict=False)
+    pairs = zip(arm.cell.joint_names, turned_limits(arm.cell.limits, arm.cell.direction) or (), strict=False)
     limits = ', '.join(f'{name} {low:g} to {high:g} rad' for name, (low, high) in pairs)
     p = arm.model.parameters
     pulls = [(pull.real, pull.imag) for pull in p.gravity_of_links] if p.has_gravity else []

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from cmath import rect
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,7 +47,7 @@ class Scene:
         pad: its stiffness, force by depth, N/m, where it is pressed by a depth, m; it is softer where it is
             pressed less.
         tilt: of the base, about its x and y axes, rad.
-        masses: of the two links, kg; they matter on a tilted base alone.
+        masses: of the two links, kg; on a tilted base they load the joints, upright their static moments do.
         cable: stiffness of a cable that pulls link 2 towards the straight arm, Nm/rad.
         quasi_static: whether a light arm moves slowly, so that inertia hardly loads the joints.
 
@@ -82,6 +83,9 @@ class Scene:
         check_numbers(where, self, zero=names, signed=('displacement', 'tilt'))
         if any(bool(w) != bool(r) for w, r in zip(self.slip_compliance, self.slip_torque, strict=True)):
             raise ParameterError(f'{where}: slip_torque', 'expected one above 0 for each slip_compliance above 0')
+        if self.parameters.has_gravity and (self.quasi_static or self.link_compliance or 0.0 in self.masses):
+            problem = 'an arm that stands upright has heavy links that do not bend'
+            raise ParameterError(where, problem, 'take another scene, or leave out gravity')
         if self.padded and min(self.pad) <= 0:
             raise ParameterError(f'{where}: pad', f'expected a stiffness and a depth above 0, got {self.pad}')
 
@@ -93,14 +97,15 @@ class Scene:
         """Numbers of the discs with a coat."""
         return tuple(sorted({number % len(cell.discs) for number in self.padded}))
 
-    def with_parameters(self, parameters: Parameters) -> Scene:
-        """The same scene with another arm; where it stands upright, the static moments are those of its masses."""
-        p = parameters
-        if p.has_gravity:
-            (m1, m2), quill = self.masses, SETTINGS.small_mass
-            at_elbow = SETTINGS.elbow_mass + m2 + quill
-            p = p.replace(s1=p.l1 * (0.5 * m1 + at_elbow), s2=p.l2 * (0.5 * m2 + quill), phi1=0.0, phi2=0.0)
-        return replace(self, parameters=p)
+    @property
+    def centers(self) -> tuple[Pair, Pair]:
+        """Centres of mass of the links, each in its frame, m: in the middle; upright those of the static moments."""
+        p, (m1, m2), quill = self.parameters, self.masses, SETTINGS.small_mass
+        if not p.has_gravity:
+            return (0.5 * p.l1, 0.0), (0.5 * p.l2, 0.0)
+        c1 = (rect(p.s1, p.phi1) - (SETTINGS.elbow_mass + m2 + quill) * p.l1) / m1
+        c2 = (rect(p.s2, p.phi2) - quill * p.l2) / m2
+        return (c1.real, c1.imag), (c2.real, c2.imag)
 
 
 SCENES = {
