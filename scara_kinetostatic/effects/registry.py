@@ -39,6 +39,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.kinematics import forward, link_vectors
 from scara_kinetostatic.model.kinetostatics import joint_torques
+from scara_kinetostatic.model.touch import LATER
 
 Factory = Callable[[Cell], Iterable[Effect]]
 """From a cell to the effects of a kind that it may have."""
@@ -80,6 +81,8 @@ BUILT_IN: tuple[type[Effect], ...] = (
 """The catalogue of this package."""
 _EXPECTED = 'expected a class derived from Effect or a function from a cell to effects'
 _LOG = logging.getLogger('scara_kinetostatic')
+_LARGEST = 0.1
+"""Shift of a typical effect, m or rad, beyond which it forgets that a touch may be one to come."""
 _registered: list[Factory | type[Effect]] = []
 
 
@@ -242,6 +245,10 @@ def evaluate_once(effect: Effect, cell: Cell) -> None:
         _check_array('amplitudes', effect.amplitudes(values), values.shape)
         for trial in effect.trials(at, at.force):
             _check_shifts('trials', trial.columns, len(trial.columns), n)
+        later = effect.shift(at._replace(metadata=at.metadata._replace(order=np.full(n, LATER))), values)
+        _check_shifts('shift of touches to come', [later], 1, n)
+        if any(part is not None and np.abs(part).max() > _LARGEST for part in later):
+            raise ValueError(f'shift of touches to come (order {LATER}): larger than {_LARGEST} m or rad')
         _check_array('acts_on', effect.acts_on(at), (n,))
         _check_array('plot_axis', effect.plot_axis(at, values).values, (n,))
 

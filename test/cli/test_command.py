@@ -30,7 +30,7 @@ def test_help_teaches(run: Run, verb: str) -> None:
     assert (result.status, result.err) == (0, '')
     assert f'scara-kinetostatic {verb}' in result.out
     for word in ('usage:', '--out' if verb != 'inspect' else 'BAG'):
-        assert word in result.out
+        assert word in result.out, f'{verb}: its help has no {word}; a verb that writes nothing is an exception here'
 
 
 def test_help_of_the_command(run: Run) -> None:
