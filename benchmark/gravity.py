@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 import scara_kinetostatic as sk
-from benchmark.urdf import displaced, true_robot, urdf_cell
+from benchmark.urdf import SOURCES, displaced, true_robot, urdf_cell
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
@@ -131,6 +131,8 @@ def _without_noise(cell: sk.Cell, truth: sk.Parameters) -> sk.TouchSet:
 if __name__ == '__main__':
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     if len(sys.argv) > 2:
+        if len(sys.argv) < 4 or sys.argv[2] not in SOURCES or sys.argv[3] not in ('even', 'planned'):
+            sys.exit('usage: python -m benchmark.gravity [COUNT [ur5|panda even|planned [FIRST]]]')
         of_urdf(count, sys.argv[2], sys.argv[3], int(sys.argv[4]) if len(sys.argv) > 4 else 0)
         sys.exit()
     main(count)

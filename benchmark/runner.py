@@ -242,6 +242,8 @@ def main() -> int:
     options = options_of.parse_args()
     if options.mujoco and options.effect:
         options_of.error('the robot of --mujoco has contact friction alone')
+    if options.urdf and (options.even or options.upright):
+        options_of.error('--urdf goes without --even and --upright')
     seeds = range(options.first, options.first + options.cells)
     rows = []
     with ProcessPoolExecutor(options.jobs) as pool:

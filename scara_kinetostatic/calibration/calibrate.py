@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -130,21 +131,30 @@ _MISFIT = 5.0
 def _settle_flanks(
     touches: TouchSet, cell: Cell, start: ExtendedModel, free: Indices, found: Estimation
 ) -> tuple[TouchSet, Observations, Estimation, list[Rejection]]:
-    """Fit again under gravity without touches whose flank is not told; where the rest disagree, and enough are left,
-    once more with fewer torques taken as of known sign.
+    """Fit again under gravity without touches whose flank is not told; where the rest disagree, once more with fewer
+    torques taken as of known sign, if these agree: a model error that no flank explains is left to the diagnosis.
     """
     everything, good, needed = found.observations, found.used, fewest_touches(len(free))
     noise = cell.noise or min(found.noise, USUAL_NOISE, key=lambda one: one.joint_rms)  # not what a model error adds
     known, found = _with_told_flanks(everything, good, cell, start, free, found, noise, wide=False)
-    freedoms = 2 * int(found.used.sum()) - len(free)
-    if found.fit.point.distance[found.used].sum() > freedoms + _MISFIT * np.sqrt(2 * max(freedoms, 1)):
-        fewer, other = _with_told_flanks(everything, good, cell, start, free, found, noise, wide=True)
-        known, found = (fewer, other) if fewer.sum() >= 3 * needed else (known, found)
+    if _disagree(found, noise, len(free)):
+        with suppress(UnsupportedDataError):
+            fewer, other = _with_told_flanks(everything, good, cell, start, free, found, noise, wide=True)
+            if fewer.sum() >= 3 * needed and not _disagree(other, noise, len(free)):
+                known, found = fewer, other
     reason = 'the torque of a joint is near zero: on which side of its backlash it rests is not known'
     if known.sum() < needed:
         raise UnsupportedDataError(f'of {(~known).sum()} touches {reason}', 'press harder, or farther from the axes')
     unsettled = [Rejection(int(touches.index[k]), reason) for k in np.flatnonzero(~known)]
     return touches.select(known), everything.select(known), found, unsettled
+
+
+def _disagree(found: Estimation, noise: Noise, count: int) -> bool:
+    """Whether the touches of a fit of so many values scatter by more than a noise."""
+    point = found.fit.point
+    distance = project(found.observations.with_errors(point.errors), point.model, noise).distance[found.used]
+    freedoms = max(2 * len(distance) - count, 1)
+    return float(distance.sum()) > freedoms + _MISFIT * np.sqrt(2 * freedoms)
 
 
 def _with_told_flanks(

@@ -49,6 +49,8 @@ class Robot:
         if len(self.joints) < len(robot.joints):
             raise self.error('two of its joints have one name', 'give each its own')
         self._links = {link.name: link for link in robot.links}
+        if len(self._links) < len(robot.links):
+            raise self.error('two of its links have one name', 'give each its own')
         self._parents: dict[str, Any] = {}
         for joint in robot.joints:
             if joint.child in self._parents:

@@ -59,7 +59,7 @@ class TouchMetadata(NamedTuple):
         history: the load before each hold, (n, K, 4), as in `TouchSet`, in `frame`; None where nothing is known.
         frame: that of the forces of `history` and `force`.
         force: F of the hold as measured with the history, (n, 2), N; None where that is not known.
-        order: place in the order of time, over all recordings, (n,); `touch.LATER` or None for touches after all others.
+        order: place in the order of time, over all recordings, (n,); `LATER` or None for touches after all others.
         surface: number of the touched edge or corner among the surfaces of the cell, (n,); None or -1: not known.
     """
 

@@ -318,7 +318,7 @@ class TouchRunner(CellNode):
             if absence := self._controller.absence():
                 self._runner.fail(absence, passes=True)
             elif problem := self._hearing():
-                self._runner.fail(problem)
+                self._runner.fail(problem, may_retract=False)
         if self._autostart:
             self._begin_by_itself()
         news = None if self._process is None else self._process.poll()

@@ -281,11 +281,12 @@ class Planner:
         touched = cell.surfaces.select(surface)
         to_end = np.where(touched.is_edge, (1 - np.abs(part)) * touched.halves, _SLIPS * np.abs(touched.radii))
         slipped[both] = slid > np.maximum(to_end, _SLIPS * (cell.tip_radius or 0.0))
-        if self.arm.undetermined.any():  # the tip of an arm that is not calibrated may pass beside a corner
+        corner = np.zeros(len(plan), dtype=bool)
+        if self.arm.undetermined[:6].any():  # the tip of an arm of unknown geometry may pass beside a corner
             room = np.where(touched.is_edge, to_end, np.abs(touched.radii))
             has_corners = np.array([isinstance(disc, Outline) for disc in cell.discs])[plan.disc[both]]
-            slipped[both] |= has_corners & (room < cell.touch.search)
-        cases = [strong, left, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, slipped, ~joined]
+            corner[both] = has_corners & (room < cell.touch.search)
+        cases = [strong, left, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, slipped, corner, ~joined]
         texts = [
             'beyond touch.max_force',
             'given up',
@@ -293,6 +294,7 @@ class Planner:
             f'beyond the limits of {one}',
             near,
             'the press would drag the tip off it',
+            'a corner is nearer than touch.search, and the arm is not yet calibrated',
             'no way leads there',
         ]
         return [str(text) for text in np.select(cases, texts, '')]

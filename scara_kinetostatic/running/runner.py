@@ -246,7 +246,8 @@ class Runner:
                 to the goal.
             is_free: whether all of it is far from a contact: it is one command.
         """
-        goal = motion.at if self._is_behind else goal
+        is_deaf = self._contact and goal > motion.at and not self.senses.knows_force(self._now)  # busy or not
+        goal = motion.at if self._is_behind or is_deaf else goal
         motion.advance(self._elapsed, goal)
         joints, lift = motion.track.place(np.array([motion.at]))
         self._commander.joints, self._commander.lift = here = joints[0], float(lift[0])
@@ -297,8 +298,9 @@ class Runner:
         behind = 0.0 if motion is None else abs(motion.at - near)
         is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
         late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed * (motion.sent != motion.at) + _BEHIND
-        if motion is not None and motion.sent is not None and (near - motion.at) * (motion.sent - near) > 0:
-            if behind > _BEHIND and self.senses.is_excused(self._now):  # this machine was busy: the robot went on
+        if motion is not None and motion.sent is not None and (near - motion.at) * (motion.sent - motion.at) > 0:
+            within = (near - motion.at) * (motion.sent - near) > 0
+            if within and behind > _BEHIND and self.senses.is_excused(self._now):  # it was busy: the robot went on
                 motion.at, behind = near, 0.0
             elif behind > late:
                 text = f'the robot is {1e3 * behind:.1f} mm ahead on its way: it is faster than commanded'
@@ -459,6 +461,7 @@ class Runner:
                 pausing = True
                 self._halt_motion(motion)
                 motion = self._motion = Motion(track, speed, motion.at)
+                motion.sent = motion.at
                 self._say('paused', 'paused on the way; call ~/start to go on')
             if not self._paused:
                 if pausing:
@@ -672,7 +675,7 @@ class Runner:
         motion = Motion(track, self._travel_speed(), self._motion.at, slow=(clear, self.cell.touch.contact_speed))
         self._motion = motion
         for goal in (clear, 0.0) if self.streams else (0.0,):
-            while motion.at > goal or self._near - _BEHIND > clear:  # the robot, too, has to leave the contact
+            while motion.at > goal or self._near - _BEHIND > clear > 0:  # the robot, too, has to leave the contact
                 self._check(_OFF_TRACK)
                 self._move(motion, goal, is_free=self.streams and goal < clear)
                 yield
@@ -782,9 +785,10 @@ class Runner:
         yield
         if motion is None:
             return
-        near = self._on_way(motion, _OFF_APPROACH if self._contact else _OFF_TRACK)
-        self._is_behind = False
-        motion = Motion(motion.track, self.cell.touch.contact_speed, min(motion.at, near), ramps=False)
+        off_track = _OFF_APPROACH if self._contact else _OFF_TRACK
+        at = min(motion.at, self._on_way(motion, off_track))
+        motion = self._motion = Motion(motion.track, self.cell.touch.contact_speed, at, ramps=False)
+        self._is_behind, self._seen_at = False, self._now
         goal = 0.0 if self._contact else max(0.0, motion.at - _BACK)
         force, began = self.senses.force, self._now
         while motion.at > goal:
@@ -792,8 +796,10 @@ class Runner:
                 raise Fault('no joint states while retracting', may_retract=False)
             if self._now - began > 0.3 and self.senses.force > max(1.2 * force, self.cell.touch.max_force):
                 raise Fault('the force grows while retracting', may_retract=False)
+            self._check_place(off_track)
             self._move(motion, goal)
             yield
+        self._motion = None
         if self.senses.force > self._free_limit and not self.senses.problem(self._now):
             text = f'{self.status.text}; {self.senses.force:.1f} N remain after retracting: a force in free motion'
             self.status = self.status._replace(text=text)

@@ -135,6 +135,10 @@ class Senses:
         """Whether the last joint state is not older than so, s; by default so that the robot is still there."""
         return bool(self._joints) and now - self._joints[-1][0] <= age
 
+    def knows_force(self, now: float) -> bool:
+        """Whether the last reading of the force is not older than what counts as silence."""
+        return bool(self._forces) and now - self._forces[-1][0] <= SILENT
+
     def check(self, now: float) -> None:
         """Check that both topics can be relied on.
 
