@@ -65,11 +65,12 @@ def spin(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[...,
         return nodes[-1]
 
     yield make
-    for node in nodes:
-        node.close()
     stop.set()
     for thread in started:
         thread.join()
+    for node in nodes:  # as `nodes.runtime` does, after the last callback
+        node.close()
+        node.destroy_node()
     rclpy.try_shutdown()
 
 
@@ -78,4 +79,3 @@ def _spin(executor: Executor, node: Node, stop: Event) -> None:
     while not stop.is_set():
         executor.spin_once(timeout_sec=0.05)
     executor.shutdown()
-    node.destroy_node()
