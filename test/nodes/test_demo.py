@@ -46,7 +46,7 @@ def test_the_robot_calibrates_itself(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert touches == sorted(set(touches))
     assert 10 <= touches[-1] < 72
     known = [int(size) for size in re.findall(r'^ *\d+ +(\d+) µm', printed, re.MULTILINE)]
-    assert known[0] > 300 > int(enough[1])
+    assert known[0] > int(enough[1])
     for name in ('recording', 'report'):
         (place,) = re.findall(rf'^{name}: +(.+)$', printed, re.MULTILINE)
         assert Path(place).exists()
