@@ -12,8 +12,7 @@ effect of the catalogue, in units of its typical size (`effects.undetected`). Ev
 scoring in log τ. A robot is good or bad as a whole, so they have a common size τ_0 beforehand; τ_g / τ_0 and τ_0 have a
 half-Cauchy prior with scale 1 each (Gelman, Bayesian Analysis 1 (2006) 515), whose tails leave one large flaw among
 small errors as large as it is. Its density in log τ counts: what the touches say nothing of has the common size, not
-none. The root mean square of τ is taken, exp(log τ + v) with the variance v of log τ by Laplace's approximation, v at
-most 0.5: it is the squares that add up in a variance.
+none. The mean of τ is taken, exp(log τ + v/2) with the variance v of log τ by Laplace's approximation, v at most 1.
 Sizes that the cell description declares are held. Where the fit has estimated the noise, its levels are estimated
 along with the sizes, by expectation and maximisation.
 
@@ -50,8 +49,8 @@ from scara_kinetostatic.model.cell import Noise, SizeMode
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.touch import Rejection
 
-_LARGEST_VARIANCE = 0.5
-"""Of log τ: a size of which nothing is known counts as at most 1.65 times the common one."""
+_LARGEST_HALF_VARIANCE = 0.5
+"""Of log τ: the mean of a size of which nothing is known is at most 1.65 times the common one."""
 _ROUNDS = 6
 """Of the noise levels."""
 _LINEARISATIONS = 8
@@ -254,7 +253,7 @@ class _Solved(NamedTuple):
 
     Attributes:
         logs: log τ of each group and log τ_0, (g + 1,), at their maximum.
-        tau: size of each column with a prior, (c,), in its unit: the root mean square.
+        tau: size of each column with a prior, (c,), in its unit: the mean.
         levels: variances of the noise of joints and force, in those of the linearisation.
         y: changes of L̄ in the basis of the fit without effects, (b,), by the penalised estimate.
         u: values of the columns with a prior, in units of their sizes, (c,).
@@ -317,18 +316,18 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     columns = (columns * weights_held)[:, order]
     group, fixed = sizes.group[order][(~free).sum() :], int((~free).sum())
     levels = levels if noise_free else np.ones(2)
-    logs, variance = start, np.zeros(sizes.groups + 1)
+    logs, half = start, np.zeros(sizes.groups + 1)
     for _ in range(_ROUNDS if noise_free else 1):
         inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
         if sizes.groups:
-            logs, variance = estimate_sizes(inner, fixed, group, logs)
+            logs, half = estimate_sizes(inner, fixed, group, logs)
         weights = np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])])
         before, levels = levels, estimate_levels(inner, of_joints, levels, weights) if noise_free else levels
         if np.abs(np.log(levels / before)).max() < 0.05:
             break
     inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
-    rms = np.exp((logs + np.minimum(variance, _LARGEST_VARIANCE))[:-1])
-    weights = np.concatenate([np.ones(fixed), rms[group]])
+    mean = np.exp((logs + np.minimum(half, _LARGEST_HALF_VARIANCE))[:-1])
+    weights = np.concatenate([np.ones(fixed), mean[group]])
     system = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
     factor = np.linalg.cholesky(system)
     inverse = np.linalg.inv(system)

@@ -74,7 +74,7 @@ class Whitened(NamedTuple):
 
 
 def estimate_sizes(inner: Whitened, fixed: int, group: Indices, start: Floats) -> tuple[Floats, Floats]:
-    """Log τ of the groups and log τ_0, (g + 1,), and their variances, at given noise levels."""
+    """Log τ of the groups and log τ_0, (g + 1,), and half of their variances, at given noise levels."""
     count = len(start) - 1
     member = np.zeros((len(group), count))
     member[np.arange(len(group)), group] = 1.0
@@ -112,7 +112,7 @@ def estimate_sizes(inner: Whitened, fixed: int, group: Indices, start: Floats) -
         decrease, logs, (lowest, part, effects) = lowest - tried[0], logs + step, tried
         if decrease < 0.01:
             break
-    return logs, 2 * np.diag(np.linalg.inv(hessian))  # of -2 log likelihood
+    return logs, np.diag(np.linalg.inv(hessian))
 
 
 def estimate_levels(inner: Whitened, of_joints: Floats, levels: Floats, weights: Floats) -> Floats:
