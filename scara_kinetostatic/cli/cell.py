@@ -63,8 +63,8 @@ def run(args: argparse.Namespace) -> int:
     if len(dict(args.at)) < len(args.at):
         raise ParameterError('--at', 'names a joint twice', 'give one position of each')
     if args.urdf:
-        check_file(args.out, [args.urdf])
         robot = read_robot(args.urdf)
+        check_file(args.out, [args.urdf])
     else:
         try:
             from scara_kinetostatic.nodes.description import heard_description

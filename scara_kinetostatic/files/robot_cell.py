@@ -197,6 +197,8 @@ def _held(robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, floa
     names = [joint.name for joint in chain if joint.type != 'fixed']
     if missing := [name for name in joints if name not in names]:
         raise robot.error(f'{missing[0]} does not move link {tip!r}', f'it is moved by {" ".join(names) or "none"}')
+    if joints[0] == joints[1]:
+        raise robot.error(f'{joints[0]} is named twice', 'name two joints, the shoulder first')
     if names.index(joints[0]) >= names.index(joints[1]):
         raise robot.error(f'{joints[1]} comes before {joints[0]}', f'write --joints {joints[1]} {joints[0]}')
     between = names[names.index(joints[0]) : names.index(joints[1])]

@@ -161,7 +161,7 @@ class Prediction:
 
     @property
     def rank(self) -> int:
-        """Number of independent combinations of the twelve parameters that are identifiable."""
+        """Number of independent combinations of the base model's parameters that are identifiable."""
         return len(self.std) - self.motions.shape[1]
 
 

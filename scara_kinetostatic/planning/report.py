@@ -194,7 +194,7 @@ def disc_sentence(design: Design) -> str:
 
 
 def parameter_table(design: Design) -> Table:
-    """Predicted standard deviations of the twelve parameters: the recommended set, and touches evenly distributed."""
+    """Predicted standard deviations of the parameters: the recommended set, and touches evenly distributed."""
     rows = [design.row, design.tables['levels'][-1]]
     heading = ('standard deviation', 'unit', 'recommended', f'{design.requirements.number} evenly distributed')
     body = []

@@ -7,7 +7,7 @@ parameters: {x0: 2.5e-3, …}          # all twelve
 effects:                             # may be left out
 - {name: object_radius, target: disc_2, parameters: {radius: 6.0e-5}}
 ```
-A file that holds nothing but the twelve parameters by name is accepted as well.
+A file that holds nothing but the base model's parameters by name is accepted as well.
 """
 
 from __future__ import annotations

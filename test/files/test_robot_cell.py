@@ -93,6 +93,7 @@ QUILL = '<axis xyz="0 0 -1"/>\n    <limit lower="0"'
     [
         (('', ''), {'joints': ('shoulder', 'elbo')}, "no joint 'elbo'; did you mean 'elbow'?"),
         (('', ''), {'joints': ('elbow', 'shoulder')}, 'shoulder comes before elbow; write --joints shoulder elbow'),
+        (('', ''), {'joints': ('elbow', 'elbow')}, 'elbow is named twice; name two joints, the shoulder first'),
         (('', ''), {'joints': ('shoulder', 'quill')}, "joint 'quill' is prismatic, not revolute"),
         (('', ''), {'tip': 'tol'}, "no link 'tol'; did you mean 'tool'?"),
         (('', ''), {'tip': 'fore_link'}, 'the tip is on the axis of joint 2: a link of length zero'),

@@ -255,8 +255,9 @@ def test_who_publishes_trajectories_beside_an_action_is_refused(
             f'going on after: the controller aborts a trajectory (INVALID_GOAL, -1): {STOPPED}',
         ),
         ((0, -1, 0), PREEMPTED, 'stopped', f'{PREEMPTED}: somebody else commands the robot'),
+        ((0, -1, 0), 'dropped', 'stopped', 'dropped: somebody else commands the robot'),
     ],
-    ids=['rejected', 'tolerance', 'late', 'inactive', 'active again', 'preempted'],
+    ids=['rejected', 'tolerance', 'late', 'inactive', 'active again', 'preempted', 'other words'],
 )
 def test_an_action_server_is_commanded_and_may_refuse(
     spin: Callable[..., Node],
@@ -312,14 +313,22 @@ def standing(
     return lambda: said, stand
 
 
-def test_stamps_of_another_clock_are_refused_before_anything_moves(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
-) -> None:
-    given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'use_sim_time': 'true'}
+def by_the_clock(
+    spin: Callable[..., Node], client: DemoClient, folder: Path
+) -> tuple[TouchRunner, list[JointTrajectory]]:
+    """A runner with `use_sim_time`, and what it commands."""
+    given = {'cell': cell_in(folder), 'output': folder / 'out', 'use_sim_time': 'true'}
     node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
     sent: list[JointTrajectory] = []
     client._node.create_subscription(JointTrajectory, '/joint_trajectory', sent.append, 10)
     assert eventually(lambda: not node._controller.absence())
+    return node, sent
+
+
+def test_stamps_of_another_clock_are_refused_before_anything_moves(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+) -> None:
+    node, sent = by_the_clock(spin, client, tmp_path)
     said, stand = standing(node, client, stamps=1000.0)
     client.wait('the refusal', lambda: stand() and node._runner.is_over, WAIT)
     assert 'stamps of another clock, -1000 s apart from that of this node: set use_sim_time' in said()[-1][1]
@@ -329,11 +338,7 @@ def test_stamps_of_another_clock_are_refused_before_anything_moves(
 def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(
     spin: Callable[..., Node], client: DemoClient, tmp_path: Path
 ) -> None:
-    given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'use_sim_time': 'true'}
-    node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
-    sent: list[JointTrajectory] = []
-    client._node.create_subscription(JointTrajectory, '/joint_trajectory', sent.append, 10)
-    assert eventually(lambda: not node._controller.absence())
+    node, sent = by_the_clock(spin, client, tmp_path)
     _, stand = standing(node, client)
     client.wait('a way', lambda: stand() and bool(sent) and len(sent[-1].points) > 1, WAIT)
     before = len(sent)

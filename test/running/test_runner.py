@@ -539,16 +539,20 @@ def test_no_way_through_free_space_is_commanded_to_a_robot_that_is_still_in_cont
     assert scaling or one.time - began < CELL.touch.hold + 1.0
 
 
+def move_while_it_waits(one: Rehearsal, by: float) -> None:
+    one.plant.fault = Fault.SILENT_WRENCH
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    one.run(longest=0.5)
+    here = one.plant._position[:2]
+    one.plant.command(one.plant.names, [1.0], [[here[0] - by, here[1] + by]])
+    one.run(longest=1.5)
+
+
 def test_a_robot_that_was_moved_while_it_waits_without_a_way_does_not_go_on() -> None:
     one = rehearsal(patience=10.0)
     one.run(lambda at: at.runner.status.phase == 'plan')
-    one.plant.fault = Fault.SILENT_WRENCH
-    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    move_while_it_waits(one, 0.03)
     assert one.runner._motion is None
-    one.run(longest=0.5)
-    here = one.plant._position[:2]
-    one.plant.command(one.plant.names, [1.0], [[here[0] - 0.03, here[1] + 0.03]])
-    one.run(longest=1.5)
     one.plant.fault = Fault.NONE
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert 'mrad off its way' in one.runner.status.text or 'a force of' in one.runner.status.text
@@ -568,12 +572,7 @@ def test_patience_ends() -> None:
 def test_a_robot_that_was_moved_meanwhile_does_not_go_on() -> None:
     one = rehearsal(patience=10.0)
     until_phase(one, 'travel')
-    one.plant.fault = Fault.SILENT_WRENCH
-    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
-    one.run(longest=0.5)
-    here = one.plant._position[:2]
-    one.plant.command(one.plant.names, [1.0], [[here[0] - 0.1, here[1] + 0.1]])
-    one.run(longest=2.0)
+    move_while_it_waits(one, 0.1)
     one.plant.fault = Fault.NONE
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert 'mrad off its way' in one.runner.status.text or 'a force of' in one.runner.status.text
@@ -586,12 +585,7 @@ def test_a_robot_that_was_moved_meanwhile_does_not_go_on() -> None:
 def test_a_robot_that_was_moved_while_it_waits_is_not_thrown_back(ends: str) -> None:
     one = rehearsal(patience=3.0)
     until_phase(one, 'travel')
-    one.plant.fault = Fault.SILENT_WRENCH
-    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
-    one.run(longest=0.5)
-    here = one.plant._position[:2]
-    one.plant.command(one.plant.names, [1.0], [[here[0] - 0.05, here[1] + 0.05]])
-    one.run(longest=1.5)
+    move_while_it_waits(one, 0.05)
     moved = one.plant._position[:2]
     if ends == 'stop':
         one.runner.stop('asked')
@@ -656,3 +650,73 @@ def test_a_scaling_of_zero_is_waited_for() -> None:
     one.plant.scaling = 1.0
     one.run()
     assert one.runner.campaign.accepted == 9
+
+
+def test_a_busy_machine_does_not_press_on_without_forces() -> None:
+    one = rehearsal()
+    until_phase(one, 'approach')
+    one.run(lambda at: at.plant.body.touched, 60.0)
+    one.plant.fault, one._period = Fault.SILENT_WRENCH, 0.05
+    one.run(lambda at: at.runner.end is not None, 5.0)
+    assert '/wrench is silent' in one.runner.status.text
+    assert one.plant.peak_force < CELL.touch.max_force
+
+
+def test_a_robot_that_was_moved_in_a_pause_is_not_thrown_back() -> None:
+    one = rehearsal()
+    until_phase(one, 'travel', 0.4)
+    one.runner.pause()
+    one.run(longest=0.5)
+    motion = one.runner._motion
+    assert motion is not None
+    ahead, _ = motion.track.place(np.array([motion.at + 0.12 * motion.speed]))
+    one.plant.command(one.plant.names, [1.0], ahead.tolist())
+    one.run(longest=2.0)
+    moved = one.plant._position[:2]
+    one.runner.start()
+    one.run(longest=0.3)
+    assert one.plant._position[:2] == pytest.approx(moved, abs=1e-3)
+    assert 'does not follow' in one.runner.status.text
+
+
+def test_a_retract_ends_half_a_millimetre_beside_its_place() -> None:
+    one = rehearsal(patience=10.0)
+    until_phase(one, 'approach', 0.1)
+    one.plant.fault = Fault.SILENT_WRENCH
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    one.plant.fault = Fault.NONE
+    one.run(lambda at: at.runner.status.phase == 'retract', 3.0)
+    assert one.runner._motion is not None
+    track, command = one.runner._motion.track, one.plant.command
+    beside = np.subtract(*track.place(np.array([5e-4, 0.0]))[0])
+    one.plant.command = lambda names, times, places, *more: command(names, times, (places + beside).tolist(), *more)
+    one.run(lambda at: at.runner.status.phase != 'retract', 10.0)
+    assert one.runner.status.phase == 'judge'
+
+
+def test_a_robot_that_is_driven_beyond_its_way_is_stopped() -> None:
+    one = rehearsal(patience=10.0)
+    until_phase(one, 'approach', 0.03)
+    motion, command = one.runner._motion, one.plant.command
+    assert motion is not None
+    lengths = np.linspace(motion.at, motion.track.length, 50)[1:]
+    command(one.plant.names, (lengths - motion.at) / 0.06, motion.track.place(lengths)[0].tolist())
+    one.plant.command = lambda *_: None
+    one.run(lambda at: at.runner.end is not None, 5.0)
+    assert 'ahead on its way' in one.runner.status.text
+    assert one.plant.peak_force < CELL.touch.max_force
+
+
+def test_a_retract_waits_for_the_robot() -> None:
+    """Else it jumps when its controller is active again."""
+    one = rehearsal(patience=30.0)
+    until_phase(one, 'press', 0.1)
+    one.plant.active = False
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    one.run(longest=0.5)
+    one.runner.stop('stopped')
+    one.run(longest=1.0)
+    one.fastest, one.plant.active = 0.0, True
+    one.run(longest=2.0)
+    assert one.runner.is_over
+    assert one.fastest < 0.05

@@ -326,5 +326,5 @@ def _gripper_table(r: Reproduction) -> Table:
         )
         for part in r.gripper
     )
-    heading = ('part of P', 'explained by the twelve parameters', 'standard deviation', 'bias per unit, if ignored')
+    heading = ('part of P', 'explained by the base model', 'standard deviation', 'bias per unit, if ignored')
     return Table(heading, ('', '%', 'µm/N', ''), rows)
