@@ -26,11 +26,7 @@ from scara_kinetostatic.results import parameter_file
 from scara_kinetostatic.results.parameter_file import FACTS, GROUP, StoredResult, Value
 from scara_kinetostatic.touches.left_out import parse_left_out
 
-CHOICES = {
-    'session': 'the last one, with those before a restart of the collector',
-    'last': 'the last one',
-    'all': 'all since this node has started',
-}
+CHOICES = 'session', 'last', 'all'
 
 
 _INPUTS: dict[str, tuple[Any, str]] = {
@@ -42,8 +38,8 @@ _INPUTS: dict[str, tuple[Any, str]] = {
     ),
     'announced': (
         'session',
-        'which of the recordings announced by the collector '
-        f'({"; ".join(f"{choice}: {meaning}" for choice, meaning in CHOICES.items())})',
+        'which of the recordings announced by the collector (session: the last one, with those before a restart of the '
+        'collector; last: the last one; all: all since this node has started)',
     ),
     'leave_out': (
         [],

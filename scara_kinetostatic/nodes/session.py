@@ -40,10 +40,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from scara_kinetostatic.bags.writer import BagWriter, fresh_folder
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.nodes.conversion import Sample, diagnostic, stamp_of
 from scara_kinetostatic.nodes.streams import Stream
-from scara_kinetostatic.touches.detection import DISCARDED, Detection, no_touches
+from scara_kinetostatic.touches.detection import DISCARDED, Detection, Episode, no_touches
 from scara_kinetostatic.touches.online import OnlineDetector
 
 
@@ -107,14 +106,13 @@ def judged_touches(detection: Detection, cell: Cell) -> list[JudgedTouch]:
     """The touches of a detection in the order of time."""
     held = detection.held
     places = {index: place for place, index in enumerate(held.index.tolist())}
-    accepted = set(detection.touches.index.tolist())
     judged = []
     for episode in detection.episodes:
         middle = detection.start + round(1e9 * 0.5 * sum(episode.hold))
         touch = JudgedTouch(episode.index, middle, episode.reason)
         if (place := places.get(episode.index)) is not None:
             touch = touch._replace(
-                object=cell.discs[int(held.disc[place])].name if episode.index in accepted else '',
+                object='' if episode.reason else cell.discs[int(held.disc[place])].name,
                 force=tuple(held.force[place].tolist()),
                 joints=tuple(held.joints[place].tolist()),
                 approach=(*held.approach[place].tolist(), *held.press[place].tolist()),
@@ -153,7 +151,7 @@ class Session:
         self.folder = self._writer.folder
         self._detector = OnlineDetector(cell, topics=topics)
         self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
-        self._judged: deque[Rejection | None] = deque(maxlen=1000)
+        self._judged: deque[Episode] = deque(maxlen=1000)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
 
     def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:
@@ -264,7 +262,7 @@ class Session:
 
     def rejections(self) -> str:
         """How many of the last thousand touches are rejected and why, where they are many; else empty."""
-        rejected = [each for each in self._judged if each is not None]
+        rejected = [each for each in self._judged if each.reason]
         if len(rejected) <= 0.2 * len(self._judged):
             return ''
         kind, number = Counter(each.kind for each in rejected).most_common(1)[0]
@@ -284,8 +282,7 @@ class Session:
             touch._replace(received=self._detector.received(touch.stamp)) for touch in judged_touches(new, self._cell)
         ]
         self._accepted += [touch for touch in judged if not touch.reason]
-        self._judged += [None] * len(new.touches)
-        self._judged += new.rejected
+        self._judged += new.episodes
         self.news = judged[-1].line
         return judged
 
