@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from scara_kinetostatic.assessment.criteria import rivals_in_words
-from scara_kinetostatic.assessment.grade import Grade
+from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.tolerance import advice
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE
-from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.report import Level, Verdict, sentence
 from scara_kinetostatic.report.quantities import micrometres, p_equals, shown
@@ -30,10 +28,13 @@ NEVER_IDENTIFIABLE = (
 """Errors that touches of this kind cannot show, whatever their number, and the parameters they change."""
 
 
-def answer(grade: Grade, tolerance: float | None, checked: str = 'Determined and checked') -> str:
-    """A grade in words: the first thing in text and page."""
+def answer(a: Assessment, tolerance: float | None, checked: str = 'Determined and checked') -> Verdict:
+    """An assessment in words: the first thing in text and page."""
     fit = 'Fit for use' if tolerance else f'{checked}, no tolerance stated'
-    return {Grade.FIT: fit, Grade.CAUTION: 'To be used with caution', Grade.UNFIT: 'Not fit for use'}[grade]
+    words = {Grade.FIT: fit, Grade.CAUTION: 'To be used with caution', Grade.UNFIT: 'Not fit for use'}[a.grade]
+    levels: dict[Grade, Level] = {Grade.FIT: 'good', Grade.CAUTION: 'caution', Grade.UNFIT: 'bad'}
+    sentences = tuple(map(sentence, a.reasons[1:]))
+    return Verdict(f'{words}: {a.reasons[0]}.', levels[a.grade], sentences, a.actions)
 
 
 def verdict(outcome: Outcome) -> Verdict:
@@ -48,12 +49,10 @@ def verdict(outcome: Outcome) -> Verdict:
         c = outcome.calibration
         if d.p_value < SIGNIFICANCE:
             headline = 'The base model and small errors of usual kinds explain these touches'
-        alone = f', {p_equals(c.p_value)} by itself'
-        sentences = [
-            f'No model error detected ({p} for the base model, corrected for the number of tests; reduced chi-square '
-            f'{c.reduced_chi_square:.2f} of {c.degrees_of_freedom} degrees of freedom'
-            f'{alone if c.noise_source == "given" else ", to which the noise was fitted"}).'
-        ]
+        by_itself = f'{p_equals(c.p_value)} by itself' if c.noise_source == 'given' else 'to which the noise was fitted'
+        chi_square = f'reduced chi-square {c.reduced_chi_square:.2f} of {c.degrees_of_freedom} degrees of freedom'
+        tests = f'{p} for the base model, corrected for the number of tests'
+        sentences = [f'No model error detected ({tests}; {chi_square}, {by_itself}).']
     elif d.verdict == 'explained':
         level, headline = 'caution', f'Model error found and corrected: {"; ".join(i.effect.title for i in d.found)}'
         sentences = [f'{lack}; extended by what was found it does.']
@@ -68,18 +67,12 @@ def verdict(outcome: Outcome) -> Verdict:
         curve = any(item.in_every_model and not item.effect.is_physical for item in d.found)
         rest = 'described by a fitted curve' if curve else 'only partly explained' if d.found else ''
         level, headline = 'bad', 'Model error found, cause unknown' + (f'; {rest}' if rest else '')
-        sentences = [f'{lack}.', *([f'Added to the model: {_names(d.found)}.'] if d.found else [])]
-        sentences.append(
-            'The standard uncertainties contain undetected effects, but no gross error.'
-            if outcome.final.has_undetected
-            else 'Do not rely on the standard deviations.'
-        )
+        names = [item.effect.title + (' (possible, not proved)' if item.is_possible else '') for item in d.found]
+        sentences = [f'{lack}.', *([f'Added to the model: {", ".join(names)}.'] if names else [])]
+        contained = 'The standard uncertainties contain undetected effects, but no gross error.'
+        sentences.append(contained if outcome.final.has_undetected else 'Do not rely on the standard deviations.')
     sentences.append(f'Verdict: {d.verdict}.')
-    return Verdict(headline, level, (*sentences, *([sentence(d.advice)] if d.advice else [])))
-
-
-def _names(found: Sequence[Found]) -> str:
-    return ', '.join(item.effect.title + (' (possible, not proved)' if item.is_possible else '') for item in found)
+    return Verdict(f'{headline}.', level, (*sentences, *([sentence(d.advice)] if d.advice else [])))
 
 
 def bias(outcome: Outcome) -> str:

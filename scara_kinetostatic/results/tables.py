@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
-from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
+from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.model.parameters import DESCRIPTIONS
 from scara_kinetostatic.report import Table
 from scara_kinetostatic.report.quantities import SCALES, chance, decimals, micrometres, shown, unsigned_zero
@@ -132,23 +132,18 @@ def _signed(value: float) -> str:
     return '0.0' if round(value, 1) == 0 else f'{value:+.1f}'
 
 
-def candidate_table(d: Diagnosis, items: Iterable[Ranked]) -> Table | None:
-    """Candidate effects, those found first, then by their gain; None if there are none."""
-    ordered = sorted(items, key=lambda item: (d.role_of(item) not in ('found', 'possible'), -item.gain))
-    roles = [d.role_of(item) for item in ordered]
-    rows = tuple(
-        (
-            item.effect.title,
-            _signed(item.gain),
-            chance(item.p_value) if math.isfinite(item.p_value) else '',
-            f'{100 * item.share:.0f} %',
-            role,
-        )
-        for item, role in zip(ordered, roles, strict=True)
-    )
+def candidate_table(d: Diagnosis) -> Table | None:
+    """The identifiable candidates, of fitted curves only those that are not rejected; those found first, then by their
+    gain; None if there are none.
+    """
+    rows = []
+    for item in sorted(d.ranking, key=lambda item: (d.role_of(item) not in ('found', 'possible'), -item.gain)):
+        role, p_value = d.role_of(item), chance(item.p_value) if math.isfinite(item.p_value) else ''
+        if item.role != 'unidentifiable' and (item.effect.is_physical or role != 'rejected'):
+            rows.append((item.effect.title, _signed(item.gain), p_value, f'{100 * item.share:.0f} %', role))
     levels = {'found': 'good', 'possible': 'good', 'rival': 'caution'}
-    heading = ('effect', 'gain', 'p-value', 'share', '')
-    return Table(heading, ('',) * 5, rows, levels=tuple(levels.get(role, '') for role in roles)) if rows else None
+    heading, shown = ('effect', 'gain', 'p-value', 'share', ''), tuple(levels.get(row[-1], '') for row in rows)
+    return Table(heading, ('',) * 5, tuple(rows), levels=shown) if rows else None
 
 
 def dependence_table(found: Sequence[Dependence]) -> Table | None:
