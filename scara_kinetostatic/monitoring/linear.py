@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, chdtri, fdtrc, fdtri
@@ -42,7 +42,6 @@ from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
-from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -105,25 +104,33 @@ class State(NamedTuple):
         """
         arm = record.arm
         cell = arm.cell if cell is None else cell
-        discs = tuple(
-            disc._replace(center_std=1.0, radius_std=1.0, angle_std=1.0)
-            if isinstance(disc, Outline)
-            else disc._replace(center_std=1.0, radius_std=1.0)
-            for disc in cell.discs
-        )
-        plates = tuple(plate._replace(center_std=1.0, angle_std=1.0) for plate in cell.plates)
-        unit = Uncertainty(1.0, 1.0, 1.0)
-        probe = DeclaredErrors.of(replace(cell, discs=discs, plates=plates, uncertainty=unit))
+
+        def declared(items: Sequence[Any]) -> Any:
+            return tuple(one._replace(**{name: 1.0 for name in one._fields if name.endswith('_std')}) for one in items)
+
+        every = {'discs': declared(cell.discs), 'plates': declared(cell.plates)}
+        probe = DeclaredErrors.of(replace(cell, **every, uncertainty=Uncertainty(1.0, 1.0, 1.0)))
         assert probe is not None
         names = (*arm.model.names, *probe.names)
         of_cell = [unit for source in probe.sources for unit in [source.unit] * source.components]
         of_effects = [p.unit for effect in arm.model.effects for p in effect.parameters]
         scale = np.concatenate([scales_of(arm.model), [_SCALES[unit] for unit in of_cell]])
         units = (*(UNITS[name] for name in arm.model.parameters.names), *of_effects, *of_cell)
-        errors, covariance = _prior(record, cell, names)
         values = len(arm.model.names)
+        mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
+        same = same_sources(arm.cell, cell)
+        known = [k for k, name in enumerate(record.names) if k < values or source_of(name) in same]
+        places = [k if k < values else values + names[values:].index(record.names[k]) for k in known]
+        covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
+        mean[places] = record.values[known]
+        if arm.cell.discs == cell.discs:  # their undetected errors are what they were
+            part = record.undetected.at(arm.model.names, some=False)
+            covariance[:values, :values] -= part @ part.T
+        for name, std in stated_uncertainties(cell).items():
+            if name in names[values:] and (place := values + names[values:].index(name)) not in places:
+                covariance[place, place] = std**2
         covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
-        return cls(names, units, scale, probe.cell, errors[values:], covariance / np.outer(scale, scale))
+        return cls(names, units, scale, probe.cell, mean[values:], covariance / np.outer(scale, scale))
 
     @property
     def values(self) -> int:
@@ -150,24 +157,6 @@ class State(NamedTuple):
         for name in ('force_gain', 'force_rotation'):
             errors[self.error_place(name) - self.values] = 0.0
         return self._replace(errors=errors)
-
-
-def _prior(record: CalibrationRecord, cell: Cell, names: Sequence[str]) -> tuple[Floats, Floats]:
-    """Means (zero for the model, whose values are linearised at) and covariance of the state, SI."""
-    mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
-    same = same_sources(record.arm.cell, cell)
-    own = len(record.arm.model.names)
-    known = [k for k, name in enumerate(record.names) if k < own or source_of(name) in same]
-    places = [k if k < own else own + names[own:].index(record.names[k]) for k in known]
-    covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
-    mean[places] = record.values[known]
-    if record.arm.cell.discs == cell.discs:  # their undetected errors are what they were
-        part = record.undetected.at(record.arm.model.names, some=False)
-        covariance[:own, :own] -= part @ part.T
-    for name, std in stated_uncertainties(cell).items():
-        if name in names[own:] and (place := own + names[own:].index(name)) not in places:
-            covariance[place, place] = std**2
-    return mean, covariance
 
 
 def stated_uncertainties(cell: Cell) -> dict[str, float]:
@@ -298,8 +287,7 @@ class Evidence(NamedTuple):
         mean = np.broadcast_to(mean, (size,))
         right = np.concatenate([found.matrix, (found.score - found.matrix @ mean)[:, None]], axis=1)
         solved = np.linalg.solve(np.eye(size) + found.matrix @ covariance, right)
-        matrix = (solved[:, :size] + solved[:, :size].T) / 2
-        return cls(solved[:, size], matrix)
+        return cls(solved[:, size], (solved[:, :size] + solved[:, :size].T) / 2)
 
     def ratio(self, places: Sequence[int]) -> tuple[float, Floats, Floats]:
         """Likelihood ratio statistic T of a change of some values, the change and its std in units of the scale.
@@ -342,11 +330,6 @@ class PredictionTest(NamedTuple):
         chi_square, freedoms = float((r**2).sum() - found.score @ gained), r.size  # rᵀr - uᵀ (I + C P)⁻¹ C u
         spread = np.eye(2) + measured.jacobian @ covariance @ measured.jacobian.swapaxes(1, 2)
         squares = measured.chi_squares(covariance)
-        return cls(
-            chi_square=chi_square,
-            freedoms=freedoms,
-            p_value=float(p_values(chi_square, freedoms, noise)),
-            distances=np.sqrt(squares),
-            p_values=p_values(squares, 2, noise),
-            expected=np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal)),
-        )
+        p_value, of_each = float(p_values(chi_square, freedoms, noise)), p_values(squares, 2, noise)
+        expected = np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal))
+        return cls(chi_square, freedoms, p_value, np.sqrt(squares), of_each, expected)
