@@ -49,12 +49,6 @@ class Entry(NamedTuple):
     robot: str
     record: CalibrationRecord
 
-    @property
-    def worst_tip(self) -> float | None:
-        """Largest expanded uncertainty of the tip in the workspace, m."""
-        worst = (self.record.document.get('tip_uncertainty') or {}).get('worst')
-        return None if worst is None else float(worst)
-
 
 class History:
     """The file.

@@ -228,7 +228,8 @@ def history_report(trends: Sequence[Trend]) -> Report:
         rows = []
         for entry, change in zip(trend.entries, trend.changes, strict=True):
             measured = entry.record.measured.replace('T', ' ').replace('Z', ' UTC')
-            tip = NOT_DETERMINED if entry.worst_tip is None else f'{micrometres(entry.worst_tip)} µm'
+            worst = (entry.record.document.get('tip_uncertainty') or {}).get('worst')
+            tip = NOT_DETERMINED if worst is None else f'{micrometres(worst)} µm'
             since = 'first' if change is None else verdict(change)
             rows.append((str(entry.number), measured, entry.record.arm.grade, tip, since))
         table = Table(('', 'measured', 'grade', 'tip, k = 2', 'since the one before'), ('',) * 5, tuple(rows))

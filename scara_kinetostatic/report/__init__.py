@@ -47,8 +47,8 @@ from scara_kinetostatic.report.json_file import Document as Document
 from scara_kinetostatic.report.json_file import json_text as json_text
 from scara_kinetostatic.report.json_file import plain as plain
 from scara_kinetostatic.report.json_file import utc as utc
-from scara_kinetostatic.report.page import as_page as as_page
 from scara_kinetostatic.report.table import NOT_DETERMINED as NOT_DETERMINED
 from scara_kinetostatic.report.table import Table as Table
+from scara_kinetostatic.report.text import as_page as as_page
 from scara_kinetostatic.report.text import as_text as as_text
 from scara_kinetostatic.report.text import sentence as sentence
