@@ -30,13 +30,10 @@ def parameter_table(c: Calibration) -> Table:
     nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
     rows = []
     for name in c.parameters.names:
-        unit, per_si = SCALES[name]
-        value, std, status = values[name] * per_si, c.std_of(name) * per_si, c.status[name]
-        digits = decimals(std)
-        text = f'{value:.6g}' if digits is None else f'{value:.{digits}f}'
-        if digits is None and status == 'confounded':
-            text = f'({value:.3g})'
-        text = unsigned_zero(text) + ('' if digits is None else f' ± {std:.{digits}f}')
+        (unit, per_si), status = SCALES[name], c.status[name]
+        found = shown(values[name], c.std_of(name), unit, {unit: SCALES[name]})
+        text = f'({found.value})' if status == 'confounded' else unsigned_zero(f'{values[name] * per_si:.6g}')
+        text = f'{found.value} ± {found.std}' if found.std else text
         start = unsigned_zero(f'{nominal[name] * per_si:.6g}')
         rows.append((name, start, text, unit, _STATUS[status] or DESCRIPTIONS[name]))
     levels = {'estimated': '', 'fixed': 'faint', 'confounded': 'caution'}
@@ -113,13 +110,14 @@ def bias_table(compared: Comparison) -> Table:
         unit, per_si = SCALES[bias.name]
         digits = decimals(bias.std * per_si)
         places = 3 if digits is None else digits
-
-        def text(value: float, std: float, per_si: float = per_si, places: int = places) -> str:
-            number = unsigned_zero(f'{value * per_si:.{places}f}')
-            return f'{number} ± {std * per_si:.{places}f}' if std > 0 and math.isfinite(std) else number
-
-        shift = '' if digits is None else text(bias.shift, 0.0)
-        base, extended = text(bias.base, bias.base_std), text(bias.value, math.nan if digits is None else bias.std)
+        base, extended, shift = (
+            unsigned_zero(f'{value * per_si:.{places}f}') for value in (bias.base, bias.value, bias.shift)
+        )
+        if bias.base_std > 0 and math.isfinite(bias.base_std):
+            base += f' ± {bias.base_std * per_si:.{places}f}'
+        if digits is not None:
+            extended += f' ± {bias.std * per_si:.{places}f}'
+        shift = '' if digits is None else shift
         rows.append((bias.name, base, extended, unit, shift, _signed(bias.in_std)))
         levels.append('bad' if bias.is_significant and abs(bias.in_std) > NOTABLE else '')
     heading = ('parameter', 'base model ± 1 σ', 'extended ± 1 σ', 'unit', 'bias', 'bias [σ]')
