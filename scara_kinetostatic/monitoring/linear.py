@@ -171,14 +171,12 @@ def source_of(name: str) -> str:
     return name.removesuffix('.x').removesuffix('.y')
 
 
-_OBJECT_ERRORS = ('position', 'radius', 'offset', 'rotation')
-
-
 def same_sources(known: Cell, cell: Cell) -> set[str]:
     """Labels of the sources of uncertainty that are the same thing in two cells."""
+    errors = ('position', 'radius', 'offset', 'rotation')
     one, other = (
         {
-            **{f'object_{what}[{disc.name}]': disc for disc in each.discs for what in _OBJECT_ERRORS},
+            **{f'object_{what}[{disc.name}]': disc for disc in each.discs for what in errors},
             **{f'plate_{what}[{plate.name}]': plate for plate in each.plates for what in ('position', 'angle')},
             **{f'nominal[{name}]': value for name, value in each.nominal.as_dict().items()},
         }

@@ -17,7 +17,7 @@ from scara_kinetostatic.files.calibration_file import SCHEMA, cell_entry, model_
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.report.json_file import Document, plain
-from scara_kinetostatic.results.tables import base_rank
+from scara_kinetostatic.results.messages import base_rank
 
 NAME = 'calibration.json'
 

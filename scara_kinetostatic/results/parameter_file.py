@@ -24,7 +24,7 @@ from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, NAMES, UNITS
 from scara_kinetostatic.report.json_file import utc
-from scara_kinetostatic.results.tables import base_rank
+from scara_kinetostatic.results.messages import base_rank
 
 NAME = 'calibration.yaml'
 EFFECTS, EFFECTS_STD = 'effects', 'effects_std'

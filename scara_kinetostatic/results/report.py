@@ -16,7 +16,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.report import Block, Fact, Facts, Figure, Items, Legend, Note, Report, Section, as_page, as_text
 from scara_kinetostatic.report.quantities import count, micrometres, p_equals
-from scara_kinetostatic.results import messages, tables
+from scara_kinetostatic.results import messages
 
 NAME = 'report.html'
 MOST_REJECTED = 12
@@ -39,14 +39,14 @@ def text_report(outcome: Outcome) -> str:
     }
     blocks: list[Block | None] = [
         messages.verdict(outcome),
-        tables.parameter_table(c),
-        Section('added to the base model', tuple(tables.effect_tables(outcome.diagnosis.found))),
-        tables.error_table(outcome.comparison),
+        messages.parameter_table(c),
+        Section('added to the base model', tuple(messages.effect_tables(outcome.diagnosis.found))),
+        messages.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
     ]
     sources = DeclaredErrors.of(c.cell) is not None or c.cell.uncertainty.effects.in_use
     if sources or c.cell.tolerance is not None:
-        blocks += [' '.join(messages.tip_sentences(outcome)), tables.tip_budget(outcome, most=5)]
+        blocks += [' '.join(messages.tip_sentences(outcome)), messages.tip_budget(outcome, most=5)]
     if outcome.rejected:
         lines = _rejections(outcome)
         more = [f'and {len(lines) - MOST_REJECTED} more, see the report'] if len(lines) > MOST_REJECTED else []
@@ -73,7 +73,7 @@ def html_text(outcome: Outcome) -> str:
             Facts(numbers(outcome)),
             Section(
                 'Parameters (extended model)' if extended else 'Parameters',
-                (tables.parameter_table(c), *messages.identifiability(outcome)[1:]),
+                (messages.parameter_table(c), *messages.identifiability(outcome)[1:]),
             ),
             *_maps(outcome),
             _diagnosis(outcome),
@@ -169,10 +169,16 @@ def _diagnosis(outcome: Outcome) -> Section:
         more = f'smooth dependences of the residual on {depends}, the direction of approach, and time'
         blocks.append(Note(f'Tested: {tested} and {more}.'))
     if outcome.final is not outcome.calibration:
-        for table, item in zip(tables.effect_tables(d.found), d.found, strict=True):
+        for table, item in zip(messages.effect_tables(d.found), d.found, strict=True):
             blocks.append(table._replace(title=table.title.strip()))
             if item.effect.off_normal_std:
-                blocks.append(Note(_OFF_NORMAL))
+                off_normal = (
+                    'The force of each touch is off the normal by an angle of its own, which no model predicts: the '
+                    'extended model includes this scatter in the weights, it does not remove it. Where it predicts a '
+                    'force, the angle is taken from the measured one, so that its force error is the part along the '
+                    'force.'
+                )
+                blocks.append(Note(off_normal))
         these, them = ('this effect', 'it') if len(d.found) == 1 else ('these effects', 'them')
         blocks.append(
             f'With {these} in the model: {p_equals(d.remaining_p_value)} for “the extended model is adequate”. Without '
@@ -180,14 +186,6 @@ def _diagnosis(outcome: Outcome) -> Section:
             f'over the touches; at most {micrometres(compared.largest_tip_bias)} µm).'
         )
     return Section('Diagnosis', tuple(blocks))
-
-
-_OFF_NORMAL = (
-    'The force of each touch is off the normal by an angle of its own, which no model predicts: the extended model '
-    'includes this scatter in the weights, it does not remove it. Where it predicts a force, the angle is taken from '
-    'the measured one, so that its force error is the part along the force.'
-)
-"""Note to an effect that scatters."""
 
 
 def _effects(outcome: Outcome) -> Section:
@@ -210,7 +208,7 @@ def _effects(outcome: Outcome) -> Section:
 
 
 def _budget(outcome: Outcome) -> Section | None:
-    of_tip = tables.tip_budget(outcome)
+    of_tip = messages.tip_budget(outcome)
     if of_tip is None:
         return None
     blocks = (
@@ -229,17 +227,17 @@ def _errors(outcome: Outcome, extended: bool) -> Section:
         'for the force, one by one and to first order for the tip. All on the same touches and with the noise of the '
         'final model.'
     )
-    blocks: list[Block] = [tables.error_table(outcome.comparison), note]
+    blocks: list[Block] = [messages.error_table(outcome.comparison), note]
     if extended:
         bias = Note('Bias: estimate of the base model less that of the extended model, σ that of the former.')
-        blocks += [tables.bias_table(outcome.comparison), bias]
+        blocks += [messages.bias_table(outcome.comparison), bias]
     return Section('Errors of the models', tuple(blocks), folded=True)
 
 
 def _candidates(outcome: Outcome) -> Section | None:
     """The identifiable candidates; of fitted curves only those that are not rejected."""
     d = outcome.diagnosis
-    table = tables.candidate_table(d)
+    table = messages.candidate_table(d)
     if d.verdict == 'none' or table is None:
         return None
     note = Note(
@@ -253,8 +251,8 @@ def _candidates(outcome: Outcome) -> Section | None:
 
 def _limits(outcome: Outcome, extended: bool) -> Section:
     d = outcome.diagnosis
-    depends = tables.dependence_table(d.remaining if extended else d.dependences)
-    unidentifiable = tables.unidentifiable_table(d)
+    depends = messages.dependence_table(d.remaining if extended else d.dependences)
+    unidentifiable = messages.unidentifiable_table(d)
     blocks: list[Block] = []
     if depends is not None:
         blocks += [*(['Residual of the extended model:'] if extended else []), depends]

@@ -18,8 +18,8 @@ from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.report.quantities import SCALES, micrometres
 from scara_kinetostatic.results import messages
+from scara_kinetostatic.results.messages import parameter_table
 from scara_kinetostatic.results.report import MOST_REJECTED, html_text, text_report
-from scara_kinetostatic.results.tables import parameter_table
 
 
 def joined(outcome: Outcome) -> str:
