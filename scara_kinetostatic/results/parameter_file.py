@@ -89,8 +89,11 @@ def load_result(path: str | Path) -> StoredResult:
     try:
         given = tree['/**']['ros__parameters']
         names = (*NAMES, *(name for name in MOMENTS if name in given['calibrated']))
+        values = [given['calibrated'][name] for name in names]
+        if not all(map(math.isfinite, values)):
+            raise ValueError(values)
         return StoredResult(
-            values=[_finite(given['calibrated'][name]) for name in names],
+            values=list(map(float, values)),
             deviations=[float(given['calibrated_std'][name]) for name in names],
             effects=[
                 EffectParameter((name, target, key), float(value), float(given[EFFECTS_STD][name][target][key]))
@@ -103,12 +106,6 @@ def load_result(path: str | Path) -> StoredResult:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         remedy = f'expected what calibrate writes as {NAME}'
         raise ParameterError(path, 'is no result of a calibration', remedy) from error
-
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError(value)
-    return float(value)
 
 
 def _stored_facts(group: Mapping[str, Any] | None) -> dict[str, Value]:
