@@ -56,15 +56,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of
-from scara_kinetostatic.monitoring.linear import (
-    Evidence,
-    State,
-    measure,
-    p_values,
-    same_sources,
-    source_of,
-    stated_uncertainties,
-)
+from scara_kinetostatic.monitoring.linear import Evidence, State, measure, p_values, same_sources, stated_uncertainties
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 
 LEVEL = 0.01
@@ -345,7 +337,7 @@ def _differences(
     cells = [record.arm.cell for record in both]
     same = same_sources(*cells)
     for name, _ in stated_uncertainties(cells[0]).items() & stated_uncertainties(cells[1]).items():
-        if source_of(name) in same:  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
+        if same(name):  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
             one, other = (found[name][where] for found, where in zip(by_stated, places, strict=True))
             s -= np.outer(one, other) + np.outer(other, one)
     std = np.sqrt(np.clip(np.diag(s), 0.0, None))

@@ -38,16 +38,7 @@ from scara_kinetostatic.monitoring.hypotheses import (
     hypotheses_of,
     rivals,
 )
-from scara_kinetostatic.monitoring.linear import (
-    LINEAR,
-    Evidence,
-    Information,
-    Measured,
-    State,
-    measure,
-    p_values,
-    quantile,
-)
+from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, Information, Measured, State, as_rare, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.report.json_file import Document
 
@@ -132,8 +123,7 @@ class DriftMonitor:
     def __init__(self, record: CalibrationRecord) -> None:
         self.record = record
         self.state = State.of(record)
-        rare = 1.0 - float(p_values(THRESHOLD, 1, np.inf))
-        self.threshold = quantile(rare, 1, record.noise_freedoms)
+        self.threshold = as_rare(THRESHOLD, 1, record.noise_freedoms)
         self.reset()
 
     def reset(self) -> None:

@@ -27,12 +27,12 @@ of the cell, so that touches on the objects of the calibration are predicted bet
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, chdtri, fdtrc, fdtri
+from scipy.special import chdtrc, fdtrc, fdtri
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import fitted_surfaces, project
@@ -62,11 +62,11 @@ def p_values(chi_square: Floats | float, freedoms: int, noise_freedoms: float) -
     return np.asarray(fdtrc(freedoms, noise_freedoms, np.asarray(chi_square) / freedoms))
 
 
-def quantile(probability: float, freedoms: int, noise_freedoms: float) -> float:
-    """The chi-square that is exceeded with 1 - `probability`; `noise_freedoms` as in `p_values`."""
+def as_rare(chi_square: float, freedoms: int, noise_freedoms: float) -> float:
+    """What is exceeded as rarely as a chi-square where the noise is known; `noise_freedoms` as in `p_values`."""
     if np.isinf(noise_freedoms):
-        return float(chdtri(freedoms, 1 - probability))
-    return float(freedoms * fdtri(freedoms, noise_freedoms, probability))
+        return chi_square
+    return float(freedoms * fdtri(freedoms, noise_freedoms, 1.0 - chdtrc(freedoms, chi_square)))
 
 
 LINEAR = 0.01
@@ -119,7 +119,7 @@ class State(NamedTuple):
         values = len(arm.model.names)
         mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
         same = same_sources(arm.cell, cell)
-        known = [k for k, name in enumerate(record.names) if k < values or source_of(name) in same]
+        known = [k for k, name in enumerate(record.names) if k < values or same(name)]
         places = [k if k < values else values + names[values:].index(record.names[k]) for k in known]
         covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
         mean[places] = record.values[known]
@@ -166,13 +166,8 @@ def stated_uncertainties(cell: Cell) -> dict[str, float]:
     return found | {f'nominal[{name}]': std for name, std in cell.uncertainty.nominal.items()}
 
 
-def source_of(name: str) -> str:
-    """Label of the source that an error belongs to."""
-    return name.removesuffix('.x').removesuffix('.y')
-
-
-def same_sources(known: Cell, cell: Cell) -> set[str]:
-    """Labels of the sources of uncertainty that are the same thing in two cells."""
+def same_sources(known: Cell, cell: Cell) -> Callable[[str], bool]:
+    """Whether an error, by name, is of a source of uncertainty that is the same thing in two cells."""
     errors = ('position', 'radius', 'offset', 'rotation')
     one, other = (
         {
@@ -182,7 +177,8 @@ def same_sources(known: Cell, cell: Cell) -> set[str]:
         }
         for each in (known, cell)
     )
-    return {'radius', 'force_gain', 'force_rotation'} | {name for name in one if one[name] == other.get(name)}
+    same = {'radius', 'force_gain', 'force_rotation'} | {name for name in one if one[name] == other.get(name)}
+    return lambda name: name.removesuffix('.x').removesuffix('.y') in same
 
 
 class Measured(NamedTuple):
