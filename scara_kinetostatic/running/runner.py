@@ -18,7 +18,7 @@ on its way, as a controller that scales the speed makes it, is waited for as lon
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from math import dist
 from typing import NamedTuple
 
@@ -578,9 +578,9 @@ class Runner:
         surface = self._surface = motion.at
         self._say('press', f'pressing to {goal:g} N')
         motion.track, way = self._into(track, surface, target)
-        softer = yield from self._press(motion, goal * (1 + float(plan.preload[0])), way)
+        yield from self._press(motion, goal * (1 + float(plan.preload[0])), way)
         if plan.preload[0] > 0:
-            track, way = self._out_of(motion.track, self._motion.at, target, softer)
+            track, way = self._out_of(motion.track, self._motion.at, target)
             self._surface = track.nearest(motion.track.place(np.array([surface]))[0][0], None, surface)[0]
             yield from self._release(track, goal, way)
         self._say('hold', f'holding {self.senses.force:.1f} N')
@@ -602,15 +602,12 @@ class Runner:
         whole = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
         return whole, (whole.length - surface) / newtons
 
-    def _out_of(self, track: Track, at: float, target: Target, softer: float) -> tuple[Track, float]:
-        """Backwards a way out of a press: some of it drags the tip to the same side; length per force, m/N.
-
-        That is enough for the preload where the contact is as much softer than by the model as it was in the press.
-        """
+    def _out_of(self, track: Track, at: float, target: Target) -> tuple[Track, float]:
+        """Backwards a way out of a press: some of it drags the tip to the same side; length per force, m/N."""
         here, lift = track.place(np.array([at]))
         newtons = 1.5 * float((target.plan.preload * target.plan.force)[0])
         per_newton = press_aside(self._parameters, here, target.plan.normal(self.cell), -target.plan.aside)
-        joints = here + np.linspace(max(softer, 1.0) * newtons, 0.0, 60)[:, None] * per_newton
+        joints = here + np.linspace(newtons, 0.0, 60)[:, None] * per_newton
         joints = np.concatenate([track.joints[:1], joints])
         whole = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
         return whole, (whole.length - float(whole.at[1])) / newtons
@@ -630,8 +627,8 @@ class Runner:
             self._check(_OFF_APPROACH)
             yield
 
-    def _press(self, motion: Motion, goal: float, compliance: float) -> Generator[None, None, float]:
-        """To a force, from below; returns how many times as soft as by the model the contact is.
+    def _press(self, motion: Motion, goal: float, compliance: float) -> Iterator[None]:
+        """To a force, from below.
 
         Raises:
             Fault: the force does not grow.
@@ -643,7 +640,7 @@ class Runner:
         for _ in range(40):
             force = self.senses.mean_force(self._now, 0.05)
             if force > 0.93 * goal:
-                return softer
+                return
             before = motion.at
             yield from self._pushed(motion, 0.9 * (goal - force) * softer * compliance, 0.97 * goal)
             gained = self.senses.mean_force(self._now, 0.05) - force

@@ -84,21 +84,6 @@ def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
     assert phases.index('travel') < phases.index('approach') < phases.index('press') < phases.index('hold')
 
 
-def test_a_soft_arm_is_eased_along_a_way_that_drags_the_tip() -> None:
-    soft = TRUTH.replace(p_ee=8e-5, p1=4e-5, p2=4e-5)  # not as nominal
-    doubtful = frozenset({'joint_hysteresis[joint1]', 'joint_hysteresis[joint2]'})  # which preloads show
-    planner = Planner(nominal_arm(CELL), suspected=doubtful)
-    one = Rehearsal(CELL, Plant(CELL, ModelBody(CELL, soft), seed=1), planner=planner)
-    one.runner.start()
-    one.run(lambda at: at.runner.campaign.accepted >= 2)
-    touches = TouchSet.concatenate(one.runner.campaign.touches)
-    moved = (jacobian(soft, touches.joints) @ touches.press[..., None])[..., 0]
-    along, aside = ((moved * way).sum(axis=1) for way in (touches.force, quarter_turn(touches.force)))
-    planned = drag(np.arctan2(-touches.force[:, 1], -touches.force[:, 0]), touches.posture)
-    assert np.sign(along).tolist() == [1.0, -1.0], 'pressed, then eased from a preload'
-    assert (aside * np.sign(planned) > 0.4 * np.abs(along)).all()
-
-
 def test_a_coupled_drive_is_commanded_in_its_own_angles() -> None:
     runs = [rehearsal(replace(CELL, coupling=part)) for part in (0.0, 16 / 76)]
     commands = [[command for _ in range(2500) if (command := one.step())] for one in runs]
