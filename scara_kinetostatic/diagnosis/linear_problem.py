@@ -283,7 +283,7 @@ def independent_part(base: Floats, columns: Floats, least: float, noise: Floats 
     return u[:, independent], min(1.0, float(values[0]))
 
 
-def f_test(unit: Floats, residual: Floats, freedoms: int) -> tuple[float, float] | None:
+def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) -> tuple[float, float] | None:
     """p-value of "the columns explain nothing", and the part of the sum of squares that they explain; None if they add
     nothing testable.
 
@@ -291,12 +291,13 @@ def f_test(unit: Floats, residual: Floats, freedoms: int) -> tuple[float, float]
         unit: orthonormal basis of what they add to the fit, (m, r).
         residual: of the fit, (m,).
         freedoms: degrees of freedom without them.
+        least: mean square that the residual has at least.
     """
     rank, total = unit.shape[1], float(residual @ residual)
     if rank == 0 or freedoms <= rank or total < ROUNDING * len(residual):
         return None
     explained = float(np.sum((unit.T @ residual) ** 2))
-    ratio = (explained / rank) / (max(total - explained, 1e-300) / (freedoms - rank))
+    ratio = (explained / rank) / max((total - explained) / (freedoms - rank), least, 1e-300)
     return float(special.fdtrc(rank, freedoms - rank, ratio)), explained / total
 
 
