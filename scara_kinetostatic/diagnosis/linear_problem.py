@@ -143,10 +143,6 @@ class Problem(NamedTuple):
         columns, with_noise = np.split(self.columns(trial, changed), 2, axis=1)
         return columns, with_noise - columns
 
-    def change(self, shift: Shift, sensor_error: Floats | None = None) -> Floats:
-        """Change of the whitened misclosures by a shift and an error of the sensor, touch by touch, (2n,)."""
-        return self.changes([shift], [sensor_error])[:, 0]
-
     def changes(self, shifts: Sequence[Shift], errors: Sequence[Floats | None]) -> Floats:
         """Changes of the whitened misclosures by shifts and errors of the sensor, (2n, k)."""
         n = len(self.force)

@@ -179,7 +179,7 @@ def _settled(
         good = c.used if keeps_touches else _good(moved, solved, late=number >= 3)
         if settled and (good == moved.used).all():
             break
-        latest = _with_projection(replace(moved, used=good), moved.projection)
+        latest = with_projection(replace(moved, used=good), moved.projection)
     if not np.isfinite([solved.deviance, *moved.projection.distance[moved.used]]).all():
         raise np.linalg.LinAlgError('the linearisation leads to where the model is not defined')
     return _result(moved, c, solved, typical, is_first=most == 1)
@@ -259,7 +259,7 @@ def _sizes_of(c: Calibration, kept: int, typical: Floats, held: Floats, freedoms
 def _first_logs(c: Calibration, sizes: _Sizes) -> Floats:
     """Log τ to begin with: typical sizes, and of named effects their own."""
     places, first = _effect_places(c), len(c.errors)
-    amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])[places]
+    amplitudes = _amplitudes(c)[places]
     here = slice(first, first + len(places))
     squares = np.bincount(
         np.maximum(sizes.group[here], 0), np.square(amplitudes / sizes.typical[here]), sizes.groups + 1
@@ -297,7 +297,7 @@ class _Solved(NamedTuple):
 
 def _columns(c: Calibration, point: Point, base: Calibration) -> tuple[Floats, Floats, Floats]:
     """Whitened J, (2n, b), the columns with a prior, each by its unit, (2n, c), the residual without them, (2n,)."""
-    w, count = point.whitened, c.model.base_count
+    w = point.whitened
     rows = w.residual.size
     basis = c.subspace.basis
     b = base.subspace.basis.shape[1]
@@ -310,11 +310,7 @@ def _columns(c: Calibration, point: Point, base: Calibration) -> tuple[Floats, F
         residual -= by_errors @ np.concatenate([c.errors, c.random_values])
         parts.append(by_errors[:, :errors])
     by_effects = w.derivative.reshape(rows, -1)
-    amplitudes = [effect.amplitudes(values) for effect, values in c.model.pairs]
-    values = np.concatenate([np.zeros(count), *amplitudes])
-    kept = np.setdiff1d(np.arange(count, len(values)), free)
-    values[kept] = 0.0
-    residual -= by_effects @ values
+    residual -= by_effects[:, free] @ _amplitudes(c)[free]
     parts.append(by_effects[:, free])
     if w.by_errors is not None and c.random is not None:
         parts.append(by_errors[:, errors:] / c.random.size)
@@ -392,6 +388,11 @@ def _parts(c: Calibration, u: Floats) -> tuple[Floats, Floats, Floats]:
     return u[:first], u[first:last], u[last:]
 
 
+def _amplitudes(c: Calibration) -> Floats:
+    """The values of the model of which its effects vanish with zero, others as zero, (12 + k,)."""
+    return np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
+
+
 def _effect_places(c: Calibration) -> Indices:
     """Positions of the free values of effects among all values."""
     count = c.model.base_count
@@ -403,8 +404,7 @@ def _values(c: Calibration, solved: _Solved) -> tuple[Floats, Floats, Floats]:
     values, b = c.model.as_array(), len(solved.y)
     errors, named, random = _parts(c, solved.u * solved.tau)
     places = _effect_places(c)
-    amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
-    values[places] += named - amplitudes[places]
+    values[places] += named - _amplitudes(c)[places]
     values = values + c.subspace.basis[:, :b] @ solved.y
     return values, errors, random / c.random.size if c.random is not None else random
 
@@ -459,7 +459,7 @@ def _distances(c: Calibration, solved: _Solved) -> Floats:
     return studentised(c.projection.whitened, lift @ solved.covariance @ lift.T, c.used)
 
 
-def _with_projection(c: Calibration, point: Point) -> Calibration:
+def with_projection(c: Calibration, point: Point) -> Calibration:
     """A calibration whose projection is known."""
     c.__dict__['projection'] = point
     return c
@@ -478,14 +478,14 @@ def _resized(c: Calibration, size: Floats) -> Calibration:
         whitened=point.whitened._replace(by_errors=point.whitened.by_errors * every),
         errors=np.concatenate([c.errors, values]),
     )
-    return _with_projection(replace(c, random=c.random.resized(factor), random_values=values), point)
+    return with_projection(replace(c, random=c.random.resized(factor), random_values=values), point)
 
 
 def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Floats, is_first: bool) -> MixedModel:
     """The calibration with its covariance and what contributes to it."""
     c = _resized(moved, _parts(moved, solved.tau)[2])
     point = c.projection
-    c = _with_projection(replace(c, known=_known(c, solved)), point)
+    c = with_projection(replace(c, known=_known(c, solved)), point)
     lift = _lift(c, solved)
     everything = lift @ solved.covariance @ lift.T
     enlarged = enlargement_of(solved.chi_square, solved.freedoms)
@@ -515,7 +515,7 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
         force=base_force(c.observe(), c.model),
         termination=Termination.CONVERGED if is_first or solved.shift < 1.0 else Termination.ITERATION_LIMIT,
     )
-    c = _with_projection(c, point)
+    c = with_projection(c, point)
     rejected = float((~c.used).sum()) * -2 * np.log(FALSE_REJECTIONS / len(c.used))
     return MixedModel(c, float(np.exp(solved.logs[-1])), typical, solved.deviance + rejected)
 
@@ -533,7 +533,7 @@ def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
     covariance = c.covariance + more
     std = np.where(c.std > 0, np.sqrt(np.diag(covariance)[:count]), c.std)
     contributions = (*c.contributions, Contribution(RIVALS, None, '', more))
-    return _with_projection(replace(c, covariance=covariance, std=std, contributions=contributions), c.projection)
+    return with_projection(replace(c, covariance=covariance, std=std, contributions=contributions), c.projection)
 
 
 def _known(c: Calibration, solved: _Solved) -> Prior | None:
@@ -548,8 +548,7 @@ def _known(c: Calibration, solved: _Solved) -> Prior | None:
         Source(f'size[{names[k].rpartition(".")[0]}]', float(s), units[k - c.model.base_count])
         for k, s in zip(places.tolist(), std.tolist(), strict=True)
     )
-    amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
-    mean = c.model.as_array() - amplitudes
+    mean = c.model.as_array() - _amplitudes(c)
     return Prior(sources, places, mean[places], std, 0)
 
 
