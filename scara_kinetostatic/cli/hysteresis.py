@@ -23,17 +23,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, print_result
+from scara_kinetostatic.cli.arguments import add_options, add_results, print_report
 from scara_kinetostatic.errors import InputError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.studies.loops.record import Record
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
+    predict = 'records driven by load, to predict: from the unloading on, in loops after the first third'
     many: dict[str, Any] = {'nargs': '+', 'default': []}
     add_options(
         parser,
@@ -41,13 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--response', 'COLUMN', str, 'column of the displacement or the angle, among many'),
         ('--load', 'COLUMN', str, 'column of the force or the torque, among many'),
         ('--driven', '', ('load', 'motion'), 'what drives the records (default: as they look)'),
-        (
-            '--predict',
-            'OTHER.csv',
-            Path,
-            'records driven by load, to predict: from the unloading on, in loops after the first third',
-            many,
-        ),
+        ('--predict', 'OTHER.csv', Path, predict, many),
     )
     add_results(parser, files='hysteresis.json and hysteresis.html')
 
@@ -59,31 +51,21 @@ def run(args: argparse.Namespace) -> int:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: the records are too short, or not of full loops or of a load that comes and goes.
     """
-    from scara_kinetostatic.report import as_page, as_text, json_text
-    from scara_kinetostatic.studies.loops.record import MOTION, what_drives
+    from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.studies.loops.record import MOTION, check_alike, load_record, what_drives
     from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report
     from scara_kinetostatic.studies.loops.selection import analyse, predict_records
 
-    records = _records(args)
+    paths = [*args.tables, *args.predict]
+    check_different(paths)
+    records = [load_record(path, args.response, args.load) for path in paths]
+    check_alike(records)
     driven = args.driven or what_drives(records)
     if args.predict and driven == MOTION:
         problem = f'{records[0].source} is driven by its motion'
         raise InputError('--predict', problem, 'it takes records driven by their load; see --driven')
     selections = analyse(records[: len(args.tables)], driven)
     predicted = predict_records(selections[0], records[len(args.tables) :]) if args.predict else ()
-    document = hysteresis_document(selections, predicted)
     report = hysteresis_report(selections, predicted)
-    files = {'hysteresis.json': json_text(document), 'hysteresis.html': as_page(report)} if args.out else {}
-    print_result(as_text(report), document, args.json, args.out, files)
+    print_report(args, 'hysteresis', report, hysteresis_document(selections, predicted))
     return 0
-
-
-def _records(args: argparse.Namespace) -> list[Record]:
-    from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.studies.loops.record import check_alike, load_record
-
-    paths = [*args.tables, *args.predict]
-    check_different(paths)
-    records = [load_record(path, args.response, args.load) for path in paths]
-    check_alike(records)
-    return records
