@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 from scipy import special
@@ -12,23 +11,12 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.linear_problem import STRICT_SIGNIFICANCE
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, DiscriminatingTouch, Found
+from scara_kinetostatic.diagnosis.search import Moment
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.parameters import UNITS, quantity
 from scara_kinetostatic.model.touch import TouchSet
 
 _MOST_NAMES = 4
-
-
-class HasMoment(Protocol):
-    """An effect that begins or ends in a step, and when, in words."""
-
-    @property
-    def effect(self) -> Effect:
-        """The effect."""
-
-    @property
-    def text(self) -> str:
-        """Between which touches."""
 
 
 def joined(*texts: str) -> str:
@@ -111,7 +99,7 @@ def fixed_parameters(c: Calibration) -> str:
     return f'fixed parameters: {names}; a wrong value appears as an effect that does not exist: estimate them, too'
 
 
-def moments(found: Sequence[Found], known: Sequence[HasMoment]) -> str:
+def moments(found: Sequence[Found], known: Sequence[Moment]) -> str:
     """Between which touches something shifted; of a rival, where that is if it is the one."""
     certain = {item.effect.label for item in found if item.is_found}
     named = [(moment.effect.label, moment.text) for moment in known if moment.text]

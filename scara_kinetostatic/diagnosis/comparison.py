@@ -373,7 +373,7 @@ def _largest_channel(problem: Problem, item: Found) -> tuple[str, float, Floats]
         rows.append((f'sensor error {side} the force  [N]', 1.0, error, along @ turn, Shift(), along @ turn))
     channels = []
     for label, per_si, size, unit, shift, sensor_error in rows:
-        column = problem.change(shift, sensor_error).reshape(-1, 2)
+        column = problem.changes([shift], [sensor_error]).reshape(-1, 2)
         channels.append((float(np.linalg.norm((size * unit).sum(axis=1)[:, None] * column)), label, per_si, column))
     return max(channels, key=lambda channel: channel[0])[1:]
 

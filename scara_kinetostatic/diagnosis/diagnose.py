@@ -30,10 +30,9 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     fitted_effects,
     pose_problem,
 )
-from scara_kinetostatic.diagnosis.mixed_model import averaged, fit_mixed
+from scara_kinetostatic.diagnosis.mixed_model import averaged, fit_mixed, with_projection
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, rank_singles, score_singles
-from scara_kinetostatic.diagnosis.noise_structure import PENALTY, noise_candidate
-from scara_kinetostatic.diagnosis.refit import fit_again
+from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.search import Moment, Search, fit_rivals, likeliest, moments
 from scara_kinetostatic.effects.base import Effect
@@ -207,7 +206,8 @@ def _with_extended_model(
     effects = _describe(fit, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
     if verdict == 'unexplained':
-        effects = tuple(_as_suspicion(item) for item in effects)
+        # beside what is missing a name is no more than possible; a fitted curve names nothing
+        effects = tuple(item._replace(is_possible=item.effect.is_physical) for item in effects)
     touches = discriminating_touches(c, rivals) if len(rivals) > 1 else None
     possible = tuple(item.effect.label for item in effects if item.is_possible)
     return Diagnosis(
@@ -240,9 +240,7 @@ def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
         place += len(effect.parameters)
     if not when:
         return fit
-    changed = replace(fit, effect_std=std)
-    changed.__dict__['projection'] = fit.projection
-    return changed
+    return with_projection(replace(fit, effect_std=std), fit.projection)
 
 
 def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
@@ -252,11 +250,6 @@ def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
     if after.p_value < SIGNIFICANCE or is_described:
         return 'unexplained'
     return 'ambiguous' if found.rivals else 'explained'
-
-
-def _as_suspicion(item: Found) -> Found:
-    """An effect beside which something is missing: its name is no more than possible; a fitted curve names nothing."""
-    return item._replace(is_possible=item.effect.is_physical)
 
 
 def _describe(extended: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]) -> tuple[Found, ...]:

@@ -182,12 +182,14 @@ def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
     jacobian = marginal.apply((point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1))
     base = np.linalg.qr(jacobian)[0]
     residual = unprojected - base @ (base.T @ unprojected)
+    # sizes above the likeliest ones take some of what is noise, whose level is known along with them
+    least = 0.0 if c.random is None else 1.0
     dependences = []
     for family in _families(c, point):
         noise = None if family.noise is None else family.noise.reshape(2 * n, -1)
         columns = marginal.apply(family.columns.reshape(2 * n, -1))
         unit, _ = independent_part(base, columns, INDEPENDENT_PART_CAUTIOUS, noise)
-        tested = f_test(unit, residual, 2 * n - uninformative - base.shape[1])
+        tested = f_test(unit, residual, 2 * n - uninformative - base.shape[1], least)
         if tested is not None:
             dependences.append(Dependence(family.name, *tested))
     return tuple(sorted(dependences, key=lambda dependence: dependence.p_value))

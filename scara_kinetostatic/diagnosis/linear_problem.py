@@ -143,10 +143,6 @@ class Problem(NamedTuple):
         columns, with_noise = np.split(self.columns(trial, changed), 2, axis=1)
         return columns, with_noise - columns
 
-    def change(self, shift: Shift, sensor_error: Floats | None = None) -> Floats:
-        """Change of the whitened misclosures by a shift and an error of the sensor, touch by touch, (2n,)."""
-        return self.changes([shift], [sensor_error])[:, 0]
-
     def changes(self, shifts: Sequence[Shift], errors: Sequence[Floats | None]) -> Floats:
         """Changes of the whitened misclosures by shifts and errors of the sensor, (2n, k)."""
         n = len(self.force)
@@ -283,7 +279,7 @@ def independent_part(base: Floats, columns: Floats, least: float, noise: Floats 
     return u[:, independent], min(1.0, float(values[0]))
 
 
-def f_test(unit: Floats, residual: Floats, freedoms: int) -> tuple[float, float] | None:
+def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) -> tuple[float, float] | None:
     """p-value of "the columns explain nothing", and the part of the sum of squares that they explain; None if they add
     nothing testable.
 
@@ -291,12 +287,13 @@ def f_test(unit: Floats, residual: Floats, freedoms: int) -> tuple[float, float]
         unit: orthonormal basis of what they add to the fit, (m, r).
         residual: of the fit, (m,).
         freedoms: degrees of freedom without them.
+        least: mean square that the residual has at least.
     """
     rank, total = unit.shape[1], float(residual @ residual)
     if rank == 0 or freedoms <= rank or total < ROUNDING * len(residual):
         return None
     explained = float(np.sum((unit.T @ residual) ** 2))
-    ratio = (explained / rank) / (max(total - explained, 1e-300) / (freedoms - rank))
+    ratio = (explained / rank) / max((total - explained) / (freedoms - rank), least, 1e-300)
     return float(special.fdtrc(rank, freedoms - rank, ratio)), explained / total
 
 

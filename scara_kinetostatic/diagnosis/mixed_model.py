@@ -9,10 +9,12 @@ effect of the catalogue, in units of its typical size (`effects.undetected`). Ev
 `RandomEffects` held where they are; those that are named are effects of the model, linearised anew. None is free.
 
 **Sizes.** The τ are found by restricted likelihood (REML; Patterson and Thompson, Biometrika 58 (1971) 545), by Fisher
-scoring in log τ. A robot is good or bad as a whole, so they have a common size τ_0 beforehand; τ_g / τ_0 and τ_0 have a
-half-Cauchy prior with scale 1 each (Gelman, Bayesian Analysis 1 (2006) 515), whose tails leave one large flaw among
-small errors as large as it is. Its density in log τ counts: what the touches say nothing of has the common size, not
-none. The mean of τ is taken, exp(log τ + v/2) with the variance v of log τ by Laplace's approximation, v at most 1.
+scoring in log τ. A robot is good or bad as a whole, so they have a common size τ_0 beforehand: τ_g / τ_0 is half-t with
+scale 1, and τ_0 half-Cauchy (Gelman, Bayesian Analysis 1 (2006) 515). While flaws are looked for, and where they are
+named, τ_g / τ_0 is half-Cauchy, too: its tails leave one large flaw among small errors as large as it is, and these
+small. What is left is more alike: three degrees of freedom. The density in log τ counts: what the touches say nothing
+of has the common size, not none. The root mean square of τ is taken, as squares add up in a variance: exp(log τ + v)
+with the variance v of log τ by Laplace's approximation, at most √3 τ as by the prior.
 Sizes that the cell description declares are held. Where the fit has estimated the noise, its levels are estimated
 along with the sizes, by expectation and maximisation.
 
@@ -40,7 +42,13 @@ from scara_kinetostatic.calibration.random_effects import RIVALS, RandomEffects
 from scara_kinetostatic.calibration.result import Calibration, Contribution, enlargement_of, of_full_model
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
-from scara_kinetostatic.diagnosis.restricted_likelihood import Whitened, estimate_levels, estimate_sizes, half_cauchy
+from scara_kinetostatic.diagnosis.restricted_likelihood import (
+    Whitened,
+    estimate_levels,
+    estimate_sizes,
+    penalised,
+    size_prior,
+)
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import columns_of, typical_size
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
@@ -49,8 +57,10 @@ from scara_kinetostatic.model.cell import Noise, SizeMode
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.touch import Rejection
 
-_LARGEST_HALF_VARIANCE = 0.5
-"""Of log τ: the mean of a size of which nothing is known is at most 1.65 times the common one."""
+HEAVY_TAILS, LIGHT_TAILS = 1.0, 3.0
+"""Degrees of freedom of the sizes' prior: of flaws, named or looked for; of what is left, whose mean square exists."""
+_LARGEST_RATIO = 3**0.5
+"""Root mean square of τ_g / τ_0 with light tails, where the touches say nothing of it."""
 _ROUNDS = 6
 """Of the noise levels."""
 _LINEARISATIONS = 8
@@ -96,13 +106,18 @@ class _Sizes(NamedTuple):
         typical: the size of each that τ = 1 stands for, (m + k + r,).
         held: log τ where it is not to be estimated, (m + k + r,); NaN where it is.
         group: number of the group of each that is to be estimated; -1 for others.
-        groups: how many there are.
+        freedoms: of the prior of the size of each group and of τ_0, (g + 1,).
     """
 
     typical: Floats
     held: Floats
     group: Indices
-    groups: int
+    freedoms: Floats
+
+    @property
+    def groups(self) -> int:
+        """How many there are."""
+        return len(self.freedoms) - 1
 
 
 def fit_mixed(
@@ -112,6 +127,7 @@ def fit_mixed(
     most: int = _LINEARISATIONS,
     *,
     keeps_touches: bool = False,
+    freedoms: float = LIGHT_TAILS,
 ) -> MixedModel:
     """The mixed model of the touches of a calibration.
 
@@ -121,6 +137,7 @@ def fit_mixed(
         named: the effects to name, with values to begin with, and L̄; None for none.
         most: linearisations at most.
         keeps_touches: whether outliers stay, as what is missing may explain them.
+        freedoms: of the prior of the sizes.
 
     Raises:
         UnsupportedDataError: it diverges.
@@ -135,20 +152,20 @@ def fit_mixed(
     with np.errstate(all='ignore'):
         for steps in (most, 1):  # where it does not settle, the first linearisation
             with suppress(np.linalg.LinAlgError, ParameterError):
-                found = _settled(c, known, model, steps, keeps_touches)
+                found = _settled(c, known, model, steps, keeps_touches, freedoms)
                 if found.fit.termination is Termination.CONVERGED:
                     return found
     raise UnsupportedDataError('the fit diverges', 'check the places of the discs, and units, signs and frames')
 
 
 def _settled(
-    c: Calibration, known: Sequence[Effect], model: ExtendedModel, most: int, keeps_touches: bool
+    c: Calibration, known: Sequence[Effect], model: ExtendedModel, most: int, keeps_touches: bool, freedoms: float
 ) -> MixedModel:
     """The mixed model, linearised anew until it settles, up to a number of times."""
     latest, typical, held = _with_random_effects(c, model, known)
     logs = np.zeros(0)
     for number in range(most):
-        sizes = _sizes_of(latest, len(c.model.effects), typical, held)
+        sizes = _sizes_of(latest, len(c.model.effects), typical, held, freedoms)
         # model error may have been taken for noise: of two explanations the one with the usual noise is tried first
         noise = c.noise if number else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
         levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
@@ -162,7 +179,7 @@ def _settled(
         good = c.used if keeps_touches else _good(moved, solved, late=number >= 3)
         if settled and (good == moved.used).all():
             break
-        latest = _with_projection(replace(moved, used=good), moved.projection)
+        latest = with_projection(replace(moved, used=good), moved.projection)
     if not np.isfinite([solved.deviance, *moved.projection.distance[moved.used]]).all():
         raise np.linalg.LinAlgError('the linearisation leads to where the model is not defined')
     return _result(moved, c, solved, typical, is_first=most == 1)
@@ -216,7 +233,7 @@ def _subspace(c: Calibration, model: ExtendedModel) -> Subspace:
     return Subspace(model.as_array(), np.concatenate([base, more], axis=1))
 
 
-def _sizes_of(c: Calibration, kept: int, typical: Floats, held: Floats) -> _Sizes:
+def _sizes_of(c: Calibration, kept: int, typical: Floats, held: Floats, freedoms: float) -> _Sizes:
     """The columns with a prior at a linearisation, and their groups: one for each label, and for each named effect."""
     arm, declared = c.cell.uncertainty.effects.arm, len(c.errors)
     sizes, logs, groups = [1.0] * declared, [0.0] * declared, [''] * declared
@@ -234,13 +251,15 @@ def _sizes_of(c: Calibration, kept: int, typical: Floats, held: Floats) -> _Size
     groups += [label if np.isnan(log) else '' for label, log in zip(labels, held, strict=True)]
     names = [name for name in dict.fromkeys(groups) if name]
     group = np.array([names.index(name) if name else -1 for name in groups], dtype=np.intp)
-    return _Sizes(np.concatenate([sizes, typical]), np.concatenate([logs, held]), group, len(names))
+    of_each = [HEAVY_TAILS if name.startswith('named ') else freedoms for name in names]
+    of_each.append(HEAVY_TAILS)
+    return _Sizes(np.concatenate([sizes, typical]), np.concatenate([logs, held]), group, np.array(of_each))
 
 
 def _first_logs(c: Calibration, sizes: _Sizes) -> Floats:
     """Log τ to begin with: typical sizes, and of named effects their own."""
     places, first = _effect_places(c), len(c.errors)
-    amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])[places]
+    amplitudes = _amplitudes(c)[places]
     here = slice(first, first + len(places))
     squares = np.bincount(
         np.maximum(sizes.group[here], 0), np.square(amplitudes / sizes.typical[here]), sizes.groups + 1
@@ -253,7 +272,7 @@ class _Solved(NamedTuple):
 
     Attributes:
         logs: log τ of each group and log τ_0, (g + 1,), at their maximum.
-        tau: size of each column with a prior, (c,), in its unit: the mean.
+        tau: size of each column with a prior, (c,), in its unit: the root mean square.
         levels: variances of the noise of joints and force, in those of the linearisation.
         y: changes of L̄ in the basis of the fit without effects, (b,), by the penalised estimate.
         u: values of the columns with a prior, in units of their sizes, (c,).
@@ -278,7 +297,7 @@ class _Solved(NamedTuple):
 
 def _columns(c: Calibration, point: Point, base: Calibration) -> tuple[Floats, Floats, Floats]:
     """Whitened J, (2n, b), the columns with a prior, each by its unit, (2n, c), the residual without them, (2n,)."""
-    w, count = point.whitened, c.model.base_count
+    w = point.whitened
     rows = w.residual.size
     basis = c.subspace.basis
     b = base.subspace.basis.shape[1]
@@ -291,11 +310,7 @@ def _columns(c: Calibration, point: Point, base: Calibration) -> tuple[Floats, F
         residual -= by_errors @ np.concatenate([c.errors, c.random_values])
         parts.append(by_errors[:, :errors])
     by_effects = w.derivative.reshape(rows, -1)
-    amplitudes = [effect.amplitudes(values) for effect, values in c.model.pairs]
-    values = np.concatenate([np.zeros(count), *amplitudes])
-    kept = np.setdiff1d(np.arange(count, len(values)), free)
-    values[kept] = 0.0
-    residual -= by_effects @ values
+    residual -= by_effects[:, free] @ _amplitudes(c)[free]
     parts.append(by_effects[:, free])
     if w.by_errors is not None and c.random is not None:
         parts.append(by_errors[:, errors:] / c.random.size)
@@ -316,23 +331,21 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     columns = (columns * weights_held)[:, order]
     group, fixed = sizes.group[order][(~free).sum() :], int((~free).sum())
     levels = levels if noise_free else np.ones(2)
-    logs, half = start, np.zeros(sizes.groups + 1)
+    logs, variance = start, np.zeros(sizes.groups + 1)
     for _ in range(_ROUNDS if noise_free else 1):
         inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
         if sizes.groups:
-            logs, half = estimate_sizes(inner, fixed, group, logs)
+            logs, variance = estimate_sizes(inner, fixed, group, logs, sizes.freedoms)
         weights = np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])])
         before, levels = levels, estimate_levels(inner, of_joints, levels, weights) if noise_free else levels
         if np.abs(np.log(levels / before)).max() < 0.05:
             break
     inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
-    mean = np.exp((logs + np.minimum(half, _LARGEST_HALF_VARIANCE))[:-1])
-    weights = np.concatenate([np.ones(fixed), mean[group]])
-    system = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
-    factor = np.linalg.cholesky(system)
-    inverse = np.linalg.inv(system)
-    h = weights * inner.projected
-    u = -inverse @ h
+    deviance = penalised(inner, weights)[0] + size_prior(logs, sizes.freedoms)[0]
+    rms = np.exp((logs + np.minimum(variance, np.log(_LARGEST_RATIO)))[:-1])
+    weights = np.concatenate([np.ones(fixed), rms[group]])
+    _, inverse, effects = penalised(inner, weights)
+    u = -effects
     by_fitted = np.linalg.solve(inner.triangle, inner.of_columns * weights)
     y = -linalg.solve_triangular(inner.triangle, inner.of_residual, check_finite=False) - by_fitted @ u
     root = linalg.solve_triangular(inner.triangle, np.eye(len(y)), check_finite=False)
@@ -344,22 +357,13 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     back = np.argsort(order)
     every = np.concatenate([np.arange(b), b + back])
     tau = (sizes.typical * weights_held)[order] * weights
-    chi_square = float(inner.square - h @ inverse @ h)
-    determinants = 2 * np.log(np.abs(np.diag(inner.triangle))).sum() + 2 * np.log(np.diag(factor)).sum()
+    chi_square = float(inner.square + weights * inner.projected @ u)
     l11, _, l22 = point.whitened.root
-    determinants += 2 * np.log(l11 * l22).sum() - 2 * np.log(np.linalg.det(inner.inverse)).sum()
+    deviance += 2 * np.log(np.abs(np.diag(inner.triangle))).sum()
+    deviance += 2 * np.log(l11 * l22).sum() - 2 * np.log(np.linalg.det(inner.inverse)).sum()
     freedoms = 2 * n + len(trusted[0]) - b
     solved = _Solved(
-        logs,
-        tau[back],
-        levels,
-        y,
-        u[back],
-        covariance[np.ix_(every, every)],
-        chi_square,
-        freedoms,
-        chi_square + determinants + half_cauchy(logs),
-        np.inf,
+        logs, tau[back], levels, y, u[back], covariance[np.ix_(every, every)], chi_square, freedoms, deviance, np.inf
     )
     return solved._replace(shift=_shift(c, solved))
 
@@ -384,6 +388,11 @@ def _parts(c: Calibration, u: Floats) -> tuple[Floats, Floats, Floats]:
     return u[:first], u[first:last], u[last:]
 
 
+def _amplitudes(c: Calibration) -> Floats:
+    """The values of the model of which its effects vanish with zero, others as zero, (12 + k,)."""
+    return np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
+
+
 def _effect_places(c: Calibration) -> Indices:
     """Positions of the free values of effects among all values."""
     count = c.model.base_count
@@ -395,8 +404,7 @@ def _values(c: Calibration, solved: _Solved) -> tuple[Floats, Floats, Floats]:
     values, b = c.model.as_array(), len(solved.y)
     errors, named, random = _parts(c, solved.u * solved.tau)
     places = _effect_places(c)
-    amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
-    values[places] += named - amplitudes[places]
+    values[places] += named - _amplitudes(c)[places]
     values = values + c.subspace.basis[:, :b] @ solved.y
     return values, errors, random / c.random.size if c.random is not None else random
 
@@ -451,7 +459,7 @@ def _distances(c: Calibration, solved: _Solved) -> Floats:
     return studentised(c.projection.whitened, lift @ solved.covariance @ lift.T, c.used)
 
 
-def _with_projection(c: Calibration, point: Point) -> Calibration:
+def with_projection(c: Calibration, point: Point) -> Calibration:
     """A calibration whose projection is known."""
     c.__dict__['projection'] = point
     return c
@@ -470,14 +478,14 @@ def _resized(c: Calibration, size: Floats) -> Calibration:
         whitened=point.whitened._replace(by_errors=point.whitened.by_errors * every),
         errors=np.concatenate([c.errors, values]),
     )
-    return _with_projection(replace(c, random=c.random.resized(factor), random_values=values), point)
+    return with_projection(replace(c, random=c.random.resized(factor), random_values=values), point)
 
 
 def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Floats, is_first: bool) -> MixedModel:
     """The calibration with its covariance and what contributes to it."""
     c = _resized(moved, _parts(moved, solved.tau)[2])
     point = c.projection
-    c = _with_projection(replace(c, known=_known(c, solved)), point)
+    c = with_projection(replace(c, known=_known(c, solved)), point)
     lift = _lift(c, solved)
     everything = lift @ solved.covariance @ lift.T
     enlarged = enlargement_of(solved.chi_square, solved.freedoms)
@@ -507,7 +515,7 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
         force=base_force(c.observe(), c.model),
         termination=Termination.CONVERGED if is_first or solved.shift < 1.0 else Termination.ITERATION_LIMIT,
     )
-    c = _with_projection(c, point)
+    c = with_projection(c, point)
     rejected = float((~c.used).sum()) * -2 * np.log(FALSE_REJECTIONS / len(c.used))
     return MixedModel(c, float(np.exp(solved.logs[-1])), typical, solved.deviance + rejected)
 
@@ -525,7 +533,7 @@ def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
     covariance = c.covariance + more
     std = np.where(c.std > 0, np.sqrt(np.diag(covariance)[:count]), c.std)
     contributions = (*c.contributions, Contribution(RIVALS, None, '', more))
-    return _with_projection(replace(c, covariance=covariance, std=std, contributions=contributions), c.projection)
+    return with_projection(replace(c, covariance=covariance, std=std, contributions=contributions), c.projection)
 
 
 def _known(c: Calibration, solved: _Solved) -> Prior | None:
@@ -540,8 +548,7 @@ def _known(c: Calibration, solved: _Solved) -> Prior | None:
         Source(f'size[{names[k].rpartition(".")[0]}]', float(s), units[k - c.model.base_count])
         for k, s in zip(places.tolist(), std.tolist(), strict=True)
     )
-    amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
-    mean = c.model.as_array() - amplitudes
+    mean = c.model.as_array() - _amplitudes(c)
     return Prior(sources, places, mean[places], std, 0)
 
 

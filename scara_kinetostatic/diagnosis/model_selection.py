@@ -23,7 +23,7 @@ those that replace each other are rivals.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -47,20 +47,14 @@ class Subset(NamedTuple):
     Attributes:
         members: indices of the candidates, ascending.
         rest: residual sum of squares.
-        rank: columns that the set adds.
         penalty: of its effects.
         score: deviance and penalty; lower is better.
     """
 
     members: tuple[int, ...]
     rest: float
-    rank: int
     penalty: float
-    score: float = 0.0
-
-    def is_part_of(self, other: Subset) -> bool:
-        """Whether it has some of the members of another set, but not all."""
-        return bool(self.members) and set(self.members) < set(other.members)
+    score: float
 
 
 class ScoredSubsets(NamedTuple):
@@ -71,14 +65,12 @@ class ScoredSubsets(NamedTuple):
         subsets: all sets scored, the best first; the empty one is among them.
         credible: those, except the empty one, that the data do not rule out, the best first.
         scale: s², the variance in units of which deviances are counted.
-        penalty: of a set, from the indices of its candidates.
     """
 
     candidate_set: CandidateSet
     subsets: tuple[Subset, ...]
     credible: tuple[Subset, ...]
     scale: float
-    penalty: Callable[[Sequence[int]], float]
 
     @property
     def empty(self) -> Subset:
@@ -109,7 +101,7 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
     layers = [scorer.score(sets) for sets in (_NO_MEMBERS, _singles(number), scorer.allowed(pairs))]
     while len(layers[-1].members) and len(layers) <= 4:
         layers.append(scorer.score(scorer.allowed(_grown(layers[-1], number))))
-    scored_subsets = _ranked(problem, candidate_set, scorer, layers)
+    scored_subsets = _ranked(problem, candidate_set, layers)
     best = scored_subsets.subsets[0]
     if best.score > scored_subsets.empty.score - CREDIBLE:
         return scored_subsets
@@ -120,7 +112,7 @@ def rank_singles(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets
     """Score single effects only, for the ranking where nothing is missing."""
     scorer = _SubsetScorer(problem, candidate_set)
     layers = [scorer.score(_NO_MEMBERS), scorer.score(_singles(len(candidate_set.candidates)))]
-    return _ranked(problem, candidate_set, scorer, layers)
+    return _ranked(problem, candidate_set, layers)
 
 
 class _Layer(NamedTuple):
@@ -160,13 +152,6 @@ class _SubsetScorer:
     def _penalty(self, candidate: Candidate, number: int, more: float) -> float:
         return float(candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)) + more
 
-    def penalty(self, members: Sequence[int]) -> float:
-        """Penalty of a set."""
-        return float(self._penalty_of_each(np.array([members], dtype=np.intp))[0])
-
-    def _penalty_of_each(self, sets: Indices) -> Floats:
-        return np.asarray(self.penalties[sets].sum(axis=1) - self._preference(sets))
-
     def _preference(self, sets: Indices) -> Floats:
         """By how much the penalty of each set is smaller, as it is what is declared."""
         return np.where(self.declared[sets].all(axis=1), self._less, 0.0) if sets.shape[1] == 1 else np.zeros(len(sets))
@@ -190,7 +175,7 @@ class _SubsetScorer:
         for w in np.unique(width[width > 0]).tolist():
             alike = np.flatnonzero(width == w)
             explained[alike], rank[alike] = self._solve(columns[alike, :w])
-        rest, penalty = self.total - explained, self._penalty_of_each(sets)
+        rest, penalty = self.total - explained, self.penalties[sets].sum(axis=1) - self._preference(sets)
         kept = _promising(rest, penalty)
         return _Layer(sets[kept], rest[kept], rank[kept], penalty[kept])
 
@@ -290,9 +275,7 @@ def _grown(layer: _Layer, number: int) -> Indices:
     return np.unique(np.sort(np.concatenate([np.repeat(best, number, axis=0), more], axis=1), axis=1), axis=0)
 
 
-def _ranked(
-    problem: Problem, candidate_set: CandidateSet, scorer: _SubsetScorer, layers: Sequence[_Layer]
-) -> ScoredSubsets:
+def _ranked(problem: Problem, candidate_set: CandidateSet, layers: Sequence[_Layer]) -> ScoredSubsets:
     """The sets of all layers, scored, the best first."""
     rest, rank, penalty = (np.concatenate([layer[k] for layer in layers]) for k in (1, 2, 3))
     scale = _scale(problem, rest, rank)
@@ -301,9 +284,9 @@ def _ranked(
     order = np.argsort(score, kind='stable')
     members = [tuple(each) for layer in layers for each in layer.members.tolist()]
     sorted_members = [members[k] for k in order.tolist()]
-    columns = (values[order].tolist() for values in (rest, rank, penalty, score))
+    columns = (values[order].tolist() for values in (rest, penalty, score))
     subsets = tuple(Subset(*row) for row in zip(sorted_members, *columns, strict=True))
-    return ScoredSubsets(candidate_set, subsets, (), scale, scorer.penalty)
+    return ScoredSubsets(candidate_set, subsets, (), scale)
 
 
 def _scale(problem: Problem, rest: Floats, rank: Indices) -> float:

@@ -11,6 +11,13 @@ shows it:
 In both cases the touches are diagnosed anew with the noise found, and the likelier of the two diagnoses is kept. A
 model error is no noise: it depends on something, so the F-tests find it whatever the weights are.
 
+Fits may differ in the touches that they reject. So a rejected touch has a penalty, the squared distance d² beyond which
+touches are rejected. Over all touches,
+
+    D = Σ_used d² / s² + Σ_declared e² / s² + Σ_rejected d²_rejection + Σ ln det V,
+
+and the smaller D is the likelier model.
+
 **Contact friction** is a random off-normal angle α of each force: a score test, and an estimate of its standard
 deviation. A random angle shifts no mean. It adds the variance σ_α² h_α h_αᵀ to that of the noise, which grows with the
 disc's radius, whereas that by noise of the force decreases with its size. The test is a score test of this variance
@@ -25,17 +32,18 @@ from dataclasses import replace
 import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import WarmStart
+from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, WarmStart
 from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.lack_of_fit import FORCE, JOINT, OFF_NORMAL, find_dependences, growing_p_value
 from scara_kinetostatic.diagnosis.linear_problem import CREDIBLE, STRICT_SIGNIFICANCE
-from scara_kinetostatic.diagnosis.refit import deviance, fit_again, with_rejections_of
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.contact_friction import OffNormalForce
-from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
 
 PENALTY = 6.0
 """Decrease of the deviance that noise that grows must bring where the residuals are larger than noise."""
@@ -71,8 +79,8 @@ def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
     grown = _refitted(c, c.noise._replace(force_relative=0.01)) if asked else None
     if grown is None:
         return None
-    least = deviance(grown)
-    gain = deviance(c) - least
+    least = _deviance(grown)
+    gain = _deviance(c) - least
     # noise that grows by more than 5 % of the force is a model error
     if gain < (PENALTY if suspicious else CREDIBLE) or grown.noise.growth > 0.05 or _is_understated(c, least):
         return None
@@ -90,13 +98,13 @@ def _is_understated(c: Calibration, least: float) -> bool:
     if c.cell.noise is None:
         return False
     free = _refitted(replace(c, cell=replace(c.cell, noise=None)), c.noise._replace(force_relative=None))
-    return free is not None and deviance(free) < least - CREDIBLE
+    return free is not None and _deviance(free) < least - CREDIBLE
 
 
 def _refitted(c: Calibration, noise: Noise) -> Calibration | None:
     """The model of a calibration fitted with the components of a noise; None where it has no fit."""
     found = fit_again(c, noise=noise, start=c.start)
-    return None if found is None else with_rejections_of(found, c)
+    return None if found is None else _with_rejections_of(found, c)
 
 
 def fit_with_off_normal(calibration: Calibration) -> Calibration:
@@ -118,7 +126,7 @@ def fit_with_off_normal(calibration: Calibration) -> Calibration:
         slow += latest.termination is not Termination.CONVERGED or latest.iterations > 150
         if abs(off_normal / before - 1) < 0.02 or slow >= 2:
             break
-    return with_rejections_of(latest, c)
+    return _with_rejections_of(latest, c)
 
 
 def _updated(c: Calibration, off_normal: float) -> float:
@@ -129,3 +137,37 @@ def _updated(c: Calibration, off_normal: float) -> float:
     shrunk = whiten_by(point.linear.by_off_normal, point.whitened.root)
     left = off_normal**2 * (1 - (shrunk**2).sum(axis=1))
     return float(np.sqrt(np.mean(point.adjusted.off_normal**2 + left)))
+
+
+def fit_again(
+    c: Calibration, *, noise: Noise | None = None, cell: Cell | None = None, start: ExtendedModel | None = None
+) -> Calibration | None:
+    """A calibration fitted anew, close to where it is; None where the touches have no such fit.
+
+    Args:
+        c: the calibration.
+        noise: to start from; that of the calibration by default.
+        cell: another description of the cell; likewise.
+        start: as in `calibrate`.
+    """
+    warm_start = WarmStart(c.model, noise or c.noise, c.used, c.errors)
+    try:
+        return calibrate(c.touches, cell or c.cell, c.model.effects, fixed=c.fixed, start=start, warm_start=warm_start)
+    except UnsupportedDataError:
+        return None
+
+
+def _with_rejections_of(found: Calibration, before: Calibration) -> Calibration:
+    """A new fit of the touches of another, with the touches that were rejected before any fit."""
+    places = set(before.touches.index.tolist())
+    left_out = [item for item in before.rejected if item.index not in places]
+    return replace(found, rejected=tuple(sorted((*left_out, *found.rejected), key=lambda item: item.index)))
+
+
+def _deviance(calibration: Calibration) -> float:
+    """D above, up to a constant of the touches."""
+    c = calibration
+    l11, _, l22 = c.projection.whitened.root
+    rejection = -2 * np.log(FALSE_REJECTIONS / len(c.touches))
+    distance = np.where(c.used, c.projection.distance, rejection)
+    return float(np.sum(distance + 2 * np.log(l11 * l22))) + c.prior_cost

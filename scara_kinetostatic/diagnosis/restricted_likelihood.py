@@ -15,10 +15,16 @@ _STEPS = 12
 """Of Fisher scoring."""
 
 
-def half_cauchy(logs: Floats) -> float:
-    """-2 log density of the sizes in log τ, (g + 1,): τ_g / τ_0 and τ_0 are half-Cauchy with scale 1."""
+def size_prior(logs: Floats, freedoms: Floats) -> tuple[float, Floats, Floats]:
+    """-2 log density of the sizes in log τ, (g + 1,), and its first two derivatives by each log(τ_g / τ_0) and log τ_0.
+
+    τ_g / τ_0 and τ_0 are half-t with scale 1 and degrees of freedom (g + 1,).
+    """
     off = np.append(logs[:-1] - logs[-1], logs[-1])
-    return float(2 * (np.log1p(np.exp(2 * off)) - off).sum())
+    square = np.exp(2 * off)
+    share, more = square / (freedoms + square), freedoms + 1
+    value = more * np.log1p(square / freedoms) - 2 * off
+    return float(value.sum()), 2 * more * share - 2, 4 * more * share * (1 - share)
 
 
 class Whitened(NamedTuple):
@@ -73,27 +79,34 @@ class Whitened(NamedTuple):
         return cls(inverse, base, triangle, x, y, x.T @ x, x.T @ y, along[:, :c], along[:, c], float(y @ y))
 
 
-def estimate_sizes(inner: Whitened, fixed: int, group: Indices, start: Floats) -> tuple[Floats, Floats]:
-    """Log τ of the groups and log τ_0, (g + 1,), and half of their variances, at given noise levels."""
+def penalised(inner: Whitened, weights: Floats) -> tuple[float, Floats, Floats]:
+    """-2 log restricted likelihood, up to a constant, at sizes of the columns, (c,); the covariance of their values in
+    these units, (c, c), and the values less their sign, (c,).
+    """
+    matrix = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
+    factor = linalg.cholesky(matrix, lower=True, check_finite=False)
+    inverse = linalg.lapack.dpotri(factor, lower=1)[0]
+    inverse = inverse + np.tril(inverse, -1).T
+    h = weights * inner.projected
+    effects = inverse @ h
+    return float(2 * np.log(np.diag(factor)).sum() + inner.square - h @ effects), inverse, effects
+
+
+def estimate_sizes(
+    inner: Whitened, fixed: int, group: Indices, start: Floats, freedoms: Floats
+) -> tuple[Floats, Floats]:
+    """Log τ of the groups and log τ_0, (g + 1,), and their variances, at given noise levels."""
     count = len(start) - 1
     member = np.zeros((len(group), count))
     member[np.arange(len(group)), group] = 1.0
 
     def value(logs: Floats) -> tuple[float, Floats, Floats]:
-        weights = np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])])
-        matrix = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
-        factor = linalg.cholesky(matrix, lower=True, check_finite=False)
-        inverse = linalg.lapack.dpotri(factor, lower=1)[0]
-        inverse = inverse + np.tril(inverse, -1).T
-        h = weights * inner.projected
-        effects = inverse @ h
-        deviance = 2 * np.log(np.diag(factor)).sum() - h @ effects + half_cauchy(logs)
-        return float(deviance), np.eye(len(weights)) - inverse, effects
+        deviance, inverse, effects = penalised(inner, np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])]))
+        return deviance + size_prior(logs, freedoms)[0], np.eye(len(inverse)) - inverse, effects
 
     logs, (lowest, part, effects) = start, value(start)
     for _ in range(_STEPS):
-        share = 1 / (1 + np.exp(-2 * np.append(logs[:-1] - logs[-1], logs[-1])))
-        slope, curve = 2 * (2 * share - 1), 8 * share * (1 - share)
+        _, slope, curve = size_prior(logs, freedoms)
         gradient = np.append(slope[:count], slope[-1] - slope[:-1].sum())
         hessian = np.diag(np.append(curve[:count], curve.sum()))
         hessian[-1, :-1] = hessian[:-1, -1] = -curve[:count]
@@ -112,7 +125,7 @@ def estimate_sizes(inner: Whitened, fixed: int, group: Indices, start: Floats) -
         decrease, logs, (lowest, part, effects) = lowest - tried[0], logs + step, tried
         if decrease < 0.01:
             break
-    return logs, np.diag(np.linalg.inv(hessian))
+    return logs, 2 * np.diag(np.linalg.inv(hessian))  # of -2 log likelihood
 
 
 def estimate_levels(inner: Whitened, of_joints: Floats, levels: Floats, weights: Floats) -> Floats:

@@ -34,7 +34,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     orthonormal,
     pose_problem,
 )
-from scara_kinetostatic.diagnosis.mixed_model import MixedModel, fit_mixed
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, MixedModel, fit_mixed
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets
 from scara_kinetostatic.diagnosis.noise_structure import fit_with_off_normal
 from scara_kinetostatic.effects.base import Effect, Trial
@@ -98,7 +98,7 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         known: the catalogue.
         plain: the mixed model without names, where it is known.
     """
-    plain = plain or fit_mixed(c, known)
+    plain = plain or fit_mixed(c, known, freedoms=HEAVY_TAILS)
     model, excluded, found, before = plain, set[str](), None, None
     for _ in range(6):  # most searches end after two rounds
         problem = pose_problem(model.fit, model.level)
@@ -112,7 +112,8 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         if not members:
             return found or Search(plain, problem, sets, (), (), c)
         best = len(sets.members(sets.credible[0]))
-        before, fitted = names, _fit(c, known, start_from(problem, members[:best], members[best:]))
+        start, before = start_from(problem, members[:best], members[best:]), names
+        fitted = _fit(c, known, start, freedoms=HEAVY_TAILS)
         if fitted is None:
             curves = {member.effect.label for member in members if not member.effect.is_physical}
             if curves & set(_partition(sets)[0]):
@@ -130,12 +131,14 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
     return found or Search(plain, problem, sets, (), (), c)
 
 
-def _fit(c: Calibration, known: Sequence[Effect], start: ExtendedModel, most: int = 8) -> MixedModel | None:
+def _fit(
+    c: Calibration, known: Sequence[Effect], start: ExtendedModel, most: int = 8, freedoms: float = LIGHT_TAILS
+) -> MixedModel | None:
     """The mixed model with effects named, of so many linearisations at most; None where there is none, or where it does
     not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm.
     """
     try:
-        model = fit_mixed(c, known, start, most)
+        model = fit_mixed(c, known, start, most, freedoms=freedoms)
     except (np.linalg.LinAlgError, UnsupportedDataError, ParameterError):
         return None
     return model if model.fit.force_error <= c.force_error + c.noise.force_rms else None
@@ -217,12 +220,12 @@ def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Sear
         known: the catalogue.
         off_normal: whether the test of the off-normal angles is significant.
     """
-    plain = fit_mixed(c, known)
+    plain = fit_mixed(c, known, freedoms=HEAVY_TAILS)
     found = [identify(c, known, plain)]
     if not c.used.all() and not found[0].fit.used.all():
         every = replace(c, used=np.ones(len(c.touches), dtype=bool))
         with suppress(np.linalg.LinAlgError, UnsupportedDataError):  # with the outliers there is none
-            found.append(identify(every, known, fit_mixed(every, known, keeps_touches=True)))
+            found.append(identify(every, known, fit_mixed(every, known, keeps_touches=True, freedoms=HEAVY_TAILS)))
     if c.cell.noise is None and not any(item.has_names for item in found) and c.noise.joint_rms > USUAL_NOISE.joint_rms:
         with suppress(UnsupportedDataError):
             usual = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), c.model.effects, fixed=c.fixed)
@@ -230,10 +233,12 @@ def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Sear
                 found.append(identify(replace(usual, cell=c.cell, noise_source='estimated'), known))
     # effects may hide off-normal angles in the base model
     off_normal = off_normal or any(off_normal_p_value(item.fit) < FRICTION_SIGNIFICANCE for item in found)
-    if off_normal and not any(_is_radial(item) for item in found):
+    if off_normal and not _is_radial(min(found, key=lambda item: item.deviance)):
         found += _with_off_normal_forces(c, known)
     best = min(found, key=lambda item: item.deviance)
-    return best._replace(lead=plain.deviance - best.deviance)
+    own, model, base = len(best.base.model.effects), best.fit.model, replace(best.base, used=best.fit.used)
+    named = ExtendedModel(model.parameters, model.effects[own:], model.effect_values[own:])
+    return best._replace(lead=plain.deviance - best.deviance, model=_fit(base, known, named) or best.model)
 
 
 def _is_radial(found: Search) -> bool:

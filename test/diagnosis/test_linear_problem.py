@@ -24,3 +24,5 @@ def test_f_test_is_that_of_the_textbook():
     assert f_test(more[:, :0], residual, 37) is None
     assert f_test(more, residual, 2) is None
     assert f_test(more, 0 * residual, 37) is None
+    expected = stats.f.sf((before - after) / 2 / 4.0, 2, 35)  # where the noise is known to be larger
+    assert f_test(more, residual, 37, 4.0) == pytest.approx((expected, 1 - after / before))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from benchmark.population import DECLARED, Task, draw, judge
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -14,6 +15,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
+from scara_kinetostatic.diagnosis.restricted_likelihood import size_prior
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.model.arm import Predictor
@@ -100,6 +102,22 @@ def test_typical_sizes_are_those_of_the_class_of_the_arm():
     stds = [mixed(declaring(CELL, sizes=SizeMode.TYPICAL, arm=arm)).std for arm in ArmClass]
     assert np.all(stds[0] < stds[1])
     assert np.all(stds[1] < stds[2])
+
+
+def test_the_prior_of_the_sizes_is_half_t_in_the_logarithm():
+    """Against SciPy's, and its derivatives against finite differences."""
+    rng = np.random.default_rng(3)
+    logs, freedoms = rng.normal(size=4), np.array([1.0, 3.0, 3.0, 1.0])
+    off = np.append(logs[:-1] - logs[-1], logs[-1])
+    density = stats.t.logpdf(np.exp(off), freedoms) + off  # of the logarithm
+    at_one = stats.t.logpdf(1.0, freedoms)
+    value, slope, curve = size_prior(logs, freedoms)
+    assert value - size_prior(np.zeros(4), freedoms)[0] == pytest.approx(-2 * (density - at_one).sum())
+    for k in range(4):
+        step = 1e-4 * np.eye(4)[k] if k < 3 else np.full(4, 1e-4)  # τ_0 alone
+        higher, lower = (size_prior(logs + sign * step, freedoms) for sign in (1, -1))
+        assert slope[k] == pytest.approx((higher[0] - lower[0]) / 2e-4, rel=1e-6)
+        assert curve[k] == pytest.approx((higher[1][k] - lower[1][k]) / 2e-4, rel=1e-6)
 
 
 def test_the_sizes_come_from_the_touches():
