@@ -36,6 +36,7 @@ from scara_kinetostatic.studies.loops.estimates import (
     CombinedEstimate,
     Estimate,
     combine_estimates,
+    least_squares,
     mean,
 )
 from scara_kinetostatic.studies.loops.readings import GRIPPER, PARTS, TIP, GaugeTable, Readings
@@ -260,10 +261,8 @@ def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, pow
     """Principal values by weighted least squares of q = m + a cos 2φ + b sin 2φ; None if one is not above 0."""
     q, weight = value**power, 1 / (power * value ** (power - 1) * std)
     design = np.stack([np.ones_like(direction), np.cos(2 * direction), np.sin(2 * direction)], axis=1)
-    basis, triangle = np.linalg.qr(design * weight[:, None])
-    inverse = np.linalg.inv(triangle)
-    coefficients, covariance = inverse @ (basis.T @ (q * weight)), inverse @ inverse.T
-    chi_square, left = float(((weight * (q - design @ coefficients)) ** 2).sum()), len(value) - 3
+    coefficients, covariance, _, residual, *_, left = least_squares(design * weight[:, None], q * weight)
+    chi_square = float(residual @ residual)
     p_value = float(stats.f.sf(chi_square / left, left, float(np.sum(dof)))) if left > 0 else np.nan
     centre, a, b = coefficients.tolist()
     radius, turned = float(np.hypot(a, b)), float(np.arctan2(b, a))

@@ -64,7 +64,7 @@ class Prediction(NamedTuple):
 
     Attributes:
         residual: measured less predicted, (n,).
-        state: mean initial state of friction.
+        state: mean initial state of friction; NaN of a law without memory.
         zero: z.
     """
 
@@ -311,7 +311,7 @@ def predict(fitted: Fit, path: RecordPath, known: Mask, states: int = 41) -> Pre
     if not fitted.law.has_state:
         off = path.driven - evaluate(fitted, path, 0.0)
         zero = float(off[path.rest if path.rest.any() else known].mean())
-        return Prediction(off - zero, 0.0, zero)
+        return Prediction(off - zero, np.nan, zero)
     grid = np.linspace(-1.0, 1.0, states)
     for _ in range(3):
         found, std = _posterior(fitted, path, known, grid)

@@ -138,8 +138,10 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
         raise UnsupportedDataError(lacking, 'load and unload in both senses, in the same cycle')
     force, displacement, passes = readings.force[used], readings.displacement[used], passes[used]
     positive = sense[passes] > 0
-    indicators = (passes[:, None] == np.arange(count)).astype(float)
-    design = np.column_stack([indicators, np.where(positive, 0.0, force), np.where(positive, force, 0.0)])
+    design = np.column_stack([passes[:, None] == np.arange(count), force * ~positive, force * positive])
+    if len(force) <= count + 2:
+        problem = f'{len(force)} rows under load are too few, this run needs {count + 3} or more'
+        raise UnsupportedDataError(problem, 'take more loads in each sense')
     solution, resolution = least_squares(design, displacement), find_resolution(readings.displacement)
     sigma = max(solution.sigma, resolution / np.sqrt(12))
     if solution.sigma < 0.38 * resolution:
