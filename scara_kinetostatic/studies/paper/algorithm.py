@@ -96,13 +96,7 @@ def paper_calibrate(touches: TouchSet, cell: Cell) -> PaperFit:
         if gain < 1e-12:  # N
             break
     history = tuple(force_error(force_residual(observations, ExtendedModel(item.parameters))) for item in visited)
-    return PaperFit(
-        parameters=at.parameters,
-        force_error=history[-1],
-        history=history,
-        merit=tuple(item.merit for item in visited),
-        rank=rank,
-    )
+    return PaperFit(at.parameters, history[-1], history, tuple(item.merit for item in visited), rank)
 
 
 def _pseudo_inverse_step(at: _Iterate, cutoff: float = 1e-7, longest_step: float = 1.0) -> tuple[Floats, int]:
@@ -117,10 +111,8 @@ def _pseudo_inverse_step(at: _Iterate, cutoff: float = 1e-7, longest_step: float
 
 def _lower(visit, at: _Iterate, step: Floats) -> _Iterate | None:  # type: ignore[no-untyped-def]
     """The first of the step, its half, its quarter, … that decreases the error index; None if none does."""
-    factor = 1.0
-    while factor >= 2.0**-12:
-        trial = visit(Parameters.from_array(at.parameters.as_array() + factor * step))
+    for halving in range(13):
+        trial = visit(Parameters.from_array(at.parameters.as_array() + 2.0**-halving * step))
         if trial.merit < at.merit:
             return trial
-        factor /= 2
     return None

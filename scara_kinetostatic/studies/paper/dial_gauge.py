@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, Readings
+from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, PARTS, Readings
 
 LEVELS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
 """Loads in increasing order, N; they are removed in the reverse order."""
@@ -68,20 +68,20 @@ class DialGaugeBench:
         turned = np.asarray(direction, dtype=float) - self.axis
         return np.hypot(self.gap_major * np.cos(turned), self.gap_minor * np.sin(turned))
 
-    def gripper(self, rng: np.random.Generator, direction: float, levels: Sequence[float] = LEVELS) -> Readings:
-        """The gripper's experiment along one direction, joints locked."""
-        force, sense, cycle = load_cycles(levels)
-        displacement = self.p_ee * force + self.gripper_gap(direction) / 2 * sense
-        displacement = displacement + self.noise * rng.standard_normal(len(force))
-        return Readings(force, displacement, cycle, direction=direction, source=GRIPPER)
+    def run(
+        self, rng: np.random.Generator, part: str, direction: float = 0.0, levels: Sequence[float] = LEVELS
+    ) -> Readings:
+        """The experiment at the gripper along one direction, joints locked, or at joint 1 or 2, the other one locked.
 
-    def joint(self, rng: np.random.Generator, joint: int, levels: Sequence[float] = LEVELS) -> Readings:
-        """The experiment at joint 1 or 2, the other locked: loads along x at the end of the arm stretched along y."""
+        A joint is loaded along x at the end of the arm, which is stretched along y.
+        """
         force, sense, cycle = load_cycles(levels)
-        part, lever = (JOINT1, sum(self.links)) if joint == 1 else (JOINT2, self.links[1])
-        displacement = lever * (self.p[joint - 1] * lever * force + self.gap[joint - 1] / 2 * sense)
-        displacement = displacement + self.noise * rng.standard_normal(len(force))
-        return Readings(force, displacement, cycle, part=part, direction=0.0, lever=lever, source=part)
+        compliance, gap, lever = self.p_ee, self.gripper_gap(direction), np.nan
+        if part != GRIPPER:
+            joint, lever = PARTS.index(part) - 1, sum(self.links) if part == JOINT1 else self.links[1]
+            compliance, gap = self.p[joint] * lever**2, self.gap[joint] * lever
+        displacement = compliance * force + gap / 2 * sense + self.noise * rng.standard_normal(len(force))
+        return Readings(force, displacement, cycle, part=part, direction=direction, lever=lever, source=part)
 
 
 def load_cycles(levels: Sequence[float] = LEVELS, cycles: int = 3) -> tuple[Floats, Floats, Floats]:
@@ -108,5 +108,5 @@ def simulate_experiments(
         seed: of the noise.
     """
     bench, rng = bench or DialGaugeBench(), np.random.default_rng(seed)
-    gripper = [bench.gripper(rng, direction, levels) for direction in directions]
-    return (*gripper, bench.joint(rng, 2, levels), bench.joint(rng, 1, levels))
+    gripper = [bench.run(rng, GRIPPER, direction, levels) for direction in directions]
+    return (*gripper, *(bench.run(rng, joint, 0.0, levels) for joint in (JOINT2, JOINT1)))
