@@ -10,16 +10,13 @@ from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.model.parameters import quantity
-from scara_kinetostatic.report.markers import TEXT, Primitive, Shape, label, object_markers, places
+from scara_kinetostatic.report.markers import FOUND, TEXT, Primitive, Shape, label, object_markers, places
 from scara_kinetostatic.touches.signals import runs
 
 _BOUND: Colour = (*CALIBRATED_COLOUR[:3], 0.5)
-_FORCE: Colour = (0.84, 0.37, 0.0, 1.0)
-_SHAFT = 0.003
 _ABOVE = 0.012
 """Height at which a contour is drawn, m: above the objects."""
 
@@ -36,10 +33,14 @@ def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> li
         made.append(Primitive('outlines', Shape.STRIP, places(ring, _ABOVE), CALIBRATED_COLOUR, 0.002))
         expanded = COVERAGE_FACTOR * outline.std[closing]
         away = uncertainty_scale * expanded[:, None] * outline.normals[closing]
-        for side in (1.0, -1.0):
-            made += _bounds(ring + side * away)
+        for bound in (ring + away, ring - away):
+            for begin, end in zip(*runs(np.asarray(np.isfinite(bound).all(axis=1))), strict=True):
+                part = places(bound[begin : end + 1], _ABOVE)
+                made += [Primitive('uncertainty', Shape.STRIP, part, _BOUND, 0.0008)] if end > begin else []
         if np.isfinite(expanded).any() and uncertainty_scale > 0:
-            made.append(_uncertainty_text(outline, float(np.nanmedian(expanded)), uncertainty_scale))
+            text = f'±{quantity(float(np.nanmedian(expanded)), "m")} (k = 2), × {uncertainty_scale:g}'
+            x, y = outline.points[outline.points[:, 1].argmin()].tolist()
+            made.append(label('uncertainty', (x, y - 0.03), text, TEXT))
     return made
 
 
@@ -60,18 +61,5 @@ def tip_markers(contour: Contour | None, force_scale: float) -> list[Primitive]:
         return []
     at, force = contour.surface[-1], contour.force[-1]
     arrow = places([at - force_scale * force, at], _ABOVE)
-    dot = Primitive('tip', Shape.DOT, places([at], _ABOVE), _FORCE, 2 * _SHAFT)
-    return [dot, Primitive('tip', Shape.ARROW, arrow, _FORCE, _SHAFT)]
-
-
-def _bounds(points: Floats) -> list[Primitive]:
-    """A line, left out where it is not known."""
-    begins, ends = runs(np.asarray(np.isfinite(points).all(axis=1)))
-    parts = [points[begin : end + 1] for begin, end in zip(begins, ends, strict=True) if end > begin]
-    return [Primitive('uncertainty', Shape.STRIP, places(part, _ABOVE), _BOUND, 0.0008) for part in parts]
-
-
-def _uncertainty_text(outline: Outline, expanded: float, scale: float) -> Primitive:
-    text = f'±{quantity(expanded, "m")} (k = 2), × {scale:g}'
-    low = outline.points[outline.points[:, 1].argmin()]
-    return label('uncertainty', (float(low[0]), float(low[1]) - 0.03), text, TEXT)
+    dot = Primitive('tip', Shape.DOT, places([at], _ABOVE), FOUND, 0.006)
+    return [dot, Primitive('tip', Shape.ARROW, arrow, FOUND, 0.003)]

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from scara_kinetostatic.contour.contact import LARGEST_ZERO, LONGEST_SMOOTHING, force_zero, zero_if_free
-from scara_kinetostatic.contour.joining import JoinedPasses, Outline
+from scara_kinetostatic.contour.joining import Outline, Parts, add_pass, outlines_of
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import JumpError, trace_signals
 from scara_kinetostatic.errors import UnsupportedDataError
@@ -64,24 +64,21 @@ class OnlineContour:
         self.arm, self._sensor = arm, sensor or arm.cell.sensor
         self.tip_radius = (arm.cell.tip_radius if tip_radius is None else tip_radius) or 0.0
         self._topics = topics or arm.cell.sensor.topics
-        self._shown = JoinedPasses()
+        self._shown: Parts = ()
         self.restart()
         self.clear()
 
     def restart(self) -> None:
         """Drops samples and zero, as where forces are turned otherwise from here on; the outlines stay."""
-        self._pair, self._joined = self._new_pair(), self._shown
+        self._pair, self._joined = StreamPair(self._topics, 300_000, self._sensor.time_offset), self._shown
         self.zero: Floats | None = None
         self.contour: Contour | None = None
         self._problem = self._event = self._clock_problem = ''
         self._until = 0
 
-    def _new_pair(self) -> StreamPair:
-        return StreamPair(self._topics, 300_000, self._sensor.time_offset)
-
     def clear(self) -> None:
         """Forgets the outlines; what comes begins new ones."""
-        self._joined = self._shown = JoinedPasses()
+        self._joined = self._shown = ()
         self._problem = self._event = self._doubt = self._clock_problem = ''
         self._present = 0
         self._drop(self.now)
@@ -97,7 +94,7 @@ class OnlineContour:
     @property
     def outlines(self) -> tuple[Outline, ...]:
         """The outlines so far, in the order in which they were begun."""
-        return self._shown.outlines
+        return outlines_of(self._shown)
 
     @property
     def present(self) -> Outline | None:
@@ -163,7 +160,7 @@ class OnlineContour:
         if streams is None:
             if self._pair.is_refused:
                 self._clock_problem = self._pair.problem
-                self._pair, self._joined = self._new_pair(), self._shown
+                self._pair, self._joined = StreamPair(self._topics, 300_000, self._sensor.time_offset), self._shown
             else:
                 self._problem = (
                     'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
@@ -202,9 +199,9 @@ class OnlineContour:
 
     def _join(self, contour: Contour, signals: Signals, touching: bool, last: float) -> None:
         """Joins the passes of a contour to the outlines, for good where the contact or the path is long past."""
-        self._shown = self._joined.copy()
+        self._shown = self._joined
         for number in range(int(contour.passes.max()) + 1):
-            self._present = self._shown.add(contour.stretch(contour.passes == number))
+            self._shown, self._present = add_pass(self._shown, contour.stretch(contour.passes == number))
         if not touching:
             self._joined = self._shown
             self._drop(signals.start + round(1e9 * last))
