@@ -80,7 +80,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _records(args: argparse.Namespace) -> list[Record]:
     from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.studies.loops.record import check_alike, load_record
+    from scara_kinetostatic.studies.loops.readings import load_record
+    from scara_kinetostatic.studies.loops.record import check_alike
 
     paths = [*args.tables, *args.predict]
     check_different(paths)

@@ -167,24 +167,58 @@ def trace_signals(
             'see the assessment in its report, and calibrate with the touches that it asks for',
         )
     number, stuck = _passes(samples, places.center, source, signals.joints.period)
-    passes = [np.flatnonzero(number == k) for k in range(number.max() + 1)]
-    parts = [course_of(samples.time[here], places.center[here], force[here]) for here in passes]
-    course, inside = Course._make(map(np.concatenate, zip(*parts, strict=True))), np.concatenate(passes)
-    across = _across(course, force[inside], number[inside], source)
-    left_out = int((~course.end & ~across).sum())
-    course, used = Course._make(column[across] for column in course), inside[across]
-    contour = _surface(samples, places, force, number, course, used, arm, radius)
+    rows = [np.flatnonzero(number == k) for k in range(number.max() + 1)]
+    parts = [course_of(samples.time[here], places.center[here], force[here]) for here in rows]
+    course, inside = Course._make(map(np.concatenate, zip(*parts, strict=True))), np.concatenate(rows)
+    is_across = _across(course, force[inside], number[inside], source)
+    left_out = int((~course.end & ~is_across).sum())
+    course, used = Course._make(column[is_across] for column in course), inside[is_across]
+    along, n, force, surface = course.along, course.normal, force[used], places.center[used]
+    across, aside = (_along(places.noise[used], way) + course.white**2 for way in (n, along))
+    aside = np.sqrt(aside + (radius * course.angle_std) ** 2)
+    # the path turns away from the object within less than a part of the tip's radius
+    inner_corner = 0.25 * course.hollow * radius > 1.0
+    noise = across + _error_by_normal(course, aside, inner_corner, radius) ** 2
+    common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
+    force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
+    passes = np.unique(number[used], return_inverse=True)[1]
     cut = (f'{left_out} points left out: the force is not across the motion of the tip',) if left_out else ()
-    return replace(contour, source=source, stuck=stuck, warnings=(*samples.warnings, *cut))
+    return Contour(
+        source=source,
+        time=samples.time[used],
+        surface=surface - radius * n,
+        normal=n,
+        std_systematic=np.sqrt(common),
+        std_noise=np.sqrt(noise),
+        force=force,
+        joints=samples.joints[used],
+        passes=passes,
+        by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
+        by_noise=np.einsum('ni,nik->nk', n, places.by_noise[used]),
+        friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
+        inner_corner=inner_corner,
+        tip_radius=radius,
+        zero=samples.zero,
+        lost=samples.lost,
+        stuck=stuck,
+        warnings=(*samples.warnings, *cut),
+    )
 
 
 def _passes(samples: ContactSamples, center: Floats, source: str, period: float) -> tuple[Indices, float]:
     """Number of the pass of each instant, -1 where the tip sticks; and how long it does, s.
 
     Raises:
-        UnsupportedDataError: the tip jumps, or does not slide at all.
+        UnsupportedDataError: the tip jumps while joint states come without a pause, or does not slide at all.
     """
-    contact = _split_at_gaps(samples, center, source, period)
+    elapsed, step = np.diff(samples.time), np.hypot(*np.diff(center, axis=0).T)
+    same, pause = np.diff(samples.contact) == 0, elapsed > max(0.1, 5 * period)
+    usual = float(np.median(step[same])) if same.any() else 0.0
+    jumps = same & ~pause & (step * period / np.maximum(elapsed, 0.2 * period) > max(1e-3, 8 * usual))
+    if jumps.any():
+        first = int(jumps.argmax())
+        raise JumpError(source, float(step[first]), float(samples.time[first + 1]))
+    contact = samples.contact + np.append(0, np.cumsum(pause & same))  # a pause is as a loss of contact
     speed = speed_of(samples.time, center, contact)
     slides = speed > 0.1 * np.quantile(speed, 0.75)  # rather than sticks
     number = passes_of(center, contact, slides)
@@ -194,24 +228,6 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
             'record a slide of some millimetres at least; a recording of touches is for calibrate',
         )
     return number, float((~slides).sum() * period)
-
-
-def _split_at_gaps(samples: ContactSamples, center: Floats, source: str, period: float) -> Indices:
-    """Numbers of the contacts, a pause of the joint states as a loss of contact.
-
-    Raises:
-        JumpError: the tip jumps while joint states come without a pause.
-    """
-    elapsed = np.diff(samples.time)
-    step = np.hypot(*np.diff(center, axis=0).T)
-    same = np.diff(samples.contact) == 0
-    pause = elapsed > max(0.1, 5 * period)
-    usual = float(np.median(step[same])) if same.any() else 0.0
-    speed = step * period / np.maximum(elapsed, 0.2 * period)
-    jumps = np.flatnonzero(same & ~pause & (speed > max(1e-3, 8 * usual)))
-    if len(jumps):
-        raise JumpError(source, float(step[jumps[0]]), float(samples.time[jumps[0] + 1]))
-    return samples.contact + np.append(0, np.cumsum(pause & same))
 
 
 def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask:
@@ -231,49 +247,6 @@ def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask
         problem = f'{source}: the force is not across the motion of the tip at {100 * part:.0f} % of the points'
         raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
     return across
-
-
-def _surface(
-    samples: ContactSamples,
-    places: TipPlaces,
-    force: Floats,
-    number: Indices,
-    course: Course,
-    used: Indices,
-    arm: CalibratedArm,
-    radius: float,
-) -> Contour:
-    """The surface at the instants that are used."""
-    n, along, force = course.normal, course.along, force[used]
-    passes = np.unique(number[used], return_inverse=True)[1]
-    across, aside = (_along(places.noise[used], way) + course.white**2 for way in (n, along))
-    aside = np.sqrt(aside + (radius * course.angle_std) ** 2)
-    # the path turns away from the object within less than a part of the tip's radius
-    inner_corner = 0.25 * course.hollow * radius > 1.0
-    by_normal = _error_by_normal(course, aside, inner_corner, radius)
-    noise = across + by_normal**2
-    common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
-    force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
-    return Contour(
-        source='',
-        time=samples.time[used],
-        surface=places.center[used] - radius * n,
-        normal=n,
-        std_systematic=np.sqrt(common),
-        std_noise=np.sqrt(noise),
-        force=force,
-        joints=samples.joints[used],
-        passes=passes,
-        by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
-        by_noise=np.einsum('ni,nik->nk', n, places.by_noise[used]),
-        friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
-        inner_corner=inner_corner,
-        tip_radius=radius,
-        zero=samples.zero,
-        lost=samples.lost,
-        stuck=0.0,
-        warnings=(),
-    )
 
 
 def _error_by_normal(course: Course, aside: Floats, inner_corner: Mask, radius: float) -> Floats:

@@ -34,8 +34,15 @@ from scipy import stats
 
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.studies.loops.fit import effective_count
-from scara_kinetostatic.studies.loops.path import RecordPath, block_means
-from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, UNLOADED_BELOW
+from scara_kinetostatic.studies.loops.record import (
+    FEWEST_ROWS,
+    LEVEL,
+    LOAD,
+    MOTION,
+    UNLOADED_BELOW,
+    RecordPath,
+    block_means,
+)
 
 _BINS = 16
 
@@ -121,7 +128,7 @@ def _by_share(found: Iterable[Dependence]) -> tuple[Dependence, ...]:
 def _on_variable(path: RecordPath, residual: Floats, variable: str) -> tuple[float, float, float]:
     """Share, p-value and detectable share of one record."""
     place = _bin(path, variable)
-    odd = path.cycle % 2 == 1
+    odd = path.sweep // 2 % 2 == 1
     unexplained, p_values, detectable = residual.copy(), [], []
     for fitted in (odd & path.scored, ~odd & path.scored):
         held_out = path.scored & ~fitted

@@ -25,10 +25,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Mask, correlated_samples
 from scara_kinetostatic.studies.loops.laws import Law, Shape, Values, reported
-from scara_kinetostatic.studies.loops.path import RecordPath, block_means
-from scara_kinetostatic.studies.loops.record import LOAD, MOTION
+from scara_kinetostatic.studies.loops.record import LOAD, MOTION, RecordPath, block_means
 
 _FOLLOWED = {MOTION: 5, LOAD: 2}
 """Number of the best grid points from which a fit is refined: slip and gap give a motion several local minima."""
@@ -338,18 +337,11 @@ def _posterior(fitted: Fit, path: RecordPath, known: Mask, states: Floats) -> tu
 
 
 def effective_count(residual: Floats, mean: float | None = None) -> float:
-    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), summed up to the first ρ below 0.
+    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), at least 2.
 
     Args:
         residual: (n,).
         mean: the expected one, where it is known; else that of the samples.
     """
     centred = residual - (residual.mean() if mean is None else mean)
-    count = len(centred)
-    spectrum = np.fft.rfft(centred, 2 * count)
-    correlation = np.fft.irfft(spectrum * spectrum.conj())[:count]
-    if not correlation[0] > 0:
-        return float(count)
-    rho = correlation / correlation[0]
-    end = int(np.argmax(rho < 0)) or count
-    return max(count / (1 + 2 * float(rho[1:end].sum())), 2.0)
+    return max(len(residual) / correlated_samples([centred]), 2.0)

@@ -28,8 +28,7 @@ from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals,
 from scara_kinetostatic.studies.loops.dependence import VARIABLES, Dependence
 from scara_kinetostatic.studies.loops.fit import Prediction
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
-from scara_kinetostatic.studies.loops.path import RecordPath, block_means, repeatability
-from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record
+from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, RecordPath, block_means, repeatability
 from scara_kinetostatic.studies.loops.selection import AMBIGUOUS, NONE, UNDECIDED, Candidate, Judged, Selection, Study
 
 
@@ -207,9 +206,10 @@ def verdict(selection: Selection) -> Verdict:
     held_out = _words(study)[0]
     errors = f'{held_out} of law (6) is {before} {error.unit} (rms).'
     errors += f' That is {100 * selection.share_of_range:.2g} % of the range.'
+    level: Level
     if selection.verdict in (NONE, UNDECIDED):
-        headline, level, sentences = 'Law (6), slope and gap, is sufficient', 'good', []
-        residual = 'its residual'
+        headline, level, residual = 'Law (6), slope and gap, is sufficient', 'good', 'its residual'
+        sentences = list[str]()
         if selection.needs_memory:
             headline, level = 'Law (6) is sufficient only with a gap that keeps its place when unloaded', 'caution'
         if selection.verdict == UNDECIDED:

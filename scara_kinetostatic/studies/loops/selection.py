@@ -48,8 +48,7 @@ from scara_kinetostatic.studies.loops.dependence import (
 from scara_kinetostatic.studies.loops.estimates import Estimate
 from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, effective_count, evaluate, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, Law
-from scara_kinetostatic.studies.loops.path import RecordPath, block_means
-from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record
+from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record, RecordPath, block_means
 
 BIC_GAIN = 2.0
 """Smallest decrease of BIC that is evidence."""
@@ -182,7 +181,7 @@ class Study:
         if not (self.is_single and self.in_loops):
             return candidate
         (path,), (block,), whole = self.paths, self.blocks, candidate.whole
-        parts = block.cycle if path.driven_by == MOTION else block.sweep
+        parts = block.sweep // 2 if path.driven_by == MOTION else block.sweep
         several = [
             fit_law([Moments(candidate.law, block, parts != each, self.size)], whole, near=True)
             for each in np.unique(parts)

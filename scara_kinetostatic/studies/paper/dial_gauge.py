@@ -76,7 +76,7 @@ class DialGaugeBench:
         A joint is loaded along x at the end of the arm, which is stretched along y.
         """
         force, sense, cycle = load_cycles(levels)
-        compliance, gap, lever = self.p_ee, self.gripper_gap(direction), np.nan
+        compliance, gap, lever = self.p_ee, float(self.gripper_gap(direction)), np.nan
         if part != GRIPPER:
             joint, lever = PARTS.index(part) - 1, sum(self.links) if part == JOINT1 else self.links[1]
             compliance, gap = self.p[joint] * lever**2, self.gap[joint] * lever
