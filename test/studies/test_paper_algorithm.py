@@ -11,7 +11,6 @@ from calibration.studies import CELL, EXACT, NOISE, touches
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Sensor, SensorFrame
 from scara_kinetostatic.model.parameters import G_EE, P_EE, PAPER_ACTUAL
-from scara_kinetostatic.studies.paper.algorithm import paper_calibrate
 from scara_kinetostatic.studies.paper.study import CELL as PAPER_CELL
 from scara_kinetostatic.studies.paper.study import (
     ONE_LEVEL,
@@ -21,6 +20,7 @@ from scara_kinetostatic.studies.paper.study import (
     linearise_at_truth,
     noise_for_force_error,
     observable_parts,
+    paper_calibrate,
     paper_touches,
     run,
     study_noise,
