@@ -88,21 +88,6 @@ class Stretch(NamedTuple):
         return np.where(np.isnan(self.std), self.noise, self.std)
 
 
-def _with_object_on_left(stretch: Stretch) -> Stretch:
-    """A pass counter-clockwise about the object, with the distance along it."""
-    step = np.gradient(stretch.points, axis=0)
-    turn = step[:, 0] * stretch.normals[:, 1] - step[:, 1] * stretch.normals[:, 0]
-    way = 1 if np.sum(np.sign(turn)) <= 0 else -1
-    points, normals, std, noise = (column[::way] for column in stretch[:4])
-    return Stretch(points, normals, std, noise, _lengths(points))
-
-
-def _joined(one: Stretch, other: Stretch) -> Stretch:
-    """The places of both in their order along the outline."""
-    both = Stretch(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))
-    return both.select(np.argsort(both.along, kind='stable'))
-
-
 class _Part(NamedTuple):
     """An outline in the making.
 
@@ -146,7 +131,11 @@ def add_pass(parts: Parts, stretch: Stretch, number: int = 0) -> tuple[Parts, in
     Returns:
         The outlines with it, and the number of the one that has it.
     """
-    return _with_part(parts, _closed(_with_object_on_left(stretch), (number,)))
+    step = np.gradient(stretch.points, axis=0)
+    turn = step[:, 0] * stretch.normals[:, 1] - step[:, 1] * stretch.normals[:, 0]
+    way = 1 if np.sum(np.sign(turn)) <= 0 else -1  # with the object on the left
+    points, normals, std, noise = (column[::way] for column in stretch[:4])
+    return _with_part(parts, _closed(Stretch(points, normals, std, noise, _lengths(points)), (number,)))
 
 
 def _with_part(parts: Parts, part: _Part) -> tuple[Parts, int]:
@@ -162,12 +151,13 @@ def _with_part(parts: Parts, part: _Part) -> tuple[Parts, int]:
 
 def _merged(one: _Part, other: _Part) -> _Part | None:
     """Both outlines as one; None where they do not touch."""
-    by_length = (one, other) if _span(one.course) >= _span(other.course) else (other, one)
+    by_length = sorted((one, other), key=lambda part: part.course.along[0] - part.course.along[-1])
     base, added = by_length if by_length[0].period or not by_length[1].period else by_length[::-1]
     placed = _placed(base.course, base.period, added.course)
     if placed is None:
         return None
-    merged = _joined(base.course, placed)
+    both = Stretch(*(np.concatenate(pair) for pair in zip(base.course, placed, strict=True)))
+    merged = both.select(np.argsort(both.along, kind='stable'))
     passes = tuple(dict.fromkeys((*one.passes, *other.passes)))
     return _Part(_thinned(merged, base.period), base.period, passes) if base.period else _closed(merged, passes)
 
@@ -245,10 +235,6 @@ def _return(course: Stretch) -> int | None:
         return None
     stay = there[there - there[0] == np.arange(len(there))]
     return int(stay[apart[stay].argmin()])
-
-
-def _span(course: Stretch) -> float:
-    return float(course.along[-1] - course.along[0])
 
 
 def _thinned(course: Stretch, period: float) -> Stretch:

@@ -157,17 +157,17 @@ class OnlineContour:
         if any(len(buffer.samples.stamp) < 2 for buffer in self._pair.buffers):
             return None
         streams = self._pair.streams(_SOURCE)
-        if streams is None:
-            if self._pair.is_refused:
-                self._clock_problem = self._pair.problem
-                self._pair, self._joined = StreamPair(self._topics, 300_000, self._sensor.time_offset), self._shown
-            else:
-                self._problem = (
-                    'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
-                )
-            return None
-        self._clock_problem = ''
-        return as_signals(streams, self.arm.cell)
+        if streams is not None:
+            self._clock_problem = ''
+            return as_signals(streams, self.arm.cell)
+        if self._pair.is_refused:
+            self._clock_problem = self._pair.problem
+            self._pair, self._joined = StreamPair(self._topics, 300_000, self._sensor.time_offset), self._shown
+        else:
+            self._problem = (
+                'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
+            )
+        return None
 
     def _last_contact(self, signals: Signals) -> tuple[float, bool]:
         """End of the last contact by the zero that is known, s, and whether it still lasts; minus infinity for none."""

@@ -197,7 +197,10 @@ class _Problem:
 
     def fitted(self, starts: Sequence[Fit]) -> Fit:
         """The law with the parameters of the least sum of squares near any of some starting points."""
-        found = [self._refined(self._scaled(start)) for start in starts]
+        found = []
+        for start in starts:
+            values = np.array([start.values[each.name] for each in self.law.shape]) / self._scales
+            found.append(self._refined(np.concatenate([values, start.states if self.law.has_state else []])))
         best = found[_first_least([self._square(each) for each in found])]
         shape, states, basis, amplitudes = self._at(self._out_of_kinks(best) if self.has_kinks else best)
         left = self._driven - basis @ amplitudes
@@ -205,10 +208,6 @@ class _Problem:
         fit, first = Fit(self.law, values, states, float(left @ left)), self.records[0]
         off = first.path.driven - evaluate(fit, first.path, float(states[0]))
         return fit._replace(zero=float(off[first.rows].mean()))
-
-    def _scaled(self, start: Fit) -> Floats:
-        values = np.array([start.values[each.name] for each in self.law.shape])
-        return np.concatenate([values / self._scales, start.states if self.law.has_state else []])
 
     def _square(self, scaled: Floats) -> float:
         return float(np.sum(self.residual(scaled) ** 2))

@@ -189,27 +189,25 @@ class Study:
     def _p_by_sweeps(self, one: Candidate, other: Candidate) -> float:
         """From the mean squares of the sweeps of the records in loops."""
         ratios = []
-        for path, better, worse in zip(self.paths, one.held_out, other.held_out, strict=True):
+        for path, *both in zip(self.paths, one.held_out, other.held_out, strict=True):
             if path.in_loops:
                 rows = path.scored if self.is_single else ~path.known
                 size = np.bincount(path.sweep[rows], minlength=path.sweeps)
-                squares = [
-                    np.bincount(path.sweep[rows], each.residual[rows] ** 2, path.sweeps) for each in (worse, better)
-                ]
                 tiny, enough = 1e-12 * float(np.ptp(path.driven)) ** 2 * size, size >= FEWEST_ROWS
-                ratios.append(np.log((squares[0] + tiny)[enough] / (squares[1] + tiny)[enough]))
+                better, worse = (
+                    np.bincount(path.sweep[rows], each.residual[rows] ** 2, path.sweeps) + tiny for each in both
+                )
+                ratios.append(np.log(worse[enough] / better[enough]))
         return p_positive(np.concatenate(ratios))
 
     def _p_by_blocks(self, one: Candidate, other: Candidate) -> float:
         """From rest to rest, by Pitman and Morgan's test."""
         rows = [~path.earlier if self.is_single else ~path.rest for path in self.paths]
         sizes = sorted(path.size for path in self.paths)  # a load far beyond those of all others is left out
-        compared = [self.is_single or path.size <= 1.5 * sizes[-2] for path in self.paths]
-        residuals = []
-        for each in (one, other):
-            parts = self._in_blocks([prediction.residual for prediction in each.held_out], rows)
-            residuals.append([part for part, is_compared in zip(parts, compared, strict=True) if is_compared])
-        smaller, larger = (np.concatenate(each) for each in residuals)
+        compared = [k for k, path in enumerate(self.paths) if self.is_single or path.size <= 1.5 * sizes[-2]]
+        in_blocks = [self._in_blocks([part.residual for part in each.held_out], rows) for each in (one, other)]
+        residuals = [[parts[k] for k in compared] for parts in in_blocks]
+        smaller, larger = map(np.concatenate, residuals)
         count = min(sum(effective_count(part, 0.0) for part in each) for each in residuals)
         total, difference = smaller + larger, larger - smaller
         norm = float(np.sqrt((total @ total) * (difference @ difference)))
@@ -239,8 +237,8 @@ class Study:
         for state, path in zip(candidate.whole.states.tolist(), self.paths, strict=True):
             residual = path.driven - evaluate(candidate.whole, path, state)
             found.append(residual - residual.mean())
-        is_motion = self.driven_by == MOTION
-        return self._in_blocks(found, [path.scored if is_motion else ~path.rest for path in self.paths])
+        rows = [path.scored if self.driven_by == MOTION else ~path.rest for path in self.paths]
+        return self._in_blocks(found, rows)
 
     def _with_std(self, whole: Fit, without: Sequence[Fit]) -> dict[str, Estimate]:
         """Parameters with their standard deviations from the fits without one part each; NaN without fits."""
