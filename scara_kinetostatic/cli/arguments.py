@@ -15,7 +15,7 @@ from scara_kinetostatic.errors import OutputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.report.json_file import Document
+    from scara_kinetostatic.report import Document, Report
 
 EXIT_STATUSES = """\
 exit status:
@@ -253,3 +253,11 @@ def print_result(text: str, document: Document, as_json: bool, folder: Path | No
     print(json_text(document).rstrip() if as_json else text)
     if folder and not as_json:
         print(f'\nwritten: {", ".join(str(folder / name) for name in files)}')
+
+
+def print_report(args: argparse.Namespace, name: str, report: Report, document: Document) -> None:
+    """Print a result, and write it as ``<name>.json`` and ``<name>.html`` where there is a folder for it."""
+    from scara_kinetostatic.report import as_page, as_text, json_text
+
+    files = {f'{name}.json': json_text(document), f'{name}.html': as_page(report)} if args.out else {}
+    print_result(as_text(report), document, args.json, args.out, files)

@@ -18,7 +18,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, print_result
+from scara_kinetostatic.cli.arguments import add_options, add_results, print_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,12 +38,8 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.comparison import compare_records
     from scara_kinetostatic.monitoring.record import CalibrationRecord
-    from scara_kinetostatic.report import as_page, as_text, json_text
 
     check_different(args.calibrations)
     changes = compare_records([CalibrationRecord.load(path) for path in args.calibrations])
-    document = report.comparison_document(changes)
-    shown = report.comparison_report(changes)
-    files = {'comparison.json': json_text(document), 'comparison.html': as_page(shown)}
-    print_result(as_text(shown), document, args.json, args.out, files)
+    print_report(args, 'comparison', report.comparison_report(changes), report.comparison_document(changes))
     return 0

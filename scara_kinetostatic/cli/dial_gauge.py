@@ -24,13 +24,9 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, print_result, real
+from scara_kinetostatic.cli.arguments import add_options, add_results, print_report, real
 from scara_kinetostatic.errors import InputError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.studies.loops.readings import GaugeTable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,32 +52,20 @@ def run(args: argparse.Namespace) -> int:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: there is no reversal, or there are too few rows.
     """
-    from scara_kinetostatic.report import as_page, as_text, json_text
+    from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.studies.loops.dial_gauge import analyse_tables
     from scara_kinetostatic.studies.loops.dial_gauge_report import dial_gauge_document, dial_gauge_report
+    from scara_kinetostatic.studies.loops.readings import load_readings
 
     if args.zero_band >= 1:
         raise InputError('--zero-band', f'expected a share below 1, got {args.zero_band:g}')
-    analysis = analyse_tables(_tables(args), args.zero_band)
-    document = dial_gauge_document(analysis)
-    report = dial_gauge_report(analysis)
-    files = {'dial_gauge.json': json_text(document), 'dial_gauge.html': as_page(report)} if args.out else {}
-    print_result(as_text(report), document, args.json, args.out, files)
-    return 0
-
-
-def _tables(args: argparse.Namespace) -> list[GaugeTable]:
-    from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.studies.loops.readings import load_readings
-
     if args.lever > 5.0:  # no arm is longer
         remedy = f'it is in m, not mm: give {1e-3 * args.lever:g}'
         raise InputError('--lever', f'expected at most 5 m, got {args.lever:g}', remedy)
-    defaults = {
-        'part': args.part,
-        'lever': args.lever,
-        'direction': math.radians(args.direction),
-        'gauge_at': args.gauge_at,
-    }
+    defaults = {'part': args.part, 'lever': args.lever, 'gauge_at': args.gauge_at}
     check_different(args.tables)
-    return [load_readings(path, **defaults) for path in args.tables]
+    direction = math.radians(args.direction)
+    tables = [load_readings(path, direction=direction, **defaults) for path in args.tables]
+    analysis = analyse_tables(tables, args.zero_band)
+    print_report(args, 'dial_gauge', dial_gauge_report(analysis), dial_gauge_document(analysis))
+    return 0

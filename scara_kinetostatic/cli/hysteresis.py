@@ -23,13 +23,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, print_result
+from scara_kinetostatic.cli.arguments import add_options, add_results, print_report
 from scara_kinetostatic.errors import InputError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.studies.loops.record import Record
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,32 +56,22 @@ def run(args: argparse.Namespace) -> int:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: the records are too short, or not of full loops or of a load that comes and goes.
     """
-    from scara_kinetostatic.report import as_page, as_text, json_text
-    from scara_kinetostatic.studies.loops.record import MOTION, what_drives
+    from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.studies.loops.readings import load_record
+    from scara_kinetostatic.studies.loops.record import MOTION, check_alike, what_drives
     from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report
     from scara_kinetostatic.studies.loops.selection import analyse, predict_records
 
-    records = _records(args)
+    paths = [*args.tables, *args.predict]
+    check_different(paths)
+    records = [load_record(path, args.response, args.load) for path in paths]
+    check_alike(records)
     driven = args.driven or what_drives(records)
     if args.predict and driven == MOTION:
         problem = f'{records[0].source} is driven by its motion'
         raise InputError('--predict', problem, 'it takes records driven by their load; see --driven')
     selections = analyse(records[: len(args.tables)], driven)
     predicted = predict_records(selections[0], records[len(args.tables) :]) if args.predict else ()
-    document = hysteresis_document(selections, predicted)
-    report = hysteresis_report(selections, predicted)
-    files = {'hysteresis.json': json_text(document), 'hysteresis.html': as_page(report)} if args.out else {}
-    print_result(as_text(report), document, args.json, args.out, files)
+    found = selections, predicted
+    print_report(args, 'hysteresis', hysteresis_report(*found), hysteresis_document(*found))
     return 0
-
-
-def _records(args: argparse.Namespace) -> list[Record]:
-    from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.studies.loops.readings import load_record
-    from scara_kinetostatic.studies.loops.record import check_alike
-
-    paths = [*args.tables, *args.predict]
-    check_different(paths)
-    records = [load_record(path, args.response, args.load) for path in paths]
-    check_alike(records)
-    return records

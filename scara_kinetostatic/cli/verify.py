@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_max_bytes, add_options, add_results, print_result
+from scara_kinetostatic.cli.arguments import add_max_bytes, add_options, add_results, print_report
 from scara_kinetostatic.errors import UnsupportedDataError
 
 
@@ -47,16 +47,12 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.monitoring.verification import verify_recordings
-    from scara_kinetostatic.report import as_page, as_text, json_text
 
     check_different(args.bags)
     record = CalibrationRecord.load(args.calibration)
     cell = load_cell(args.cell) if args.cell else None
     found = verify_recordings(args.bags, record, cell)
-    document = report.verification_document(found)
-    shown = report.verification_report(found)
-    files = {'verification.json': json_text(document), 'verification.html': as_page(shown)}
-    print_result(as_text(shown), document, args.json, args.out, files)
+    print_report(args, 'verification', report.verification_report(found), report.verification_document(found))
     if args.strict and found.assessment.grade is Grade.UNFIT:
         raise UnsupportedDataError(found.assessment.headline, f'the results are written to {args.out} all the same')
     return 0

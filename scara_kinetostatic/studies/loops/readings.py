@@ -100,7 +100,8 @@ COLUMNS = (
     ),
     Column('gauge_at', ('gauge_at',), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
 )  # fmt: skip
-_ABSENT = {'direction': math.nan, 'lever': math.nan, 'time': math.nan, 'cycle': math.nan, 'part': GRIPPER}
+_OF_RUN = ('part', 'gauge_at', 'direction', 'lever')
+_ABSENT = {**dict.fromkeys(('direction', 'lever', 'time', 'cycle'), math.nan), 'part': GRIPPER, 'gauge_at': ''}
 
 
 def load_readings(path: str | Path, **defaults: str | float) -> GaugeTable:
@@ -123,33 +124,32 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
     places = table.find(COLUMNS)
     values = table.read(places)
     cells: dict[str, list[Any]] = {name: list(several) for name, several in (values.numbers | values.others).items()}
-    for name, default in (_ABSENT | {'gauge_at': ''} | defaults).items():
+    for name, default in (_ABSENT | defaults).items():
         given = cells.get(name, [None] * len(table.rows))
         cells[name] = [default if cell is None or cell != cell else cell for cell in given]  # NaN is an empty one
     notes = tuple(f'{table.source}: {note}' for note in table.unused(places))
     if not np.isnan(cells['time']).any() and np.isnan(cells['cycle'] + cells['direction']).all():
         time, force, displacement = (np.array(cells[name]) for name in ('time', 'force', 'displacement'))
-        record = Record(table.source, time, force, displacement, 'N')
-        return GaugeTable((), record, notes)
+        return GaugeTable((), Record(table.source, time, force, displacement, 'N'), notes)
+    cells['line'] = [line for line, _ in table.rows]
     runs: dict[tuple[Any, ...], list[int]] = {}
-    keys = zip(*(cells[name] for name in ('part', 'gauge_at', 'direction', 'lever')), strict=True)
-    for row, (part, gauge_at, direction, lever) in enumerate(keys):
+    for row, (part, gauge_at, direction, lever) in enumerate(zip(*(cells[name] for name in _OF_RUN), strict=True)):
         if part != GRIPPER and math.isnan(lever):
             where = f'{table.source}: line {table.rows[row][0]}'
             raise ParameterError(where, 'a joint needs its lever', 'add a column lever_m, or give --lever')
         own = (str(round(direction, 6)), str(round(lever, 9)) if part != GRIPPER else '')
         runs.setdefault((part, gauge_at, *own), []).append(row)
-    return GaugeTable(tuple(_run(table, cells, rows) for rows in runs.values()), None, notes)
+    return GaugeTable(tuple(_run(table.source, cells, rows) for rows in runs.values()), None, notes)
 
 
-def _run(table: Table, cells: dict[str, list[Any]], rows: list[int]) -> Readings:
+def _run(source: str, cells: dict[str, list[Any]], rows: list[int]) -> Readings:
     """One run, from the numbers of its rows."""
-    first = {name: cells[name][rows[0]] for name in ('part', 'gauge_at', 'direction', 'lever')}
-    force, displacement, cycle = (np.array(cells[name])[rows] for name in ('force', 'displacement', 'cycle'))
-    line = np.array([table.rows[row][0] for row in rows])
-    if first['part'] == GRIPPER:
-        first['lever'] = math.nan
-    return Readings(force, displacement, cycle, line, **first, source=table.source)
+    force, displacement, cycle, line = (
+        np.array(cells[name])[rows] for name in ('force', 'displacement', 'cycle', 'line')
+    )
+    first = {name: cells[name][rows[0]] for name in _OF_RUN}
+    lever = math.nan if first['part'] == GRIPPER else first['lever']
+    return Readings(force, displacement, cycle, line, **{**first, 'lever': lever}, source=source)
 
 
 _QUANTITIES = {
