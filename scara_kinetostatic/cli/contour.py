@@ -25,16 +25,11 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import SEVERAL, add_max_bytes, add_options, add_results, print_result, real
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.contour.fits import ShapeFit
-    from scara_kinetostatic.contour.result import Contour
-    from scara_kinetostatic.model.arm import CalibratedArm
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the tip touches nothing, does not slide, or jumps.
     """
     from scara_kinetostatic.bags.reader import read_streams
-    from scara_kinetostatic.contour.fits import deviations, of_all_points
+    from scara_kinetostatic.contour.fits import ShapeFit, deviations, fit_pieces, fit_shape, of_all_points
     from scara_kinetostatic.contour.report import contour_document, contour_report
     from scara_kinetostatic.contour.result import CSV, DXF, SVG, csv_text, dxf_text, svg_text
     from scara_kinetostatic.contour.trace import trace_contour
@@ -80,7 +75,12 @@ def run(args: argparse.Namespace) -> int:
         check_same_recorded(arm.cell, args.bag, str(args.calibration))
     radius = cell.tip_radius if args.tip_radius is None else args.tip_radius
     contour = trace_contour(read_streams(args.bag, cell), arm, cell.sensor, radius)
-    fits, failed = _fits(contour, arm, tuple(dict.fromkeys(args.fit)))
+    fits, failed = list[ShapeFit](), list[str]()
+    for shape, number in product(dict.fromkeys(args.fit), range(len(contour.outlines))):
+        try:
+            fits += fit_pieces(contour, arm, number) if shape == 'pieces' else [fit_shape(contour, arm, shape, number)]
+        except UnsupportedDataError as error:
+            failed.append(f'no {shape} through outline {number + 1}: {error.problem}')
     contour = replace(contour, warnings=(*contour.warnings, *failed))
     compared = deviations(contour, cell)
     report = contour_report(contour, fits, compared, str(args.calibration))
@@ -92,20 +92,3 @@ def run(args: argparse.Namespace) -> int:
     }
     print_result(as_text(report), contour_document(contour, fits, compared), args.json, args.out, files)
     return 0
-
-
-def _fits(contour: Contour, arm: CalibratedArm, shapes: tuple[str, ...]) -> tuple[list[ShapeFit], list[str]]:
-    """The shapes through every outline, and why some are not possible."""
-    from scara_kinetostatic.contour.fits import fit_pieces, fit_shape
-
-    fits: list[ShapeFit] = []
-    failed = []
-    for shape in shapes:
-        for number in range(len(contour.outlines)):
-            try:
-                fits += (
-                    fit_pieces(contour, arm, number) if shape == 'pieces' else [fit_shape(contour, arm, shape, number)]
-                )
-            except UnsupportedDataError as error:
-                failed.append(f'no {shape} through outline {number + 1}: {error.problem}')
-    return fits, failed

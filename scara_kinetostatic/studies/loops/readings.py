@@ -22,7 +22,7 @@ import numpy as np
 from scara_kinetostatic.errors import ParameterError, RecordingError
 from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.columns import Column, Place, Table, load_table, one_of, split_heading
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, Indices, read_only
 from scara_kinetostatic.studies.loops.record import LOAD, MOTION, Record
 
 GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
@@ -61,8 +61,7 @@ class Readings:
     def __post_init__(self) -> None:
         for name in ('force', 'displacement', 'cycle', 'line'):
             array = np.array(np.broadcast_to(getattr(self, name), np.shape(self.force)))
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, read_only(array))
         if not self.gauge_at:
             object.__setattr__(self, 'gauge_at', TIP if self.part == GRIPPER else LINK)
 

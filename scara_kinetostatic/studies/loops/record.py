@@ -33,7 +33,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.play_operator import play_limits, play_range
 
 MOTION, LOAD = 'motion', 'load'
@@ -80,9 +80,7 @@ class Record:
 
     def __post_init__(self) -> None:
         for name in ('time', 'load', 'response'):
-            array = np.array(getattr(self, name), dtype=float)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, read_only(np.array(getattr(self, name), dtype=float)))
         rises = np.diff(self.time) > 0
         if not np.all(rises):
             first = int(np.argmin(rises))
