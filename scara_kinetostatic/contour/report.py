@@ -95,33 +95,26 @@ def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
     """A table for the fits of one shape to one outline, a row for each, and what does not fit."""
     sections = []
     for outline, shape in dict.fromkeys((fit.outline, fit.shape) for fit in fits):
+        rows, remarks = [], []
         own = [fit for fit in fits if (fit.outline, fit.shape) == (outline, shape)]
-        table = fit_table(own)
-        remarks = (
-            f'Remark: {row[0]} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of the points '
-            '(rms); the parameters and their uncertainties do not describe it.'
-            for fit, row in zip(own, table.rows, strict=True)
-            if not fit.fits
-        )
-        sections.append(Section(f'Outline {outline + 1}: {shape}', (table, *remarks)))
+        for fit in own:
+            name = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
+            values = [
+                shown(*item, FIT_UNITS)._replace(unit='').text
+                if item.std > 0
+                else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}'
+                for item in fit.values.values()
+            ]
+            rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
+            if not fit.fits:
+                remarks.append(
+                    f'Remark: {name} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of the '
+                    'points (rms); the parameters and their uncertainties do not describe it.'
+                )
+        heading = ('fit', *(name.replace('_', ' ') for name in own[0].values), 'rms', 'largest')
+        units = ('', *(FIT_UNITS[item.unit].unit for item in own[0].values.values()), 'µm', 'µm')
+        sections.append(Section(f'Outline {outline + 1}: {shape}', (Table(heading, units, tuple(rows)), *remarks)))
     return sections
-
-
-def fit_table(fits: Sequence[ShapeFit]) -> Table:
-    """The parameters of fits of one shape, a row for each."""
-    rows, own = [], fits[0].values
-    for fit in fits:
-        values = [
-            shown(*item, FIT_UNITS)._replace(unit='').text
-            if item.std > 0
-            else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}'
-            for item in fit.values.values()
-        ]
-        name = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
-        rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
-    heading = ('fit', *(name.replace('_', ' ') for name in own), 'rms', 'largest')
-    units = ('', *(FIT_UNITS[item.unit].unit for item in own.values()), 'µm', 'µm')
-    return Table(heading, units, tuple(rows))
 
 
 def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Sequence[Deviation]) -> Document:

@@ -112,12 +112,14 @@ def paper_calibrate(touches: TouchSet, cell: Cell) -> PaperFit:
     visited, rank = [at], 0
     while len(visited) <= MOST_STEPS:
         step, rank = _pseudo_inverse_step(at)
-        better = _lower(visit, at, step)
-        if better is None:
+        # the step, its half, its quarter, … until the error index decreases
+        trials = (at.parameters.as_array() + 2.0**-halving * step for halving in range(13))
+        lower = (each for each in map(visit, map(Parameters.from_array, trials)) if each.merit < visited[-1].merit)
+        at = next(lower, at)
+        if at is visited[-1]:
             break
-        gain, at = at.merit - better.merit, better
         visited.append(at)
-        if gain < 1e-12:  # N
+        if visited[-2].merit - at.merit < 1e-12:  # N
             break
     history = tuple(force_error(force_residual(observations, ExtendedModel(item.parameters))) for item in visited)
     return PaperFit(at.parameters, history[-1], history, tuple(item.merit for item in visited), rank)
@@ -131,15 +133,6 @@ def _pseudo_inverse_step(at: _Iterate, cutoff: float = 1e-7, longest_step: float
     scaled = vt[:rank].T @ ((u.T @ at.residual.ravel())[:rank] / values[:rank])
     longest = float(np.abs(scaled).max())
     return SCALES * scaled * min(1.0, longest_step / max(longest, 1e-300)), rank
-
-
-def _lower(visit, at: _Iterate, step: Floats) -> _Iterate | None:  # type: ignore[no-untyped-def]
-    """The first of the step, its half, its quarter, … that decreases the error index; None if none does."""
-    for halving in range(13):
-        trial = visit(Parameters.from_array(at.parameters.as_array() + 2.0**-halving * step))
-        if trial.merit < at.merit:
-            return trial
-    return None
 
 
 ESTIMATED = Parameters(
