@@ -15,7 +15,7 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.studies.loops.dial_gauge import DirectionMap, Part, analyse_runs, direction_map
 from scara_kinetostatic.studies.loops.estimates import Estimate
 from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, TIP, Readings, table_readings
-from scara_kinetostatic.studies.paper.dial_gauge import DialGaugeBench, load_cycles, simulate_experiments
+from scara_kinetostatic.studies.paper.study import DialGaugeBench, load_cycles, simulate_experiments
 
 BENCH, EXACT = DialGaugeBench(), DialGaugeBench(noise=0.0)
 
