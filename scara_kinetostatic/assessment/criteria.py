@@ -6,7 +6,7 @@ have; where the result is an extrapolation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,19 +29,163 @@ from scara_kinetostatic.model.cell import SizeMode
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, displacement
 
+MORE_TOUCHES = 'record more touches, all round every disc, in both elbow postures and at three force levels'
+_ESTIMATE_NOISE = 'leave the noise out of the cell description to have it estimated'
+GEOMETRY = 6
+"""The first parameters are those of the unloaded arm."""
+
+
+def mistaken(evidence: Evidence) -> Iterator[Remark]:
+    """A mistake in the cell description or in the touches; a fit that did not converge."""
+    if evidence.mistake is not None:
+        yield Remark(Grade.UNFIT, evidence.mistake.text, evidence.mistake.action)
+    if evidence.final.termination is not Termination.CONVERGED:
+        yield Remark(Grade.UNFIT, 'the fit did not converge', evidence.final.termination.remedy)
+
+
+_RADII = 'check the radii in the cell description: they reach to the centre of the tip'
+_SLIP = 'preload every other touch: a joint that slips under load looks like a negative backlash'
+_FORCE = 'check the gain, the frame and the sign of the force sensor'
+_CHECKS = {'p_ee': _FORCE, 'p1': _FORCE, 'p2': _FORCE, 'g_ee': _RADII, 'g1': _SLIP, 'g2': _SLIP}
+"""What to check where a value is negative."""
+
+
+def negative(evidence: Evidence) -> Iterator[Remark]:
+    """Compliances and backlashes below zero beyond their uncertainty."""
+    c, bound = evidence.final, LIMITS.negative
+    if c.noise_source == 'estimated':
+        bound = -float(special.stdtrit(c.degrees_of_freedom, special.ndtr(-bound)))
+    for name, check in _CHECKS.items():
+        value, std = getattr(c.parameters, name), c.std_of(name)
+        if std > 0 and value < -bound * std and not (name == 'g_ee' and evidence.mistake):
+            stated = f'{name} is negative, {quantity(value, UNITS[name])} ± {quantity(std, UNITS[name])}'
+            why = 'no robot is like that; something else is wrong that has the same effect'
+            yield Remark(Grade.UNFIT, f'{stated}: {why}', check)
+
+
+def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
+    """A cell without gravity whose touches fit much better with it: the arm stands upright."""
+    c = evidence.final
+    if evidence.diagnosis.verdict not in ('unexplained', 'ambiguous') or c.parameters.has_gravity or c.fixed:
+        return
+    for axis, gravity in (('y', (0.0, -9.81)), ('x', (-9.81, 0.0))):
+        try:
+            upright = calibrate(c.touches, replace(c.cell, nominal=c.cell.nominal.replace(gravity=gravity)))
+        except (ParameterError, UnsupportedDataError):
+            continue
+        before = calibrate(c.touches, evidence.calibration.cell).force_error
+        if upright.is_result and upright.force_error < LIMITS.better_upright * before:
+            errors = f'the force error is {upright.force_error:.2g} N instead of {before:.2g} N'
+            action = f'state `gravity` in the cell description, such as {list(gravity)}'
+            action += ', and `robot.moments` where known'
+            yield Remark(Grade.UNFIT, f'with gravity along {axis} {errors}: the arm stands upright', action)
+            return
+
+
+def upside_down(evidence: Evidence) -> Iterator[Remark]:
+    """Static moments below zero: gravity points the other way, or a counterweight is heavier than the arm."""
+    c, p = evidence.final, evidence.final.parameters
+    names = [name for name in MOMENTS if name in p.names and getattr(p, name) < -LIMITS.negative * c.std_of(name)]
+    if names:
+        reason = f'{" and ".join(names)} negative: gravity is stated upside down, or counterweights outweigh the arm'
+        action = 'check the sign of `gravity` in the cell description: its direction of fall, base frame'
+        yield Remark(Grade.CAUTION, reason, action)
+
+
+def undetermined(evidence: Evidence) -> Iterator[Remark]:
+    """Parameters without a value: unfit where the place of the unloaded tip depends on them."""
+    c = evidence.final
+    confounded = {name for group in c.identifiability.confounded for name in group}
+    names = [name for name in c.parameters.names if name in confounded]
+    if not names:
+        return
+    # 4: so many parameters without a value are more than some touches of a kind would mend
+    action = MORE_TOUCHES if len(names) > 4 else c.identifiability.advice
+    if set(names) & set(NAMES[:GEOMETRY]):
+        listed = 'any parameter' if len(names) == len(NAMES) else ', '.join(names)
+        yield Remark(Grade.UNFIT, f'the touches do not determine {listed}, nor where the tip is', action)
+        return
+    size = np.hypot(*c.force[c.used].T)
+    single = f'the touches do not determine {", ".join(names)} each by itself'
+    at = f'the result holds at {size.min():.0f} to {size.max():.0f} N, as touched, and may not elsewhere'
+    yield Remark(Grade.CAUTION, f'{single}: {at}', action)
+
+
+def checked(evidence: Evidence) -> Iterator[Remark]:
+    """Touches that do not predict each other; objects that the others do not predict; touches that nothing checks; few
+    degrees of freedom.
+    """
+    c, errors, leverages = evidence.final, evidence.comparison.extended, evidence.leverages
+    ratio = errors.held_out / max(errors.force_error, c.noise.force_rms)
+    if not ratio <= LIMITS.held_out_caution:
+        held_out = f'touches that the fit has not seen are predicted with a force error of {errors.held_out:.2g} N'
+        reason = f'{held_out}, those it has seen with {errors.force_error:.2g} N'
+        yield Remark(Grade.CAUTION if ratio <= LIMITS.held_out_unfit else Grade.UNFIT, reason, MORE_TOUCHES)
+    ratio = evidence.object_left_out
+    if ratio > LIMITS.left_out:
+        off = f'the tip is off by {ratio:.2g} times what is stated there'
+        action = 'measure the places of the objects again, and declare how well they are known; touch more objects'
+        yield Remark(Grade.CAUTION, f'at each object, predicted without its touches, {off}', action)
+    if number := int((leverages > LIMITS.leverage_caution).sum()):
+        worst, largest = int(np.argmax(leverages)), leverages.max()
+        touch = c.touches.index[np.flatnonzero(c.used)[worst]]
+        reason = f'{number} of {len(leverages)} touches are not checked by the others: of an error of touch {touch} '
+        reason += f'the parameters absorb {100 * largest:.0f} % (leverage {largest:.2f})'
+        grade = Grade.CAUTION if largest <= LIMITS.leverage_unfit else Grade.UNFIT
+        action = f'touch again beside touch {touch}, and beside others with a high leverage'
+        yield Remark(grade, reason, MORE_TOUCHES if number > 4 else action)
+    if c.degrees_of_freedom < LIMITS.least_freedoms:
+        guess = c.noise_source == 'estimated'
+        consequence = 'the estimated noise is a guess' if guess else 'they do not check the stated noise'
+        few = f'{int(c.used.sum())} touches are few, with {c.degrees_of_freedom} degrees of freedom'
+        yield Remark(Grade.CAUTION, f'{few}: {consequence}', MORE_TOUCHES)
+
+
+def unexplained(evidence: Evidence) -> Iterator[Remark]:
+    """A model error that no effect explains: what it does to the tip decides."""
+    d, c = evidence.diagnosis, evidence.final
+    for test in d.contradicted:
+        action = f'correct the nominal value of {test.name}, or leave it out of uncertainty.nominal'
+        yield Remark(Grade.CAUTION, f'{contradicted(test)}: the result is without it', action)
+    if d.verdict != 'unexplained' or (d.contradicted and not d.remaining and not d.found):
+        return
+    curves = [item.effect for item in d.found if not item.effect.is_physical]
+    factor, stated = c.reduced_chi_square**0.5, c.noise_source == 'given'
+    if implausible := implausible_noise(c):
+        yield Remark(Grade.UNFIT, *implausible)
+    elif d.remaining:
+        tip, largest = evidence.comparison.extended.tip, d.remaining[0]
+        size, limit = largest.share, LIMITS.model_error_share
+        if stated:
+            size, limit = c.reduced_chi_square, LIMITS.model_error_unfit
+        covered = 'contain it as undetected effects only' if c.has_undetected else 'do not cover its bias'
+        reason = f'a model error is not explained; the residual is correlated with: {largest.name}; the touches are '
+        reason += f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated '
+        action = 'look in the report at what the residuals depend on, mend it, and record again'
+        yield Remark(Grade.CAUTION if size <= limit else Grade.UNFIT, f'{reason}uncertainties {covered}', action)
+    elif curves:
+        reason = f'a model error of unknown cause is corrected by a fitted curve ({curves[0].description})'
+        action = f'to identify the cause, record {curves[0].identified_by}'
+        if held := ', '.join(evidence.calibration.fixed):
+            action = f'estimate {held} as well: a wrong value looks like this'
+        yield Remark(Grade.CAUTION, f'{reason}: it holds where the touches are, and may not elsewhere', action)
+    elif stated:
+        reason = f'the residuals are {factor:.2g} times the stated noise, without a pattern; the uncertainties are '
+        grade = Grade.CAUTION if factor <= LIMITS.noise_factor else Grade.UNFIT
+        yield Remark(grade, f'{reason}enlarged by that', _ESTIMATE_NOISE)
+    else:
+        reason = 'the residuals are not distributed like noise, without a pattern: some touches are bad'
+        yield Remark(Grade.CAUTION, reason, 'record more touches')
+
 
 def ambiguous(evidence: Evidence) -> Iterator[Remark]:
     """Rivals: the values hold whichever is there, the effects do not."""
     d = evidence.diagnosis
-    if d.verdict != 'ambiguous':
-        return
-    groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
-    yield Remark(
-        Grade.CAUTION,
-        f'a model error was corrected; its cause is not determined: {groups}; the parameters that are determined and '
-        'their uncertainties hold whichever it is, the effects do not',
-        tolerance.to_discriminate(d),
-    )
+    if d.verdict == 'ambiguous':
+        groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
+        holds = 'the parameters that are determined and their uncertainties hold whichever it is, the effects do not'
+        reason = f'a model error was corrected; its cause is not determined: {groups}; {holds}'
+        yield Remark(Grade.CAUTION, reason, tolerance.to_discriminate(d))
 
 
 def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
@@ -83,222 +227,17 @@ def _moment(c: Calibration, moment: float, effect: Effect) -> str:
     return f'between touch {touches.index[last]} and {touches.index[first]}'
 
 
-def unexplained(evidence: Evidence) -> Iterator[Remark]:
-    """A model error that no effect explains: what it does to the tip decides."""
-    d, c = evidence.diagnosis, evidence.final
-    for test in d.contradicted:
-        action = f'correct the nominal value of {test.name}, or leave it out of uncertainty.nominal'
-        yield Remark(Grade.CAUTION, f'{contradicted(test)}: the result is without it', action)
-    if d.verdict != 'unexplained' or (d.contradicted and not d.remaining and not d.found):
-        return
-    implausible = implausible_noise(c)
-    if implausible:
-        yield Remark(Grade.UNFIT, *implausible)
-        return
-    curves = [item.effect for item in d.found if not item.effect.is_physical]
-    factor, stated = c.reduced_chi_square**0.5, c.noise_source == 'given'
-    if d.remaining:
-        tip, largest = evidence.comparison.extended.tip, d.remaining[0]
-        small = (
-            c.reduced_chi_square <= LIMITS.model_error_unfit if stated else largest.share <= LIMITS.model_error_share
-        )
-        yield Remark(
-            Grade.CAUTION if small else Grade.UNFIT,
-            f'a model error is not explained; the residual is correlated with: {largest.name}; the touches are '
-            f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties '
-            + ('contain it as undetected effects only' if c.has_undetected else 'do not cover its bias'),
-            'look in the report at what the residuals depend on, mend it, and record again',
-        )
-    elif curves:
-        held = ', '.join(evidence.calibration.fixed)
-        yield Remark(
-            Grade.CAUTION,
-            f'a model error of unknown cause is corrected by a fitted curve ({curves[0].description}): it holds where '
-            'the touches are, and may not elsewhere',
-            f'estimate {held} as well: a wrong value looks like this'
-            if held
-            else f'to identify the cause, record {curves[0].identified_by}',
-        )
-    elif stated:
-        yield Remark(
-            Grade.CAUTION if factor <= LIMITS.noise_factor else Grade.UNFIT,
-            f'the residuals are {factor:.2g} times the stated noise, without a pattern; the uncertainties are enlarged '
-            'by that',
-            _ESTIMATE_NOISE,
-        )
-    else:
-        reason = 'the residuals are not distributed like noise, without a pattern: some touches are bad'
-        yield Remark(Grade.CAUTION, reason, 'record more touches')
-
-
-_ESTIMATE_NOISE = 'leave the noise out of the cell description to have it estimated'
-
-
 def noise(evidence: Evidence) -> Iterator[Remark]:
     """Noise that no robot has, or that the touches contradict."""
     c = evidence.final
     if large_noise(c) and evidence.diagnosis.verdict != 'unexplained':
-        yield Remark(
-            Grade.CAUTION,
-            f'the joints seem to repeat no better than {1e6 * c.noise.joint_rms:.0f} µrad: a model error may be '
-            'counted as noise',
-            'give the noise in the cell description if it is known',
-        )
+        reason = f'the joints seem to repeat no better than {1e6 * c.noise.joint_rms:.0f} µrad: a model error may be '
+        action = 'give the noise in the cell description if it is known'
+        yield Remark(Grade.CAUTION, f'{reason}counted as noise', action)
     factor = c.reduced_chi_square**0.5
     if c.noise_source == 'given' and factor < LIMITS.noise_overstated:
-        yield Remark(
-            Grade.CAUTION,
-            f'the residuals are {factor:.2g} times the stated noise: the uncertainties are stated too large by that',
-            _ESTIMATE_NOISE,
-        )
-
-
-MORE_TOUCHES = 'record more touches, all round every disc, in both elbow postures and at three force levels'
-
-
-def convergence(evidence: Evidence) -> Iterator[Remark]:
-    """A fit that did not converge."""
-    termination = evidence.final.termination
-    if termination is not Termination.CONVERGED:
-        yield Remark(Grade.UNFIT, 'the fit did not converge', termination.remedy)
-
-
-def held_out(evidence: Evidence) -> Iterator[Remark]:
-    """Touches that do not predict each other."""
-    errors = evidence.comparison.extended
-    ratio = errors.held_out / max(errors.force_error, evidence.final.noise.force_rms)
-    if ratio <= LIMITS.held_out_caution:
-        return
-    yield Remark(
-        Grade.CAUTION if ratio <= LIMITS.held_out_unfit else Grade.UNFIT,
-        f'touches that the fit has not seen are predicted with a force error of {errors.held_out:.2g} N, those it has '
-        f'seen with {errors.force_error:.2g} N',
-        MORE_TOUCHES,
-    )
-
-
-def left_out(evidence: Evidence) -> Iterator[Remark]:
-    """Objects that the fit has not seen, where the tip is off by much more than is stated."""
-    ratio = evidence.object_left_out
-    if ratio > LIMITS.left_out:
-        yield Remark(
-            Grade.CAUTION,
-            f'at each object, predicted without its touches, the tip is off by {ratio:.2g} times what is stated there',
-            'measure the places of the objects again, and declare how well they are known; touch more objects',
-        )
-
-
-def leverage(evidence: Evidence) -> Iterator[Remark]:
-    """Touches that nothing checks."""
-    found = evidence.leverages
-    high = np.flatnonzero(found > LIMITS.leverage_caution)
-    if not len(high):
-        return
-    worst = int(np.argmax(found))
-    number = evidence.final.touches.index[np.flatnonzero(evidence.final.used)[worst]]
-    yield Remark(
-        Grade.CAUTION if found[worst] <= LIMITS.leverage_unfit else Grade.UNFIT,
-        f'{len(high)} of {len(found)} touches are not checked by the others: of an error of touch {number} the '
-        f'parameters absorb {100 * found[worst]:.0f} % (leverage {found[worst]:.2f})',
-        MORE_TOUCHES if len(high) > 4 else f'touch again beside touch {number}, and beside others with a high leverage',
-    )
-
-
-def freedoms(evidence: Evidence) -> Iterator[Remark]:
-    """Few degrees of freedom: the noise is not checked."""
-    number = evidence.final.degrees_of_freedom
-    if number < LIMITS.least_freedoms:
-        estimated = evidence.final.noise_source == 'estimated'
-        consequence = 'the estimated noise is a guess' if estimated else 'they do not check the stated noise'
-        few = f'{int(evidence.final.used.sum())} touches are few, with {number} degrees of freedom'
-        yield Remark(Grade.CAUTION, f'{few}: {consequence}', MORE_TOUCHES)
-
-
-def mistake(evidence: Evidence) -> Iterator[Remark]:
-    """A mistake in the cell description or in the touches."""
-    if evidence.mistake is not None:
-        yield Remark(Grade.UNFIT, evidence.mistake.text, evidence.mistake.action)
-
-
-def undetermined(evidence: Evidence) -> Iterator[Remark]:
-    """Parameters without a value: unfit where the place of the unloaded tip depends on them."""
-    c = evidence.final
-    groups = [set(group) & set(c.parameters.names) for group in c.identifiability.confounded]
-    names = [name for name in c.parameters.names if any(name in group for group in groups)]
-    if not names:
-        return
-    # 4: so many parameters without a value are more than some touches of a kind would mend
-    action = MORE_TOUCHES if len(names) > 4 else c.identifiability.advice
-    if set(names) & set(NAMES[:GEOMETRY]):
-        listed = 'any parameter' if len(names) == len(NAMES) else ', '.join(names)
-        yield Remark(Grade.UNFIT, f'the touches do not determine {listed}, nor where the tip is', action)
-        return
-    size = np.hypot(*c.force[c.used].T)
-    yield Remark(
-        Grade.CAUTION,
-        f'the touches do not determine {", ".join(names)} each by itself: the result holds at '
-        f'{size.min():.0f} to {size.max():.0f} N, as touched, and may not elsewhere',
-        action,
-    )
-
-
-def negative(evidence: Evidence) -> Iterator[Remark]:
-    """Compliances and backlashes below zero beyond their uncertainty."""
-    c, bound = evidence.final, LIMITS.negative
-    if c.noise_source == 'estimated':
-        bound = -float(special.stdtrit(c.degrees_of_freedom, special.ndtr(-bound)))
-    for name, check in _CHECKS.items():
-        value, std = getattr(c.parameters, name), c.std_of(name)
-        if std > 0 and value < -bound * std and not (name == 'g_ee' and evidence.mistake):
-            yield Remark(
-                Grade.UNFIT,
-                f'{name} is negative, {quantity(value, UNITS[name])} ± {quantity(std, UNITS[name])}: no robot is like '
-                'that; something else is wrong that has the same effect',
-                check,
-            )
-
-
-def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
-    """A cell without gravity whose touches fit much better with it: the arm stands upright."""
-    c = evidence.final
-    if evidence.diagnosis.verdict not in ('unexplained', 'ambiguous') or c.parameters.has_gravity or c.fixed:
-        return
-    for axis, gravity in (('y', (0.0, -9.81)), ('x', (-9.81, 0.0))):
-        cell = replace(c.cell, nominal=c.cell.nominal.replace(gravity=gravity))
-        try:
-            upright = calibrate(c.touches, cell)
-        except (ParameterError, UnsupportedDataError):
-            continue
-        before = calibrate(c.touches, evidence.calibration.cell).force_error
-        if upright.is_result and upright.force_error < LIMITS.better_upright * before:
-            yield Remark(
-                Grade.UNFIT,
-                f'with gravity along {axis} the force error is {upright.force_error:.2g} N instead of '
-                f'{before:.2g} N: the arm stands upright',
-                f'state `gravity` in the cell description, such as {list(gravity)}, and `robot.moments` where known',
-            )
-            return
-
-
-def upside_down(evidence: Evidence) -> Iterator[Remark]:
-    """Static moments below zero: gravity points the other way, or a counterweight is heavier than the arm."""
-    c = evidence.final
-    names = [
-        n for n in MOMENTS if n in c.parameters.names and getattr(c.parameters, n) < -LIMITS.negative * c.std_of(n)
-    ]
-    if names:
-        yield Remark(
-            Grade.CAUTION,
-            f'{" and ".join(names)} negative: gravity is stated upside down, or counterweights outweigh the arm',
-            'check the sign of `gravity` in the cell description: its direction of fall, base frame',
-        )
-
-
-_RADII = 'check the radii in the cell description: they reach to the centre of the tip'
-_SLIP = 'preload every other touch: a joint that slips under load looks like a negative backlash'
-_FORCE = 'check the gain, the frame and the sign of the force sensor'
-_CHECKS = {'p_ee': _FORCE, 'p1': _FORCE, 'p2': _FORCE, 'g_ee': _RADII, 'g1': _SLIP, 'g2': _SLIP}
-"""What to check where a value is negative."""
+        reason = f'the residuals are {factor:.2g} times the stated noise'
+        yield Remark(Grade.CAUTION, f'{reason}: the uncertainties are stated too large by that', _ESTIMATE_NOISE)
 
 
 def large_backlash(evidence: Evidence) -> Iterator[Remark]:
@@ -306,47 +245,28 @@ def large_backlash(evidence: Evidence) -> Iterator[Remark]:
     value, std = evidence.final.parameters.g_ee, evidence.final.std_of('g_ee')
     if std > 0 and value - 2 * std > LIMITS.largest_gripper_backlash:
         size = quantity(value, 'm')
-        yield Remark(
-            Grade.CAUTION,
-            f'the backlash of the gripper, g_ee, is {size}: it has that much play, or all radii are stated {size} too '
-            'large, which touches cannot distinguish',
-            'check the radii in the cell description, and the gripper for play',
-        )
+        reason = f'the backlash of the gripper, g_ee, is {size}: it has that much play, or all radii are stated {size} '
+        action = 'check the radii in the cell description, and the gripper for play'
+        yield Remark(Grade.CAUTION, f'{reason}too large, which touches cannot distinguish', action)
 
 
-GEOMETRY = 6
-"""The first parameters are those of the unloaded arm."""
-
-
-def postures(evidence: Evidence) -> Iterator[Remark]:
-    """An elbow posture that was not touched."""
-    touched = np.unique(evidence.final.touches.posture[evidence.final.used])
-    left, right = evidence.tip_uncertainty.alone
+def alike(evidence: Evidence) -> Iterator[Remark]:
+    """An elbow posture that was not touched; forces that are all alike."""
+    c = evidence.final
+    touched, (left, right) = np.unique(c.touches.posture[c.used]), evidence.tip_uncertainty.alone
     if len(touched) == 1 and (left, right)[int(touched[0] < 0)] < 1:  # the limits leave the other elbow some place
         own, other, part = ('left', 'right', right) if touched[0] > 0 else ('right', 'left', left)
-        of = f'the places of the {evidence.final.cell.region.title} that the arm can take'
+        of = f'the places of the {c.cell.region.title} that the arm can take'
         needed = f', and {100 * part:.0f} % of {of} need it' if part else ''
-        yield Remark(
-            Grade.CAUTION,
-            f'all touches are with the elbow {own}: with the elbow {other} the result is an extrapolation that nothing '
-            f'has checked{needed}',
-            f'use it with the elbow {own} only, or touch with the elbow {other}, too',
-        )
-
-
-def forces(evidence: Evidence) -> Iterator[Remark]:
-    """Forces that are all alike."""
-    c = evidence.final
-    if any({'p_ee', 'g_ee'} <= set(group) for group in c.identifiability.confounded):
-        return  # said already
+        reason = f'all touches are with the elbow {own}: with the elbow {other} the result is an extrapolation that '
+        action = f'use it with the elbow {own} only, or touch with the elbow {other}, too'
+        yield Remark(Grade.CAUTION, f'{reason}nothing has checked{needed}', action)
     size = np.hypot(*c.force[c.used].T)
-    least, most = float(size.min()), float(size.max())
-    if most < LIMITS.force_range * least:
-        yield Remark(
-            Grade.CAUTION,
-            f'all touches are at {least:.0f} to {most:.0f} N: at other forces the result is an extrapolation',
-            f'touch with {least / 2:.0f} N as well',
-        )
+    said = any({'p_ee', 'g_ee'} <= set(group) for group in c.identifiability.confounded)
+    if size.max() < LIMITS.force_range * size.min() and not said:
+        span = f'{size.min():.0f} to {size.max():.0f} N'
+        reason = f'all touches are at {span}: at other forces the result is an extrapolation'
+        yield Remark(Grade.CAUTION, reason, f'touch with {size.min() / 2:.0f} N as well')
 
 
 def places(evidence: Evidence) -> Iterator[Remark]:
@@ -364,12 +284,10 @@ def places(evidence: Evidence) -> Iterator[Remark]:
     worst = int(np.argmax(std)) if len(std) else -1
     if touched > 0 and worst >= 0 and std[worst] > LIMITS.extrapolation * touched:
         x, y = forward(c.parameters, joints[worst])
-        yield Remark(
-            Grade.CAUTION,
-            f'the touches cover a small part of the workspace: at x {x:.2f} m, y {y:.2f} m the tip is uncertain by '
-            f'{quantity(float(std[worst]), "m")} (1 σ), at the touches by {quantity(touched, "m")}',
-            'use it near the touches, or touch objects that are farther apart',
-        )
+        sizes = f'{quantity(float(std[worst]), "m")} (1 σ), at the touches by {quantity(touched, "m")}'
+        reason = f'the touches cover a small part of the workspace: at x {x:.2f} m, y {y:.2f} m'
+        action = 'use it near the touches, or touch objects that are farther apart'
+        yield Remark(Grade.CAUTION, f'{reason} the tip is uncertain by {sizes}', action)
 
 
 def _tip_std(c: Calibration, joints: Floats) -> Floats:
@@ -379,32 +297,11 @@ def _tip_std(c: Calibration, joints: Floats) -> Floats:
     return np.sqrt(np.clip(np.linalg.eigvalsh(covariance)[:, -1], 0.0, None))
 
 
-CRITERIA: tuple[Callable[[Evidence], Iterator[Remark]], ...] = (
-    mistake,
-    convergence,
-    negative,
-    forgotten_gravity,
-    upside_down,
-    undetermined,
-    rejections.rejected,
-    held_out,
-    left_out,
-    leverage,
-    freedoms,
-    unexplained,
-    ambiguous,
-    shifted,
-    noise,
-    rejections.unusable,
-    large_backlash,
-    tolerance.conformity,
-    postures,
-    forces,
-    places,
+CRITERIA = (
+    *(mistaken, negative, forgotten_gravity, upside_down, undetermined, rejections.rejected, checked),
+    *(unexplained, ambiguous, shifted, noise, rejections.unusable, large_backlash, tolerance.conformity, alike, places),
 )
 """In the order in which equally grave reasons are given."""
-
-
 _MISTAKE = 3.0
 """Plausible sizes of an effect (`Parameter.scale`) beyond which it is a mistake of the cell description."""
 
@@ -417,23 +314,20 @@ def assess(evidence: Evidence) -> Assessment:
     """
     remarks = [remark for criterion in CRITERIA for remark in criterion(evidence)]
     if not remarks:
-        reason = (
-            f'{int(evidence.final.used.sum())} touches determine all parameters and check them, by a force error of '
-            f'{evidence.comparison.extended.held_out:.2g} N on touches that the fit has not seen'
-        )
-        remarks = [Remark(Grade.FIT, reason)]
+        error = f'a force error of {evidence.comparison.extended.held_out:.2g} N on touches that the fit has not seen'
+        checks = f'{int(evidence.final.used.sum())} touches determine all parameters and check them'
+        remarks = [Remark(Grade.FIT, f'{checks}, by {error}')]
     for item in evidence.diagnosis.found:  # what stands in the cell description is to be corrected there as well
-        if item.in_every_model and item.effect.is_physical and not item.effect.is_stepwise:
-            values = {value.name: value.value for value in item.values}
-            known = bool(values) and bool(np.isfinite(list(values.values())).all())
-            action = item.effect.correction(values) if known else ''
-            plausible = [p.scale for p in item.effect.parameters]
-            sizes = np.abs(item.effect.amplitudes(np.array([value.value for value in item.values])))
-            if known and len(sizes) == len(plausible) and (sizes > _MISTAKE * np.array(plausible)).any():
-                what = f'{item.effect.title}, by more than an error of measurement: a mistake, corrected in this result'
-                remarks.append(Remark(Grade.CAUTION, what, action))
-                continue
-            remarks.append(Remark(Grade.FIT, f'{item.effect.title}: corrected in this result', action))
+        effect, values = item.effect, {value.name: value.value for value in item.values}
+        if not item.in_every_model or not effect.is_physical or effect.is_stepwise:
+            continue
+        known = bool(values) and bool(np.isfinite(list(values.values())).all())
+        sizes = np.abs(effect.amplitudes(np.array(list(values.values()))))
+        most = _MISTAKE * np.array([parameter.scale for parameter in effect.parameters])
+        large = known and len(sizes) == len(most) and bool((sizes > most).any())
+        what = ', by more than an error of measurement: a mistake, corrected' if large else ': corrected'
+        action = effect.correction(values) if known else ''
+        remarks.append(Remark(Grade.CAUTION if large else Grade.FIT, f'{effect.title}{what} in this result', action))
     return Assessment.of(remarks, _notes(evidence))
 
 
@@ -445,14 +339,10 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     yield from tolerance.kept(evidence)
     effects = c.cell.uncertainty.effects
     if effects.sizes is SizeMode.NONE:
-        stated = ', '.join(effects.stated)
-        others = f' but {stated}' if stated else ''
+        others = f' but {", ".join(effects.stated)}' if effects.stated else ''
         yield f'undetected effects{others} are left out: uncertainties are those of a robot without them'
-    missing = []
-    if DeclaredErrors.of(c.cell) is None:
-        counted = 'as exact' if effects.sizes is SizeMode.NONE else 'with undetected errors'
-        missing.append(f'no uncertainties (discs, radii and sensor count {counted})')
-    if c.cell.tolerance is None:
-        missing.append('no tolerance')
+    counted = 'as exact' if effects.sizes is SizeMode.NONE else 'with undetected errors'
+    missing = [f'no uncertainties (discs, radii and sensor count {counted})'] * (DeclaredErrors.of(c.cell) is None)
+    missing += ['no tolerance'] * (c.cell.tolerance is None)
     if missing:
         yield f'the cell description declares {" and ".join(missing)}'

@@ -96,13 +96,9 @@ def conformity(c: Calibration, tip: TipUncertainty) -> Conformity | None:
     between, decision = tip.worst_touched, _decide(low, high, tolerance)
     if tip.undetermined > 0 and decision is Decision.CONFORMS:
         decision = Decision.UNDECIDED
-    return Conformity(
-        decision=decision,
-        low=low,
-        high=high,
-        share=float(np.mean(values <= tolerance)) * (1 - tip.undetermined),
-        touched=_decide(parts[0] * between, parts[1] * between, tolerance) if np.isfinite(between) else None,
-    )
+    share = float(np.mean(values <= tolerance)) * (1 - tip.undetermined)
+    touched = _decide(parts[0] * between, parts[1] * between, tolerance) if np.isfinite(between) else None
+    return Conformity(decision, low, high, share, touched)
 
 
 def _limit(u: float, noise: float, freedoms: float, part: float) -> float:

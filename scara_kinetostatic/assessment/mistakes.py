@@ -179,8 +179,7 @@ def check_touches(
     n = len(touches)
     if n < FEWEST_TOUCHES:
         return Check(cell)
-    unit = wrong_unit(touches.joints, float(np.median(force)))
-    if unit is not None:
+    if (unit := wrong_unit(touches.joints, float(np.median(force)))) is not None:
         return Check(cell, unit)
     which = np.unique(np.linspace(0, n - 1, min(n, _LIMITS.touches)).round().astype(np.intp))
     reading = _reading(touches.select(which), cell, fixed or {})
@@ -336,12 +335,8 @@ def _misses(r: _Reading, values: Floats) -> _Misses:
 
 def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> Mistake | None:
     """The mistake without which the touches agree, where they do not as stated."""
-    found = [
-        (candidate, _fit(candidate.mended))
-        for candidate in candidates
-        if cell.has_outlines or not layout_problems(cell, *candidate.mended.surfaces[1:3])
-    ]
-    found.sort(key=lambda item: item[1].misfit)
+    possible = [one for one in candidates if cell.has_outlines or not layout_problems(cell, *one.mended.surfaces[1:3])]
+    found = sorted(((one, _fit(one.mended)) for one in possible), key=lambda item: item[1].misfit)
     best = found[0][1].misfit if found else np.inf
     if best > min(_LIMITS.agrees, _LIMITS.part * stated.misfit):
         return None
@@ -350,25 +345,17 @@ def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> 
     chosen = [item for item in alike if item[0].common] or alike
     if len(chosen) > _LIMITS.named:
         return None
-    first, agreement = chosen[0]
-    return Mistake(
-        first.where,
-        ', or '.join(dict.fromkeys(candidate.statement for candidate, _ in chosen)),
-        ', or '.join(dict.fromkeys(candidate.action for candidate, _ in chosen)),
-        _evidence(stated, agreement),
-        in_cell=not any(candidate.where.startswith(('force', 'joint', 'fixed')) for candidate, _ in chosen),
-        is_gross=stated.misfit > _LIMITS.hopeless,
-    )
-
-
-def _evidence(stated: _Agreement, mended: _Agreement) -> str:
-    """By how much the touches miss the discs, or the forces their normals, as stated and without the mistake."""
-    before, after = (float(np.sqrt(np.mean(each.left.distance**2))) for each in (stated, mended))
-    if before > 10 * after and before > 1e-3:
-        sizes = quantity(before, 'm'), quantity(after, 'm')
-        return f'as stated the touches miss the discs by {sizes[0]}, without the mistake by {sizes[1]}'
-    before, after = (np.rad2deg(float(np.median(np.abs(each.left.angle)))) for each in (stated, mended))
-    return f'as stated the forces point {before:.0f}° beside the discs, without the mistake {after:.1f}°'
+    fits = stated.left, chosen[0][1].left
+    before, after = (float(np.sqrt(np.mean(left.distance**2))) for left in fits)
+    evidence = f'as stated the touches miss the discs by {quantity(before, "m")}, without the mistake by '
+    evidence += quantity(after, 'm')
+    if not before > max(10 * after, 1e-3):
+        before, after = (np.rad2deg(float(np.median(np.abs(left.angle)))) for left in fits)
+        evidence = f'as stated the forces point {before:.0f}° beside the discs, without the mistake {after:.1f}°'
+    statement = ', or '.join(dict.fromkeys(one.statement for one, _ in chosen))
+    action = ', or '.join(dict.fromkeys(one.action for one, _ in chosen))
+    in_cell = not any(one.where.startswith(('force', 'joint', 'fixed')) for one, _ in chosen)
+    return Mistake(chosen[0][0].where, statement, action, evidence, in_cell, stated.misfit > _LIMITS.hopeless)
 
 
 def _mislabelled(named: Indices, met: Indices, cell: Cell) -> Mistake | None:
@@ -398,11 +385,11 @@ def _common_radius(check: Check, calibration: Calibration | None) -> Mistake | N
     least = max(least, _LIMITS.sigmas * float(np.hypot(std, max(declared))))
     if -least <= value < max(_LIMITS.largest_backlash, least):
         return None
-    where, subject = ('tip.radius', 'the radius of the tip is') if cell.has_outlines else ('objects', 'all radii are')
-    statement = f'{subject} stated {1e3 * abs(value):.3g} mm too {"small" if value < 0 else "large"}'
-    action = 'measure the objects and the tip again' if cell.has_outlines else 'measure the discs and the tip again'
+    off = f'stated {1e3 * abs(value):.3g} mm too {"small" if value < 0 else "large"}'
+    where, statement, action = 'objects', f'all radii are {off}', 'measure the discs and the tip again'
     if cell.has_outlines:
-        pass
+        where, statement = 'tip.radius', f'the radius of the tip is {off}'
+        action = 'measure the objects and the tip again'
     elif value < -_LIMITS.least_tip:
         statement += ', or the radius of the tip is missing'
         action = 'add the radius of the tip to every radius: it reaches to the centre of the tip'
@@ -515,22 +502,21 @@ _RADII = (
 
 def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
     """Sign, frame and axes of the force sensor."""
-    other_sign = SensorSign.ON_OBJECT if cell.sensor.sign is SensorSign.ON_ROBOT else SensorSign.ON_ROBOT
     right, wrong = ('base', 'tool') if r.tool else ('tool', 'base')
     frame = f'the forces are in the {right} frame, not in the {wrong} frame'
-    remedy = f'set sensor.frame to {right}'
+    place, remedy = 'sensor.frame', f'set sensor.frame to {right}'
     if origin is Origin.TABLE:
-        remedy = 'give the force on the object in the base frame'
+        place, remedy = 'force', 'give the force on the object in the base frame'
     for number, (matrix, statement, action) in enumerate(_FORCES):
         where, mended = 'force', r._replace(force=_applied(matrix, r.force))
         is_sign = number == 0 and origin is Origin.RECORDING
         if is_sign:
-            where, action = 'sensor.sign', f'set sensor.sign to {other_sign.value}'
+            other = 'on_object' if cell.sensor.sign is SensorSign.ON_ROBOT else 'on_robot'
+            where, action = 'sensor.sign', f'set sensor.sign to {other}'
         yield _Candidate(where, statement, action, mended)
-        mended, both = mended._replace(tool=not r.tool), f'{frame}, and {statement}'
-        yield _Candidate(where, both, f'{remedy}, and {action}', mended, common=is_sign)
-    where = 'force' if origin is Origin.TABLE else 'sensor.frame'
-    yield _Candidate(where, frame, remedy, r._replace(tool=not r.tool))
+        both = mended._replace(tool=not r.tool)
+        yield _Candidate(where, f'{frame}, and {statement}', f'{remedy}, and {action}', both, common=is_sign)
+    yield _Candidate(place, frame, remedy, r._replace(tool=not r.tool))
 
 
 def _of_objects(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
@@ -544,11 +530,11 @@ def _of_objects(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
         if isinstance(outline, Outline):
             for degrees in (90, 180, -90):
                 turned = surfaces_of([outline.moved((0.0, 0.0), np.deg2rad(degrees))], cell.tip_radius)
-                parts = {field: getattr(r.surfaces, field).copy() for field in Surfaces._fields[1:]}
-                for field, part in parts.items():
-                    part[own] = getattr(turned, field)
+                parts = [part.copy() for part in r.surfaces]
+                for part, other in zip(parts[1:], turned[1:], strict=True):
+                    part[own] = other
                 statement = f'the outline of {name} is turned by {-degrees}°'
-                yield _Candidate(where, statement, f'turn it by {degrees}°', r.with_surfaces(**parts))
+                yield _Candidate(where, statement, f'turn it by {degrees}°', r._replace(surfaces=Surfaces(*parts)))
             continue
         for matrix, statement, action in () if cell.has_outlines else _PLACES:
             moved = np.where(own[:, None], _applied(matrix, centers), centers)
@@ -599,8 +585,8 @@ def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[_Candida
 
 def _of_nominal(r: _Reading) -> Iterator[_Candidate]:
     """Lengths of links and offsets of joints in the nominal parameters; values at which a parameter is held."""
+    nominal = r.nominal.copy()
     if abs(r.nominal[L1] - r.nominal[L2]) > _LIMITS.same_length and r.free[[L1, L2]].all():
-        nominal = r.nominal.copy()
         nominal[[L1, L2]] = nominal[[L2, L1]]
         statement = 'the lengths of the two links are swapped'
         yield _Candidate('robot.nominal: l1, l2', statement, 'exchange them', r._replace(nominal=nominal))

@@ -109,17 +109,13 @@ def rejected(evidence: Evidence) -> Iterator[Remark]:
     """Touches that disagree: in one object, one recording or one span of time beyond chance, or simply many."""
     c = evidence.final
     bad, order = ~c.used, np.argsort(c.touches.order, kind='stable')
-    labels = {'object': c.touches.disc[order], 'recording': c.touches.recording[order]}
-    groups = concentrations(bad[order], labels)
+    groups = concentrations(bad[order], {'object': c.touches.disc[order], 'recording': c.touches.recording[order]})
     if groups and groups[0].p_value < LIMITS.concentration:
         yield _about_group(evidence, groups[0]._replace(members=groups[0].members[np.argsort(order)]))
     elif bad.sum() > LIMITS.most_rejected * len(bad):
-        yield Remark(
-            Grade.CAUTION,
-            f'{bad.sum()} of {len(bad)} touches disagree with the others and are not used; so many are rarely '
-            'single mistakes',
-            'find the reason in the list of rejected touches, and record again',
-        )
+        reason = f'{bad.sum()} of {len(bad)} touches disagree with the others and are not used'
+        action = 'find the reason in the list of rejected touches, and record again'
+        yield Remark(Grade.CAUTION, f'{reason}; so many are rarely single mistakes', action)
 
 
 def _about_group(evidence: Evidence, group: Group) -> Remark:
@@ -128,20 +124,18 @@ def _about_group(evidence: Evidence, group: Group) -> Remark:
     share, chance = f'{group.rejected} of {(~c.used).sum()} rejected touches', f'p = {group.p_value:.1g} by chance'
     if group.kind == 'object':
         name = c.cell.discs[group.label].name
-        return Remark(
-            Grade.CAUTION,
-            f'{share} are on {name} ({chance}): it is loose, has moved, or its shape or size is not as stated',
-            f'check that {name} is fixed, clean and round, and measure its place and radius again',
-        )
+        reason = f'{share} are on {name} ({chance}): it is loose, has moved, or its shape or size is not as stated'
+        action = f'check that {name} is fixed, clean and round, and measure its place and radius again'
+        return Remark(Grade.CAUTION, reason, action)
     order, numbers = c.touches.order, c.touches.index[group.members]
     ends = not bool((c.used & (order > order[group.members & ~c.used].max())).any())
     may_end = group.kind == 'recording' and not evidence.sequence_known
     where = f'in recording {group.label + 1}' if group.kind == 'recording' else f'touch {numbers[0]} to {numbers[-1]}'
     reason = f'{share} are {where} ({chance}): something has changed there, such as base, tool, a zero or an object'
+    action = 'find out what changed, and record again without that'
     if ends or may_end:
-        reason += f'; the result {"is" if ends else "may be"} that of before'
-    grade = Grade.UNFIT if ends or may_end else Grade.CAUTION
-    return Remark(grade, reason, 'find out what changed, and record again without that')
+        return Remark(Grade.UNFIT, f'{reason}; the result {"is" if ends else "may be"} that of before', action)
+    return Remark(Grade.CAUTION, reason, action)
 
 
 def unusable(evidence: Evidence) -> Iterator[Remark]:

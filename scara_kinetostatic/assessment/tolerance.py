@@ -73,20 +73,17 @@ def kept(evidence: Evidence) -> Iterator[str]:
     """A note where the tolerance is kept, or would be if no model error of unknown cause were there."""
     found, tolerance = evidence.conformity, evidence.final.cell.tolerance
     if tolerance is not None and found is not None and found.decision is Decision.CONFORMS:
-        yield (
-            f'the expanded uncertainty of the tip is at most {quantity(evidence.tip_uncertainty.worst, "m")} (k = 2) '
-            f'all over the {evidence.final.cell.region.title}, the tolerance {quantity(tolerance, "m")}: '
-            f'conformity {stated_conformity(evidence)}'
-        )
+        most = f'the expanded uncertainty of the tip is at most {quantity(evidence.tip_uncertainty.worst, "m")} (k = 2)'
+        limit = f'all over the {evidence.final.cell.region.title}, the tolerance {quantity(tolerance, "m")}'
+        yield f'{most} {limit}: conformity {stated_conformity(evidence)}'
 
 
 def advice(evidence: Evidence) -> str:
     """The action that reduces the uncertainty of the tip most, one clause with numbers; empty if none is known."""
     worst = evidence.tip_uncertainty.worst
     if max(evidence.budget, key=lambda item: item.tip).label == RIVALS:
-        discriminate = 'make the touches that tell the possible causes apart'
-        if evidence.diagnosis.discriminating == ():
-            discriminate = to_discriminate(evidence.diagnosis)
+        touches, d = 'make the touches that tell the possible causes apart', evidence.diagnosis
+        discriminate = to_discriminate(d) if d.discriminating == () else touches
         return f'{discriminate}: the choice among them dominates'
     best = best_improvement(evidence.improvements, worst, evidence.final.cell.tolerance)
     if best is None:

@@ -256,7 +256,11 @@ def print_result(text: str, document: Document, as_json: bool, folder: Path | No
 
 
 def print_report(args: argparse.Namespace, name: str, report: Report, document: Document) -> None:
-    """Print a result, and write it as ``<name>.json`` and ``<name>.html`` where there is a folder for it."""
+    """Write NAME.json and NAME.html into the folder of ``--out``, where there is one, and print the result.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
     from scara_kinetostatic.report import as_page, as_text, json_text
 
     files = {f'{name}.json': json_text(document), f'{name}.html': as_page(report)} if args.out else {}

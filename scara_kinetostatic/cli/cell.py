@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         check_file(args.out, [args.urdf])
     else:
         try:
-            from scara_kinetostatic.nodes.description import heard_description
+            from scara_kinetostatic.nodes.streams import heard_description
         except ImportError as error:
             raise InputError('rclpy', f'cannot be imported: {error}', 'source ROS 2, or give --urdf FILE') from error
         robot = Robot(heard_description(args.topic).encode(), args.topic)

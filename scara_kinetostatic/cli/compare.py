@@ -35,11 +35,11 @@ def run(args: argparse.Namespace) -> int:
             written.
     """
     from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.comparison import compare_records
     from scara_kinetostatic.monitoring.record import CalibrationRecord
+    from scara_kinetostatic.monitoring.report import comparison_document, comparison_report
 
     check_different(args.calibrations)
     changes = compare_records([CalibrationRecord.load(path) for path in args.calibrations])
-    print_report(args, 'comparison', report.comparison_report(changes), report.comparison_document(changes))
+    print_report(args, 'comparison', comparison_report(changes), comparison_document(changes))
     return 0

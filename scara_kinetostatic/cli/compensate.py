@@ -28,14 +28,13 @@ Example:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scara_kinetostatic.cli.arguments import add_options, check_file, note
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from scara_kinetostatic.files.pose_table import PoseTable
@@ -76,7 +75,10 @@ def run(args: argparse.Namespace) -> int:
     check_file(args.out, [args.calibration, args.table], suffix='.csv')
     predictor = load_predictor(args.calibration)
     table = load_pose_table(args.table, POSES)
-    sides = _sides(table, predictor)
+    touched = predictor.arm.used.postures
+    usual = 'left' if 1 in touched or not touched else 'right'
+    elbows = table.elbows or (usual,) * len(table)
+    sides = np.array([1 if elbow == 'left' else -1 for elbow in elbows], dtype=np.intp)
     found = predictor.compensate(table.pair('x_m', 'y_m'), table.force, sides, metadata_of(table, sides, predictor))
     if np.isin(found.status, STATUSES[-2:]).all():
         limits, remedy = '', 'check the unit in the headings; places are in the base frame'
@@ -88,19 +90,8 @@ def run(args: argparse.Namespace) -> int:
     results = {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2, 'std_normal_m': found.std_normal}
     write(args.out, table, results | {'status': found.status}, predictor)
     if table.elbows is None:
-        note(f'{table.source}: no column elbow; {"left" if sides[0] > 0 else "right"} is taken for all rows')
+        note(f'{table.source}: no column elbow; {usual} is taken for all rows')
     return 0
-
-
-def _sides(table: PoseTable, predictor: Predictor) -> Indices:
-    """+1 or -1 for each row."""
-    import numpy as np
-
-    if table.elbows is not None:
-        return np.array([1 if elbow == 'left' else -1 for elbow in table.elbows], dtype=np.intp)
-    touched = predictor.arm.used.postures
-    side = 1 if 1 in touched or not touched else -1
-    return np.full(len(table), side, dtype=np.intp)
 
 
 def metadata_of(table: PoseTable, sides: Indices, predictor: Predictor) -> TouchMetadata:
@@ -119,30 +110,21 @@ def metadata_of(table: PoseTable, sides: Indices, predictor: Predictor) -> Touch
 def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predictor: Predictor) -> None:
     """Writes the table, and says what is to be known of it."""
     from scara_kinetostatic.files.pose_table import write_pose_table
+    from scara_kinetostatic.model.arm import STATUSES
     from scara_kinetostatic.report.quantities import count
 
     write_pose_table(path, table, results)
     reservations = () if predictor.nominal else predictor.arm.reservations
-    for text in (*reservations, *_of_table(table, list(results), predictor)):
+    for text in reservations:
         note(text)
-    print(f'{count(len(table), "row")}: {_counts(results["status"])}\n{path}')
-
-
-def _counts(status: NDArray[np.str_]) -> str:
-    from scara_kinetostatic.model.arm import STATUSES
-
-    counts = {name: int((status == name).sum()) for name in STATUSES}
-    return ', '.join(f'{number} {name}' for name, number in counts.items() if number)
-
-
-def _of_table(table: PoseTable, results: Sequence[str], predictor: Predictor) -> list[str]:
-    """What the table lacks, or has too much."""
-    same = ', '.join(table.replaced(results))
-    notes = [f'{table.source}: replaced by results: {same}'] if same else []
+    if same := ', '.join(table.replaced(list(results))):
+        note(f'{table.source}: replaced by results: {same}')
     columns = (('time', table.time, 'time_s'), ('approach', table.approach, 'approach1, approach2'))
     for name, given, wanted in columns:
         if given is None and (effects := predictor.effects_of(name)):
-            notes.append(f'{effects[0]} depends on {name}; 0 is taken, as the table has no {wanted}')
+            note(f'{effects[0]} depends on {name}; 0 is taken, as the table has no {wanted}')
     if effects := predictor.effects_of('history'):
-        notes.append(f'{effects[0]} depends on the load before; none, and no preload, is taken')
-    return notes
+        note(f'{effects[0]} depends on the load before; none, and no preload, is taken')
+    numbers = Counter(results['status'].tolist())
+    statuses = ', '.join(f'{numbers[name]} {name}' for name in STATUSES if numbers[name])
+    print(f'{count(len(table), "row")}: {statuses}\n{path}')

@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 from scara_kinetostatic.cli.arguments import SEVERAL, add_max_bytes, add_options, add_results, print_result, real
@@ -75,12 +74,17 @@ def run(args: argparse.Namespace) -> int:
         check_same_recorded(arm.cell, args.bag, str(args.calibration))
     radius = cell.tip_radius if args.tip_radius is None else args.tip_radius
     contour = trace_contour(read_streams(args.bag, cell), arm, cell.sensor, radius)
-    fits, failed = list[ShapeFit](), list[str]()
-    for shape, number in product(dict.fromkeys(args.fit), range(len(contour.outlines))):
-        try:
-            fits += fit_pieces(contour, arm, number) if shape == 'pieces' else [fit_shape(contour, arm, shape, number)]
-        except UnsupportedDataError as error:
-            failed.append(f'no {shape} through outline {number + 1}: {error.problem}')
+    fits: list[ShapeFit] = []
+    failed: list[str] = []
+    for shape in dict.fromkeys(args.fit):
+        for number in range(len(contour.outlines)):
+            try:
+                if shape == 'pieces':
+                    fits += fit_pieces(contour, arm, number)
+                else:
+                    fits.append(fit_shape(contour, arm, shape, number))
+            except UnsupportedDataError as error:
+                failed.append(f'no {shape} through outline {number + 1}: {error.problem}')
     contour = replace(contour, warnings=(*contour.warnings, *failed))
     compared = deviations(contour, cell)
     report = contour_report(contour, fits, compared, str(args.calibration))

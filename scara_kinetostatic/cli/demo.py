@@ -56,9 +56,14 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.cell_file import load_cell
 
     cell = load_cell(args.cell) if args.cell else None
+    folder = args.out.absolute() / datetime.now().strftime('%Y_%m_%d-%H_%M_%S_%f')
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise OutputError(args.out, f'cannot make a folder in it ({error.strerror})', 'choose another --out') from error
     settings = {'seed': args.seed, 'time_factor': args.time_factor}
     print('touch       tip, expanded uncertainty so far', flush=True)
-    _print_result(run_demo(_new_folder(args.out), cell, settings, _print_progress))
+    _print_result(run_demo(folder, cell, settings, _print_progress))
     return 0
 
 
@@ -73,26 +78,13 @@ def _print_progress(now: Progress) -> None:
     print(f'{now.accepted:5}  {text:>8}  {bar:24}  {now.touch}', flush=True)
 
 
-def _new_folder(parent: Path) -> Path:
-    folder = parent.absolute() / datetime.now().strftime('%Y_%m_%d-%H_%M_%S_%f')
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise OutputError(parent, f'cannot make a folder in it ({error.strerror})', 'choose another --out') from error
-    return folder
-
-
 def _print_result(result: DemoResult) -> None:
     import numpy as np
 
     from scara_kinetostatic.model.parameters import NAMES, UNITS
     from scara_kinetostatic.report.table import Table
 
-    truth, estimate, std = (
-        np.array(result.truth),
-        np.array(result.estimate.values),
-        np.array(result.estimate.deviations),
-    )
+    truth, estimate, std = np.array([result.truth, result.estimate.values, result.estimate.deviations])
     deviation = (estimate - truth) / std
     numbers = zip(truth, estimate, std, deviation, strict=True)
     rows = tuple(

@@ -16,7 +16,6 @@ Example:
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import (
     add_cell,
@@ -29,11 +28,6 @@ from scara_kinetostatic.cli.arguments import (
     real,
     whole,
 )
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.planning.optimal_design import Requirements
-    from scara_kinetostatic.planning.prediction import Robot
-
 
 _positive = real(0, above=True)
 
@@ -71,23 +65,19 @@ def run(args: argparse.Namespace) -> int:
         InputError: the cell, the expected robot or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: the accuracy is out of reach.
     """
-    robot = _robot(args)
-    requirements = _requirements(args)
-    from scara_kinetostatic.planning.optimal_design import optimal_design
+    from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
+    from scara_kinetostatic.planning.prediction import Robot
     from scara_kinetostatic.planning.report import design_document, design_files, design_report
     from scara_kinetostatic.report import as_text
+    from scara_kinetostatic.simulation.streams import TYPICAL_NOISE
+    from scara_kinetostatic.simulation.truth import truth_named
 
-    with progress(lines=True) as show_progress:
-        design = optimal_design(robot, requirements, show_progress)
-        files = design_files(design) if args.out else {}
-    print_result(as_text(design_report(design)), design_document(design), args.json, args.out, files)
-    return 0
-
-
-def _requirements(args: argparse.Namespace) -> Requirements:
-    from scara_kinetostatic.planning.optimal_design import Requirements
-
-    return Requirements(
+    cell = cell_or_paper(args.cell)
+    given = {'joint': args.noise_joint, 'force': args.noise_force}
+    noise = (cell.noise or TYPICAL_NOISE)._replace(**{name: level for name, level in given.items() if level})
+    assumed = () if cell.noise else tuple(name for name, level in given.items() if not level)
+    expected = cell.nominal if args.expected == 'nominal' else truth_named(args.expected, cell).parameters
+    requirements = Requirements(
         accuracy=args.accuracy,
         levels=tuple(dict.fromkeys(args.levels)),
         postures={'both': (1, -1), 'left': (1,), 'right': (-1,)}[args.postures],
@@ -97,17 +87,8 @@ def _requirements(args: argparse.Namespace) -> Requirements:
         number=args.touches,
         seed=args.seed,
     )
-
-
-def _robot(args: argparse.Namespace) -> Robot:
-    from scara_kinetostatic.planning.prediction import Robot
-    from scara_kinetostatic.simulation.streams import TYPICAL_NOISE
-    from scara_kinetostatic.simulation.truth import truth_named
-
-    cell = cell_or_paper(args.cell)
-    usual = cell.noise or TYPICAL_NOISE
-    given = {'joint': args.noise_joint, 'force': args.noise_force}
-    noise = usual._replace(**{name: level for name, level in given.items() if level})
-    assumed = () if cell.noise else tuple(name for name, level in given.items() if not level)
-    expected = cell.nominal if args.expected == 'nominal' else truth_named(args.expected, cell).parameters
-    return Robot(cell, expected, noise, assumed)
+    with progress(lines=True) as show_progress:
+        design = optimal_design(Robot(cell, expected, noise, assumed), requirements, show_progress)
+        files = design_files(design) if args.out else {}
+    print_result(as_text(design_report(design)), design_document(design), args.json, args.out, files)
+    return 0

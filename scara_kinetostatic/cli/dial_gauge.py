@@ -62,10 +62,9 @@ def run(args: argparse.Namespace) -> int:
     if args.lever > 5.0:  # no arm is longer
         remedy = f'it is in m, not mm: give {1e-3 * args.lever:g}'
         raise InputError('--lever', f'expected at most 5 m, got {args.lever:g}', remedy)
-    defaults = {'part': args.part, 'lever': args.lever, 'gauge_at': args.gauge_at}
     check_different(args.tables)
-    direction = math.radians(args.direction)
-    tables = [load_readings(path, direction=direction, **defaults) for path in args.tables]
-    analysis = analyse_tables(tables, args.zero_band)
+    usual = {'part': args.part, 'lever': args.lever, 'gauge_at': args.gauge_at}
+    usual['direction'] = math.radians(args.direction)
+    analysis = analyse_tables([load_readings(path, **usual) for path in args.tables], args.zero_band)
     print_report(args, 'dial_gauge', dial_gauge_report(analysis), dial_gauge_document(analysis))
     return 0

@@ -74,22 +74,22 @@ def run(args: argparse.Namespace) -> int:
         raise ParameterError('--into', 'a xacro is a program', f'expand it: xacro {args.into} > robot.urdf')
     if out is not None:
         check_file(out, [args.calibration, *([args.into] if args.into else [])])
+    arm, name = load_calibration(args.calibration), args.calibration.name
+    files: tuple[str, ...]
     if args.into and out is not None:
-        files, notes = exported_into(load_calibration(args.calibration), args.into, args.calibration.name)
-        named = dict(zip((out.name, f'{out.stem}_kinematics.yaml'), files, strict=True))
-        check_file(out.parent / f'{out.stem}_kinematics.yaml', [args.calibration, args.into])
-        write_texts(out.parent, named)
-        print(*(out.parent / name for name in named), sep='\n')
-        for text in notes:
-            note(text)
-        return 0
-    options = Options(args.convention, args.step, args.accuracy, tuple(args.force))
-    text, notes = exported(load_calibration(args.calibration), args.format, args.calibration.name, options)
-    if out is None:
-        print(text, end='')
+        files, notes = exported_into(arm, args.into, name)
+        beside = out.with_name(f'{out.stem}_kinematics.yaml')
+        check_file(beside, [args.calibration, args.into])
     else:
-        write_texts(out.parent, {out.name: text})
-        print(out)
-    for text in notes:
-        note(text)
+        options = Options(args.convention, args.step, args.accuracy, tuple(args.force))
+        text, notes = exported(arm, args.format, name, options)
+        files = (text,)
+    if out is None:
+        print(files[0], end='')
+    else:
+        named = dict(zip((out.name, f'{out.stem}_kinematics.yaml'), files, strict=False))
+        write_texts(out.parent, named)
+        print(*(out.parent / each for each in named), sep='\n')
+    for each in notes:
+        note(each)
     return 0

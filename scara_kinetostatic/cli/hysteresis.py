@@ -31,6 +31,7 @@ from scara_kinetostatic.errors import InputError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
+    predict = 'records driven by load, to predict: from the unloading on, in loops after the first third'
     many: dict[str, Any] = {'nargs': '+', 'default': []}
     add_options(
         parser,
@@ -38,13 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('--response', 'COLUMN', str, 'column of the displacement or the angle, among many'),
         ('--load', 'COLUMN', str, 'column of the force or the torque, among many'),
         ('--driven', '', ('load', 'motion'), 'what drives the records (default: as they look)'),
-        (
-            '--predict',
-            'OTHER.csv',
-            Path,
-            'records driven by load, to predict: from the unloading on, in loops after the first third',
-            many,
-        ),
+        ('--predict', 'OTHER.csv', Path, predict, many),
     )
     add_results(parser, files='hysteresis.json and hysteresis.html')
 
@@ -72,6 +67,6 @@ def run(args: argparse.Namespace) -> int:
         raise InputError('--predict', problem, 'it takes records driven by their load; see --driven')
     selections = analyse(records[: len(args.tables)], driven)
     predicted = predict_records(selections[0], records[len(args.tables) :]) if args.predict else ()
-    found = selections, predicted
-    print_report(args, 'hysteresis', hysteresis_report(*found), hysteresis_document(*found))
+    report = hysteresis_report(selections, predicted)
+    print_report(args, 'hysteresis', report, hysteresis_document(selections, predicted))
     return 0

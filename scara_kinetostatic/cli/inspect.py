@@ -18,9 +18,6 @@ from typing import TYPE_CHECKING, Any
 from scara_kinetostatic.cli.arguments import add_cell, add_max_bytes, add_options, cell_or_recorded, print_result
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.touches.detection import Detection
 
@@ -39,7 +36,9 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         InputError: the recording or the cell cannot be read or is invalid.
     """
+    from scara_kinetostatic.bags.messages import reading
     from scara_kinetostatic.bags.reader import read_streams
+    from scara_kinetostatic.bags.sources import open_recording
     from scara_kinetostatic.files.touch_table import is_touch_table
     from scara_kinetostatic.pipeline import touches_of_file
     from scara_kinetostatic.touches.detection import find_touches
@@ -53,37 +52,25 @@ def run(args: argparse.Namespace) -> int:
     else:
         streams = read_streams(args.bag, cell)
         detection, warnings = find_touches(streams, cell), streams.warnings
+        with reading(args.bag):
+            source = open_recording(args.bag)
+            for _ in source.batches(()):
+                pass
+            topics = sorted((topic.name, topic.msgtype) for topic in source.topics())
+        found['topics'] = [{'name': name, 'type': kind} for name, kind in topics]
         stamps = streams.joints.stamp, streams.wrench.stamp
-        names = streams.topics or cell.sensor.topics
-        found['topics'] = _topics(args.bag)
-        found['streams'] = {name: _stream(stamp) for name, stamp in zip(names, stamps, strict=True)}
+        for name, stamp in zip(streams.topics or cell.sensor.topics, stamps, strict=True):
+            duration, gaps = 1e-9 * float(stamp[-1] - stamp[0]), 1e-9 * (stamp[1:] - stamp[:-1])
+            found['streams'][name] = {
+                'messages': len(stamp),
+                'duration': duration,
+                'rate': (len(stamp) - 1) / duration if duration > 0 else 0.0,
+                'longest_gap': float(gaps.max()) if len(gaps) else 0.0,
+            }
         found |= {'turned': streams.turned} if streams.turned else {}
     found |= {'warnings': [*warnings, *detection.warnings], 'touches': _touches(detection, cell)}
     print_result(_as_text(found), found, args.json, None, {})
     return 0
-
-
-def _topics(bag: Path) -> list[dict[str, str]]:
-    from scara_kinetostatic.bags.messages import reading
-    from scara_kinetostatic.bags.sources import open_recording
-
-    with reading(bag):
-        source = open_recording(bag)
-        for _ in source.batches(()):
-            pass
-        topics = sorted((topic.name, topic.msgtype) for topic in source.topics())
-    return [{'name': name, 'type': kind} for name, kind in topics]
-
-
-def _stream(stamp: NDArray[np.int64]) -> dict[str, float | int]:
-    duration = 1e-9 * float(stamp[-1] - stamp[0])
-    gaps = 1e-9 * (stamp[1:] - stamp[:-1])
-    return {
-        'messages': len(stamp),
-        'duration': duration,
-        'rate': (len(stamp) - 1) / duration if duration > 0 else 0.0,
-        'longest_gap': float(gaps.max()) if len(gaps) else 0.0,
-    }
 
 
 def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:

@@ -23,15 +23,9 @@ Example:
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import add_options, check_file, note
 from scara_kinetostatic.cli.compensate import add_files, metadata_of, write
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.files.pose_table import PoseTable
-    from scara_kinetostatic.model.arm import Predictor
-    from scara_kinetostatic.model.arrays import Floats
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,13 +49,16 @@ def run(args: argparse.Namespace) -> int:
 
     from scara_kinetostatic.files.calibration_file import load_predictor
     from scara_kinetostatic.files.pose_table import STATES, load_pose_table
+    from scara_kinetostatic.model.arm import force_on_object, in_sensor_frame
     from scara_kinetostatic.model.kinematics import posture
 
     check_file(args.out, [args.calibration, args.table], suffix='.csv')
     predictor = load_predictor(args.calibration, nominal=args.nominal, rigid=args.rigid)
     table = load_pose_table(args.table, STATES)
     joints = predictor.arm.cell.angles(table.pair('q1_rad', 'q2_rad'))
-    force = _measured(table, joints, predictor) if args.measured and not predictor.nominal else table.force
+    force = table.force
+    if args.measured and not predictor.nominal:
+        force = force_on_object(predictor.arm, in_sensor_frame(predictor.arm, force, joints), joints)
     metadata = metadata_of(table, posture(predictor.law.model.parameters, joints), predictor)
     found = predictor.locate(joints, force, metadata)
     (x, y), (std_x, std_y) = found.position.T, np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)).T
@@ -70,10 +67,3 @@ def run(args: argparse.Namespace) -> int:
     if args.measured and predictor.nominal:
         note('--measured changes nothing: the nominal arm has no errors of the sensor')
     return 0
-
-
-def _measured(table: PoseTable, joints: Floats, predictor: Predictor) -> Floats:
-    """The true forces behind those of the table."""
-    from scara_kinetostatic.model.arm import force_on_object, in_sensor_frame
-
-    return force_on_object(predictor.arm, in_sensor_frame(predictor.arm, table.force, joints), joints)

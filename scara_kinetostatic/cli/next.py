@@ -21,21 +21,18 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import add_options, add_results, note, progress, whole
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.assessment.outcome import Outcome
-    from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
+    from scara_kinetostatic.diagnosis.result import Diagnosis
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
 
 USUAL_NUMBER = 12
 """Touches that are planned unless told."""
-_FEW = 12
-"""With fewer touches than these, that they allow no calibration yet is no error."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,82 +65,60 @@ def run(args: argparse.Namespace) -> int:
         raise CellError(f'{args.cell}: robot.limits', problem, 'add them: nothing is planned beyond')
     with progress() as show_progress:
         show_progress('touches made', 0.0)
-        known = _known(args, cell)
+        planner, found = _known(args, cell)
         show_progress('choosing touches', 0.5)
         number = args.touches or USUAL_NUMBER
         if args.goal == 'decide':
-            planned = known.planner.discriminating(_discriminating(known), number)
+            if found is None:
+                raise UnsupportedDataError('--goal decide: there is nothing to decide without recordings', 'give BAG')
+            if not planner.suspected:
+                what = f'--goal decide: nothing is to be decided: {found.verdict}'
+                raise UnsupportedDataError(what, found.advice or 'leave out --goal decide')
+            planned = planner.discriminating(found.discriminating or (), number)
         else:
-            planned = known.planner.accurate(number)
-        files = next_files(known.planner, planned)
-    if args.goal == 'accuracy' and not args.touches and _is_enough(known, planned):
+            planned = planner.accurate(number)
+        files = next_files(planner, planned)
+    if args.goal == 'accuracy' and not args.touches and _is_enough(planner, planned):
         return 0
     write_texts(args.out, files)
     for text in planned.left_out:
         note(text)
-    print(_summary(known.planner, planned))
+    print(_summary(planner, planned))
     print(f'\nwritten: {", ".join(str(args.out / name) for name in files)}')
     return 0
 
 
-class _Known(NamedTuple):
-    planner: Planner
-    outcome: Outcome | None
-
-
-def _known(args: argparse.Namespace, cell: Cell) -> _Known:
-    """What recordings and calibration say."""
+def _known(args: argparse.Namespace, cell: Cell) -> tuple[Planner, Diagnosis | None]:
+    """What recordings and calibration say; the diagnosis of a calibration by the recordings."""
     from scara_kinetostatic.files.calibration_file import nominal_arm
     from scara_kinetostatic.planning.next_touches import Planner
 
-    if args.calibration:
-        return _Known(_from_calibration(args, cell), None)
     nominal = nominal_arm(cell)
-    if not args.bags:
-        return _Known(Planner(nominal), None)
+    if not args.calibration and not args.bags:
+        return Planner(nominal), None
     from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
     from scara_kinetostatic.pipeline import calibrate_touches, gather_touches
 
+    if args.calibration:
+        record = CalibrationRecord.load(args.calibration)
+        check_same_arm(record.arm.cell, cell, str(args.calibration), str(args.cell))
+        return record.planner(cell, gather_touches(args.bags, cell).touches if args.bags else record.touches), None
     check_different(args.bags)
     detection = gather_touches(args.bags, cell)
     try:
         outcome = calibrate_touches(detection, cell, sources=args.bags)
     except UnsupportedDataError as error:
-        if len(detection.touches) >= _FEW:
+        if len(detection.touches) >= 12:  # fewer need not allow a calibration yet
             raise
         note(f'planned from the nominal model: {error}')
-        return _Known(Planner(nominal, touches=detection.touches), None)
+        return Planner(nominal, touches=detection.touches), None
     if outcome.arm.grade == 'unfit':
         note(f'the calibration is unfit: {outcome.assessment.reasons[0]}')
-    return _Known(Planner.of_outcome(outcome), outcome)
+    return Planner.of_outcome(outcome), outcome.diagnosis
 
 
-def _from_calibration(args: argparse.Namespace, cell: Cell) -> Planner:
-    """What a calibration and the touches beside it say."""
-    from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
-    from scara_kinetostatic.pipeline import gather_touches
-
-    record = CalibrationRecord.load(args.calibration)
-    check_same_arm(record.arm.cell, cell, str(args.calibration), str(args.cell))
-    return record.planner(cell, gather_touches(args.bags, cell).touches if args.bags else record.touches)
-
-
-def _discriminating(known: _Known) -> tuple[DiscriminatingTouch, ...]:
-    """The touches at which the predictions of the rivals of an outcome differ most.
-
-    Raises:
-        UnsupportedDataError: there is nothing to decide.
-    """
-    if known.outcome is None:
-        raise UnsupportedDataError('--goal decide: there is nothing to decide without recordings', 'give BAG')
-    found = known.outcome.diagnosis
-    if not known.planner.suspected:
-        what = f'nothing is to be decided: {found.verdict}'
-        raise UnsupportedDataError(f'--goal decide: {what}', found.advice or 'leave out --goal decide')
-    return found.discriminating or ()
-
-
-def _is_enough(known: _Known, planned: PlannedTouches) -> bool:
+def _is_enough(planner: Planner, planned: PlannedTouches) -> bool:
     """Whether no more touches are needed, or of use, which is said.
 
     Raises:
@@ -151,10 +126,10 @@ def _is_enough(known: _Known, planned: PlannedTouches) -> bool:
     """
     from scara_kinetostatic.model.parameters import quantity
 
-    tolerance, found = known.planner.arm.cell.tolerance, planned.uncertainty
+    tolerance, found = planner.arm.cell.tolerance, planned.uncertainty
     if tolerance is None:
         return False
-    if found.now is not None and found.now <= tolerance and known.planner.arm.grade != 'unfit':
+    if found.now is not None and found.now <= tolerance and planner.arm.grade != 'unfit':
         print(
             f'enough: the expanded uncertainty of the tip is at most {quantity(found.now, "m")} (k = 2), '
             f'the tolerance {quantity(tolerance, "m")}; no touch was planned'
@@ -164,7 +139,7 @@ def _is_enough(known: _Known, planned: PlannedTouches) -> bool:
     if not limit:
         return False
     remedy = 'reduce that, or allow a larger tolerance; --touches N plans touches all the same'
-    if known.planner.touches is None:
+    if planner.touches is None:
         raise UnsupportedDataError(limit, remedy)
     print(f'touches are not the limit: {limit}; {remedy}')
     return True

@@ -17,30 +17,19 @@ import argparse
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import SEVERAL, add_cell, add_options, add_seed, cell_or_paper, real, whole
 from scara_kinetostatic.errors import InputError
 
-if TYPE_CHECKING:
-    from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.simulation.plan import Plan
-    from scara_kinetostatic.simulation.streams import SensorModel
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of the verb."""
+    effect = 'an effect beyond the parameters, SI; repeatable'
     add_options(
         parser,
         ('--out', 'BAG', Path, 'recording to make: a rosbag2 folder, or a file .mcap or .bag; must not exist'),
         ('--truth', 'WHAT', str, '"paper", "measured" or a YAML file (default: paper)', {'default': 'paper'}),
-        (
-            '--effect',
-            'NAME[TARGET]:PARAMETER=VALUE,...',
-            str,
-            'an effect beyond the parameters, SI; repeatable',
-            SEVERAL,
-        ),
+        ('--effect', 'NAME[TARGET]:PARAMETER=VALUE,...', str, effect, SEVERAL),
         ('--list-effects', '', bool, 'list the effects of the cell with their parameters, and stop'),
         ('--truth-file', 'FILE', Path, 'true parameters and effects; must not exist'),
     )
@@ -79,7 +68,15 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
     if args.list_effects:
-        print(_list_of_effects(cell_or_paper(args.cell)))
+        from scara_kinetostatic.effects.registry import catalogue
+        from scara_kinetostatic.report.table import Table
+
+        listed = tuple(
+            (effect.label if number == 0 else '', p.name, p.unit, p.meaning)
+            for effect in catalogue(cell_or_paper(args.cell))
+            for number, p in enumerate(effect.parameters)
+        )
+        print(Table(('effect', 'parameter', 'unit', 'meaning'), ('',) * 4, listed).text())
         return 0
     if args.out is None:
         raise InputError('--out', 'is missing', 'name the recording to make')
@@ -88,26 +85,42 @@ def run(args: argparse.Namespace) -> int:
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.files.atomic import all_or_nothing
+    from scara_kinetostatic.model.cell import SensorFrame, SensorSign
     from scara_kinetostatic.report.quantities import count
-    from scara_kinetostatic.simulation.plan_file import holds_slides, load_slides
+    from scara_kinetostatic.simulation.plan import default_plan
+    from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
     from scara_kinetostatic.simulation.slides import simulate_slides
-    from scara_kinetostatic.simulation.streams import simulate_streams
+    from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
     from scara_kinetostatic.simulation.truth import parse_effect, truth_named, truth_text, with_effects
 
-    cell = _cell(args)
+    cell = cell_or_paper(args.cell)
+    sensor = cell.sensor
+    frame = SensorFrame(args.frame) if args.frame else sensor.frame
+    sign = SensorSign(args.sign) if args.sign else sensor.sign
+    cell = replace(cell, sensor=sensor._replace(frame=frame, sign=sign))
+    usual = cell.noise or TYPICAL_NOISE
+    noise = usual._replace(
+        joint=usual.joint if args.noise_joint is None else args.noise_joint,
+        force=usual.force if args.noise_force is None else args.noise_force,
+    )
+    rates = {'joint_rate': args.joint_rate, 'wrench_rate': args.wrench_rate}
+    sensors = SensorModel(touch_noise=noise, **{name: rate for name, rate in rates.items() if rate is not None})
     truth = with_effects(truth_named(args.truth, cell), [parse_effect(text, cell) for text in args.effect])
     slides = load_slides(args.plan, cell) if args.plan and holds_slides(args.plan) else ()
-    plan = None if slides else _plan(args, cell)
+    if args.plan:
+        plan = None if slides else load_plan(args.plan, cell)
+    else:
+        choices = {'per_disc': args.per_disc, 'levels': args.levels, 'preload': args.preload}
+        plan = default_plan(cell, **{name: value for name, value in choices.items() if value is not None})
     with ExitStack() as together:
         if args.truth_file:
             workshop = together.enter_context(all_or_nothing(args.truth_file))
             (workshop / args.truth_file.name).write_text(truth_text(truth, args.seed), encoding='utf-8')
-        more = {'sensors': _sensors(args, cell), 'seed': args.seed}
-        streams = (
-            simulate_slides(cell, truth, slides, **more)
-            if plan is None
-            else simulate_streams(cell, truth, plan, **more)
-        )
+        more = {'sensors': sensors, 'seed': args.seed}
+        if plan is None:
+            streams = simulate_slides(cell, truth, slides, **more)
+        else:
+            streams = simulate_streams(cell, truth, plan, **more)
         form = {'storage': args.storage, 'compression': args.compression, 'with_cell': not args.plain}
         write_streams(args.out, streams, cell, **form)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
@@ -118,47 +131,3 @@ def run(args: argparse.Namespace) -> int:
         shown = (f'{p.name} {value:.6g} {p.unit}' for p, value in zip(effect.parameters, values, strict=True))
         print(f'effect: {effect.label}: ' + ', '.join(shown))
     return 0
-
-
-def _list_of_effects(cell: Cell) -> str:
-    """Label, parameters, unit and meaning of every effect that the cell may have."""
-    from scara_kinetostatic.effects.registry import catalogue
-    from scara_kinetostatic.report.table import Table
-
-    rows = [
-        (effect.label if number == 0 else '', p.name, p.unit, p.meaning)
-        for effect in catalogue(cell)
-        for number, p in enumerate(effect.parameters)
-    ]
-    return Table(('effect', 'parameter', 'unit', 'meaning'), ('',) * 4, tuple(rows)).text()
-
-
-def _cell(args: argparse.Namespace) -> Cell:
-    from scara_kinetostatic.model.cell import SensorFrame, SensorSign
-
-    cell = cell_or_paper(args.cell)
-    frame = SensorFrame(args.frame) if args.frame else cell.sensor.frame
-    sign = SensorSign(args.sign) if args.sign else cell.sensor.sign
-    return replace(cell, sensor=cell.sensor._replace(frame=frame, sign=sign))
-
-
-def _plan(args: argparse.Namespace, cell: Cell) -> Plan:
-    from scara_kinetostatic.simulation.plan import default_plan
-    from scara_kinetostatic.simulation.plan_file import load_plan
-
-    if args.plan:
-        return load_plan(args.plan, cell)
-    choices = {'per_disc': args.per_disc, 'levels': args.levels, 'preload': args.preload}
-    return default_plan(cell, **{name: value for name, value in choices.items() if value is not None})
-
-
-def _sensors(args: argparse.Namespace, cell: Cell) -> SensorModel:
-    from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel
-
-    usual = cell.noise or TYPICAL_NOISE
-    noise = usual._replace(
-        joint=usual.joint if args.noise_joint is None else args.noise_joint,
-        force=usual.force if args.noise_force is None else args.noise_force,
-    )
-    rates = {'joint_rate': args.joint_rate, 'wrench_rate': args.wrench_rate}
-    return SensorModel(touch_noise=noise, **{name: rate for name, rate in rates.items() if rate is not None})

@@ -44,15 +44,14 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.assessment.grade import Grade
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.record import CalibrationRecord
+    from scara_kinetostatic.monitoring.report import verification_document, verification_report
     from scara_kinetostatic.monitoring.verification import verify_recordings
 
     check_different(args.bags)
     record = CalibrationRecord.load(args.calibration)
-    cell = load_cell(args.cell) if args.cell else None
-    found = verify_recordings(args.bags, record, cell)
-    print_report(args, 'verification', report.verification_report(found), report.verification_document(found))
+    found = verify_recordings(args.bags, record, load_cell(args.cell) if args.cell else None)
+    print_report(args, 'verification', verification_report(found), verification_document(found))
     if args.strict and found.assessment.grade is Grade.UNFIT:
         raise UnsupportedDataError(found.assessment.headline, f'the results are written to {args.out} all the same')
     return 0

@@ -16,7 +16,7 @@ is worked out over all positions of the joints.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import asin, degrees, pi
+from math import asin, degrees, pi, radians
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -214,6 +214,8 @@ def _held(robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, floa
             raise robot.error(f'--at {name}: it is not a joint to be held', 'name other joints that move')
     held = {name: at.get(name, 0.0) for name in dict.fromkeys((*names, *at)) if name not in joints}
     for name, value in held.items():
+        if robot.joints[name].type != 'prismatic' and abs(value) > 2 * pi + 1e-3:
+            raise robot.error(f'--at {name}={value:g} is beyond a turn', f'in degrees? Give rad: {radians(value):.6g}')
         limit = robot.joints[name].limit if _is_limited(robot.joints[name]) else None
         if limit and not limit.lower <= value <= limit.upper:
             problem = f'{name} at {value:g} is beyond its limits, {limit.lower:g} to {limit.upper:g}'

@@ -75,14 +75,11 @@ def tasks_of(
     for path in recordings:
         name = path.resolve().name if path.is_dir() else path.stem
         if name in names:
-            raise InputError(
-                path, f'has the name of {names[name]}: both results would be in {out / name}', 'rename one'
-            )
+            problem = f'has the name of {names[name]}: both results would be in {out / name}'
+            raise InputError(path, problem, 'rename one')
         names[name] = path
-    place = str(cell.resolve()) if cell else ''
-    return [
-        Task(str(path.resolve()), place, str((out / name).resolve()), resume, report) for name, path in names.items()
-    ]
+    place, folder = str(cell.resolve()) if cell else '', out.resolve()
+    return [Task(str(path.resolve()), place, str(folder / name), resume, report) for name, path in names.items()]
 
 
 def recalibrate(task: Task) -> Done:
@@ -127,12 +124,8 @@ def in_processes(tasks: Sequence[Task], number: int) -> Iterator[Done]:
         return
     os.environ |= dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
     # Ctrl-C goes to all processes of a terminal: those that are started here do not heed it
-    pool = ProcessPoolExecutor(
-        min(number, max(len(tasks), 1)),
-        multiprocessing.get_context('spawn'),
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_IGN),
-    )
+    number, context = min(number, max(len(tasks), 1)), multiprocessing.get_context('spawn')
+    pool = ProcessPoolExecutor(number, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
     try:
         for task, future in zip(tasks, [pool.submit(recalibrate, task) for task in tasks], strict=True):
             yield _answer(task, future.result)

@@ -56,15 +56,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.monitoring.hypotheses import Causes, hypotheses_of
-from scara_kinetostatic.monitoring.linear import (
-    Evidence,
-    State,
-    measure,
-    p_values,
-    same_sources,
-    source_of,
-    stated_uncertainties,
-)
+from scara_kinetostatic.monitoring.linear import Evidence, State, measure, p_values, same_sources, stated_uncertainties
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 
 LEVEL = 0.01
@@ -190,12 +182,8 @@ def extended(
     further = scale[:, None] * root[places]
     estimates, covariance = wide.values + scale * found[places], before + further @ further.T
     hidden = scale[:total, None] * (by_new @ vectors[:, ~shown])[:total]
-    arm = replace(
-        arm,
-        model=model.with_array(estimates[:total]),
-        covariance=covariance[:total, :total],
-        undetermined=np.hstack([arm.undetermined, hidden]),
-    )
+    model, undetermined = model.with_array(estimates[:total]), np.hstack([arm.undetermined, hidden])
+    arm = replace(arm, model=model, covariance=covariance[:total, :total], undetermined=undetermined)
     return replace(wide, arm=arm, values=estimates, covariance=covariance)
 
 
@@ -349,7 +337,7 @@ def _differences(
     cells = [record.arm.cell for record in both]
     same = same_sources(*cells)
     for name, _ in stated_uncertainties(cells[0]).items() & stated_uncertainties(cells[1]).items():
-        if source_of(name) in same:  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
+        if same(name):  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
             one, other = (found[name][where] for found, where in zip(by_stated, places, strict=True))
             s -= np.outer(one, other) + np.outer(other, one)
     std = np.sqrt(np.clip(np.diag(s), 0.0, None))
@@ -389,19 +377,12 @@ def _evidence(root: Floats, difference: Floats, names: Sequence[str], fit: Fit, 
 
 def _notes(before: CalibrationRecord, after: CalibrationRecord, is_held: bool, single: Sequence[str]) -> list[str]:
     """What limits a comparison."""
-    return [
-        text
-        for holds, text in (
-            (single, f'{", ".join(single)}: not determined each by itself; compared only in combination, if at all'),
-            (
-                before.checksums & after.checksums,
-                'both calibrations contain the same recording: they are not independent, and the p-value is not valid',
-            ),
-            (
-                before.fixed != after.fixed or is_held,
-                'the calibrations hold other parameters fixed: a wrong fixed value looks like a change',
-            ),
-            *((r.arm.grade == 'unfit', f'{r.source} is unfit for use') for r in (before, after)),
-        )
-        if holds
-    ]
+    notes = []
+    if single:
+        notes += [f'{", ".join(single)}: not determined each by itself; compared only in combination, if at all']
+    if before.checksums & after.checksums:
+        same = 'both calibrations contain the same recording'
+        notes += [f'{same}: they are not independent, and the p-value is not valid']
+    if before.fixed != after.fixed or is_held:
+        notes += ['the calibrations hold other parameters fixed: a wrong fixed value looks like a change']
+    return notes + [f'{record.source} is unfit for use' for record in (before, after) if record.arm.grade == 'unfit']

@@ -38,16 +38,7 @@ from scara_kinetostatic.monitoring.hypotheses import (
     hypotheses_of,
     rivals,
 )
-from scara_kinetostatic.monitoring.linear import (
-    LINEAR,
-    Evidence,
-    Information,
-    Measured,
-    State,
-    measure,
-    p_values,
-    quantile,
-)
+from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, Information, Measured, State, as_rare, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.report.json_file import Document
 
@@ -110,10 +101,6 @@ class _Start(NamedTuple):
     covariance: Floats
     since: Information
 
-    def evidence(self, since: Information | None = None) -> Evidence:
-        """For a change after this start, by the touches since or by others."""
-        return Evidence.of(self.since if since is None else since, self.covariance, self.mean)
-
 
 class DriftMonitor:
     """Holds touch after touch against a calibration.
@@ -136,8 +123,7 @@ class DriftMonitor:
     def __init__(self, record: CalibrationRecord) -> None:
         self.record = record
         self.state = State.of(record)
-        rare = 1.0 - float(p_values(THRESHOLD, 1, np.inf))
-        self.threshold = quantile(rare, 1, record.noise_freedoms)
+        self.threshold = as_rare(THRESHOLD, 1, record.noise_freedoms)
         self.reset()
 
     def reset(self) -> None:
@@ -149,8 +135,7 @@ class DriftMonitor:
         self.alarm: Alarm | None = None
         self._raised: int | None = None
         self._objects: frozenset[int] = frozenset()
-        self._mean = np.zeros(size)
-        self._covariance = self.state.covariance
+        self._mean, self._covariance = np.zeros(size), self.state.covariance
         nothing = Information(np.zeros((size, size)), np.zeros(size))
         self._from_calibration = _Start(0, self._mean, self._covariance, nothing)
         self._starts: list[_Start] = []
@@ -200,9 +185,8 @@ class DriftMonitor:
         self._from_calibration = kept._replace(since=kept.since.plus(found, 1 - 1 / MEMORY))
         spread = np.eye(2) + jacobian @ self._covariance @ jacobian.T
         gain = np.linalg.solve(spread, jacobian @ self._covariance).T
-        self._mean = self._mean + gain @ bounded
         covariance = self._covariance - gain @ spread @ gain.T
-        self._covariance = (covariance + covariance.T) / 2
+        self._mean, self._covariance = self._mean + gain @ bounded, (covariance + covariance.T) / 2
         self.count += 1
         return self._evaluate(named)
 
@@ -213,7 +197,7 @@ class DriftMonitor:
         for start in (self._from_calibration, *self._starts):
             if self.count - start.touch < FEWEST:
                 continue
-            evidence = start.evidence()
+            evidence = Evidence.of(start.since, start.covariance, start.mean)
             score, diagonal = evidence.score[single], np.diag(evidence.matrix)[single]
             known = diagonal > 1e-9 * np.diag(evidence.matrix).max(initial=0.0)
             statistic = float((score[known] ** 2 / diagonal[known]).max(initial=0.0))
@@ -221,18 +205,17 @@ class DriftMonitor:
                 self.statistic, best = statistic, start
         if best is not None and self.statistic > self.threshold:
             self._raised = self.count - 1 if self._raised is None else self._raised
-            self.alarm = self._alarm(best) if named else self.alarm
+            self.alarm = self._alarm(best, self._raised) if named else self.alarm
         return self.alarm
 
-    def _alarm(self, start: _Start) -> Alarm:
+    def _alarm(self, start: _Start, raised: int) -> Alarm:
         """The change that explains the touches since a start, without those that none of the others agrees with."""
-        assert self._raised is not None
         latest = Measured(*map(np.concatenate, zip(*self._latest[start.touch - self.count :], strict=True)))
         fading = 1 - 1 / MEMORY if start is self._from_calibration else 1.0
         weight = np.asarray(fading ** np.arange(len(latest.residual))[::-1], dtype=np.float64)
         fewest = 0.8 * len(weight)
         while True:
-            evidence = start.evidence(Information.of(latest, weight))
+            evidence = Evidence.of(Information.of(latest, weight), start.covariance, start.mean)
             ranking = explanations(evidence, self.state, self.hypotheses)
             mean, places = start.mean.copy(), list(ranking[0].hypothesis.places)
             mean[places] += np.array(ranking[0].change) / self.state.scale[places]
@@ -245,7 +228,7 @@ class DriftMonitor:
             weight[bad] = 0.0
         before = float(np.median(latest.chi_squares(start.covariance, start.mean)[weight > 0]))
         explained = usual < max(MOST_REMAINING, LINEAR * before)
-        return Alarm(self._raised, start.touch, self.statistic, ranking[0], rivals(ranking), explained)
+        return Alarm(raised, start.touch, self.statistic, ranking[0], rivals(ranking), explained)
 
 
 class SinceTouch(NamedTuple):
@@ -288,10 +271,8 @@ def drift_document(monitor: DriftMonitor, assumptions: str, alarm: Alarm | None,
             'since_touch': since,
             'statistic': alarm.statistic,
             'changed': alarm.best.name,
-            'change': alarm.best.change,
-            'std': alarm.best.std,
-            'values': alarm.best.hypothesis.values,
-            'units': alarm.best.hypothesis.units,
+            **{key: getattr(alarm.best, key) for key in ('change', 'std')},
+            **{key: getattr(alarm.best.hypothesis, key) for key in ('values', 'units')},
             'rivals': alarm.rivals,
             'explained': alarm.is_explained,
             'message': alarm_line(alarm, since),

@@ -49,12 +49,6 @@ class Entry(NamedTuple):
     robot: str
     record: CalibrationRecord
 
-    @property
-    def worst_tip(self) -> float | None:
-        """Largest expanded uncertainty of the tip in the workspace, m."""
-        worst = (self.record.document.get('tip_uncertainty') or {}).get('worst')
-        return None if worst is None else float(worst)
-
 
 class History:
     """The file.
@@ -78,9 +72,8 @@ class History:
             own = "SELECT type, sql FROM sqlite_master WHERE name NOT LIKE 'sqlite^_stat%' ESCAPE '^'"  # of ANALYZE
             layout = set(connection.execute(own))
             (damage,) = connection.execute('PRAGMA quick_check(1)').fetchone()
-            application, version = (
-                connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('application_id', 'user_version')
-            )
+            pragmas = ('PRAGMA application_id', 'PRAGMA user_version')
+            application, version = (connection.execute(pragma).fetchone()[0] for pragma in pragmas)
         if application != APPLICATION:
             raise InputError(self.path, 'is no history of calibrations', 'give another file; `history add` makes one')
         if version != VERSION:
@@ -124,19 +117,14 @@ class History:
         with self._open(write=True) as connection:
             for record in records:
                 name, text = robot or record.robot or 'robot', json_text(dict(record.document))
-                last = connection.execute(
-                    f'{_SELECT} WHERE robot = ? ORDER BY measured DESC, id DESC LIMIT 1', (name,)
-                ).fetchone()
+                newest = f'{_SELECT} WHERE robot = ? ORDER BY measured DESC, id DESC LIMIT 1'
+                last = connection.execute(newest, (name,)).fetchone()
                 if last is not None:
                     known = self._entry(*last).record
                     check_same_arm(known.arm.cell, record.arm.cell, f'{known.source} of {name!r}', record.source)
                 checksum = hashlib.sha256(text.encode()).hexdigest()
                 row = (name, record.measured, record.created, record.source, text, checksum)
-                cursor = connection.execute(
-                    'INSERT OR IGNORE INTO calibration (robot, measured, created, source, document, checksum) '
-                    'VALUES (?, ?, ?, ?, ?, ?)',
-                    row,
-                )
+                cursor = connection.execute('INSERT OR IGNORE INTO calibration VALUES (NULL, ?, ?, ?, ?, ?, ?)', row)
                 added.append(bool(cursor.rowcount))
         return added
 

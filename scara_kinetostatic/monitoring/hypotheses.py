@@ -7,10 +7,11 @@ parameter is preferred to the part that contains it unless the further values pa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from scara_kinetostatic.calibration.random_effects import UNDETECTED
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, State, p_values
 from scara_kinetostatic.report.quantities import SCALES, scale_of, shown
 
@@ -35,12 +36,7 @@ _TITLES = {
     'theta2': 'the zero of joint 2 changed',
     'l1': 'link 1 changed its length',
     'l2': 'link 2 or the tool changed its length',
-    'p_ee': 'the compliance of the gripper changed',
-    'g_ee': 'the backlash of the gripper changed',
-    'p1': 'the compliance of joint 1 changed',
-    'g1': 'the backlash of joint 1 changed',
-    'p2': 'the compliance of joint 2 changed',
-    'g2': 'the backlash of joint 2 changed',
+    **{name: f'the {DESCRIPTIONS[name].partition(",")[0]} changed' for name in NAMES[6:]},
     'object_position': '{} moved',
     'object_radius': 'the radius of {} changed',
     'plate_position': 'plate {} moved',
@@ -93,27 +89,22 @@ def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[H
     named |= {part: tuple(map(base.index, names)) for part, names in _PARTS.items()}
     touched = [disc for number, disc in enumerate(state.cell.discs) if objects is None or number in objects]
     shown_by = {'object': {disc.name for disc in touched}, 'plate': {disc.plate for disc in touched}}
-    cell = _by_label(state.names, range(state.values, len(state.names)))
-    effects = _by_label(state.names, range(len(base), state.values))
+    cell: dict[str, tuple[int, ...]] = {}
+    effects: dict[str, tuple[int, ...]] = {}
+    for place, full in enumerate(state.names[len(base) :], len(base)):
+        label = full.partition('].')[0] + ']' if '].' in full else full.partition('.')[0]
+        found = effects if place < state.values else cell
+        found[label] = (*found.get(label, ()), place)
     for label, places in cell.items():
         kind, _, target = label.rstrip(']').partition('[')
         if target in shown_by.get(kind.partition('_')[0], {target}):
             named[label] = places
     named |= {label: at for label, at in effects.items() if label not in cell and not label.startswith(UNDETECTED)}
-    found = []
+    hypotheses = []
     for name, places in named.items():
         values = tuple(state.names[place].removeprefix(f'{name}.') for place in places)
-        found.append(Hypothesis(name, places, values, tuple(state.units[place] for place in places)))
-    return tuple(found)
-
-
-def _by_label(names: Sequence[str], where: Iterable[int]) -> dict[str, tuple[int, ...]]:
-    """Positions of the values of each effect or source of the cell, by its label."""
-    labels: dict[str, tuple[int, ...]] = {}
-    for place in where:
-        label = names[place].partition('].')[0] + ']' if '].' in names[place] else names[place].partition('.')[0]
-        labels[label] = (*labels.get(label, ()), place)
-    return labels
+        hypotheses.append(Hypothesis(name, places, values, tuple(state.units[place] for place in places)))
+    return tuple(hypotheses)
 
 
 class Explanation(NamedTuple):
@@ -144,9 +135,8 @@ class Explanation(NamedTuple):
         scales = [SCALES.get(name) or scale_of(largest, unit) for name, unit in zip(h.values, h.units, strict=True)]
         rows = zip(self.change, self.std, h.units, scales, strict=True)
         changes = [shown(value, std, unit, {unit: scale}).text for value, std, unit, scale in rows]
-        if len(changes) == 1:
-            return changes[0]
-        return ', '.join(f'{name} {change}' for name, change in zip(h.values, changes, strict=True))
+        named = ', '.join(f'{name} {change}' for name, change in zip(h.values, changes, strict=True))
+        return named if len(changes) > 1 else changes[0]
 
     @property
     def score(self) -> float:
@@ -158,10 +148,9 @@ def explanations(evidence: Evidence, state: State, among: Sequence[Hypothesis]) 
     """Every hypothesis, the best first."""
     found = []
     for hypothesis in among:
-        scale = state.scale[list(hypothesis.places)]
-        statistic, change, std = evidence.ratio(hypothesis.places)
-        sizes = (tuple((scale * part).tolist()) for part in (change, std))
-        found.append(Explanation(hypothesis, statistic, *sizes))
+        statistic, *sizes = evidence.ratio(hypothesis.places)
+        change, std = (tuple((state.scale[list(hypothesis.places)] * part).tolist()) for part in sizes)
+        found.append(Explanation(hypothesis, statistic, change, std))
     return sorted(found, key=lambda item: -item.score)
 
 

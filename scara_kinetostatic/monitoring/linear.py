@@ -27,12 +27,12 @@ of the cell, so that touches on the objects of the calibration are predicted bet
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, chdtri, fdtrc, fdtri
+from scipy.special import chdtrc, fdtrc, fdtri
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import fitted_surfaces, project
@@ -42,7 +42,6 @@ from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
-from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -63,11 +62,11 @@ def p_values(chi_square: Floats | float, freedoms: int, noise_freedoms: float) -
     return np.asarray(fdtrc(freedoms, noise_freedoms, np.asarray(chi_square) / freedoms))
 
 
-def quantile(probability: float, freedoms: int, noise_freedoms: float) -> float:
-    """The chi-square that is exceeded with 1 - `probability`; `noise_freedoms` as in `p_values`."""
+def as_rare(chi_square: float, freedoms: int, noise_freedoms: float) -> float:
+    """What is exceeded as rarely as a chi-square where the noise is known; `noise_freedoms` as in `p_values`."""
     if np.isinf(noise_freedoms):
-        return float(chdtri(freedoms, 1 - probability))
-    return float(freedoms * fdtri(freedoms, noise_freedoms, probability))
+        return chi_square
+    return float(freedoms * fdtri(freedoms, noise_freedoms, 1.0 - chdtrc(freedoms, chi_square)))
 
 
 LINEAR = 0.01
@@ -105,25 +104,33 @@ class State(NamedTuple):
         """
         arm = record.arm
         cell = arm.cell if cell is None else cell
-        discs = tuple(
-            disc._replace(center_std=1.0, radius_std=1.0, angle_std=1.0)
-            if isinstance(disc, Outline)
-            else disc._replace(center_std=1.0, radius_std=1.0)
-            for disc in cell.discs
-        )
-        plates = tuple(plate._replace(center_std=1.0, angle_std=1.0) for plate in cell.plates)
-        unit = Uncertainty(1.0, 1.0, 1.0)
-        probe = DeclaredErrors.of(replace(cell, discs=discs, plates=plates, uncertainty=unit))
+
+        def declared(items: Sequence[Any]) -> Any:
+            return tuple(one._replace(**{name: 1.0 for name in one._fields if name.endswith('_std')}) for one in items)
+
+        every = {'discs': declared(cell.discs), 'plates': declared(cell.plates)}
+        probe = DeclaredErrors.of(replace(cell, **every, uncertainty=Uncertainty(1.0, 1.0, 1.0)))
         assert probe is not None
         names = (*arm.model.names, *probe.names)
         of_cell = [unit for source in probe.sources for unit in [source.unit] * source.components]
         of_effects = [p.unit for effect in arm.model.effects for p in effect.parameters]
         scale = np.concatenate([scales_of(arm.model), [_SCALES[unit] for unit in of_cell]])
         units = (*(UNITS[name] for name in arm.model.parameters.names), *of_effects, *of_cell)
-        errors, covariance = _prior(record, cell, names)
         values = len(arm.model.names)
+        mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
+        same = same_sources(arm.cell, cell)
+        known = [k for k, name in enumerate(record.names) if k < values or same(name)]
+        places = [k if k < values else values + names[values:].index(record.names[k]) for k in known]
+        covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
+        mean[places] = record.values[known]
+        if arm.cell.discs == cell.discs:  # their undetected errors are what they were
+            part = record.undetected.at(arm.model.names, some=False)
+            covariance[:values, :values] -= part @ part.T
+        for name, std in stated_uncertainties(cell).items():
+            if name in names[values:] and (place := values + names[values:].index(name)) not in places:
+                covariance[place, place] = std**2
         covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
-        return cls(names, units, scale, probe.cell, errors[values:], covariance / np.outer(scale, scale))
+        return cls(names, units, scale, probe.cell, mean[values:], covariance / np.outer(scale, scale))
 
     @property
     def values(self) -> int:
@@ -152,24 +159,6 @@ class State(NamedTuple):
         return self._replace(errors=errors)
 
 
-def _prior(record: CalibrationRecord, cell: Cell, names: Sequence[str]) -> tuple[Floats, Floats]:
-    """Means (zero for the model, whose values are linearised at) and covariance of the state, SI."""
-    mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
-    same = same_sources(record.arm.cell, cell)
-    own = len(record.arm.model.names)
-    known = [k for k, name in enumerate(record.names) if k < own or source_of(name) in same]
-    places = [k if k < own else own + names[own:].index(record.names[k]) for k in known]
-    covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
-    mean[places] = record.values[known]
-    if record.arm.cell.discs == cell.discs:  # their undetected errors are what they were
-        part = record.undetected.at(record.arm.model.names, some=False)
-        covariance[:own, :own] -= part @ part.T
-    for name, std in stated_uncertainties(cell).items():
-        if name in names[own:] and (place := own + names[own:].index(name)) not in places:
-            covariance[place, place] = std**2
-    return mean, covariance
-
-
 def stated_uncertainties(cell: Cell) -> dict[str, float]:
     """Standard uncertainty of each declared error and, as ``nominal[l1]``, of each trusted nominal value, SI."""
     declared = DeclaredErrors.of(cell)
@@ -177,25 +166,19 @@ def stated_uncertainties(cell: Cell) -> dict[str, float]:
     return found | {f'nominal[{name}]': std for name, std in cell.uncertainty.nominal.items()}
 
 
-def source_of(name: str) -> str:
-    """Label of the source that an error belongs to."""
-    return name.removesuffix('.x').removesuffix('.y')
-
-
-_OBJECT_ERRORS = ('position', 'radius', 'offset', 'rotation')
-
-
-def same_sources(known: Cell, cell: Cell) -> set[str]:
-    """Labels of the sources of uncertainty that are the same thing in two cells."""
+def same_sources(known: Cell, cell: Cell) -> Callable[[str], bool]:
+    """Whether an error, by name, is of a source of uncertainty that is the same thing in two cells."""
+    errors = ('position', 'radius', 'offset', 'rotation')
     one, other = (
         {
-            **{f'object_{what}[{disc.name}]': disc for disc in each.discs for what in _OBJECT_ERRORS},
+            **{f'object_{what}[{disc.name}]': disc for disc in each.discs for what in errors},
             **{f'plate_{what}[{plate.name}]': plate for plate in each.plates for what in ('position', 'angle')},
             **{f'nominal[{name}]': value for name, value in each.nominal.as_dict().items()},
         }
         for each in (known, cell)
     )
-    return {'radius', 'force_gain', 'force_rotation'} | {name for name in one if one[name] == other.get(name)}
+    same = {'radius', 'force_gain', 'force_rotation'} | {name for name in one if one[name] == other.get(name)}
+    return lambda name: name.removesuffix('.x').removesuffix('.y') in same
 
 
 class Measured(NamedTuple):
@@ -298,8 +281,7 @@ class Evidence(NamedTuple):
         mean = np.broadcast_to(mean, (size,))
         right = np.concatenate([found.matrix, (found.score - found.matrix @ mean)[:, None]], axis=1)
         solved = np.linalg.solve(np.eye(size) + found.matrix @ covariance, right)
-        matrix = (solved[:, :size] + solved[:, :size].T) / 2
-        return cls(solved[:, size], matrix)
+        return cls(solved[:, size], (solved[:, :size] + solved[:, :size].T) / 2)
 
     def ratio(self, places: Sequence[int]) -> tuple[float, Floats, Floats]:
         """Likelihood ratio statistic T of a change of some values, the change and its std in units of the scale.
@@ -342,11 +324,6 @@ class PredictionTest(NamedTuple):
         chi_square, freedoms = float((r**2).sum() - found.score @ gained), r.size  # rᵀr - uᵀ (I + C P)⁻¹ C u
         spread = np.eye(2) + measured.jacobian @ covariance @ measured.jacobian.swapaxes(1, 2)
         squares = measured.chi_squares(covariance)
-        return cls(
-            chi_square=chi_square,
-            freedoms=freedoms,
-            p_value=float(p_values(chi_square, freedoms, noise)),
-            distances=np.sqrt(squares),
-            p_values=p_values(squares, 2, noise),
-            expected=np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal)),
-        )
+        p_value, of_each = float(p_values(chi_square, freedoms, noise)), p_values(squares, 2, noise)
+        expected = np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal))
+        return cls(chi_square, freedoms, p_value, np.sqrt(squares), of_each, expected)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -23,7 +23,7 @@ from scara_kinetostatic.calibration.result import UndetectedErrors
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
 from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import reported_force
@@ -108,9 +108,8 @@ class CalibrationRecord:
         rows, columns, of_robot = (tuple(part[key]) for key in ('rows', 'columns', 'of_robot'))
         matrix = stored_numbers(part['matrix'], (len(rows), len(columns)))
         found = UndetectedErrors(rows, columns, of_robot, stored_numbers(part['size'], (len(columns),)), matrix)
-        if not (
-            all(isinstance(text, str) for text in columns) and len(of_robot) == len(columns) and (found.size > 0).all()
-        ):
+        are_named = all(isinstance(text, str) for text in columns) and len(of_robot) == len(columns)
+        if not (are_named and (found.size > 0).all()):
             raise ValueError('covariance_with_cell: undetected effects without a name or a size')
         return found
 
@@ -190,8 +189,38 @@ class CalibrationRecord:
 
     @cached_property
     def touches(self) -> TouchSet:
-        """The used touches of the calibration as its sensor reported them, but for its declared errors."""
-        return stored_touches(self.document['touches']['fitted'], self.arm)
+        """The used touches of the calibration as its sensor reported them, but for its declared errors.
+
+        Raises:
+            KeyError, TypeError, ValueError: they are damaged.
+        """
+        rows = [row for row in self.document['touches']['fitted'] if row['used']]
+        discs = {disc.name: k for k, disc in enumerate(self.arm.cell.discs)}
+        frame, p = self.arm.cell.sensor.frame, self.arm.model.parameters
+
+        def column(name: str, *shape: int) -> Floats:
+            return np.array([row[name] for row in rows], dtype=float).reshape(len(rows), *shape)
+
+        def numbers(values: Iterable[Any]) -> Indices:
+            return np.array(list(values), dtype=np.intp)
+
+        joints, force = column('joints', 2), column('force', 2)
+        if frame is not SensorFrame.BASE:
+            force = rotate(force, -(joints.sum(axis=1) + p.theta1 + p.theta2))
+        touches = TouchSet(
+            joints=joints,
+            force=force,
+            disc=numbers(discs[row['object']] for row in rows),
+            posture=numbers(row['posture'] for row in rows),
+            time=column('time'),
+            index=numbers(row['index'] for row in rows),
+            order=numbers(row['order'] for row in rows),
+            approach=column('approach', 2),
+            press=column('press', 2),
+            history=stacked_histories([row.get('history', ()) for row in rows], joints),
+            surface=numbers(row.get('surface', -1) for row in rows),
+        )
+        return touches.replace(force=reported_force(self.arm.model, force, TouchMetadata.of(touches, frame)))
 
     @cached_property
     def forces(self) -> Floats:
@@ -209,11 +238,6 @@ class CalibrationRecord:
         """Position of a value of the model or, if it has none of that name, of a declared error."""
         return self.names.index(name)
 
-    def std_of(self, name: str) -> float:
-        """Standard uncertainty of a value of the model or an error of the cell by name, SI; 0 where it is fixed."""
-        place = self.place(name)
-        return float(np.sqrt(max(self.covariance[place, place], 0.0)))
-
 
 def _joint(entry: Mapping[str, Any], arm: CalibratedArm) -> tuple[tuple[str, ...], Floats, Floats]:
     """Names, values and covariance of the model and of the declared errors of the cell.
@@ -229,43 +253,6 @@ def _joint(entry: Mapping[str, Any], arm: CalibratedArm) -> tuple[tuple[str, ...
     if not np.allclose(values[: len(arm.model.names)], arm.model.as_array(), rtol=1e-9, atol=0):
         raise ValueError('covariance_with_cell: values differ from those of the model')
     return names, values, stored_covariance(entry['matrix'], len(names))
-
-
-def stored_touches(rows: Sequence[Mapping[str, Any]], arm: CalibratedArm) -> TouchSet:
-    """The used touches among the rows `touches.fitted` of a calibration.
-
-    Raises:
-        KeyError, TypeError, ValueError: they are damaged.
-    """
-    rows = [row for row in rows if row['used']]
-    discs = {disc.name: k for k, disc in enumerate(arm.cell.discs)}
-
-    def column(name: str, *shape: int) -> Floats:
-        return np.array([row[name] for row in rows], dtype=float).reshape(len(rows), *shape)
-
-    joints = column('joints', 2)
-    touches = TouchSet(
-        joints=joints,
-        force=column('force', 2),
-        disc=np.array([discs[row['object']] for row in rows], dtype=np.intp),
-        posture=np.array([row['posture'] for row in rows], dtype=np.intp),
-        time=column('time'),
-        index=np.array([row['index'] for row in rows], dtype=np.intp),
-        order=np.array([row['order'] for row in rows], dtype=np.intp),
-        approach=column('approach', 2),
-        press=column('press', 2),
-        history=stacked_histories([row.get('history', ()) for row in rows], joints),
-        surface=np.array([row.get('surface', -1) for row in rows], dtype=np.intp),
-    )
-    return touches.replace(force=_as_reported(touches, arm))
-
-
-def _as_reported(touches: TouchSet, arm: CalibratedArm) -> Floats:
-    """Forces as the sensor reports them, by its frame and the errors that the model gives it."""
-    force, p = touches.force, arm.model.parameters
-    if arm.cell.sensor.frame is not SensorFrame.BASE:
-        force = rotate(force, -(touches.joints.sum(axis=1) + p.theta1 + p.theta2))
-    return reported_force(arm.model, force, TouchMetadata.of(touches, arm.cell.sensor.frame))
 
 
 def check_same_recorded(cell: Cell, path: str | Path, source: str) -> None:

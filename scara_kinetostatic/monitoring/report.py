@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 
@@ -16,19 +17,7 @@ from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.hypotheses import Causes, change_title
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import Verification
-from scara_kinetostatic.report import (
-    NOT_DETERMINED,
-    Block,
-    Document,
-    Figure,
-    Note,
-    Report,
-    Section,
-    Table,
-    Verdict,
-    plain,
-)
-from scara_kinetostatic.report.content import Level
+from scara_kinetostatic.report import NOT_DETERMINED, Block, Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, PAPER, WARN, as_svg, new_figure
 from scara_kinetostatic.report.quantities import SCALES, Shown, chance, count, micrometres, p_equals, scale_of, shown
 from scara_kinetostatic.report.text import sentence
@@ -39,17 +28,12 @@ def causes_document(causes: Causes) -> Document:
     """What may have changed, with its evidence; nulls where nothing has."""
     candidates = []
     for item in causes.ranking:
-        h = item.hypothesis
-        rows = zip(h.values, item.change, item.std, h.units, strict=True)
+        rows = zip(item.hypothesis.values, item.change, item.std, item.hypothesis.units, strict=True)
         changes = [dict(zip(('name', 'value', 'std', 'unit'), row, strict=True)) for row in rows]
-        known = {'name': item.name, 'title': h.title, 'statistic': item.statistic, 'score': item.score}
+        known = {'name': item.name, 'title': item.hypothesis.title, 'statistic': item.statistic, 'score': item.score}
         candidates.append({**known, 'change': changes})
-    return {
-        'part': candidates[0] if candidates else None,
-        'rivals': causes.rivals,
-        'remaining_p_value': causes.remaining_p_value if candidates else None,
-        'candidates': candidates,
-    }
+    best, remaining = (candidates[0], causes.remaining_p_value) if candidates else (None, None)
+    return {'part': best, 'rivals': causes.rivals, 'remaining_p_value': remaining, 'candidates': candidates}
 
 
 def _causes(causes: Causes) -> list[Block]:
@@ -67,29 +51,28 @@ def _causes(causes: Causes) -> list[Block]:
 
 def comparison_document(changes: Sequence[Change]) -> Document:
     """All numbers; SI units."""
-    changed = [_change(change) for change in changes]
+    changed = [
+        {
+            'from': {'path': c.before.source, 'created': c.before.created},
+            'to': {'path': c.after.source, 'created': c.after.created},
+            'changed': c.has_changed,
+            **{key: getattr(c, key) for key in ('p_value', 'chi_square', 'degrees_of_freedom', 'notes')},
+            'parameters': {
+                p.name: {
+                    'from': _stated(c.before, p.name),
+                    'to': _stated(c.after, p.name),
+                    'joint_fit': {'from': p.before, 'to': p.after},
+                    **{key: getattr(p, key) for key in ('change', 'std', 'z', 'p_value', 'unit')},
+                }
+                for p in c.parameters
+            },
+            'tip_change': {'rms': c.tip, 'largest': c.largest_tip},
+            **causes_document(c.causes),
+            'effects': {'only_from': c.only_before, 'only_to': c.only_after, 'not_compared': c.not_compared},
+        }
+        for c in changes
+    ]
     return {'schema': 'scara_kinetostatic/comparison/1', 'version': __version__, 'changes': changed}
-
-
-def _change(c: Change) -> Document:
-    return {
-        'from': {'path': c.before.source, 'created': c.before.created},
-        'to': {'path': c.after.source, 'created': c.after.created},
-        'changed': c.has_changed,
-        **{key: getattr(c, key) for key in ('p_value', 'chi_square', 'degrees_of_freedom', 'notes')},
-        'parameters': {
-            p.name: {
-                'from': _stated(c.before, p.name),
-                'to': _stated(c.after, p.name),
-                'joint_fit': {'from': p.before, 'to': p.after},
-                **{key: getattr(p, key) for key in ('change', 'std', 'z', 'p_value', 'unit')},
-            }
-            for p in c.parameters
-        },
-        'tip_change': {'rms': c.tip, 'largest': c.largest_tip},
-        **causes_document(c.causes),
-        'effects': {'only_from': c.only_before, 'only_to': c.only_after, 'not_compared': c.not_compared},
-    }
 
 
 def comparison_report(changes: Sequence[Change]) -> Report:
@@ -102,19 +85,14 @@ def comparison_report(changes: Sequence[Change]) -> Report:
     for change in changes:
         blocks: tuple[Block, ...] = (_answer(change), *_values(change), *_causes(change.causes), Note(common))
         sections.append(Section(f'{change.before.source} → {change.after.source}', blocks))
-    changed = [change for change in changes if change.has_changed]
-    level: Level = 'caution' if any(_answer(change).level == 'caution' for change in changes) else 'good'
-    answer = Verdict(f'{len(changed)} of {count(len(changes), "comparison")} beyond the uncertainty', level)
+    changed = f'{sum(change.has_changed for change in changes)} of {count(len(changes), "comparison")}'
+    is_doubtful = any(_answer(change).level == 'caution' for change in changes)
+    answer = Verdict(f'{changed} beyond the uncertainty', 'caution' if is_doubtful else 'good')
     if len(changes) == 1:
         answer, sections = _answer(changes[0]), [Section('', sections[0].blocks[1:])]
-    names = [changes[0].before.source, *(change.after.source for change in changes)]
-    return Report(
-        'What changed between calibrations',
-        answer,
-        tuple(sections),
-        source=', '.join(names),
-        footer='all numbers in full in comparison.json',
-    )
+    source = ', '.join([changes[0].before.source, *(change.after.source for change in changes)])
+    footer = 'all numbers in full in comparison.json'
+    return Report('What changed between calibrations', answer, tuple(sections), source, footer=footer)
 
 
 def verdict(change: Change) -> str:
@@ -131,8 +109,8 @@ def _answer(change: Change) -> Verdict:
     for effects, which in ((change.only_before, 'first'), (change.only_after, 'second')):
         if effects:
             found.append(f'Only the {which} calibration has {", ".join(effects)}.')
-    level: Level = 'caution' if change.has_changed or change.not_compared else 'good'
-    return Verdict(f'{verdict(change)}.', level, (*found, *map(sentence, change.notes)))
+    is_doubtful = change.has_changed or change.not_compared
+    return Verdict(f'{verdict(change)}.', 'caution' if is_doubtful else 'good', (*found, *map(sentence, change.notes)))
 
 
 def _stated(record: CalibrationRecord, name: str) -> float | None:
@@ -178,7 +156,7 @@ def verification_document(v: Verification) -> Document:
         'version': __version__,
         'calibration': {'path': v.record.source, 'created': v.record.created, 'grade': v.record.arm.grade},
         'recordings': [{**item._asdict(), 'part_of_calibration': item.path in v.seen} for item in v.recordings],
-        **plain(v.assessment),
+        **asdict(v.assessment),
         **{key: getattr(v, key) for key in ('tip_error', 'expected', 'p_value', 'warnings')},
         'without_outlying': {'p_value': v.others.p_value, 'tip_error': v.others_tip_error} if v.few_outlie else None,
         'chi_square': {'value': v.test.chi_square, 'degrees_of_freedom': v.test.freedoms},
@@ -198,8 +176,6 @@ def verification_document(v: Verification) -> Document:
 
 def verification_report(v: Verification) -> Report:
     """A verification for the terminal and for `verification.html`."""
-    a = v.assessment
-    level: Level = {'fit': 'good', 'caution': 'caution', 'unfit': 'bad'}[a.grade.value]  # type: ignore[assignment]
     rows = (
         ('touches', str(v.touches)),
         ('tip error, rms', f'{micrometres(v.tip_error)} µm'),
@@ -215,12 +191,7 @@ def verification_report(v: Verification) -> Report:
     )
     return Report(
         'Verification of a calibration',
-        Verdict(
-            f'{answer(a.grade, v.tolerance, "Confirmed")}: {a.reasons[0]}.',
-            level,
-            tuple(map(sentence, a.reasons[1:])),
-            a.actions,
-        ),
+        answer(v.assessment, v.tolerance, 'Confirmed'),
         (summary, *_causes(v.causes), Figure(partial(_touch_picture, v), caption)),
         source=f'{v.record.source}, verified with {", ".join(item.path for item in v.recordings)}',
         remarks=v.warnings,
@@ -250,22 +221,17 @@ def history_report(trends: Sequence[Trend]) -> Report:
     )
     sections, doubtful = [], []
     for number, trend in enumerate(trends):
-        lines = [
-            f'{count(len(trend.entries), "calibration")}, {count(len(trend.changed), "change")} beyond the uncertainty.'
-        ]
+        changed = f'{count(len(trend.changed), "change")} beyond the uncertainty'
+        lines = [f'{count(len(trend.entries), "calibration")}, {changed}.']
         if trend.slow is not None:
-            first, last = trend.since, trend.entries[-1].number
-            lines.append(f'From number {first} to number {last}: {verdict(trend.slow)}.')
-        rows = [
-            (
-                str(entry.number),
-                entry.record.measured.replace('T', ' ').replace('Z', ' UTC'),
-                entry.record.arm.grade,
-                NOT_DETERMINED if entry.worst_tip is None else f'{micrometres(entry.worst_tip)} µm',
-                'first' if change is None else verdict(change),
-            )
-            for entry, change in zip(trend.entries, trend.changes, strict=True)
-        ]
+            lines.append(f'From number {trend.since} to number {trend.entries[-1].number}: {verdict(trend.slow)}.')
+        rows = []
+        for entry, change in zip(trend.entries, trend.changes, strict=True):
+            measured = entry.record.measured.replace('T', ' ').replace('Z', ' UTC')
+            worst = (entry.record.document.get('tip_uncertainty') or {}).get('worst')
+            tip = NOT_DETERMINED if worst is None else f'{micrometres(worst)} µm'
+            since = 'first' if change is None else verdict(change)
+            rows.append((str(entry.number), measured, entry.record.arm.grade, tip, since))
         table = Table(('', 'measured', 'grade', 'tip, k = 2', 'since the one before'), ('',) * 5, tuple(rows))
         figure = Figure(partial(_trend_picture, trend, f'trend{number}'), caption)
         sections.append(Section(trend.robot, (*lines, table, figure)))

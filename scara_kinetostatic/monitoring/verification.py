@@ -233,6 +233,8 @@ def verify(
         evidence = Evidence.of(Information.of(others), state.covariance)
         hypotheses = hypotheses_of(state, np.unique(touches.disc).tolist())
         causes = Causes.of(evidence, state, hypotheses, others_test.chi_square, others_test.freedoms, noise)
+    effects = ', '.join(Predictor(record.arm).effects_of('time'))
+    assumptions = [f'{effects}: time counts from the start of each recording, as in the calibration'] if effects else []
     columns = (touches.index, touches.disc, test.distances, measured.tip_error)
     rows = zip(*(column[outlies].tolist() for column in columns), strict=True)
     return Verification(
@@ -253,7 +255,7 @@ def verify(
         numbers=touches.index,
         tip_errors=measured.tip_error,
         differing=tuple(differing),
-        warnings=(*detection.warnings, *_assumptions(record)),
+        warnings=(*detection.warnings, *assumptions),
     )
 
 
@@ -265,8 +267,3 @@ def _repeated(touches: TouchSet, record: CalibrationRecord, state: State) -> int
         # by rounding in a table: two touches never agree so well
         found |= (np.abs(rows[:, None] - own).max(axis=2) < 1e-6).any(axis=1)
     return int(found.sum())
-
-
-def _assumptions(record: CalibrationRecord) -> list[str]:
-    effects = ', '.join(Predictor(record.arm).effects_of('time'))
-    return [f'{effects}: time counts from the start of each recording, as in the calibration'] if effects else []

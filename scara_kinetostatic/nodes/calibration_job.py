@@ -12,15 +12,13 @@ from __future__ import annotations
 
 import json
 import os
-import queue
 import signal
 import subprocess
 import sys
 import traceback
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
-from threading import Thread
+from tempfile import TemporaryFile
 from time import monotonic
 from typing import Any, NamedTuple
 
@@ -105,30 +103,19 @@ class CalibrationProcess:
     """
 
     def __init__(self, job: Job) -> None:
-        self._process = subprocess.Popen(
-            [*COMMAND, str(Path(__file__).resolve().parents[2]), *filter(None, sys.path)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            encoding='utf-8',
-            start_new_session=True,  # Ctrl-C reaches the node alone, which ends this process
-        )
-        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._cancelled_at: float | None = None
-        self._thread = Thread(target=self._converse, args=(json.dumps(job._asdict()),), daemon=True)
-        self._thread.start()
-
-    def _converse(self, order: str) -> None:
-        """Gives the order and passes on what the process says; in a thread of its own."""
-        assert self._process.stdin is not None
+        with TemporaryFile('w+', encoding='utf-8') as order:
+            order.write(json.dumps(job._asdict()) + '\n')
+            order.seek(0)
+            self._process = subprocess.Popen(
+                [*COMMAND, str(Path(__file__).resolve().parents[2]), *filter(None, sys.path)],
+                stdin=order,
+                stdout=subprocess.PIPE,
+                start_new_session=True,  # Ctrl-C reaches the node alone, which ends this process
+            )
         assert self._process.stdout is not None
-        with suppress(OSError):  # it has ended already
-            self._process.stdin.write(order + '\n')
-            self._process.stdin.close()
-        with self._process.stdout as said:
-            for line in said:
-                self._lines.put(line)
-        self._lines.put(None)
+        self._stdout, self._said = self._process.stdout, b''
+        os.set_blocking(self._stdout.fileno(), False)
+        self._cancelled_at: float | None = None
 
     def poll(self) -> dict[str, Any] | None:
         """The latest news, without waiting; None where nothing is new.
@@ -138,14 +125,15 @@ class CalibrationProcess:
         """
         if self._cancelled_at is not None and monotonic() > self._cancelled_at + PATIENCE:
             self._process.kill()
+        new = self._stdout.read()  # None where there is nothing yet, empty where it has ended
+        *lines, self._said = (self._said + (new or b'')).split(b'\n')
         news: dict[str, Any] | None = None
-        while not self._lines.empty():
-            line = self._lines.get()
-            news = self._ended() if line is None else json.loads(line)
+        for line in lines:
+            news = json.loads(line)
             if 'progress' not in news:
                 self._finish()
-                break
-        return news
+                return news
+        return self._ended() if new == b'' else news
 
     def cancel(self) -> None:
         """Tells the process to end; `poll` says when it has. What it was writing is taken back."""
@@ -164,7 +152,7 @@ class CalibrationProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._thread.join()
+        self._stdout.close()
         return self._process.returncode
 
     def _ended(self) -> dict[str, str]:

@@ -26,11 +26,7 @@ from scara_kinetostatic.results import parameter_file
 from scara_kinetostatic.results.parameter_file import FACTS, GROUP, StoredResult, Value
 from scara_kinetostatic.touches.left_out import parse_left_out
 
-CHOICES = {
-    'session': 'the last one, with those before a restart of the collector',
-    'last': 'the last one',
-    'all': 'all since this node has started',
-}
+CHOICES = 'session', 'last', 'all'
 
 
 _INPUTS: dict[str, tuple[Any, str]] = {
@@ -42,8 +38,8 @@ _INPUTS: dict[str, tuple[Any, str]] = {
     ),
     'announced': (
         'session',
-        'which of the recordings announced by the collector '
-        f'({"; ".join(f"{choice}: {meaning}" for choice, meaning in CHOICES.items())})',
+        'which of the recordings announced by the collector (session: the last one, with those before a restart of the '
+        'collector; last: the last one; all: all since this node has started)',
     ),
     'leave_out': (
         [],
@@ -194,9 +190,8 @@ class CalibratorSettings:
         named = [*filter(None, [self['recording']]), *self['recordings']]
         chosen = named or self._announced.chosen(self['announced'])
         if not chosen:
-            raise ParameterError(
-                'parameter recording', 'no recording is named, and no collector has announced one', 'set it'
-            )
+            problem = 'no recording is named, and no collector has announced one'
+            raise ParameterError('parameter recording', problem, 'set it')
         return list(chosen)
 
 
@@ -283,10 +278,8 @@ class ResultParameters:
             named |= {f'{start}.{name}': value for name, value in zip(UNITS, numbers, strict=False)}  # s1 and s2 or not
         named |= {f'{GROUP}.{name}': value for name, value in result.facts.items()}
         for item in result.effects:
-            named |= {
-                start + '.'.join(item.path): number
-                for start, number in zip(_EFFECTS, (item.value, item.std), strict=True)
-            }
+            for start, number in zip(_EFFECTS, (item.value, item.std), strict=True):
+                named[start + '.'.join(item.path)] = number
         self._writing = True
         try:
             for full in {*self._effects, *_RESULT}.difference(named):
@@ -303,15 +296,13 @@ class ResultParameters:
 
     def _declare(self, full: str) -> None:
         kind, description = _RESULT.get(full, (float, 'of an effect'))
-        descriptor = ParameterDescriptor(
-            description=description, additional_constraints='read-only, the result of ~/calibrate'
-        )
+        fixed = 'read-only, the result of ~/calibrate'
+        descriptor = ParameterDescriptor(description=description, additional_constraints=fixed)
         self._node.declare_parameter(full, _TYPES[kind], descriptor)
 
     def _guard(self, parameters: list[Parameter]) -> SetParametersResult:
         taken = [p.name for p in parameters if p.name in _RESULT or p.name.startswith(_EFFECTS)]
         if taken and not self._writing:
-            return SetParametersResult(
-                successful=False, reason=f'{taken[0]} is read-only, the result of a calibration; call ~/calibrate'
-            )
+            reason = f'{taken[0]} is read-only, the result of a calibration; call ~/calibrate'
+            return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 from time import time_ns
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
@@ -23,14 +23,14 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError, one_line
-from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm, read_document
+from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_identification
 from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.conversion import diagnostic
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.results.calibration_json import NAME
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 CALLS = QoSProfile(depth=1000)
@@ -140,11 +140,7 @@ class CellNode(Node):
             if complaints.note([twin] * (self.get_node_names_and_namespaces().count(own) > 1)):
                 level, message = max(condition.level, WARN), f'{twin}; {condition.message}'
                 condition = condition._replace(level=level, message=message)
-            values = [KeyValue(key=key, value=value) for key, value in condition.values.items()]
-            status = DiagnosticStatus(
-                level=condition.level, name=name, message=condition.message, hardware_id=hardware, values=values
-            )
-            array = DiagnosticArray(status=[status])
+            array = diagnostic(name, *condition, hardware)
             array.header.stamp = self.get_clock().now().to_msg()
             publisher.publish(array)
 
@@ -313,19 +309,3 @@ class FollowedArm(FollowedCalibration[CalibratedArm]):
 def _listed(*texts: str) -> str:
     """Each once; empty texts are nothing."""
     return '; '.join(dict.fromkeys(filter(None, texts)))
-
-
-def stored_document(said: Document) -> Document:
-    """The `calibration.json` of a result on `calibrator/result`.
-
-    Raises:
-        InputError: it cannot be read, as where the calibrator is on another machine, or is of another result.
-    """
-    try:
-        path, created = Path(said['files']['folder']) / NAME, said['created']
-    except (LookupError, TypeError) as error:
-        raise InputError('calibrator/result', 'is no result of a calibration') from error
-    document: Document = read_document(path)
-    if document.get('created') != created:
-        raise InputError(path, f'is of another result, {document.get("created")}', 'calibrate again')
-    return document

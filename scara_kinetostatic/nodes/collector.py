@@ -24,14 +24,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String, UInt32
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.model.arrays import Indices
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, PersistentComplaints, RefusedError
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.session import JudgedTouch, Session
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, CellStreams, Stream
-
-POLL = 0.1
-"""Period of the search for finished touches, s."""
 
 
 class Collector(CellNode):
@@ -51,9 +49,7 @@ class Collector(CellNode):
         self._autostart = declare.parameter(self, 'autostart', False, 'start recording at once')
         self._session: Session | None = None
         self._by_ros_time = self.get_clock().ros_time_is_active
-        self._lost_before = 0
-        self._heard_before: list[tuple[int, int]] = []
-        self._failure = ''
+        self._heard_before, self._failure = np.zeros((2, 3), dtype=np.intp), ''
         self._complaints = PersistentComplaints(self.get_logger().warning)
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
         self._touch = self.create_publisher(DiagnosticArray, '~/touch', LATCHED_TOUCHES)
@@ -64,14 +60,15 @@ class Collector(CellNode):
         self.serve('start', self._start)
         self.serve('stop', self._stop)
         self.serve('discard_last', self._discard_last)
-        self.every(POLL, self._poll)
+        self.every(0.1, self._poll)
         self.publish_status('recording', self._examine)
         if not self._autostart:
             self.get_logger().info(f'not recording yet; call {self.resolve_service_name("~/start")}')
         elif not self._now():
             self.get_logger().warning('use_sim_time is set: recording begins with the first message on /clock')
         else:
-            self._begin_by_itself()
+            with self._guarded():
+                self._begin()
 
     def close(self) -> None:
         """Ends the recording, so that the bag is complete."""
@@ -134,21 +131,15 @@ class Collector(CellNode):
             self.say(WARN if touch.reason else OK, touch.line)
         self._touches.publish(UInt32(data=session.touches))
 
-    def _begin_by_itself(self) -> None:
-        self._autostart = False
-        with self._guarded():
-            self._begin()
-
     def _begin(self) -> None:
+        self._autostart = False
         parent = declare.place('output', str(self.get_parameter('output').value)).absolute()
         joint_states, wrench = (monitor.topic for monitor in self._streams.monitors.values())
         self._session = Session(parent, self._cell, self._now(), (joint_states, wrench))
         for message in self._streams.frame.messages:
             self._session.take_transforms(message, self._now())
         self._streams.look_at_publishers()
-        self._lost_before, self._heard_before = self._lost(), self._heard()
-        self._autostart = False
-        self._failure = ''
+        self._heard_before, self._failure = self._heard(), ''
         self._publish(self._session)
         self._recording.publish(String(data=str(self._session.folder)))
         self.get_logger().info(f'recording to {self._session.folder}')
@@ -161,7 +152,7 @@ class Collector(CellNode):
             self._session = None
         if self._failure:
             return f'{session.folder}: {self._failure}'
-        lost = self._lost() - self._lost_before
+        lost = (self._heard() - self._heard_before)[:, 2].sum()
         loss = f'; {lost} messages were lost on the way' if lost else ''
         counted = f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}{loss}'
         counted = '; '.join((counted, *self._silent()))
@@ -169,7 +160,8 @@ class Collector(CellNode):
 
     def _with_warnings(self, answer: str) -> str:
         """The answer of a service, with what spoils the data."""
-        spoilt = (*self._streams.mixtures(), self._streams.frame.complaint(), self._example_cell())
+        mixtures = [monitor.mixture() for monitor in self._streams.monitors.values()]
+        spoilt = (*mixtures, self._streams.frame.complaint(), self._example_cell())
         return '; '.join(filter(None, (answer, *spoilt)))
 
     def _example_cell(self) -> str:
@@ -181,18 +173,15 @@ class Collector(CellNode):
         problem = 'the parameter cell is empty: the robot is taken for the example cell of figure 3'
         return f'{problem}; name its cell description'
 
-    def _lost(self) -> int:
-        return sum(monitor.lost for monitor in self._streams.monitors.values())
-
-    def _heard(self) -> list[tuple[int, int]]:
-        """Of each topic the messages so far, and those that gave no sample."""
-        return [(each.count, each.unusable + each.parts) for each in self._streams.monitors.values()]
+    def _heard(self) -> Indices:
+        """Of each topic the messages so far, those that gave no sample, and those that were lost, (2, 3)."""
+        monitors = self._streams.monitors.values()
+        return np.array([(each.count, each.unusable + each.parts, each.lost) for each in monitors])
 
     def _silent(self) -> list[str]:
         """The topics that had messages since the recording began, but none that can be used."""
-        since = np.subtract(self._heard(), self._heard_before).tolist()
-        heard = zip(self._streams.monitors.values(), since, strict=True)
-        return [f'{each.topic}: no usable message of {count}' for each, (count, bad) in heard if count == bad > 0]
+        heard = zip(self._streams.monitors.values(), self._heard() - self._heard_before, strict=True)
+        return [f'{each.topic}: no usable message of {count}' for each, (count, bad, _) in heard if count == bad > 0]
 
     def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
         """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
@@ -220,7 +209,8 @@ class Collector(CellNode):
     def _poll(self) -> None:
         self._by_ros_time = self.get_clock().ros_time_is_active
         if self._autostart and self._now():
-            self._begin_by_itself()
+            with self._guarded():
+                self._begin()
         if (session := self._session) is None:
             return
         with self._guarded():
@@ -230,7 +220,6 @@ class Collector(CellNode):
     def _examine(self) -> Condition:
         """The status; persistent problems are logged, too."""
         session = self._session
-        self._streams.look_at_publishers()
         complaints, values = self._streams.examine(expected=session is not None)
         complaints.append(self._example_cell())
         rejections = ''

@@ -27,18 +27,11 @@ from collections.abc import Callable
 from itertools import islice
 from math import hypot, isfinite, nan, pi
 from time import monotonic
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import (
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    Quaternion,
-    TransformStamped,
-    Vector3,
-    WrenchStamped,
-)
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -47,52 +40,19 @@ from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError, UnsupportedDataError, one_line
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import MotionSense, OnlineArm, OnlinePosition
-from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes import conversion, declare
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedArm
-from scara_kinetostatic.nodes.conversion import (
-    NANOSECONDS,
-    PlanarPose,
-    Sample,
-    UnusableMessageError,
-    joint_trajectory,
-    planar,
-    pose_bytes,
-    stamp_of,
-)
-from scara_kinetostatic.nodes.declare import Range
-from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor, waiting
-from scara_kinetostatic.nodes.streams import CellStreams, Stream, TFMessage
+from scara_kinetostatic.nodes.conversion import NANOSECONDS, PlanarPose, Sample, UnusableMessageError, planar
+from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor
+from scara_kinetostatic.nodes.streams import CellStreams, Stream, TFMessage, waiting
 from scara_kinetostatic.planning.motion import Space
 
 _ELBOWS = ('present', 'left', 'right')
 _SURE = ('ok', 'unloaded')
-_ON_SURFACE = 1e-4
-"""A place so deep in an object is on its surface still, m: as much as a force of some newtons displaces the tip."""
-_NOT_TARED = 'the force is not tared: call ~/tare while nothing is touched'
-
-
-class Answer(NamedTuple):
-    """How the controller brings the tip to a wanted place under a force.
-
-    Attributes:
-        joints: readings of the two joints, rad, without a turn more than the present ones need, then the positions of
-            the other joints.
-        torques: C, Nm, in the sense of the readings.
-        std_normal: standard uncertainty of the place along the force, m.
-        status: as of `JointAngles`.
-        move: the largest way of a joint, rad.
-    """
-
-    joints: list[float]
-    torques: list[float]
-    std_normal: float
-    status: str
-    move: float
 
 
 class FollowedTip:
@@ -115,7 +75,6 @@ class FollowedTip:
         self.assumptions = ''
         self._joints: tuple[float, float, float] | None = None
         self._others = {cell.lift.joint: cell.lift.down} if cell.lift else {}
-        self._wrench: tuple[float, float, float] | None = None
         self._forces: deque[tuple[float, float, float]] = deque(maxlen=5000)
         self._needs_metadata = False
         self._motion = MotionSense()
@@ -139,9 +98,7 @@ class FollowedTip:
     def take_wrench(self, sample: Sample) -> None:
         """A force as the sensor reports it, in the frame of the cell description."""
         sign = -1.0 if self.cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-        now = monotonic()
-        self._wrench = sign * sample.first, sign * sample.second, now
-        self._forces.append(self._wrench)
+        self._forces.append((sign * sample.first, sign * sample.second, monotonic()))
 
     def take_joints(self, sample: Sample) -> OnlinePosition | None:
         """Joint angles, and where the tip is with them; None without a calibration or a recent force."""
@@ -151,19 +108,13 @@ class FollowedTip:
         self._others |= {name: at for name, at in others if isfinite(at)}
         if self._needs_metadata:
             self._approach = self._motion.note(sample.first, sample.second)
-        if self.online is None or self._wrench is None or now - self._wrench[2] > self.timeout:
+        if self.online is None or not self._forces or now - self._forces[-1][2] > self.timeout:
             return None
-        fx, fy = self._force(sample.first, sample.second)
-        found = self.online.locate(sample.first, sample.second, fx, fy, self._metadata())
+        q1, q2, (zero_x, zero_y), (fx, fy, _) = *sample[1:3], self.zero or (0.0, 0.0), self._forces[-1]
+        force = self.online.true_force(q1, q2, fx - zero_x, fy - zero_y)
+        found = self.online.locate(q1, q2, *force, self._metadata())
         self.statuses[found.status] += 1
         return found
-
-    def _force(self, q1: float, q2: float) -> tuple[float, float]:
-        """The true force, base frame, N."""
-        assert self.online is not None
-        assert self._wrench is not None
-        zero = self.zero or (0.0, 0.0)
-        return self.online.true_force(q1, q2, self._wrench[0] - zero[0], self._wrench[1] - zero[1])
 
     def tare(self) -> tuple[float, float]:
         """Takes the mean of the last forces as zero; nothing must be touched.
@@ -181,12 +132,19 @@ class FollowedTip:
 
     def forget_forces(self) -> bool:
         """Forgets forces and their zero, as where they are turned otherwise from here on; whether there was a zero."""
-        had, self.zero, self._wrench = self.zero is not None, None, None
+        had, self.zero = self.zero is not None, None
         self._forces.clear()
         return had
 
-    def answer(self, place: tuple[float, float], force: tuple[float, float], elbow: str) -> Answer:
-        """Joint angles for a wanted place, m, and force, N.
+    def answer(
+        self, place: tuple[float, float], force: tuple[float, float], elbow: str
+    ) -> tuple[list[float], float, dict[str, Any]]:
+        """How the controller brings the tip to a wanted place, m, under a force, N.
+
+        Returns:
+            Readings of the two joints, rad, without a turn more than the present ones need, and the positions of the
+            other joints; the largest way of a joint, rad; and what is said on `~/answer`: readings, torques, Nm, in the
+            sense of the readings, standard uncertainty of the place along the force, m, status as of `JointAngles`.
 
         Raises:
             InputError: there is no calibration, or the tip must not or cannot be there.
@@ -201,7 +159,8 @@ class FollowedTip:
         side = np.array([sides[elbow]])
         metadata = self._metadata() or TouchMetadata.plain(1)
         cell, wanted = self.cell, f'({place[0]:.4g}, {place[1]:.4g}) m'
-        space = Space(cell, self.online.arm.model.parameters, -_ON_SURFACE - 3 * cell.surface_std)
+        # 0.1 mm deep in an object is on its surface still: as much as a force of some newtons displaces the tip
+        space = Space(cell, self.online.arm.model.parameters, -1e-4 - 3 * cell.surface_std)
         if inside := space.object_at(np.array(place)):
             raise InputError('the wanted pose', f'{wanted} is inside {inside}', 'wish for another')
         found = self.online.predictor.compensate(np.array([place]), np.array([force]), side, metadata)
@@ -210,34 +169,33 @@ class FollowedTip:
         low, high = np.full(2, -np.inf), np.full(2, np.inf)
         if cell.limits is not None:
             low, high = np.array(cell.limits).T
-        angles = cell.in_turn(_in_turn(found.joints[0], present))
+        near = found.joints[0] + 2 * pi * np.round((present - found.joints[0]) / (2 * pi))
+        angles = cell.in_turn(near)
         for name, sign, at, *limits in zip(cell.joint_names, cell.direction, angles, low, high, strict=True):
             if not limits[0] <= at <= limits[1]:
                 least, most = sorted((sign * limits[0], sign * limits[1]))
                 problem = f'{wanted} needs {name} at {sign * at:.4g}, its limits are {least:.4g} and {most:.4g} rad'
                 raise InputError('the wanted pose', problem, 'wish for another, or the other elbow')
         others = self._others | dict(cell.hold)
-        return Answer(
-            [*cell.readings(angles).tolist(), *(others[name] for name in cell.other_joints)],
-            cell.in_sense(found.torques[0]).tolist(),
-            float(found.std_normal[0]),
-            str(found.status[0]),
-            float(np.abs(angles - present).max()),
-        )
+        (q1, q2), (c1, c2) = cell.readings(angles).tolist(), cell.in_sense(found.torques[0]).tolist()
+        values = {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2}
+        values |= {'std_normal_m': float(found.std_normal[0]), 'status': str(found.status[0])}
+        return [q1, q2, *(others[name] for name in cell.other_joints)], float(np.abs(angles - present).max()), values
 
     def report(self) -> tuple[list[str], dict[str, str]]:
         """What is wrong with samples and poses since the last report, and the figures by name."""
         now, statuses = monotonic(), self.statuses
         self.statuses = Counter()
-        streams = {'joint angles': self._joints, 'forces': self._wrench}
+        zero, wrench = self.zero or (0.0, 0.0), self._forces[-1] if self._forces else None
+        streams = {'joint angles': self._joints, 'forces': wrench}
         complaints = [
             f'no recent {name}' for name, last in streams.items() if last is None or now - last[2] > self.timeout
         ]
         complaints += [f'{number} poses {name}' for name, number in statuses.items() if name not in _SURE]
-        complaints += [] if self.zero else [_NOT_TARED]
-        zero, wrench = self.zero or (0.0, 0.0), self._wrench or (nan, nan, nan)
+        complaints += [] if self.zero else ['the force is not tared: call ~/tare while nothing is touched']
+        fx, fy, _ = wrench or (nan, nan, nan)
         values = {
-            'force [N]': f'{hypot(wrench[0] - zero[0], wrench[1] - zero[1]):.4g}',
+            'force [N]': f'{hypot(fx - zero[0], fy - zero[1]):.4g}',
             'zero of the force [N]': f'({zero[0]:.4g}, {zero[1]:.4g})' if self.zero else 'not tared',
             **{f'poses: {name}': str(number) for name, number in statuses.items()},
         }
@@ -249,11 +207,6 @@ class FollowedTip:
             return None
         time = np.array([self.online.arm.used.duration])
         return TouchMetadata.plain(1)._replace(time=time, approach=np.array([self._approach]))
-
-
-def _in_turn(angles: Floats, near: Floats) -> Floats:
-    """The same angles in the turn about others, (2,), rad."""
-    return np.asarray(angles + 2 * pi * np.round((near - angles) / (2 * pi)))
 
 
 class Compensator(CellNode):
@@ -270,13 +223,14 @@ class Compensator(CellNode):
         self._calibration = FollowedArm(self, self._use)
         cell = self._calibration.cell
         age = 'age of a message beyond which it is stale, s'
-        timeout = declare.parameter(self, 'timeout', 0.1, age, Range(0.001, 60))
+        timeout = declare.parameter(self, 'timeout', 0.1, age, declare.Range(0.001, 60))
         meaning = 'standard deviation of one force, N; 0: that of the calibration'
-        noise = declare.parameter(self, 'force_noise', 0.0, meaning, Range(0, 100))
+        noise = declare.parameter(self, 'force_noise', 0.0, meaning, declare.Range(0, 100))
         self._elbow = declare.parameter(self, 'elbow', 'present', f'of the answers: {", ".join(_ELBOWS)}')
         if self._elbow not in _ELBOWS:
             raise ParameterError('parameter elbow', f'expected {", ".join(_ELBOWS)}, got {self._elbow!r}')
-        self._speed = declare.parameter(self, 'speed', 0.2, 'of a joint at most in an answer, rad/s', Range(1e-3, 100))
+        meaning = 'of a joint at most in an answer, rad/s'
+        self._speed = declare.parameter(self, 'speed', 0.2, meaning, declare.Range(1e-3, 100))
         prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
         tip_frame = declare.parameter(self, 'tip_frame', 'compensated_tip', 'frame of the tip; empty: no transform')
         self._plane = cell.plane._replace(frame=prefix + cell.plane.frame)
@@ -322,20 +276,20 @@ class Compensator(CellNode):
         One joint state: where more have come, the next wait ends at once. Wanted poses and forces come with every
         eighth call.
         """
-        for message in waiting(self._wrenches):
+        for message, _ in waiting(self._wrenches):
             if (sample := self._streams.sample(Stream.WRENCH, message)) is not None:
                 self._tip.take_wrench(sample)
-        for message in islice(waiting(self.awaited), 1):
+        for message, _ in islice(waiting(self.awaited), 1):
             if (sample := self._streams.sample(Stream.JOINTS, message)) is not None:
                 self._take_joints(sample)
         self._polls += 1
         if self._polls % 8:
             return
-        for message in waiting(self._wanted_forces):
+        for message, _ in waiting(self._wanted_forces):
             self._want(deserialize_message(message, WrenchStamped))
-        for message in waiting(self._targets):
+        for message, _ in waiting(self._targets):
             self._answer('~/target_pose', deserialize_message(message, PoseStamped), self._of_pose)
-        for message in waiting(self._requests):
+        for message, _ in waiting(self._requests):
             self._answer('~/compensate', deserialize_message(message, MultiDOFJointState), self._of_request)
 
     def _take_joints(self, sample: Sample) -> None:
@@ -345,18 +299,11 @@ class Compensator(CellNode):
             return
         stamp = sample.stamp_ns or int(self.get_clock().now().nanoseconds)
         pose = PlanarPose(found.x, found.y, found.yaw, found.covariance.tolist())
-        self._pose.publish(pose_bytes(stamp, self._plane, pose))
+        self._pose.publish(conversion.pose_bytes(stamp, self._plane, pose))
         if self._transform is not None and not 0 <= self._next_transform - stamp <= NANOSECONDS:
             self._next_transform = stamp + NANOSECONDS // 50
-            self._transform.publish(TFMessage(transforms=[self._as_transform(stamp, pose)]))
-
-    def _as_transform(self, stamp: int, pose: PlanarPose) -> TransformStamped:
-        message = TransformStamped(child_frame_id=self._tip_frame)
-        message.header.frame_id, message.header.stamp = self._plane.frame, stamp_of(stamp)
-        (x, y, z), (qx, qy, qz, qw) = pose.in_robot(self._plane)
-        message.transform.translation = Vector3(x=x, y=y, z=z)
-        message.transform.rotation = Quaternion(x=qx, y=qy, z=qz, w=qw)
-        return message
+            message = conversion.transform(stamp, self._plane, pose, self._tip_frame)
+            self._transform.publish(TFMessage(transforms=[message]))
 
     def _want(self, message: WrenchStamped) -> None:
         """The wanted force of the robot on the object, base frame, from now on; none after one that is refused."""
@@ -402,30 +349,26 @@ class Compensator(CellNode):
             self._check_frame(message.header.frame_id)
             place, force = wish(message)
             values |= {'x_m': place[0], 'y_m': place[1], 'fx_N': force[0], 'fy_N': force[1]}
-            answer = self._tip.answer(place, force, self._elbow)
+            joints, move, found = self._tip.answer(place, force, self._elbow)
         except (UnusableMessageError, ScaraKinetostaticError) as error:
             problem = one_line(f'{topic} is not answered: {error}')
             self._leave(problem)
             self._publish_answer(message, ERROR, problem, values | {'status': 'refused'})
             return
-        cell, duration = self._tip.cell, max(0.05, answer.move / self._speed)  # controllers refuse points in the past
-        names = (*cell.joint_names, *cell.other_joints)
-        self._trajectory.publish(joint_trajectory(names, [duration], [answer.joints]))
+        cell, duration = self._tip.cell, max(0.05, move / self._speed)  # controllers refuse points in the past
+        names, status = (*cell.joint_names, *cell.other_joints), found['status']
+        self._trajectory.publish(conversion.joint_trajectory(names, [duration], [joints]))
         where = f'({place[0]:.6f}, {place[1]:.6f}) m under ({force[0]:.4g}, {force[1]:.4g}) N'
-        self._answered = f'{where}: ({answer.joints[0]:.6f}, {answer.joints[1]:.6f}) rad, {answer.status}'
-        is_sure = answer.status in _SURE
-        self._answer_problem = '' if is_sure else f'the last answer is {answer.status}: {self._answered}'
-        (q1, q2, *_), (c1, c2) = answer.joints, answer.torques
-        values |= {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2}
-        values |= {'std_normal_m': answer.std_normal, 'status': answer.status}
-        self._publish_answer(message, OK if is_sure else WARN, self._answered, values)
+        self._answered = f'{where}: ({joints[0]:.6f}, {joints[1]:.6f}) rad, {status}'
+        is_sure = status in _SURE
+        self._answer_problem = '' if is_sure else f'the last answer is {status}: {self._answered}'
+        self._publish_answer(message, OK if is_sure else WARN, self._answered, values | found)
 
     def _publish_answer(self, wish: Any, level: bytes, message: str, values: dict[str, object]) -> None:
         """Publishes the status of an answer, with the header of the wish."""
-        pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        name = f'{self.get_fully_qualified_name()}: answer'
-        status = DiagnosticStatus(level=level, name=name, message=message, values=pairs)
-        self._status.publish(DiagnosticArray(header=wish.header, status=[status]))
+        array = conversion.diagnostic(f'{self.get_fully_qualified_name()}: answer', level, message, values)
+        array.header = wish.header
+        self._status.publish(array)
 
     def _check_frame(self, frame_id: str) -> None:
         """Check that a wanted pose or force is in the base frame.
@@ -442,7 +385,6 @@ class Compensator(CellNode):
 
     def _report(self) -> Condition:
         """The status: what is missing first."""
-        self._streams.look_at_publishers()
         complaints, heard = self._streams.examine()
         missing, figures = self._tip.report()
         wanted = f'({self._wanted[0]:.4g}, {self._wanted[1]:.4g})' if self._wanted else 'refused'

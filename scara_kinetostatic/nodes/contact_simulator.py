@@ -18,10 +18,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from enum import Enum
 from math import tau
 from time import monotonic
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -55,30 +54,19 @@ from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, si
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
 
-_AT_ONCE = 0.02
-"""Simulated time that passes at most between two rounds of a commanded robot, s: what commands it has to react."""
-_E = TypeVar('_E', bound=Enum)
-
 
 def declare_cell(node: Node) -> Cell:
     """Declares the cell, with the frame and the sign that the simulated sensor really has."""
-    cell = declare.cell_or_example(node)
-
-    def choice(name: str, default: _E, meaning: str) -> _E:
-        given = declare.parameter(
-            node, name, '', f'{meaning} of the sensor, {_choices(default)}; empty: as the cell says'
-        )
+    cell, taken = declare.cell_or_example(node), dict[str, Any]()
+    for name in ('frame', 'sign'):
+        kind = type(getattr(cell.sensor, name))
+        choices = ' or '.join(choice.value for choice in kind)
+        given = declare.parameter(node, name, '', f'{name} of the sensor, {choices}; empty: as the cell says')
         try:
-            return type(default)(given) if given else default
+            taken |= {name: kind(given)} if given else {}
         except ValueError:
-            raise ParameterError(f'parameter {name}', f'expected {_choices(default)}, got {given!r}') from None
-
-    frame, sign = choice('frame', cell.sensor.frame, 'frame'), choice('sign', cell.sensor.sign, 'sign')
-    return replace(cell, sensor=cell.sensor._replace(frame=frame, sign=sign))
-
-
-def _choices(default: Enum) -> str:
-    return ' or '.join(str(choice.value) for choice in type(default))
+            raise ParameterError(f'parameter {name}', f'expected {choices}, got {given!r}') from None
+    return replace(cell, sensor=cell.sensor._replace(**taken))
 
 
 def declare_plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...] | None:
@@ -111,42 +99,36 @@ def declare_truth(node: Node, cell: Cell) -> ExtendedModel:
     ranges = {
         'x0': Range(-100, 100), 'y0': Range(-100, 100), 'theta1': Range(-tau, tau), 'theta2': Range(-tau, tau),
         'l1': Range(1e-3, 100), 'l2': Range(1e-3, 100), 'g1': Range(0, 0.1), 'g2': Range(0, 0.1),
+        **dict.fromkeys(MOMENTS, Range(-1e4, 1e4)),
     }  # fmt: skip
-    values = {}
-    ranges |= dict.fromkeys(MOMENTS, Range(-1e4, 1e4))
+    values = []
     for name, default in deviating_robot(cell.nominal).as_dict().items():
         meaning = f'true {DESCRIPTIONS[name]}, {UNITS[name]}'
-        values[name] = declare.parameter(node, f'truth.{name}', default, meaning, ranges.get(name, Range(0, 1e-2)))
+        values.append(declare.parameter(node, f'truth.{name}', default, meaning, ranges.get(name, Range(0, 1e-2))))
     how = "effects of the simulated robot, each as 'name[target]:parameter=value,parameter=value', SI units"
     effects = [parse_effect(text, cell) for text in declare.parameter(node, 'effects', list[str](), how)]
-    return with_effects(cell.nominal.with_array(list(values.values())), effects)
+    return with_effects(cell.nominal.with_array(values), effects)
 
 
 def declare_sensors(node: Node, cell: Cell) -> SensorModel:
     """Declares noise, bias and rates of the sensors."""
     usual, noise = SensorModel(), cell.noise or TYPICAL_NOISE
-    angle, force, bias, rates = Range(0, 0.1), Range(0, 100), Range(-100, 100), Range(1, 2000)
+    angles, forces, bias, rates = Range(0, 0.1), Range(0, 100), Range(-100, 100), Range(1, 2000)
     table = {
-        'noise.joint': (noise.joint_rms, 'repeatability of a joint angle from touch to touch, rad', angle),
-        'noise.force': (noise.force_rms, 'repeatability of the force from touch to touch, N', force),
-        'noise.joint_sample': (usual.joint_noise, 'white noise of the joint samples, rad', angle),
-        'noise.force_sample': (usual.force_noise, 'white noise of the force samples, N', force),
+        'noise.joint': (noise.joint_rms, 'repeatability of a joint angle from touch to touch, rad', angles),
+        'noise.force': (noise.force_rms, 'repeatability of the force from touch to touch, N', forces),
+        'noise.joint_sample': (usual.joint_noise, 'white noise of the joint samples, rad', angles),
+        'noise.force_sample': (usual.force_noise, 'white noise of the force samples, N', forces),
         'bias.x': (usual.bias[0], 'bias of the force sensor along x, N', bias),
         'bias.y': (usual.bias[1], 'bias of the force sensor along y, N', bias),
         'joint_rate': (usual.joint_rate, 'joint states per simulated second, Hz', rates),
         'wrench_rate': (usual.wrench_rate, 'wrenches per simulated second, Hz', rates),
     }
-    joint, force_rms, joint_noise, force_noise, x, y, joint_rate, wrench_rate = (
+    angle, force, of_joints, of_force, x, y, joint_rate, wrench_rate = (
         declare.parameter(node, name, *row) for name, row in table.items()
     )
-    return SensorModel(
-        touch_noise=noise.with_rms(joint, force_rms),
-        joint_noise=joint_noise,
-        force_noise=force_noise,
-        bias=(x, y),
-        joint_rate=joint_rate,
-        wrench_rate=wrench_rate,
-    )
+    touch = noise.with_rms(angle, force)
+    return SensorModel(touch, of_joints, of_force, (x, y), usual.resolution, joint_rate, wrench_rate)
 
 
 def declare_drives(node: Node) -> PlantSettings:
@@ -157,9 +139,8 @@ def declare_drives(node: Node) -> PlantSettings:
     """
     usual = PlantSettings()
     lag = declare.parameter(node, 'lag', usual.lag, 'commanded: time constant of the joints, s', Range(0.0, 1.0))
-    speed = declare.parameter(
-        node, 'speed_limit', usual.speed, 'commanded: largest speed of a joint, rad/s', Range(1e-3, 100.0)
-    )
+    fastest = 'commanded: largest speed of a joint, rad/s'
+    speed = declare.parameter(node, 'speed_limit', usual.speed, fastest, Range(1e-3, 100.0))
     meaning = 'commanded: force at which the drives stop, N; 0: twice the max_force of the cell'
     overload = declare.parameter(node, 'overload', usual.overload, meaning, Range(0.0, 1e5))
     meaning = f'commanded: scene of MuJoCo, with the robot of truth: {", ".join(SCENES)}; empty: by the model'
@@ -400,7 +381,7 @@ class ContactSimulator(CellNode):
         now = monotonic()
         factor = self.get_parameter('time_factor').value
         passed = min(now - self._last_tick, 0.05) * factor  # a slow machine slows it down: no bursts
-        self._elapsed += passed if self._plan is not None else min(passed, _AT_ONCE)
+        self._elapsed += passed if self._plan is not None else min(passed, 0.02)  # what commands it has to react
         self._last_tick = now
         if isinstance(self._playback, Commanded):
             self._set_fault(self._playback.plant)

@@ -127,7 +127,6 @@ class ContourTracker(CellNode):
 
     def _report(self) -> Condition:
         """The status: what is missing first."""
-        self._streams.look_at_publishers()
         complaints, values = self._streams.examine()
         online = self._online
         if online is None:

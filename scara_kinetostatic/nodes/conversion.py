@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import atan2, cos, nan, sin
+from pathlib import Path
 from time import time_ns
 from typing import Any, NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3, WrenchStamped
-from nav_msgs.msg import Path
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, TransformStamped, Vector3, WrenchStamped
+from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -24,12 +26,15 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, wrench_fields
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.calibration_file import read_document
 from scara_kinetostatic.files.touch_table import LARGEST
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.markers import Primitive, Shape
+from scara_kinetostatic.results.calibration_json import NAME
 from scara_kinetostatic.touches.joint_parts import JointParts, UnjoinedError
 
 NANOSECONDS = 1_000_000_000
@@ -60,6 +65,21 @@ def stamp_of(nanoseconds: int) -> Time:
 def nanoseconds_of(stamp: Time | Duration) -> int:
     """A time or a duration, ns."""
     return int(stamp.sec * NANOSECONDS + stamp.nanosec)
+
+
+def diagnostic(name: str, level: bytes, text: str, values: Mapping[str, object], hardware: str = '') -> DiagnosticArray:
+    """One status, without a stamp.
+
+    Args:
+        name: of the status.
+        level: `OK`, `WARN` or `ERROR`.
+        text: one line.
+        values: details by name.
+        hardware: its `hardware_id`.
+    """
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    status = DiagnosticStatus(level=level, name=name, message=text, hardware_id=hardware, values=pairs)
+    return DiagnosticArray(status=[status])
 
 
 def joint_state(sample: Sequence[float], names: Sequence[str]) -> JointState:
@@ -117,10 +137,6 @@ def pose_bytes(stamp_ns: int, plane: Plane, pose: PlanarPose) -> bytes:
     return head.ljust(aligned(len(head), 8), b'\0') + struct.pack('<43d', *numbers)
 
 
-MOST_OFF_PLANE = 0.01
-"""Of a wanted place, m."""
-
-
 def planar(vector: Any, plane: Plane, *, is_place: bool) -> tuple[float, float]:
     """X and y in the plane of a place, m, or a vector such as a force in the robot's frame.
 
@@ -130,7 +146,7 @@ def planar(vector: Any, plane: Plane, *, is_place: bool) -> tuple[float, float]:
     given = np.array([vector.x, vector.y, vector.z], dtype=float)
     x, y, z = (plane.in_plane(given) if is_place else given @ plane.axes).tolist()
     found = _finite(Sample(0, x, y))
-    if is_place and plane.is_stated and not abs(z) <= MOST_OFF_PLANE:
+    if is_place and plane.is_stated and not abs(z) <= 0.01:
         raise UnusableMessageError(f'the place is {1e3 * abs(z):.0f} mm off the plane of the arm (robot.plane)')
     return found.first, found.second
 
@@ -166,8 +182,12 @@ def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float])
 
 
 def _pose(place: Sequence[float], quaternion: Sequence[float]) -> Pose:
+    return Pose(position=_point(place), orientation=_quaternion(quaternion))
+
+
+def _quaternion(quaternion: Sequence[float]) -> Quaternion:
     x, y, z, w = quaternion
-    return Pose(position=_point(place), orientation=Quaternion(x=x, y=y, z=z, w=w))
+    return Quaternion(x=x, y=y, z=z, w=w)
 
 
 def _point(place: Sequence[float]) -> Point:
@@ -183,7 +203,7 @@ def place_of(pose: Any, plane: Plane) -> tuple[float, float, float]:
     return *plane.in_plane(np.array([at.x, at.y, at.z]))[:2].tolist(), atan2(ahead[1], ahead[0])
 
 
-def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float]]) -> Path:
+def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float]]) -> PathMessage:
     """A path in the plane, in the robot's frame.
 
     Args:
@@ -191,9 +211,19 @@ def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float
         plane: of the places.
         places: x, y, m, and the angle of the direction of the path, rad.
     """
-    message = Path()
+    message = PathMessage()
     message.header.frame_id, message.header.stamp = plane.frame, stamp_of(stamp_ns)
     message.poses = [pose_stamped(stamp_ns, plane, place) for place in places]
+    return message
+
+
+def transform(stamp_ns: int, plane: Plane, pose: PlanarPose, child: str) -> TransformStamped:
+    """The transform from the robot's frame to a child at a pose in the plane."""
+    message = TransformStamped(child_frame_id=child)
+    message.header.frame_id, message.header.stamp = plane.frame, stamp_of(stamp_ns)
+    (x, y, z), quaternion = pose.in_robot(plane)
+    message.transform.translation = Vector3(x=x, y=y, z=z)
+    message.transform.rotation = _quaternion(quaternion)
     return message
 
 
@@ -291,6 +321,29 @@ def _finite(sample: Sample) -> Sample:
     return sample
 
 
+def stored_document(said: Document) -> Document:
+    """The `calibration.json` of a result on `calibrator/result`.
+
+    Raises:
+        InputError: it cannot be read, as where the calibrator is on another machine, or is of another result.
+    """
+    try:
+        path, created = Path(said['files']['folder']) / NAME, said['created']
+    except (LookupError, TypeError) as error:
+        raise InputError('calibrator/result', 'is no result of a calibration') from error
+    document: Document = read_document(path)
+    if document.get('created') != created:
+        raise InputError(path, f'is of another result, {document.get("created")}', 'calibrate again')
+    return document
+
+
+def touches_in(message: DiagnosticArray) -> Iterator[tuple[tuple[str, str], dict[str, str]]]:
+    """Of each touch on the collector's `~/touch` recording and number, and its values by name."""
+    for status in message.status:
+        values = {item.key: item.value for item in status.values}
+        yield (values.get('recording', ''), values.get('touch', '')), values
+
+
 def touch_of(values: Mapping[str, str], arm: CalibratedArm) -> TouchSet:
     """A touch from the values of the collector's `~/touch`, in the cell of an arm.
 
@@ -299,36 +352,29 @@ def touch_of(values: Mapping[str, str], arm: CalibratedArm) -> TouchSet:
         InputError: the object or the frame is not that of the calibration.
     """
     cell = arm.cell
-    names = [disc.name for disc in cell.discs]
-    if values['object'] not in names:
+    objects = [disc.name for disc in cell.discs]
+    if values['object'] not in objects:
         problem = f'the calibration knows no object {values["object"]!r}'
         raise InputError('collector/touch', problem, 'calibrate with this cell description')
     if values['frame'] != cell.sensor.frame.value:
         raise InputError('collector/touch', f'the frame of the force is {values["frame"]}, not that of the calibration')
-    joints = np.array([[_number(values, 'q1_rad'), _number(values, 'q2_rad')]])
-    force = np.array([[_number(values, 'fx_N'), _number(values, 'fy_N')]])
-    moved = np.array([float(values.get(name) or 0.0) for name in ('approach1', 'approach2', 'press1', 'press2')])
+    names = 'q1_rad', 'q2_rad', 'fx_N', 'fy_N'
+    numbers = [float(values[name]) for name in names]
+    for name, number in zip(names, numbers, strict=True):
+        if not abs(number) <= LARGEST[name]:
+            raise ValueError(f'{name} = {number:g} is not plausible')
+    joints, force = np.array(numbers).reshape(2, 1, 2)
+    moved = [float(values.get(name) or 0.0) for name in ('approach1', 'approach2', 'press1', 'press2')]
+    approach, press = np.array(moved).reshape(2, 1, 2)
     return TouchSet(
         joints,
         force,
-        np.array([names.index(values['object'])]),
+        np.array([objects.index(values['object'])]),
         posture(arm.model.parameters, joints),
         time=np.array([arm.used.duration]),
-        approach=moved[None, :2],
-        press=moved[None, 2:],
+        approach=approach,
+        press=press,
     )
-
-
-def _number(values: Mapping[str, str], name: str) -> float:
-    """A plausible number.
-
-    Raises:
-        KeyError, ValueError: there is none.
-    """
-    number = float(values[name])
-    if not abs(number) <= LARGEST[name]:
-        raise ValueError(f'{name} = {number:g} is not plausible')
-    return number
 
 
 def marker_array(primitives: Iterable[Primitive], plane: Plane) -> MarkerArray:
@@ -349,17 +395,18 @@ def marker_array(primitives: Iterable[Primitive], plane: Plane) -> MarkerArray:
 
 
 def _marker(primitive: Primitive, plane: Plane) -> Marker:
-    types = {
-        Shape.STRIP: Marker.LINE_STRIP,
-        Shape.CYLINDER: Marker.CYLINDER,
-        Shape.ARROW: Marker.ARROW,
-        Shape.DOT: Marker.SPHERE,
-        Shape.TEXT: Marker.TEXT_VIEW_FACING,
-    }
+    size, height = primitive.size, primitive.height or primitive.size
+    kind, (x, y, z) = {  # what RViz takes each component of the scale for, by the type of the marker
+        Shape.STRIP: (Marker.LINE_STRIP, (size, 0.0, 0.0)),
+        Shape.CYLINDER: (Marker.CYLINDER, (size, size, height)),
+        Shape.ARROW: (Marker.ARROW, (size, 3.0 * size, 0.0)),  # tail, head; 0: length of the head as RViz takes it
+        Shape.DOT: (Marker.SPHERE, (size, size, height)),
+        Shape.TEXT: (Marker.TEXT_VIEW_FACING, (0.0, 0.0, size)),
+    }[primitive.shape]
     red, green, blue, opacity = primitive.colour
-    marker = Marker(ns=primitive.group, type=types[primitive.shape], action=Marker.ADD, text=primitive.text)
+    marker = Marker(ns=primitive.group, type=kind, action=Marker.ADD, text=primitive.text)
     marker.color = ColorRGBA(r=red, g=green, b=blue, a=opacity)
-    marker.scale = _scale(primitive)
+    marker.scale = Vector3(x=x, y=y, z=z)
     at: tuple[float, ...] = (0.0, 0.0, 0.0)
     if primitive.shape in (Shape.STRIP, Shape.ARROW):
         marker.points = [_point(point) for point in primitive.points]
@@ -367,15 +414,3 @@ def _marker(primitive: Primitive, plane: Plane) -> Marker:
         at = primitive.points[0]
     marker.pose = _pose(plane.in_robot(np.array(at)).tolist(), plane.quaternion)
     return marker
-
-
-def _scale(primitive: Primitive) -> Vector3:
-    """What RViz takes each component for, by the type of the marker."""
-    size = primitive.size
-    if primitive.shape is Shape.STRIP:
-        return Vector3(x=size)
-    if primitive.shape is Shape.TEXT:
-        return Vector3(z=size)
-    if primitive.shape is Shape.ARROW:  # by tail and head; z = 0: length of the head as RViz takes it
-        return Vector3(x=size, y=3.0 * size)
-    return Vector3(x=size, y=size, z=primitive.height or size)

@@ -20,20 +20,11 @@ from std_msgs.msg import String
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arm import Predictor
-from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor, SinceTouch, alarm_line, drift_document
+from scara_kinetostatic.monitoring.drift import DriftMonitor, SinceTouch, alarm_line, drift_document
 from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.nodes.cell_node import (
-    ERROR,
-    OK,
-    WARN,
-    CellNode,
-    Condition,
-    FollowedCalibration,
-    RefusedError,
-    stored_document,
-)
-from scara_kinetostatic.nodes.conversion import touch_of
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedCalibration, RefusedError
+from scara_kinetostatic.nodes.conversion import stored_document, touch_of, touches_in
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import count
@@ -53,7 +44,6 @@ class Monitor(CellNode):
         self._problem = self._assumptions = self._rejection = ''
         self._kept: dict[tuple[str, str], tuple[Measured, int]] = {}  # by recording and number; with the disc
         self._ignored = self._rejected = 0
-        self._alarm: Alarm | None = None
         self._drift = self.create_publisher(String, '~/drift', LATCHED)
         self._calibration = FollowedCalibration(self, CalibrationRecord.load, _of_result, self._take)
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
@@ -72,13 +62,11 @@ class Monitor(CellNode):
         self._forget()
 
     def _forget(self) -> None:
-        self._kept, self._alarm, self._rejected, self._problem = {}, None, 0, ''
+        self._kept, self._rejected, self._problem = {}, 0, ''
         self._tell()
 
     def _note_touch(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            values = {item.key: item.value for item in status.values}
-            key = values.get('recording', ''), values.get('touch', '')
+        for key, values in touches_in(message):
             if values.get('accepted') == 'true':
                 self._rejected = 0
                 self._add(key, values)
@@ -109,16 +97,14 @@ class Monitor(CellNode):
             return
         self._problem = ''
         self._kept[key] = kept
-        if alarm is not None and (self._alarm is None or alarm.best.name != self._alarm.best.name):
-            self.get_logger().error(alarm_line(alarm, self._since(alarm)))
-        self._alarm = alarm
+        if alarm is not None and (before.alarm is None or alarm.best.name != before.alarm.best.name):
+            self.get_logger().error(alarm_line(alarm, self._since(monitor)))
         while len(self._kept) > 1000:  # as many as the topic has for one who hears it anew
             del self._kept[next(iter(self._kept))]
 
-    def _since(self, alarm: Alarm) -> SinceTouch | None:
+    def _since(self, monitor: DriftMonitor) -> SinceTouch | None:
         """The touch since which an alarm says that the calibration does not hold; None where it is no longer kept."""
-        assert self._monitor is not None
-        place = alarm.since - (self._monitor.count - len(self._kept))
+        place = -1 if monitor.alarm is None else monitor.alarm.since - (monitor.count - len(self._kept))
         return SinceTouch(*list(self._kept)[place]) if 0 <= place < len(self._kept) else None
 
     def _count_again(self) -> None:
@@ -126,9 +112,8 @@ class Monitor(CellNode):
         if self._monitor is None:
             return
         self._monitor.reset()
-        self._alarm = None
         for number, kept in enumerate(self._kept.values(), 1):
-            self._alarm = self._monitor.add_measured(*kept, named=number == len(self._kept))
+            self._monitor.add_measured(*kept, named=number == len(self._kept))
 
     def _reset(self) -> str:
         if self._monitor is None:
@@ -138,7 +123,7 @@ class Monitor(CellNode):
         return 'touches count anew from here'
 
     def _report(self) -> Condition:
-        monitor, alarm = self._monitor, self._alarm
+        monitor = self._monitor
         if monitor is None:
             refused = self._calibration.refused
             missing = 'no calibration yet: calibrate, or set the parameter calibration'
@@ -154,10 +139,10 @@ class Monitor(CellNode):
             'last touch [standard deviations]': f'{monitor.last_distance:.1f}',
         }
         complaints = list(self._complaints(monitor))
-        if alarm is not None:
+        if (alarm := monitor.alarm) is not None:
             values |= {'changed': alarm.best.name, 'rivals': ', '.join(alarm.rivals) or 'none'}
             values |= {'since touch': str(alarm.since)}
-            return Condition(ERROR, '; '.join((alarm_line(alarm, self._since(alarm)), *complaints)), values)
+            return Condition(ERROR, '; '.join((alarm_line(alarm, self._since(monitor)), *complaints)), values)
         agree = f'{count(monitor.count, "touch agrees", "touches agree")} with the calibration'
         good = agree if monitor.count else 'no touch yet'
         return Condition(WARN if complaints else OK, '; '.join(complaints) or good, values)
@@ -178,12 +163,9 @@ class Monitor(CellNode):
 
     def _tell(self) -> None:
         """Publishes the state on `~/drift`."""
-        monitor = self._monitor
-        if monitor is None:
-            return
-        since = None if self._alarm is None else self._since(self._alarm)
-        document = drift_document(monitor, self._assumptions, self._alarm, since)
-        self._drift.publish(String(data=json.dumps(document)))
+        if (monitor := self._monitor) is not None:
+            document = drift_document(monitor, self._assumptions, monitor.alarm, self._since(monitor))
+            self._drift.publish(String(data=json.dumps(document)))
 
 
 def _of_result(said: Document) -> CalibrationRecord:

@@ -12,19 +12,16 @@ import gc
 import signal
 import sys
 import time
-from collections.abc import Iterator
-from types import FrameType
 from typing import Any
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError, WaitSet
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.constants import S_TO_NS
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.subscription import Subscription
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.nodes.cell_node import CellNode
@@ -44,14 +41,22 @@ def run(kind: type[CellNode]) -> int:
         Exit status: 0 after Ctrl-C or SIGTERM, that of a node which ends by itself, 2 if a parameter, a file or a
         ROS argument is wrong (one line on stderr says which).
     """
-    signals = _note_signals()
+    signals: list[int] = []
+    for number in ENDING:
+        signal.signal(number, lambda received, _: signals.append(received))
+    problem = ''
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node: CellNode = kind()
     except (ScaraKinetostaticError, ParameterException) as error:
-        return _refuse(str(error))
+        problem = str(error)
     except (RCLError, UnknownROSArgsError) as error:
-        return _refuse(f'ROS arguments: {error}')
+        problem = f'ROS arguments: {error}'
+    if problem:
+        print(' '.join(problem.split()), file=sys.stderr)
+        rclpy.try_shutdown()
+        _ignore_signals()
+        return 2
     executor = node.executor_type()
     executor.add_node(node)
     try:
@@ -71,43 +76,17 @@ def run(kind: type[CellNode]) -> int:
     return node.exit_status or 0
 
 
-def _refuse(message: str) -> int:
-    print(' '.join(message.split()), file=sys.stderr)
-    rclpy.try_shutdown()
-    _ignore_signals()
-    return 2
-
-
-def _note_signals() -> list[int]:
-    """Replaces Python's handlers by one that fills the returned list."""
-    seen: list[int] = []
-
-    def note(number: int, _: FrameType | None) -> None:
-        seen.append(number)
-
-    for number in ENDING:
-        signal.signal(number, note)
-    return seen
-
-
 def _ignore_signals() -> None:
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
 
 
-class PolledGroup(CallbackGroup):
+class PolledGroup(ReentrantCallbackGroup):
     """Of subscriptions that no executor waits for."""
 
     def can_execute(self, entity: Any) -> bool:
         """Never."""
         return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        """Never."""
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Nothing to end."""
 
 
 class PollingExecutor(SingleThreadedExecutor):
@@ -154,10 +133,3 @@ class PollingExecutor(SingleThreadedExecutor):
             self._wait_set.clear_entities()
             self._wait_set.add_subscription(self._polled.awaited.handle)
             self._wait_set.wait(int(timeout * S_TO_NS))
-
-
-def waiting(subscription: Subscription) -> Iterator[bytes]:
-    """The messages of a raw subscription that have come already."""
-    with subscription.handle:
-        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-            yield taken[0]

@@ -35,15 +35,14 @@ from pathlib import Path
 from time import monotonic
 from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from scara_kinetostatic.bags.writer import BagWriter, fresh_folder
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import Rejection
-from scara_kinetostatic.nodes.conversion import Sample, stamp_of
+from scara_kinetostatic.nodes.conversion import Sample, diagnostic, stamp_of
 from scara_kinetostatic.nodes.streams import Stream
-from scara_kinetostatic.touches.detection import DISCARDED, Detection, no_touches
+from scara_kinetostatic.touches.detection import DISCARDED, Detection, Episode, no_touches
 from scara_kinetostatic.touches.online import OnlineDetector
 
 
@@ -85,9 +84,8 @@ class JudgedTouch(NamedTuple):
             recording: folder of the recording.
             frame: of the force.
         """
-        fx, fy = self.force or ('', '')
-        q1, q2 = self.joints or ('', '')
-        approach1, approach2, press1, press2 = self.approach or ('',) * 4
+        names = 'fx_N', 'fy_N', 'q1_rad', 'q2_rad', 'approach1', 'approach2', 'press1', 'press2'
+        numbers = *(self.force or ('',) * 2), *(self.joints or ('',) * 2), *(self.approach or ('',) * 4)
         values = {
             'recording': recording,
             'touch': self.number,
@@ -96,17 +94,10 @@ class JudgedTouch(NamedTuple):
             'reason': self.reason,
             'object': self.object,
             'frame': frame,
-            **{'fx_N': fx, 'fy_N': fy, 'q1_rad': q1, 'q2_rad': q2},
-            **{'approach1': approach1, 'approach2': approach2, 'press1': press1, 'press2': press2},
+            **dict(zip(names, numbers, strict=True)),
         }
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if self.reason else DiagnosticStatus.OK,
-            name=f'{node}: touch {self.number}',
-            message=self.line,
-            hardware_id='scara_kinetostatic',
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-        )
-        array = DiagnosticArray(status=[status])
+        name, level = f'{node}: touch {self.number}', DiagnosticStatus.WARN if self.reason else DiagnosticStatus.OK
+        array = diagnostic(name, level, self.line, values, 'scara_kinetostatic')
         array.header.stamp = stamp_of(self.stamp)
         return array
 
@@ -115,14 +106,13 @@ def judged_touches(detection: Detection, cell: Cell) -> list[JudgedTouch]:
     """The touches of a detection in the order of time."""
     held = detection.held
     places = {index: place for place, index in enumerate(held.index.tolist())}
-    accepted = set(detection.touches.index.tolist())
     judged = []
     for episode in detection.episodes:
         middle = detection.start + round(1e9 * 0.5 * sum(episode.hold))
         touch = JudgedTouch(episode.index, middle, episode.reason)
         if (place := places.get(episode.index)) is not None:
             touch = touch._replace(
-                object=cell.discs[int(held.disc[place])].name if episode.index in accepted else '',
+                object='' if episode.reason else cell.discs[int(held.disc[place])].name,
                 force=tuple(held.force[place].tolist()),
                 joints=tuple(held.joints[place].tolist()),
                 approach=(*held.approach[place].tolist(), *held.press[place].tolist()),
@@ -161,7 +151,7 @@ class Session:
         self.folder = self._writer.folder
         self._detector = OnlineDetector(cell, topics=topics)
         self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
-        self._judged: deque[Rejection | None] = deque(maxlen=1000)
+        self._judged: deque[Episode] = deque(maxlen=1000)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
 
     def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:
@@ -173,17 +163,12 @@ class Session:
             log_time: when it came, ns.
             sample: its numbers; None if it cannot be used.
         """
-        if stream is Stream.JOINTS:
-            self._writer.write_joint_state(message, log_time)
-        else:
-            self._writer.write_wrench(message, log_time)
+        of_joints, writer, detector = stream is Stream.JOINTS, self._writer, self._detector
+        (writer.write_joint_state if of_joints else writer.write_wrench)(message, log_time)
         self._secured, self._last_message = False, monotonic()
-        if sample is None:
-            return
-        if stream is Stream.JOINTS:
-            self._detector.add_joint_state(sample.stamp_ns, (sample.first, sample.second, *sample.others), log_time)
-        else:
-            self._detector.add_wrench(sample.stamp_ns, (sample.first, sample.second), log_time)
+        if sample is not None:
+            add = detector.add_joint_state if of_joints else detector.add_wrench
+            add(sample.stamp_ns, (*sample[1:3], *sample.others), log_time)
 
     def take_transforms(self, message: bytes, log_time: int, anew: bool = False) -> list[JudgedTouch]:
         """Takes fixed transforms in.
@@ -277,7 +262,7 @@ class Session:
 
     def rejections(self) -> str:
         """How many of the last thousand touches are rejected and why, where they are many; else empty."""
-        rejected = [each for each in self._judged if each is not None]
+        rejected = [each for each in self._judged if each.reason]
         if len(rejected) <= 0.2 * len(self._judged):
             return ''
         kind, number = Counter(each.kind for each in rejected).most_common(1)[0]
@@ -297,8 +282,7 @@ class Session:
             touch._replace(received=self._detector.received(touch.stamp)) for touch in judged_touches(new, self._cell)
         ]
         self._accepted += [touch for touch in judged if not touch.reason]
-        self._judged += [None] * len(new.touches)
-        self._judged += new.rejected
+        self._judged += new.episodes
         self.news = judged[-1].line
         return judged
 

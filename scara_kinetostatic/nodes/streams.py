@@ -9,21 +9,30 @@ subscription then requests best effort.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from enum import Enum
+from itertools import chain, islice
 from time import monotonic
 from typing import Any
 
 import numpy as np
+import rclpy
 from geometry_msgs.msg import WrenchStamped
+from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from scara_kinetostatic.bags.cdr import decode_transforms
 from scara_kinetostatic.bags.messages import TF_STATIC
+from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
 from scara_kinetostatic.touches.streams import INTERLEAVED, WrenchFrame, is_interleaved
@@ -34,17 +43,13 @@ except ImportError:
     TFMessage = None
 
 
-def _profile(depth: int, reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
-    return QoSProfile(depth=depth, reliability=reliability, durability=durability)
-
-
-RELIABLE_STREAM = _profile(5000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
+RELIABLE_STREAM = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 """Joint states and wrenches, both ends: 5 s at 1 kHz are kept while the subscriber is busy."""
-BEST_EFFORT_STREAM = _profile(5000, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
+BEST_EFFORT_STREAM = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
 """The same for a publisher that offers best effort only."""
-LATCHED = _profile(1, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """The last value, delivered to later subscribers, too."""
-LATCHED_TOUCHES = _profile(1000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED_TOUCHES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """The touches so far, delivered to later subscribers, too."""
 
 
@@ -164,6 +169,13 @@ class StreamMonitor:
         return f'{self.topic}: {several}, whose messages mix: give each cell a namespace'
 
 
+def waiting(subscription: Subscription) -> Iterator[tuple[bytes, dict[str, Any]]]:
+    """The messages of a raw subscription that have come already, and what the middleware says of each."""
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+            yield taken
+
+
 class StreamSubscription:
     """Requests a reliable stream; where a publisher offers best effort only, requests that.
 
@@ -193,17 +205,9 @@ class StreamSubscription:
         )
 
     def _receive(self, message: bytes, info: dict[str, Any]) -> None:
-        self._take(message, info)
-        with self._subscription.handle:
-            for _ in range(200):  # then services and timers are served
-                taken = self._subscription.handle.take_message(self._kind, True)
-                if taken is None:
-                    return
-                self._take(*taken)
-
-    def _take(self, message: bytes, info: dict[str, Any]) -> None:
-        self._monitor.follow(info.get('publication_sequence_number'), self._subscription.get_publisher_count)
-        self._callback(message, int(info.get('received_timestamp') or 0))
+        for each, known in chain([(message, info)], islice(waiting(self._subscription), 200)):  # then timers are served
+            self._monitor.follow(known.get('publication_sequence_number'), self._subscription.get_publisher_count)
+            self._callback(each, int(known.get('received_timestamp') or 0))
 
     def _notice(self, event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
@@ -242,7 +246,7 @@ class FrameCheck:
             text = 'tf2_msgs is not installed: the frame_id of a wrench is judged by its name, and no force is turned'
             self._logger.info(text)
         else:  # as every node of ROS subscribes to fixed transforms
-            profile = _profile(100, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+            profile = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             node.create_subscription(TFMessage, TF_STATIC, self.note, profile, raw=True)
 
     @property
@@ -370,16 +374,13 @@ class CellStreams:
             found = self._node.get_publishers_info_by_topic(monitor.topic)
             monitor.publishers = [f'{item.node_namespace.rstrip("/")}/{item.node_name}' for item in found]
 
-    def mixtures(self) -> list[str]:
-        """That messages of several robots mix; empty texts where they do not."""
-        return [monitor.mixture() for monitor in self.monitors.values()]
-
     def examine(self, expected: bool = True) -> tuple[list[str], dict[str, str]]:
-        """What is wrong, empty texts for nothing, and the figures by name; once a second.
+        """What is wrong, empty texts for nothing, and the figures by name; once a second. Looks who publishes.
 
         Args:
             expected: whether there ought to be messages.
         """
+        self.look_at_publishers()
         complaints, values = [self.frame.complaint(), self._moved], {'wrench frame': self.frame.description()}
         self._moved = ''
         for monitor in self.monitors.values():
@@ -387,3 +388,30 @@ class CellStreams:
             complaints += found
             values |= figures
         return complaints, values
+
+
+def heard_description(topic: str) -> str:
+    """The URDF of a robot on a topic, as `robot_state_publisher` publishes it: `std_msgs/msg/String`, latched.
+
+    Raises:
+        InputError: the name is none of a topic, or nothing comes within 10 s.
+    """
+    context, texts = Context(), list[str]()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node, executor = rclpy.create_node('cell', context=context), SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        try:
+            node.create_subscription(String, topic, lambda message: texts.append(message.data), LATCHED)
+        except InvalidTopicNameException as error:
+            raise InputError(topic, 'is no name of a topic', 'write it as ros2 topic list does') from error
+        end = monotonic() + 10.0
+        while not texts and monotonic() < end:
+            executor.spin_once(timeout_sec=0.1)
+        executor.shutdown()
+    finally:
+        context.try_shutdown()
+    if not texts:
+        remedy = 'start robot_state_publisher, or give the file by --urdf'
+        raise InputError(topic, 'no robot description in 10 s', remedy)
+    return texts[0]

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -35,23 +35,19 @@ from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.cell_node import CellNode, stored_document
-from scara_kinetostatic.nodes.conversion import JointReader, UnusableMessageError, marker_array, place_of
-from scara_kinetostatic.nodes.declare import Range, cell_or_example
-from scara_kinetostatic.nodes.runtime import waiting
-from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
-from scara_kinetostatic.report.markers import (
-    Primitive,
-    Scales,
-    SeenTouch,
-    arm_markers,
-    estimated,
-    next_markers,
-    object_markers,
-    result_markers,
-    touch_markers,
-    uncertainty_markers,
+from scara_kinetostatic.nodes.cell_node import CellNode
+from scara_kinetostatic.nodes.conversion import (
+    JointReader,
+    UnusableMessageError,
+    marker_array,
+    place_of,
+    stored_document,
+    touches_in,
 )
+from scara_kinetostatic.nodes.declare import Range
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, waiting
+from scara_kinetostatic.report import markers
+from scara_kinetostatic.report.markers import Scales, SeenTouch, estimated
 
 
 class Visualizer(CellNode):
@@ -66,7 +62,7 @@ class Visualizer(CellNode):
 
     def __init__(self) -> None:
         super().__init__('visualizer')
-        self._cell = cell_or_example(self)
+        self._cell = declare.cell_or_example(self)
         prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
         self._plane = self._cell.plane._replace(frame=prefix + self._cell.plane.frame)
         self._joints: tuple[float, float] | None = None
@@ -74,7 +70,15 @@ class Visualizer(CellNode):
         self._document: Mapping[str, Any] | None = None  # the last result
         self._calibrated: Mapping[str, Any] | None = None  # the last one that is in the calibrator's parameters
         self._changed = True
-        self._declare_scales()
+        meanings = (
+            'length of the arrow of a force, m/N',
+            'the same of a residual force, m/N',
+            'magnification of displacements of objects',
+            'magnification of the uncertainty of the tip',
+        )
+        for (name, usual), meaning in zip(Scales()._asdict().items(), meanings, strict=True):
+            declare.parameter(self, f'{name}_scale', usual, meaning, Range(0.0, 1e6), read_only=False)
+        self.add_post_set_parameters_callback(self._draw_again)
         self._next_scene = 0.0
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._arm = self.create_publisher(MarkerArray, '~/arm', 1)
@@ -96,18 +100,6 @@ class Visualizer(CellNode):
         self.every(0.1, self._publish_arms)
         self.every(0.5, self._publish_scene)
 
-    def _declare_scales(self) -> None:
-        """Declares how large things are drawn; they can be set while the node runs."""
-        meanings = (
-            'length of the arrow of a force, m/N',
-            'the same of a residual force, m/N',
-            'magnification of displacements of objects',
-            'magnification of the uncertainty of the tip',
-        )
-        for (name, usual), meaning in zip(Scales()._asdict().items(), meanings, strict=True):
-            declare.parameter(self, f'{name}_scale', usual, meaning, Range(0.0, 1e6), read_only=False)
-        self.add_post_set_parameters_callback(self._draw_again)
-
     @property
     def _scales(self) -> Scales:
         return Scales(*(float(self.get_parameter(f'{name}_scale').value) for name in Scales._fields))
@@ -116,18 +108,18 @@ class Visualizer(CellNode):
         self._changed = True
 
     def _note_joints(self, message: bytes) -> None:
-        for each in (message, *waiting(self._joint_states)):  # of several publishers, each with a part of the joints
+        later = [other for other, _ in waiting(self._joint_states)]
+        for each in (message, *later):  # of several publishers, each with a part of the joints
             with suppress(UnusableMessageError):  # the collector says so
                 if sample := self._reader.sample(each):
                     q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
                     self._joints = q1, q2
 
     def _note_touch(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            values = {item.key: item.value for item in status.values}
+        for key, values in touches_in(message):
             touch = SeenTouch.from_values(values, self._cell.nominal)
             if touch is not None:
-                self._touches[values.get('recording', ''), values.get('touch', '')] = touch
+                self._touches[key] = touch
                 self._changed = True
         while len(self._touches) > 1000:  # the latest are shown
             del self._touches[next(iter(self._touches))]
@@ -140,8 +132,8 @@ class Visualizer(CellNode):
             except InputError as error:
                 self.get_logger().warning(f'residual forces and the uncertainty of the tip are not shown: {error}')
             calibrated = estimated(document)
-            result_markers(document, self._cell.discs, self._scales)
-            uncertainty_markers(document, (0.0, 0.0), self._scales)  # tried before it is shown
+            markers.result_markers(document, self._cell.discs, self._scales)
+            markers.uncertainty_markers(document, (0.0, 0.0), self._scales)  # tried before it is shown
             published = bool(said.get('published', True))
         except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
             self.get_logger().warning(f'calibrator/result cannot be shown: {type(error).__name__}: {error}')
@@ -169,35 +161,33 @@ class Visualizer(CellNode):
     def _tell_frames(self) -> None:
         """Hands a new URDF to robot_state_publisher, once it is there."""
         if self._untold and self._frames.service_is_ready():
-            value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=self._untold)
-            parameter = Parameter(name='robot_description', value=value)
+            parameter = Parameter('robot_description', value=self._untold).to_parameter_msg()
             self._frames.call_async(SetParameters.Request(parameters=[parameter]))
             self._untold = ''
 
     def _publish_scene(self) -> None:
         self._tell_frames()
         began = monotonic()
-        if self._changed and began >= self._next_scene:
-            self._markers.publish(marker_array(self._scene(), self._plane))
-            self._changed = False
-            self._next_scene = began + 20 * (monotonic() - began)  # many touches take a while
-
-    def _publish_arms(self) -> None:
-        if self._joints is not None:
-            self._arm.publish(marker_array(self._arms(self._joints), self._plane))
-
-    def _scene(self) -> list[Primitive]:
-        discs = self._cell.discs
-        parameters = self._cell.nominal if self._document is None else estimated(self._document)
-        scene = object_markers(discs) + touch_markers(self._touches.values(), parameters, discs, self._scales)
+        if not self._changed or began < self._next_scene:
+            return
+        discs, document = self._cell.discs, self._document
+        parameters = self._cell.nominal if document is None else estimated(document)
+        scene = markers.object_markers(discs)
+        scene += markers.touch_markers(self._touches.values(), parameters, discs, self._scales)
         if self._next_touch is not None:
             x, y, angle = place_of(self._next_touch.pose, self._plane)
-            scene += next_markers((x, y), angle, self._next_text)
-        return scene if self._document is None else scene + result_markers(self._document, discs, self._scales)
+            scene += markers.next_markers((x, y), angle, self._next_text)
+        if document is not None:
+            scene += markers.result_markers(document, discs, self._scales)
+        self._markers.publish(marker_array(scene, self._plane))
+        self._changed = False
+        self._next_scene = began + 20 * (monotonic() - began)  # many touches take a while
 
-    def _arms(self, joints: tuple[float, float]) -> list[Primitive]:
-        nominal = arm_markers('nominal', self._cell.nominal, joints, NOMINAL_COLOUR)
-        if self._calibrated is None:
-            return nominal
-        calibrated = arm_markers('calibrated', estimated(self._calibrated), joints, CALIBRATED_COLOUR)
-        return nominal + calibrated + uncertainty_markers(self._calibrated, joints, self._scales)
+    def _publish_arms(self) -> None:
+        if self._joints is None:
+            return
+        arms = markers.arm_markers('nominal', self._cell.nominal, self._joints, NOMINAL_COLOUR)
+        if self._calibrated is not None:
+            arms += markers.arm_markers('calibrated', estimated(self._calibrated), self._joints, CALIBRATED_COLOUR)
+            arms += markers.uncertainty_markers(self._calibrated, self._joints, self._scales)
+        self._arm.publish(marker_array(arms, self._plane))

@@ -24,7 +24,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Disc
-from scara_kinetostatic.model.kinematics import forward, inverse
+from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.outline import Outline, inside
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, LIMIT_MARGIN, REACH_MARGIN
@@ -108,7 +108,7 @@ class Space:
 
     @cached_property
     def limits(self) -> Floats:
-        """Lower and upper limits that are kept, (2, 2), rad.
+        """Lower and upper limits that are kept, (2, 2), rad; at most one turn about their middle.
 
         Raises:
             CellError: the cell states none; or it has an open outline, whose other side is not known, and no lift.
@@ -118,7 +118,10 @@ class Space:
             raise CellError('objects', 'what is behind an open outline is not known, and travel may lead there', remedy)
         if self.cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them: nothing is planned else')
-        return np.array(self.cell.limits).T + np.array([[LIMIT_MARGIN], [-LIMIT_MARGIN]])
+        low, high = np.array(self.cell.limits).T
+        middle = (low + high) / 2
+        low, high = np.maximum(low, middle - np.pi), np.minimum(high, middle + np.pi)
+        return np.array([low + LIMIT_MARGIN, high - LIMIT_MARGIN])
 
     @cached_property
     def _outlines(self) -> list[tuple[int, Floats]]:
@@ -159,11 +162,20 @@ class Space:
 
     def joints(self, poses: Poses) -> Floats:
         """Joint angles of the arm without a load, in the turn of the limits, (n, 2), rad."""
-        return self.cell.in_turn(inverse(self.parameters, poses.tip, poses.posture))
+        return self.in_turn(inverse(self.parameters, poses.tip, poses.posture))
+
+    def in_turn(self, joints: Floats) -> Floats:
+        """The same joint angles, (…, 2), rad, in the turn about the middle of the limits."""
+        middle = self.limits.mean(axis=0)
+        return np.asarray(middle + wrap(joints - middle))
+
+    def is_within(self, joints: Floats) -> Mask:
+        """Whether each joint angle, (…, 2), rad, is within the limits that are kept."""
+        return np.asarray((joints >= self.limits[0]) & (joints <= self.limits[1]))
 
     def beyond_limits(self, poses: Poses) -> Mask:
         """Whether each joint is beyond its limits or the place out of reach, (n, 2)."""
-        return self.cell.beyond_limits(self.joints(poses), LIMIT_MARGIN)
+        return ~self.is_within(self.joints(poses))
 
     def is_inside(self, tip: Floats, but: Indices | None = None) -> Mask:
         """Whether places (n, 2) are within an outline, (n,), other than that of an object, (n,)."""
@@ -211,9 +223,8 @@ class Space:
         part = np.linspace(0.0, 1.0, count)[:, None, None]
         places = (a.tip + part * (b - a.tip)).reshape(-1, 2)
         joints = self.joints(Poses(places, np.tile(a.posture, count))).reshape(count, -1, 2)
-        within = self.cell.can_take(joints, LIMIT_MARGIN)
         one_turn = np.abs(np.diff(joints, axis=0)) < np.pi
-        return np.asarray(within.all(axis=0) & one_turn.all(axis=(0, 2)))
+        return np.asarray(self.is_within(joints).all(axis=(0, 2)) & one_turn.all(axis=(0, 2)))
 
     def may_move(self, a: Poses, b: Floats) -> Mask:
         """Whether the tip may travel straight to places b, (n,), with the lift where there is one."""

@@ -330,7 +330,8 @@ class Planner:
             why = ', '.join(f'{many} {text}' for text, many in Counter(found).most_common())
             remedy = 'correct the limits, the obstacles, the clearance or the places of the discs'
             raise UnsupportedDataError(f'no touch can be reached: {why}', remedy)
-        return every.select((1 + every.preload) * every.force <= cell.touch.max_force), texts
+        may = [not text for text in self.problems(every)]  # where the least force is good, more may not be
+        return every.select(np.array(may)), texts
 
     @cached_property
     def _information_made(self) -> Floats:

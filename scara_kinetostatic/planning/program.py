@@ -17,7 +17,7 @@ from scara_kinetostatic.files.columns import csv_lines
 from scara_kinetostatic.files.escaping import csv_cell
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.kinematics import forward, wrap
+from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
@@ -70,8 +70,7 @@ def joint_angles(planner: Planner, poses: Poses, force: Floats | None = None) ->
     """Q for places of the tip under forces (n, 2), N, or none, by the planner's arm, (n, 2), rad."""
     load = np.zeros(poses.tip.shape) if force is None else force
     found = Predictor(planner.arm, nominal=planner.now is None).compensate(poses.tip, load, poses.posture).joints
-    middle = planner.space.limits.mean(axis=0)
-    return np.asarray(middle + wrap(found - middle))
+    return planner.space.in_turn(found)
 
 
 def poised(planner: Planner, planned: PlannedTouches) -> Poised:

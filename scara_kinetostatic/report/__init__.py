@@ -31,45 +31,24 @@ need is ``folded``. Values become text by `quantities.shown`; pictures SVG by `f
 
 from __future__ import annotations
 
-from scara_kinetostatic.report.content import (
-    Block,
-    Fact,
-    Facts,
-    Figure,
-    Figures,
-    Items,
-    Legend,
-    Level,
-    Note,
-    Report,
-    Section,
-    Verdict,
-)
-from scara_kinetostatic.report.json_file import Document, json_text, plain, utc
-from scara_kinetostatic.report.page import as_page
-from scara_kinetostatic.report.table import NOT_DETERMINED, Table
-from scara_kinetostatic.report.text import as_text, sentence
-
-__all__ = [
-    'NOT_DETERMINED',
-    'Block',
-    'Document',
-    'Fact',
-    'Facts',
-    'Figure',
-    'Figures',
-    'Items',
-    'Legend',
-    'Level',
-    'Note',
-    'Report',
-    'Section',
-    'Table',
-    'Verdict',
-    'as_page',
-    'as_text',
-    'json_text',
-    'plain',
-    'sentence',
-    'utc',
-]
+from scara_kinetostatic.report.content import Block as Block
+from scara_kinetostatic.report.content import Fact as Fact
+from scara_kinetostatic.report.content import Facts as Facts
+from scara_kinetostatic.report.content import Figure as Figure
+from scara_kinetostatic.report.content import Figures as Figures
+from scara_kinetostatic.report.content import Items as Items
+from scara_kinetostatic.report.content import Legend as Legend
+from scara_kinetostatic.report.content import Level as Level
+from scara_kinetostatic.report.content import Note as Note
+from scara_kinetostatic.report.content import Report as Report
+from scara_kinetostatic.report.content import Section as Section
+from scara_kinetostatic.report.content import Verdict as Verdict
+from scara_kinetostatic.report.json_file import Document as Document
+from scara_kinetostatic.report.json_file import json_text as json_text
+from scara_kinetostatic.report.json_file import plain as plain
+from scara_kinetostatic.report.json_file import utc as utc
+from scara_kinetostatic.report.table import NOT_DETERMINED as NOT_DETERMINED
+from scara_kinetostatic.report.table import Table as Table
+from scara_kinetostatic.report.text import as_page as as_page
+from scara_kinetostatic.report.text import as_text as as_text
+from scara_kinetostatic.report.text import sentence as sentence

@@ -27,39 +27,25 @@ from scara_kinetostatic.model.outline import Outline
 INK, FAINT, LINE, PAPER, WARN = '#010203', '#040506', '#070809', '#0a0b0c', '#0d0e0f'
 SERIES = ('#100001', '#100002', '#100003', '#100004', '#100005', '#100006')
 """Stand-ins of the six colours of the discs (Okabe and Ito's, safe for the colour-blind)."""
-_VARIABLES = ('ink', 'faint', 'line', 'paper', 'warn', 'c1', 'c2', 'c3', 'c4', 'c5', 'c6')
-COLOURS = {
-    stand_in: f'var(--{name})'
-    for name, stand_in in zip(_VARIABLES, (INK, FAINT, LINE, PAPER, WARN, *SERIES), strict=True)
-}
+_NAMES = {INK: 'ink', FAINT: 'faint', LINE: 'line', PAPER: 'paper', WARN: 'warn'}
+COLOURS = {stand_in: f'var(--{name})' for stand_in, name in _NAMES.items()}
+COLOURS |= {stand_in: f'var(--c{number})' for number, stand_in in enumerate(SERIES, 1)}
 MICRO = 1e6
 """Micrometres per metre."""
 _FONT_SIZE = 12.5
 _PER_INCH = 72.0
 _STYLE: dict[Any, Any] = {
-    'svg.fonttype': 'none',
+    **dict.fromkeys(('text.color', 'axes.labelcolor'), INK),
+    **dict.fromkeys(('axes.edgecolor', 'grid.color', 'xtick.color', 'ytick.color'), LINE),
+    **dict.fromkeys(('xtick.labelcolor', 'ytick.labelcolor'), FAINT),
+    **dict.fromkeys(('axes.facecolor', 'figure.facecolor', 'svg.fonttype'), 'none'),
+    **dict.fromkeys(('axes.spines.top', 'axes.spines.right', 'axes.formatter.useoffset'), False),
+    **dict.fromkeys(('axes.grid', 'axes.axisbelow'), True),
+    **dict.fromkeys(('font.size', 'axes.titlesize'), _FONT_SIZE),
+    **dict.fromkeys(('xtick.labelsize', 'ytick.labelsize'), _FONT_SIZE - 1),
     'font.family': ['DejaVu Sans'],
-    'font.size': _FONT_SIZE,
-    'text.color': INK,
-    'axes.edgecolor': LINE,
-    'axes.labelcolor': INK,
-    'axes.facecolor': 'none',
-    'axes.spines.top': False,
-    'axes.spines.right': False,
-    'axes.grid': True,
-    'axes.axisbelow': True,
-    'axes.titlesize': _FONT_SIZE,
     'axes.titlelocation': 'left',
-    'axes.formatter.useoffset': False,
-    'grid.color': LINE,
     'grid.linewidth': 0.7,
-    'xtick.color': LINE,
-    'ytick.color': LINE,
-    'xtick.labelcolor': FAINT,
-    'ytick.labelcolor': FAINT,
-    'xtick.labelsize': _FONT_SIZE - 1,
-    'ytick.labelsize': _FONT_SIZE - 1,
-    'figure.facecolor': 'none',
     'lines.linewidth': 1.2,
 }
 _NUMBERED = re.compile(
@@ -151,11 +137,8 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
     with mpl.rc_context({'svg.hashsalt': name}), warnings.catch_warnings():
         warnings.filterwarnings('ignore', message='Glyph')  # the page has its own font
         canvas.print_svg(stream, metadata={'Date': None, 'Creator': None})
-    svg = stream.getvalue()
-    svg = svg[svg.index('<svg') :]
-    svg = re.sub(r'<metadata>.*?</metadata>', '', svg, flags=re.DOTALL)
-    svg = _NUMBERED.sub('', svg)
-    head, rest = svg.split('>', 1)
+    svg = _NUMBERED.sub('', re.sub(r'<metadata>.*?</metadata>', '', stream.getvalue(), flags=re.DOTALL))
+    head, rest = svg[svg.index('<svg') :].split('>', 1)
     box = re.search(r'viewBox="[^"]*"', head)
     width = figure.get_figwidth() * _PER_INCH
     size = f'style="max-width: {width:.0f}px; min-width: {0.68 * width:.0f}px"'  # where it is wider, it scrolls

@@ -62,17 +62,14 @@ def utc(time: datetime) -> str:
 
 
 def _text(value: Any, indent: str) -> str:
+    """On one line: what fits there, and every list of numbers."""
     flat = _ENCODER.encode(value)
-    if not isinstance(value, (dict, list)) or _is_short(value, flat, indent):
+    if not isinstance(value, (dict, list)) or not value or (indent and len(indent) + len(flat) <= _WIDTH):
+        return flat
+    if isinstance(value, list) and all(isinstance(item, (int, float)) for item in value):
         return flat
     deeper = indent + '  '
     if isinstance(value, dict):
         parts = [f'{_ENCODER.encode(key)}: {_text(item, deeper)}' for key, item in value.items()]
         return '{\n' + ',\n'.join(deeper + part for part in parts) + f'\n{indent}}}'
     return '[\n' + ',\n'.join(deeper + _text(item, deeper) for item in value) + f'\n{indent}]'
-
-
-def _is_short(value: dict[str, Any] | list[Any], flat: str, indent: str) -> bool:
-    """Whether it goes on one line: what fits there, and every list of numbers."""
-    numbers = isinstance(value, list) and all(isinstance(item, (int, float)) for item in value)
-    return not value or numbers or (bool(indent) and len(indent) + len(flat) <= _WIDTH)

@@ -132,12 +132,10 @@ def object_markers(discs: Sequence[Disc | Outline]) -> list[Primitive]:
     for number, disc in enumerate(discs):
         colour = (*OBJECTS[number % len(OBJECTS)], 0.35)
         at = places([[disc.x, disc.y]], -_HEIGHT / 2)
-        made += [
-            Primitive('objects', Shape.CYLINDER, at, colour, 2 * disc.radius, _HEIGHT)
-            if isinstance(disc, Disc)
-            else Primitive('objects', Shape.STRIP, places(disc.shape()), (*colour[:3], 1.0), 2 * _THIN),
-            label('objects', (disc.x, disc.y - disc.radius / 2), disc.name, TEXT),
-        ]
+        body = Primitive('objects', Shape.CYLINDER, at, colour, 2 * disc.radius, _HEIGHT)
+        if isinstance(disc, Outline):
+            body = Primitive('objects', Shape.STRIP, places(disc.shape()), (*colour[:3], 1.0), 2 * _THIN)
+        made += [body, label('objects', (disc.x, disc.y - disc.radius / 2), disc.name, TEXT)]
     return made
 
 
@@ -237,34 +235,27 @@ def estimated(document: Mapping[str, Any]) -> Parameters:
 
 def _displaced(disc: Disc | Outline, found: Mapping[str, Any], magnification: float) -> list[Primitive]:
     """The object where it really is, and magnified its outline and an arrow from where it was said to be."""
-    if isinstance(disc, Outline):
-        return _displaced_outline(disc, found, magnification)
-    x, y, more = (found.get(name, {'value': 0.0})['value'] for name in ('x', 'y', 'radius'))
-    if None in (x, y, more) or not any((x, y, more)):
+    names = ('x', 'y', 'angle', 'offset') if isinstance(disc, Outline) else ('x', 'y', 'radius')
+    values = [found.get(name, {'value': 0.0})['value'] for name in names]
+    if None in values or not any(values):
         return []
+    if isinstance(disc, Outline):
+        x, y, angle, offset = (magnification * value for value in values)
+        really = disc.moved((x, y), float(np.clip(angle, -1.0, 1.0)))
+        line = boundary(surfaces_of([really], float(np.clip(offset, -disc.radius / 4, disc.radius / 4))))
+        line = line if disc.is_open else np.concatenate([line, line[:1]])
+        return [Primitive('found', Shape.STRIP, places(line, _HEIGHT), FOUND, _THIN)]
+    x, y, more = values
     centre, shift, flat = np.array([disc.x, disc.y]), np.array([x, y]), 0.002
     moved = centre + magnification * shift
     outline = moved + max(0.0, disc.radius + magnification * more) * _circle()
-    really = places([centre + shift], flat)
+    at = places([centre + shift], flat)
     arrow = Primitive('found', Shape.ARROW, places([centre, moved], _HEIGHT), FOUND, 2 * _THIN)
     return [
-        Primitive('found', Shape.CYLINDER, really, (*FOUND[:3], 0.25), 2 * (disc.radius + more), flat),
+        Primitive('found', Shape.CYLINDER, at, (*FOUND[:3], 0.25), 2 * (disc.radius + more), flat),
         Primitive('found', Shape.STRIP, places(outline, _HEIGHT), FOUND, _THIN),
         *([arrow] if shift.any() else []),
     ]
-
-
-def _displaced_outline(outline: Outline, found: Mapping[str, Any], magnification: float) -> list[Primitive]:
-    """The outline where it really is, magnified."""
-    names = ('x', 'y', 'angle', 'offset')
-    values = np.array([found.get(name, {'value': 0.0})['value'] for name in names], dtype=float)
-    if not (np.isfinite(values).all() and values.any()):
-        return []
-    x, y, angle, offset = (magnification * values).tolist()
-    really = outline.moved((x, y), float(np.clip(angle, -1.0, 1.0)))
-    line = boundary(surfaces_of([really], float(np.clip(offset, -outline.radius / 4, outline.radius / 4))))
-    line = line if outline.is_open else np.concatenate([line, line[:1]])
-    return [Primitive('found', Shape.STRIP, places(line, _HEIGHT), FOUND, _THIN)]
 
 
 def _summary(

@@ -17,14 +17,8 @@ class Scale(NamedTuple):
     per_si: float
 
 
-SCALES = {
-    name: Scale(f'm{unit}', 1e3)
-    if name in NAMES[:6]
-    else Scale(unit, 1.0)
-    if name in MOMENTS
-    else Scale(f'µ{unit}', 1e6)
-    for name, unit in UNITS.items()
-}
+SCALES = {name: Scale(unit, 1.0) if name in MOMENTS else Scale(f'µ{unit}', 1e6) for name, unit in UNITS.items()}
+SCALES |= {name: Scale(f'm{UNITS[name]}', 1e3) for name in NAMES[:6]}
 """The unit in which each parameter of the base model is shown."""
 FIT_UNITS = {'m': Scale('mm', 1e3), 'rad': Scale('°', 180 / math.pi)}
 """Of shapes fitted to a contour, by SI unit."""

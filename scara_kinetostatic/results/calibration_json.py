@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.assessment.outcome import Outcome, Recording
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration, UndetectedErrors, joint_covariance
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.diagnose import suspects
@@ -15,10 +15,9 @@ from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.files.calibration_file import SCHEMA, cell_entry, model_entry
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.report.json_file import Document, plain
-from scara_kinetostatic.results.tables import base_rank
+from scara_kinetostatic.results.messages import base_rank
 
 NAME = 'calibration.json'
 
@@ -28,31 +27,30 @@ def as_document(outcome: Outcome) -> Document:
 
     SI units. What the data do not determine, and numbers that are not finite, are None.
     """
-    c = outcome.final
+    c, (names, values, matrix) = outcome.final, joint_covariance(outcome.final)
+    undetected = {'undetected': UndetectedErrors.of(c)} if c.random is not None else {}
+    fit = {key: getattr(c, key) for key in ('chi_square', 'degrees_of_freedom', 'enlargement', 'iterations')}
     document: Document = plain(
         {
             'schema': SCHEMA,
             'version': __version__,
             'created': outcome.created,
-            'recordings': [_recording(item) for item in outcome.recordings],
+            'recordings': [
+                {key: value for key, value in item._asdict().items() if key != 'turned' or value}
+                for item in outcome.recordings
+            ],
             'sources': outcome.sources,
             'warnings': outcome.warnings,
             'cell': cell_entry(c.cell),
             'model': model_entry(CalibratedArm.of_outcome(outcome)),
             'parameters': _parameters(outcome),
-            'covariance': _covariance(c),
-            'covariance_extended': _covariance(c, c.effect_std),
-            'covariance_with_cell': _covariance_with_cell(c),
+            'covariance': _covariance(c, with_effects=False),
+            'covariance_extended': _covariance(c, with_effects=True),
+            'covariance_with_cell': {'names': names, 'values': values, 'matrix': matrix, **undetected},
             'touches': _touches(outcome),
             'noise': {**c.noise.as_dict(), 'source': c.noise_source},
             **_errors(outcome),
-            'fit': {
-                'chi_square': c.chi_square,
-                'degrees_of_freedom': c.degrees_of_freedom,
-                'enlargement': c.enlargement,
-                'iterations': c.iterations,
-                'termination': c.termination.name.lower(),
-            },
+            'fit': {**fit, 'termination': c.termination.name.lower()},
             'identifiability': _identifiability(c),
             'diagnosis': _diagnosis(outcome.diagnosis, c),
             'budget': _budget(outcome),
@@ -65,59 +63,47 @@ def as_document(outcome: Outcome) -> Document:
 
 def _budget(outcome: Outcome) -> list[Document]:
     """What each source contributes to every parameter and to the tip where its uncertainty is largest."""
+    names = (*outcome.final.parameters.names, 'tip')
     return [
         {
             'source': item.label,
             **({} if item.declared is None else {'declared': item.declared, 'unit': item.unit}),
-            'contribution': {
-                **dict(zip(outcome.final.parameters.names, item.parameters, strict=True)),
-                'tip': item.tip,
-            },
+            'contribution': dict(zip(names, (*item.parameters, item.tip), strict=True)),
         }
         for item in outcome.budget
     ]
 
 
 def _tip_uncertainty(outcome: Outcome) -> Document:
-    tip = outcome.tip_uncertainty
-    at = tip.at
+    tip, cell, pose = outcome.tip_uncertainty, outcome.final.cell, None
+    if tip.at is not None:
+        pose = {'elbow': 'left' if tip.at.posture > 0 else 'right', 'joints': tip.at.joints, 'force': tip.at.force}
+        pose['direction'] = tip.at.direction
     return {
         'median': tip.median,
         'worst': tip.worst,
-        'at': None if at is None else at.tip,
-        'region': outcome.final.cell.region.title,
+        'at': None if tip.at is None else tip.at.tip,
+        'region': cell.region.title,
         'coverage_factor': COVERAGE_FACTOR,
-        'tolerance': outcome.final.cell.tolerance,
-        'worst_pose': None
-        if at is None
-        else {
-            'elbow': 'left' if at.posture > 0 else 'right',
-            'joints': at.joints,
-            'force': at.force,
-            'direction': at.direction,
-        },
+        'tolerance': cell.tolerance,
+        'worst_pose': pose,
         'undetermined': tip.undetermined,
         'between_touches': {'median': tip.median_touched, 'worst': tip.worst_touched},
     }
 
 
-def _recording(item: Recording) -> Document:
-    turned = {'turned': item.turned} if item.turned else {}
-    return {'path': item.path, 'sha256': item.sha256, 'start': item.start, **turned}
-
-
 def _errors(outcome: Outcome) -> Document:
     """Errors of the base model and of the extended model on the same touches."""
-    compared = outcome.comparison
+    compared, folds = outcome.comparison, outcome.extended_held_out.folds
     base, extended = compared.base, compared.extended
+    of_both = {
+        key: {'calibrated': getattr(base, key), 'extended': getattr(extended, key)}
+        for key in ('force_error', 'held_out', 'reduced_chi_square')
+    }
     return {
-        'force_error': {'nominal': compared.nominal, 'calibrated': base.force_error, 'extended': extended.force_error},
-        'held_out_force_error': {
-            'calibrated': base.held_out,
-            'extended': extended.held_out,
-            'folds': outcome.extended_held_out.folds,
-        },
-        'reduced_chi_square': {'calibrated': base.reduced_chi_square, 'extended': extended.reduced_chi_square},
+        'force_error': {'nominal': compared.nominal, **of_both['force_error']},
+        'held_out_force_error': {**of_both['held_out'], 'folds': folds},
+        'reduced_chi_square': of_both['reduced_chi_square'],
         'tip_error': {
             'nominal': compared.nominal_tip,
             'calibrated': base.tip.fitted,
@@ -130,8 +116,7 @@ def _errors(outcome: Outcome) -> Document:
 
 
 def _parameters(outcome: Outcome) -> Document:
-    c = outcome.final
-    nominal = c.cell.nominal.as_dict()
+    c, nominal = outcome.final, outcome.final.cell.nominal.as_dict()
     stds = np.where(np.isnan(c.std), np.nan, c.std_noise)
     return {
         bias.name: {
@@ -147,84 +132,64 @@ def _parameters(outcome: Outcome) -> Document:
     }
 
 
-def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
-    """Of the base model's parameters, of the effects' if their standard deviations are given; estimated ones only."""
-    names = [name for name in c.parameters.names if c.status[name] == 'estimated']
-    places = [c.parameters.names.index(name) for name in names]
-    labels = c.model.names[c.model.base_count :]
-    for place, std in enumerate(() if extra_std is None else extra_std):
-        if np.isfinite(std):
-            names.append(labels[place])
-            places.append(c.model.base_count + place)
-    return {'names': names, 'matrix': c.covariance[np.ix_(places, places)]}
-
-
-def _covariance_with_cell(c: Calibration) -> Document:
-    """What a later prediction needs: all values of the model and the errors of the cell description, SI units."""
-    names, values, matrix = joint_covariance(c)
-    undetected = {'undetected': UndetectedErrors.of(c)._asdict()} if c.random is not None else {}
-    return {'names': names, 'values': values, 'matrix': matrix, **undetected}
+def _covariance(c: Calibration, *, with_effects: bool) -> Document:
+    """Of the base model's parameters, and of those of the effects; estimated ones only."""
+    known = [c.status[name] == 'estimated' for name in c.parameters.names]
+    places = np.flatnonzero([*known, *(np.isfinite(c.effect_std) & with_effects)])
+    return {'names': [c.model.names[k] for k in places], 'matrix': c.covariance[np.ix_(places, places)]}
 
 
 def _touches(outcome: Outcome) -> Document:
-    c, t = outcome.final, outcome.final.touches
-    before = outcome.calibration
-    with_history = bool(Predictor(CalibratedArm.of(c)).effects_of('history'))
+    c, t, before = outcome.final, outcome.final.touches, outcome.calibration
+    columns = {key: getattr(t, key) for key in ('index', 'order', 'time')}
+    columns['object'] = [c.cell.discs[disc].name for disc in t.disc]
+    columns |= {'surface': t.surface} if c.cell.has_outlines else {}
+    columns |= {key: getattr(t, key) for key in ('posture', 'joints', 'approach', 'press')}
+    columns |= {'history': t.history} if Predictor(CalibratedArm.of(c)).effects_of('history') else {}
+    columns |= {'force': c.force, 'residual': c.residual, 'residual_base_model': before.residual}
+    columns |= {'nominal_residual': before.nominal_residual, 'distance': c.standardized, 'used': c.used}
     return {
         'found': outcome.found,
-        'used': int(c.used.sum()),
+        'used': c.used.sum(),
         'rejected': [{'index': item.index, 'reason': item.reason} for item in outcome.rejected],
-        'fitted': [
-            {
-                'index': int(t.index[k]),
-                'order': int(t.order[k]),
-                'time': float(t.time[k]),
-                'object': c.cell.discs[t.disc[k]].name,
-                **({'surface': int(t.surface[k])} if c.cell.has_outlines else {}),
-                'posture': int(t.posture[k]),
-                'joints': t.joints[k],
-                'approach': t.approach[k],
-                'press': t.press[k],
-                **({'history': t.history[k]} if with_history else {}),
-                'force': c.force[k],
-                'residual': c.residual[k],
-                'residual_base_model': before.residual[k],
-                'nominal_residual': before.nominal_residual[k],
-                'distance': c.standardized[k],
-                'used': bool(c.used[k]),
-            }
-            for k in range(len(t))
-        ],
+        'fitted': [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)],
     }
 
 
 def _identifiability(c: Calibration) -> Document:
     """That of the base model's parameters; groups of effects' parameters alone have a key of their own."""
-    found = c.identifiability
+    found, keys = c.identifiability, ('text', 'value', 'std', 'unit')
     own = [group for group in found.confounded if set(group) & set(c.parameters.names)]
     return {
         'rank': base_rank(c),
         'condition': found.condition,
         'confounded': own,
-        'confounded_effects': [list(group) for group in found.confounded if group not in own],
-        'combinations': [
-            {'text': item.text, 'value': item.value, 'std': item.std, 'unit': item.unit} for item in found.combinations
-        ],
+        'confounded_effects': [group for group in found.confounded if group not in own],
+        'combinations': [{key: getattr(item, key) for key in keys} for item in found.combinations],
         'advice': found.advice,
-        **({'notes': list(found.notes)} if found.notes else {}),
+        **({'notes': found.notes} if found.notes else {}),
     }
 
 
 def _diagnosis(d: Diagnosis, final: Calibration) -> Document:
     """Verdict, effects, rivals, and the evidence for them."""
     effects = d.effects_by_label()
+    values = {item.effect.label: _values(item.values) for item in d.found}
+    rivals = [
+        [
+            (_named(effects[label]) if label in effects else {'name': label.partition('[')[0], 'target': None})
+            | {'parameters': values.get(label)}  # None where the extended model lacks it
+            for label in group
+        ]
+        for group in d.rivals
+    ]
     return {
         'verdict': d.verdict,
         'p_value': d.p_value,
         'effects': [_found(item) for item in d.found if item.is_found],
         'possible': [_found(item) for item in d.found if item.in_every_model and item.is_possible],
-        'rivals': [[_name_and_target(effects, label)['name'] for label in group] for group in d.rivals],
-        'rival_effects': [[_rival(d, effects, label) for label in group] for group in d.rivals],
+        'rivals': [[rival['name'] for rival in group] for group in rivals],
+        'rival_effects': rivals,
         'remaining_p_value': d.remaining_p_value,
         'advice': d.advice,
         'dependences': d.dependences,
@@ -234,14 +199,8 @@ def _diagnosis(d: Diagnosis, final: Calibration) -> Document:
     }
 
 
-def _name_and_target(effects: Mapping[str, Effect], label: str) -> Document:
-    """Name and target of an effect by its label; a description where it has no physical meaning."""
-    if label not in effects:
-        return {'name': label.partition('[')[0], 'target': None}
-    return _named(effects[label])
-
-
 def _named(effect: Effect) -> Document:
+    """Name and target of an effect; a description where it has no physical meaning."""
     named: Document = {'name': effect.name, 'target': effect.target}
     return named | {'description': effect.description} if effect.description else named
 
@@ -254,17 +213,6 @@ def _found(item: Found) -> Document:
     return _named(item.effect) | {'in_every_model': item.in_every_model, 'parameters': _values(item.values)}
 
 
-def _rival(d: Diagnosis, effects: Mapping[str, Effect], label: str) -> Document:
-    """One of several effects that the data do not distinguish; parameters None where the extended model lacks it."""
-    values = next((_values(item.values) for item in d.found if item.effect.label == label), None)
-    return _name_and_target(effects, label) | {'parameters': values}
-
-
 def _candidate(item: Ranked, role: str) -> Document:
-    return _named(item.effect) | {
-        'role': role,
-        'p_value': item.p_value,
-        'share': item.share,
-        'gain': item.gain,
-        'independent_part': item.independent_part,
-    }
+    values = {key: getattr(item, key) for key in ('p_value', 'share', 'gain', 'independent_part')}
+    return {**_named(item.effect), 'role': role, **values}

@@ -36,44 +36,25 @@ _FEW = 6
 
 def cell_picture(c: Calibration) -> Markup:
     """The cell from above, in the base frame."""
-    tip, elbow, base = _arm(c)
-    arm = c.parameters.l1 + c.parameters.l2
-    low, high = _extent(c, tip, elbow, base, arm)
+    p, arm, reach = c.parameters, c.parameters.l1 + c.parameters.l2, c.cell.radii[:, None]
+    base = np.array([p.x0, p.y0])
+    angle = c.touches.joints[:, 0] + p.theta1
+    tip, elbow = forward(p, c.touches.joints), base + p.l1 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    points = np.concatenate([c.cell.centers - reach, c.cell.centers + reach, tip, elbow, base[None]])
+    margin = _LONGEST_ARROW * arm * 1.05
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     height = _WIDTH * float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.3, 1.0))
     figure, (axes,) = new_figure(_WIDTH, height, margins=Margins())
-    _draw_discs(axes, c)
+    for number, disc in enumerate(c.cell.discs):
+        draw_object(axes, disc, mark(number).colour, filled=True)
+        text = axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK)
+        text.set_parse_math(False)
     _draw_arms(axes, c, tip, elbow, base, arm)
     _draw_touches(axes, c, tip, arm)
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal')
     in_mm(axes)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     return as_svg(figure, 'cell', 'the cell from above with its discs, the arm and the touches')
-
-
-def _arm(c: Calibration) -> tuple[Floats, Floats, Floats]:
-    """Tip and elbow at each touch, (n, 2), and the base, (2,), without deflections."""
-    p, q = c.parameters, c.touches.joints
-    base = np.array([p.x0, p.y0])
-    angle = q[:, 0] + p.theta1
-    elbow = base + p.l1 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return forward(p, q), elbow, base
-
-
-def _extent(c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float) -> tuple[Floats, Floats]:
-    reach = c.cell.radii[:, None]
-    everything = [c.cell.centers - reach, c.cell.centers + reach, tip, elbow, base[None]]
-    points = np.concatenate(everything)
-    margin = _LONGEST_ARROW * arm * 1.05
-    return points.min(axis=0) - margin, points.max(axis=0) + margin
-
-
-def _draw_discs(axes: Axes, c: Calibration) -> None:
-    for number, disc in enumerate(c.cell.discs):
-        colour = mark(number).colour
-        draw_object(axes, disc, colour, filled=True)
-        text = axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK)
-        text.set_parse_math(False)
 
 
 def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float) -> None:
@@ -120,23 +101,19 @@ def residual_picture(c: Calibration) -> Markup:
         ('across it  [N]', c.residual[:, 1] * along[:, 0] - c.residual[:, 0] * along[:, 1]),
     )
     figure, (first, second) = new_figure(_WIDTH, 380, rows=2, margins=Margins(), sharex=True)
+    t, used = c.touches, c.used
     for axes, (label, values) in zip((first, second), parts, strict=True):
-        largest = 1.25 * float(np.abs(values[c.used]).max(initial=1e-6))
+        largest = 1.25 * float(np.abs(values[used]).max(initial=1e-6))
         axes.axhline(0, color=FAINT, lw=0.9)
-        _scatter(axes, c, np.clip(values, -0.94 * largest, 0.94 * largest))
+        places = np.stack([t.index, np.clip(values, -0.94 * largest, 0.94 * largest)], axis=-1)
+        _draw_marks(axes, t.disc[used], t.posture[used], places[used], 5)
+        axes.plot(*places[~used].T, 'X', ls='none', ms=8, mfc=WARN, mec=PAPER)
         axes.set(ylabel=label, ylim=(-largest, largest))
         axes.grid(visible=False, axis='x')
     second.set(xlabel='touch')
     second.margins(x=0.015)
     figure.align_ylabels()
     return as_svg(figure, 'residuals', 'residual force of each touch along and across the force')
-
-
-def _scatter(axes: Axes, c: Calibration, values: Floats) -> None:
-    """Touches, one over the other by index; crosses for those not used."""
-    t, used = c.touches, c.used
-    _draw_marks(axes, t.disc[used], t.posture[used], np.stack([t.index[used], values[used]], axis=-1), 5)
-    axes.plot(t.index[~used], values[~used], 'X', ls='none', ms=8, mfc=WARN, mec=PAPER)
 
 
 def _draw_marks(axes: Axes, disc: Indices, posture: Indices, places: Floats, size: float) -> None:
@@ -153,7 +130,9 @@ def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = (
     figure, axes = new_figure(_WIDTH, 340, columns=2, sharey=True, sharex=True)
     x = _side_by_side(found.x)
     kinds = len(x) > 0 and len(np.unique(found.x)) <= _FEW
-    largest = _largest(found)
+    size = np.abs(np.concatenate([found.before, found.after, found.expected, [0.0] * (not len(found.x))]))
+    # 0.97: this part of the touches lies within the scale, so that single outliers do not change it
+    largest = max(1.1 * min(float(size.max()), 1.6 * float(np.quantile(size, 0.97))), 1e-9)
     sides = ((found.before, found.std_before), (found.after, found.std_after))
     for one, (deviation, std), title in zip(axes, sides, titles, strict=True):
         values = np.clip(deviation, -0.97 * largest, 0.97 * largest)
@@ -170,16 +149,6 @@ def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = (
         axes[0].plot(x, found.expected, '_', ms=8, mew=1.6, color=INK, zorder=4)
     axes[0].set(ylabel=found.y_label)
     return as_svg(figure, name, 'deviation by the effect, estimated from each touch, without it and with it')
-
-
-def _largest(found: EffectResidual) -> float:
-    """The end of the y axis: single outliers do not change it."""
-    size = np.abs(np.concatenate([found.before, found.after, found.expected]))
-    if not size.size:
-        return 1.0
-    # 0.97: this part of the touches lies within the scale
-    usual = float(np.quantile(size, 0.97))
-    return max(1.1 * min(float(size.max()), 1.6 * usual), 1e-9)
 
 
 def _side_by_side(x: Floats) -> Floats:

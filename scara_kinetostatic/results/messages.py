@@ -1,4 +1,4 @@
-"""The outcome in sentences; the terminal and the page say the same."""
+"""The outcome in sentences and tables; the terminal and the page say the same."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ import math
 from collections.abc import Sequence
 
 from scara_kinetostatic.assessment.criteria import rivals_in_words
-from scara_kinetostatic.assessment.grade import Grade
+from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.tolerance import advice
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.diagnosis.comparison import Comparison
+from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE
-from scara_kinetostatic.diagnosis.result import Found
-from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.report import Level, Verdict, sentence
-from scara_kinetostatic.report.quantities import micrometres, p_equals, shown
-from scara_kinetostatic.results.tables import base_rank
+from scara_kinetostatic.diagnosis.result import Diagnosis, Found
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
+from scara_kinetostatic.report import Level, Table, Verdict, sentence
+from scara_kinetostatic.report.quantities import SCALES, chance, decimals, micrometres, p_equals, shown, unsigned_zero
 
 NEVER_IDENTIFIABLE = (
     'An error common to all radii, such as that of the radius of the tip: exactly equivalent to backlash of the '
@@ -30,10 +32,13 @@ NEVER_IDENTIFIABLE = (
 """Errors that touches of this kind cannot show, whatever their number, and the parameters they change."""
 
 
-def answer(grade: Grade, tolerance: float | None, checked: str = 'Determined and checked') -> str:
-    """A grade in words: the first thing in text and page."""
+def answer(a: Assessment, tolerance: float | None, checked: str = 'Determined and checked') -> Verdict:
+    """An assessment in words: the first thing in text and page."""
     fit = 'Fit for use' if tolerance else f'{checked}, no tolerance stated'
-    return {Grade.FIT: fit, Grade.CAUTION: 'To be used with caution', Grade.UNFIT: 'Not fit for use'}[grade]
+    words = {Grade.FIT: fit, Grade.CAUTION: 'To be used with caution', Grade.UNFIT: 'Not fit for use'}[a.grade]
+    levels: dict[Grade, Level] = {Grade.FIT: 'good', Grade.CAUTION: 'caution', Grade.UNFIT: 'bad'}
+    sentences = tuple(map(sentence, a.reasons[1:]))
+    return Verdict(f'{words}: {a.reasons[0]}.', levels[a.grade], sentences, a.actions)
 
 
 def verdict(outcome: Outcome) -> Verdict:
@@ -48,12 +53,10 @@ def verdict(outcome: Outcome) -> Verdict:
         c = outcome.calibration
         if d.p_value < SIGNIFICANCE:
             headline = 'The base model and small errors of usual kinds explain these touches'
-        alone = f', {p_equals(c.p_value)} by itself'
-        sentences = [
-            f'No model error detected ({p} for the base model, corrected for the number of tests; reduced chi-square '
-            f'{c.reduced_chi_square:.2f} of {c.degrees_of_freedom} degrees of freedom'
-            f'{alone if c.noise_source == "given" else ", to which the noise was fitted"}).'
-        ]
+        by_itself = f'{p_equals(c.p_value)} by itself' if c.noise_source == 'given' else 'to which the noise was fitted'
+        chi_square = f'reduced chi-square {c.reduced_chi_square:.2f} of {c.degrees_of_freedom} degrees of freedom'
+        tests = f'{p} for the base model, corrected for the number of tests'
+        sentences = [f'No model error detected ({tests}; {chi_square}, {by_itself}).']
     elif d.verdict == 'explained':
         level, headline = 'caution', f'Model error found and corrected: {"; ".join(i.effect.title for i in d.found)}'
         sentences = [f'{lack}; extended by what was found it does.']
@@ -68,18 +71,12 @@ def verdict(outcome: Outcome) -> Verdict:
         curve = any(item.in_every_model and not item.effect.is_physical for item in d.found)
         rest = 'described by a fitted curve' if curve else 'only partly explained' if d.found else ''
         level, headline = 'bad', 'Model error found, cause unknown' + (f'; {rest}' if rest else '')
-        sentences = [f'{lack}.', *([f'Added to the model: {_names(d.found)}.'] if d.found else [])]
-        sentences.append(
-            'The standard uncertainties contain undetected effects, but no gross error.'
-            if outcome.final.has_undetected
-            else 'Do not rely on the standard deviations.'
-        )
+        names = [item.effect.title + (' (possible, not proved)' if item.is_possible else '') for item in d.found]
+        sentences = [f'{lack}.', *([f'Added to the model: {", ".join(names)}.'] if names else [])]
+        contained = 'The standard uncertainties contain undetected effects, but no gross error.'
+        sentences.append(contained if outcome.final.has_undetected else 'Do not rely on the standard deviations.')
     sentences.append(f'Verdict: {d.verdict}.')
-    return Verdict(headline, level, (*sentences, *([sentence(d.advice)] if d.advice else [])))
-
-
-def _names(found: Sequence[Found]) -> str:
-    return ', '.join(item.effect.title + (' (possible, not proved)' if item.is_possible else '') for item in found)
+    return Verdict(f'{headline}.', level, (*sentences, *([sentence(d.advice)] if d.advice else [])))
 
 
 def bias(outcome: Outcome) -> str:
@@ -142,3 +139,146 @@ def tip_sentences(outcome: Outcome) -> list[str]:
         of = f'the places of the {where} that the arm can take'
         found.insert(1, f'Within robot.limits {left} % of {of} need the elbow left, {right} % the elbow right.')
     return [*found, f'What would help most: {help_most}.'] if help_most else found
+
+
+NOTABLE = 2.0
+"""A bias of so many standard deviations is drawn in the warning colour."""
+_STATUS = {'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined by these data'}
+_LISTED = 8
+"""So many dependences are listed."""
+
+
+def parameter_table(c: Calibration) -> Table:
+    """The parameters of the base model with what they are, or why they have no value.
+
+    A value has the digits that its uncertainty allows; one that the data do not determine is in brackets.
+    """
+    nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
+    rows = []
+    for name in c.parameters.names:
+        (unit, per_si), status = SCALES[name], c.status[name]
+        found = shown(values[name], c.std_of(name), unit, {unit: SCALES[name]})
+        text = f'({found.value})' if status == 'confounded' else unsigned_zero(f'{values[name] * per_si:.6g}')
+        text = f'{found.value} ± {found.std}' if found.std else text
+        start = unsigned_zero(f'{nominal[name] * per_si:.6g}')
+        rows.append((name, start, text, unit, _STATUS[status] or DESCRIPTIONS[name]))
+    levels = {'estimated': '', 'fixed': 'faint', 'confounded': 'caution'}
+    heading = ('', 'nominal', 'estimate ± 1 σ', '', '')
+    return Table(heading, ('',) * 5, tuple(rows), levels=tuple(levels[c.status[name]] for name in c.parameters.names))
+
+
+def base_rank(c: Calibration) -> int:
+    """How many parameters of the base model, or of their combinations, the data determine.
+
+    Each confounded group is one unidentifiable direction; groups of effects' parameters alone do not count.
+    """
+    free = sum(status != 'fixed' for status in c.status.values())
+    return free - sum(bool(set(group) & set(c.parameters.names)) for group in c.identifiability.confounded)
+
+
+def effect_tables(found: Sequence[Found]) -> list[Table]:
+    """Each effect of the extended model with its values; those of a fitted curve have no meaning by themselves."""
+    tables = []
+    for item in found:
+        doubt = ' (possible, not proved)' if item.is_possible else ''
+        doubt = doubt if item.in_every_model else ' (one of several possible causes)'
+        title = item.effect.title + doubt
+        rows: tuple[tuple[str, ...], ...] = ()
+        if item.effect.is_physical:
+            title += f'  {item.effect.label}'
+            rows = tuple((f'    {v.name}', shown(v.value, v.std, v.unit).text, v.meaning) for v in item.values)
+        tables.append(Table(('',) * 3, ('',) * 3, rows, title=f'  {title}'))
+    return tables
+
+
+def tip_budget(outcome: Outcome, most: int | None = None) -> Table | None:
+    """Contributions to the tip where its uncertainty is largest, the largest first; None where it is not determined.
+
+    Args:
+        outcome: the result.
+        most: so many are listed, the others together; None for all.
+    """
+    items = sorted(outcome.budget, key=lambda item: -item.tip)
+    total = math.hypot(*(item.tip for item in items))
+    if not total > 0 or not math.isfinite(total) or not math.isfinite(outcome.tip_uncertainty.worst):
+        return None
+    listed = []
+    for item in items[:most]:
+        declared = '' if item.declared is None else shown(item.declared, math.nan, item.unit).text
+        listed.append((item.title, item.evaluation, declared, item.tip))
+    if others := items[len(listed) :]:
+        listed.append((f'{len(others)} others', '', '', math.hypot(*(item.tip for item in others))))
+    listed.append(('combined standard uncertainty', '', '', total))
+    rows = [(*words, micrometres(size), f'{100 * (size / total) ** 2:.0f} %') for *words, size in listed]
+    heading = ('tip: source', 'type', 'declared', 'contribution', 'share of the variance')
+    return Table(heading, ('', '', '', 'µm', ''), tuple(rows))
+
+
+def error_table(compared: Comparison) -> Table:
+    """Force and tip, fitted and held out, and chi-square, of the nominal, the base and the extended model."""
+    tip = micrometres(compared.nominal_tip)
+    rows: list[tuple[str, ...]] = [('nominal parameters', f'{compared.nominal:.3g}', '', tip, '', '')]
+    sides = [('base model', compared.base), ('extended model', compared.extended)]
+    for name, side in sides[: 1 if compared.base == compared.extended else 2]:
+        tips = map(micrometres, (side.tip.fitted, side.tip.held_out))
+        force = (f'{each:.3g}' for each in (side.force_error, side.held_out))
+        rows.append((name, *force, *tips, f'{side.reduced_chi_square:.2f}'))
+    rows.append(('expected from noise', '', '', micrometres(compared.extended.tip.noise), '', '1'))
+    heading = ('', 'force error', 'held out', 'tip error', 'held out', 'reduced chi-square')
+    return Table(heading, ('', 'N', 'N', 'µm', 'µm', ''), tuple(rows))
+
+
+def bias_table(compared: Comparison) -> Table:
+    """Each parameter by the base and by the extended model, and their difference."""
+    rows, levels = [], []
+    for bias in compared.biases:
+        unit, per_si = SCALES[bias.name]
+        digits = decimals(bias.std * per_si)
+        places = 3 if digits is None else digits
+        base, extended, shift = (
+            unsigned_zero(f'{value * per_si:.{places}f}') for value in (bias.base, bias.value, bias.shift)
+        )
+        if bias.base_std > 0 and math.isfinite(bias.base_std):
+            base += f' ± {bias.base_std * per_si:.{places}f}'
+        if digits is not None:
+            extended += f' ± {bias.std * per_si:.{places}f}'
+        shift = '' if digits is None else shift
+        rows.append((bias.name, base, extended, unit, shift, _signed(bias.in_std)))
+        levels.append('bad' if bias.is_significant and abs(bias.in_std) > NOTABLE else '')
+    heading = ('parameter', 'base model ± 1 σ', 'extended ± 1 σ', 'unit', 'bias', 'bias [σ]')
+    return Table(heading, ('',) * 6, tuple(rows), levels=tuple(levels))
+
+
+def _signed(value: float) -> str:
+    if not math.isfinite(value):
+        return ''
+    return '0.0' if round(value, 1) == 0 else f'{value:+.1f}'
+
+
+def candidate_table(d: Diagnosis) -> Table | None:
+    """The identifiable candidates, of fitted curves only those that are not rejected; those found first, then by their
+    gain; None if there are none.
+    """
+    rows = []
+    for item in sorted(d.ranking, key=lambda item: (d.role_of(item) not in ('found', 'possible'), -item.gain)):
+        role, p_value = d.role_of(item), chance(item.p_value) if math.isfinite(item.p_value) else ''
+        if item.role != 'unidentifiable' and (item.effect.is_physical or role != 'rejected'):
+            rows.append((item.effect.title, _signed(item.gain), p_value, f'{100 * item.share:.0f} %', role))
+    levels = {'found': 'good', 'possible': 'good', 'rival': 'caution'}
+    heading, shown = ('effect', 'gain', 'p-value', 'share', ''), tuple(levels.get(row[-1], '') for row in rows)
+    return Table(heading, ('',) * 5, tuple(rows), levels=shown) if rows else None
+
+
+def dependence_table(found: Sequence[Dependence]) -> Table | None:
+    """What a residual depends on, the most significant first; None if on nothing."""
+    rows = [(each.name, chance(each.p_value), f'{100 * each.share:.0f} %') for each in found[:_LISTED]]
+    if len(found) > _LISTED:
+        rows.append((f'and {len(found) - _LISTED} more, in calibration.json', '', ''))
+    return Table(('the residual depends on', 'p-value', 'share'), ('',) * 3, tuple(rows)) if rows else None
+
+
+def unidentifiable_table(d: Diagnosis) -> Table | None:
+    """The physical effects that these touches cannot show at all; None if there are none."""
+    effects = [item.effect for item in d.ranking if item.role == 'unidentifiable' and item.effect.is_physical]
+    rows = tuple((effect.title, effect.confounded_with, effect.identified_by) for effect in effects)
+    return Table(('effect', 'confounded with', 'identified by'), ('',) * 3, rows) if rows else None

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, NAMES, UNITS
 from scara_kinetostatic.report.json_file import utc
-from scara_kinetostatic.results.tables import base_rank
+from scara_kinetostatic.results.messages import base_rank
 
 NAME = 'calibration.yaml'
 EFFECTS, EFFECTS_STD = 'effects', 'effects_std'
@@ -89,84 +89,63 @@ def load_result(path: str | Path) -> StoredResult:
     try:
         given = tree['/**']['ros__parameters']
         names = (*NAMES, *(name for name in MOMENTS if name in given['calibrated']))
+        values = [given['calibrated'][name] for name in names]
+        if not all(map(math.isfinite, values)):
+            raise ValueError(values)
         return StoredResult(
-            values=[_finite(given['calibrated'][name]) for name in names],
+            values=list(map(float, values)),
             deviations=[float(given['calibrated_std'][name]) for name in names],
-            effects=_stored_effects(given.get(EFFECTS, {}), given.get(EFFECTS_STD, {})),
+            effects=[
+                EffectParameter((name, target, key), float(value), float(given[EFFECTS_STD][name][target][key]))
+                for name, targets in given.get(EFFECTS, {}).items()
+                for target, parameters in targets.items()
+                for key, value in parameters.items()
+            ],
             facts=_stored_facts(given.get(GROUP)),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ParameterError(
-            path, 'is no result of a calibration', f'expected what calibrate writes as {NAME}'
-        ) from error
-
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError(value)
-    return float(value)
-
-
-def _stored_effects(values: Mapping[str, Any], deviations: Mapping[str, Any]) -> list[EffectParameter]:
-    return [
-        EffectParameter((name, target, key), float(value), float(deviations[name][target][key]))
-        for name, targets in values.items()
-        for target, parameters in targets.items()
-        for key, value in parameters.items()
-    ]
+        remedy = f'expected what calibrate writes as {NAME}'
+        raise ParameterError(path, 'is no result of a calibration', remedy) from error
 
 
 def _stored_facts(group: Mapping[str, Any] | None) -> dict[str, Value]:
     """The facts; a list that the file leaves out has no entries. None where the file has none of them."""
-    if group is None:
-        return {}
     found: dict[str, Value] = {}
-    for name, fact in FACTS.items():
+    for name, fact in FACTS.items() if group is not None else ():
         value: Any = group
         for key in name.split('.'):
             value = value.get(key) if isinstance(value, Mapping) else None
         if value is not None or fact.kind is list:
-            found[name] = fact.kind(value or []) if fact.kind is list else fact.kind(value)
+            found[name] = fact.kind([] if value is None else value)
     return found
 
 
 def parameter_text(outcome: Outcome) -> str:
     """The ROS parameter file."""
-    c, effects = outcome.final, effect_parameters(outcome.diagnosis.found)
-    tree: dict[str, Any] = {
-        'calibrated': c.parameters.as_dict(),
-        'calibrated_std': {name: c.std_of(name) for name in c.parameters.names},
-        **_tree((f'{EFFECTS}.{".".join(item.path)}', item.value) for item in effects),
-        **_tree((f'{EFFECTS_STD}.{".".join(item.path)}', item.std) for item in effects),
-        **_tree((f'{GROUP}.{name}', value) for name, value in facts(outcome).items() if value != []),
-    }
+    c, found = outcome.final, outcome.diagnosis.found
+    named: dict[str, Any] = {f'calibrated.{name}': value for name, value in c.parameters.as_dict().items()}
+    named |= {f'calibrated_std.{name}': c.std_of(name) for name in c.parameters.names}
+    named |= {'.'.join((EFFECTS, *item.path)): item.value for item in effect_parameters(found)}
+    named |= {'.'.join((EFFECTS_STD, *item.path)): item.std for item in effect_parameters(found)}
+    named |= {f'{GROUP}.{name}': value for name, value in facts(outcome).items() if value != []}
     status = {'estimated': '', 'fixed': '; held at this value', 'confounded': '; these data do not determine it'}
     comments = [
         'Result of a kinetostatic calibration, SI units. Load it into a node by',
         '  ros2 run PACKAGE NODE --ros-args --params-file calibration.yaml',
         *(f'from {source}' for source in outcome.sources),
         *(f'{name}: {UNITS[name]}, {DESCRIPTIONS[name]}{status[c.status[name]]}' for name in c.parameters.names),
-        *(
-            f'{item.effect.label}.{v.name}: {v.unit}, {v.meaning}'
-            for item in outcome.diagnosis.found
-            for v in item.values
-        ),
+        *(f'{item.effect.label}.{v.name}: {v.unit}, {v.meaning}' for item in found for v in item.values),
         *(f'{GROUP}.{name}: {fact.meaning}' for name, fact in FACTS.items()),
     ]
-    above = ''.join(f'# {one_line(text)}\n' for text in comments)
-    return above + dump_yaml({'/**': {'ros__parameters': tree}})
-
-
-def _tree(values: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Nested mappings of values whose names have points."""
     tree: dict[str, Any] = {}
-    for name, value in values:
-        *path, last = name.split('.')
+    for full, value in named.items():
+        *path, last = full.split('.')
         branch = tree
         for part in path:
             branch = branch.setdefault(part, {})
         branch[last] = value
-    return tree
+    above = ''.join(f'# {one_line(text)}\n' for text in comments)
+    return above + dump_yaml({'/**': {'ros__parameters': tree}})
 
 
 GROUP = 'calibration'
@@ -175,80 +154,66 @@ Value = str | int | float | list[str]
 
 
 class Fact(NamedTuple):
-    """One of the values.
-
-    Attributes:
-        kind: its type.
-        meaning: in a few words.
-        of: from the outcome to the value.
-    """
+    """One of the values: its type, and its meaning in a few words."""
 
     kind: type
     meaning: str
-    of: Callable[[Outcome], Value]
 
 
 FACTS = {
-    'assessment': Fact(str, 'may the result be used: fit, caution or unfit', lambda o: o.assessment.grade.value),
-    'reasons': Fact(list, 'of the assessment, the gravest first', lambda o: list(o.assessment.reasons)),
-    'actions': Fact(list, 'what to do, in the order of the reasons', lambda o: list(o.assessment.actions)),
-    'verdict': Fact(str, 'is the model complete: none, explained, ambiguous or unexplained', lambda o: o.verdict),
-    'effects': Fact(
-        list, 'effects found', lambda o: [item.effect.label for item in o.diagnosis.found if item.is_found]
-    ),
-    'possible_effects': Fact(
-        list,
-        'effects of a model that is still incomplete',
-        lambda o: [item.effect.label for item in o.diagnosis.found if item.in_every_model and item.is_possible],
-    ),
-    'rivals': Fact(
-        list,
-        'groups of effects that the touches do not tell apart, each with commas',
-        lambda o: [', '.join(group) for group in o.diagnosis.rivals],
-    ),
-    'rank': Fact(int, 'how many combinations of the 12 parameters are determined', lambda o: base_rank(o.final)),
-    'confounded': Fact(
-        list,
-        'groups of parameters that the touches do not separate, each with blanks',
-        lambda o: [' '.join(group) for group in o.final.identifiability.confounded],
-    ),
-    'touches.found': Fact(int, 'touches in the recordings', lambda o: o.found),
-    'touches.used': Fact(int, 'touches that the result is made from', lambda o: int(o.final.used.sum())),
-    'touches.rejected': Fact(int, 'touches that were rejected', lambda o: len(o.rejected)),
-    'force_error.nominal': Fact(float, 'force error before, N', lambda o: o.comparison.nominal),
-    'force_error.calibrated': Fact(float, 'force error of the base model, N', lambda o: o.comparison.base.force_error),
-    'force_error.extended': Fact(
-        float, 'force error of the extended model, N', lambda o: o.comparison.extended.force_error
-    ),
-    'held_out_force_error.calibrated': Fact(
-        float, 'the same of the base model on touches not used in the fit, N', lambda o: o.comparison.base.held_out
-    ),
-    'held_out_force_error.extended': Fact(
-        float,
-        'the same of the extended model on touches not used in the fit, N',
-        lambda o: o.comparison.extended.held_out,
-    ),
-    'reduced_chi_square.calibrated': Fact(
-        float, 'reduced chi-square of the base model', lambda o: o.comparison.base.reduced_chi_square
-    ),
-    'reduced_chi_square.extended': Fact(
-        float, 'reduced chi-square of the extended model', lambda o: o.comparison.extended.reduced_chi_square
-    ),
-    'tip_uncertainty': Fact(
-        float, 'largest expanded uncertainty of the tip in the workspace (k = 2), m', lambda o: o.tip_uncertainty.worst
-    ),
-    'warnings': Fact(list, 'irregularities of the recordings', lambda o: list(o.warnings)),
-    'recordings': Fact(list, 'the recordings and touch tables', lambda o: list(o.sources)),
-    'created': Fact(str, 'when the result was calculated, UTC', lambda o: utc(o.created)),
-    'model': Fact(str, 'the calibrated model with its covariance, for the node compensator: JSON', lambda o: _model(o)),
+    'assessment': Fact(str, 'may the result be used: fit, caution or unfit'),
+    'reasons': Fact(list, 'of the assessment, the gravest first'),
+    'actions': Fact(list, 'what to do, in the order of the reasons'),
+    'verdict': Fact(str, 'is the model complete: none, explained, ambiguous or unexplained'),
+    'effects': Fact(list, 'effects found'),
+    'possible_effects': Fact(list, 'effects of a model that is still incomplete'),
+    'rivals': Fact(list, 'groups of effects that the touches do not tell apart, each with commas'),
+    'rank': Fact(int, 'how many combinations of the 12 parameters are determined'),
+    'confounded': Fact(list, 'groups of parameters that the touches do not separate, each with blanks'),
+    'touches.found': Fact(int, 'touches in the recordings'),
+    'touches.used': Fact(int, 'touches that the result is made from'),
+    'touches.rejected': Fact(int, 'touches that were rejected'),
+    'force_error.nominal': Fact(float, 'force error before, N'),
+    'force_error.calibrated': Fact(float, 'force error of the base model, N'),
+    'force_error.extended': Fact(float, 'force error of the extended model, N'),
+    'held_out_force_error.calibrated': Fact(float, 'the same of the base model on touches not used in the fit, N'),
+    'held_out_force_error.extended': Fact(float, 'the same of the extended model on touches not used in the fit, N'),
+    'reduced_chi_square.calibrated': Fact(float, 'reduced chi-square of the base model'),
+    'reduced_chi_square.extended': Fact(float, 'reduced chi-square of the extended model'),
+    'tip_uncertainty': Fact(float, 'largest expanded uncertainty of the tip in the workspace (k = 2), m'),
+    'warnings': Fact(list, 'irregularities of the recordings'),
+    'recordings': Fact(list, 'the recordings and touch tables'),
+    'created': Fact(str, 'when the result was calculated, UTC'),
+    'model': Fact(str, 'the calibrated model with its covariance, for the node compensator: JSON'),
 }
 """By the part of the parameter's name after `calibration.`."""
 
 
-def _model(outcome: Outcome) -> str:
-    return json.dumps(arm_document(CalibratedArm.of_outcome(outcome)), ensure_ascii=False, separators=(',', ':'))
-
-
 def facts(outcome: Outcome) -> dict[str, Value]:
     """The values of a result by the names of `FACTS`."""
-    return {name: fact.kind(fact.of(outcome)) for name, fact in FACTS.items()}
+    d, compared, model = outcome.diagnosis, outcome.comparison, arm_document(CalibratedArm.of_outcome(outcome))
+    sides = {'calibrated': compared.base, 'extended': compared.extended}
+    values: dict[str, Any] = {
+        'assessment': outcome.assessment.grade.value,
+        'reasons': outcome.assessment.reasons,
+        'actions': outcome.assessment.actions,
+        'verdict': outcome.verdict,
+        'effects': [item.effect.label for item in d.found if item.is_found],
+        'possible_effects': [item.effect.label for item in d.found if item.in_every_model and item.is_possible],
+        'rivals': [', '.join(group) for group in d.rivals],
+        'rank': base_rank(outcome.final),
+        'confounded': [' '.join(group) for group in outcome.final.identifiability.confounded],
+        'touches.found': outcome.found,
+        'touches.used': outcome.final.used.sum(),
+        'touches.rejected': len(outcome.rejected),
+        'force_error.nominal': compared.nominal,
+        **{f'force_error.{name}': side.force_error for name, side in sides.items()},
+        **{f'held_out_force_error.{name}': side.held_out for name, side in sides.items()},
+        **{f'reduced_chi_square.{name}': side.reduced_chi_square for name, side in sides.items()},
+        'tip_uncertainty': outcome.tip_uncertainty.worst,
+        'warnings': outcome.warnings,
+        'recordings': outcome.sources,
+        'created': utc(outcome.created),
+        'model': json.dumps(model, ensure_ascii=False, separators=(',', ':')),
+    }
+    return {name: fact.kind(values[name]) for name, fact in FACTS.items()}

@@ -8,36 +8,19 @@ from functools import partial
 
 import numpy as np
 
-from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.tolerance import stated_conformity
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.report import (
-    Block,
-    Fact,
-    Facts,
-    Figure,
-    Items,
-    Legend,
-    Level,
-    Note,
-    Report,
-    Section,
-    Verdict,
-    as_page,
-    as_text,
-)
+from scara_kinetostatic.report import Block, Fact, Facts, Figure, Items, Legend, Note, Report, Section, as_page, as_text
 from scara_kinetostatic.report.quantities import count, micrometres, p_equals
-from scara_kinetostatic.report.text import sentence
-from scara_kinetostatic.results import messages, tables
+from scara_kinetostatic.results import messages
 
 NAME = 'report.html'
 MOST_REJECTED = 12
 """So many rejected touches are listed in the text."""
-_LEVELS: dict[Grade, Level] = {Grade.FIT: 'good', Grade.CAUTION: 'caution', Grade.UNFIT: 'bad'}
 _ALWAYS = ('robot', 'cell', 'sensor', 'operator')
 """Shown in every head, stated or not."""
 _PARTS = {'robot': 'serial_number', 'sensor': 'sensor_serial_number'}
@@ -47,7 +30,7 @@ _TITLES = {'laboratory': 'Laboratory', 'location': 'Place', 'certificate': 'Cert
 
 def text_report(outcome: Outcome) -> str:
     """Assessment, verdict, parameters, effects, errors, budget, rejected touches, for a terminal."""
-    verdict, c = messages.verdict(outcome), outcome.final
+    c = outcome.final
     facts = {
         'touches': f'{int(c.used.sum())} used of {outcome.found} found',
         'bias': messages.bias(outcome),
@@ -55,21 +38,22 @@ def text_report(outcome: Outcome) -> str:
         'determined': ' '.join(messages.identifiability(outcome)),
     }
     blocks: list[Block | None] = [
-        verdict._replace(headline=f'{verdict.headline}.'),
-        tables.parameter_table(c),
-        Section('added to the base model', tuple(tables.effect_tables(outcome.diagnosis.found))),
-        tables.error_table(outcome.comparison),
+        messages.verdict(outcome),
+        messages.parameter_table(c),
+        Section('added to the base model', tuple(messages.effect_tables(outcome.diagnosis.found))),
+        messages.error_table(outcome.comparison),
         Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
     ]
     sources = DeclaredErrors.of(c.cell) is not None or c.cell.uncertainty.effects.in_use
     if sources or c.cell.tolerance is not None:
-        blocks += [' '.join(messages.tip_sentences(outcome)), tables.tip_budget(outcome, most=5)]
+        blocks += [' '.join(messages.tip_sentences(outcome)), messages.tip_budget(outcome, most=5)]
     if outcome.rejected:
         lines = _rejections(outcome)
         more = [f'and {len(lines) - MOST_REJECTED} more, see the report'] if len(lines) > MOST_REJECTED else []
         blocks.append(Items((*lines[:MOST_REJECTED], *more), f'Not used ({len(lines)}):'))
     blocks += [_warnings(outcome)]
-    return as_text(Report('Kinetostatic calibration', _answer(outcome), _present(blocks)))
+    answer = messages.answer(outcome.assessment, c.cell.tolerance)
+    return as_text(Report('Kinetostatic calibration', answer, _present(blocks)))
 
 
 def _rejections(outcome: Outcome) -> list[str]:
@@ -78,20 +62,27 @@ def _rejections(outcome: Outcome) -> list[str]:
 
 def html_text(outcome: Outcome) -> str:
     """The page: the answer, the result, the diagnosis; in an appendix, folded, what they rest on."""
-    c = outcome.final
+    c, extended = outcome.final, outcome.final is not outcome.calibration
     sign = c.cell.sensor.sign.value.replace('on_', 'on the ')
     sensor = f'force sensor: {c.cell.sensor.frame.value} frame, force {sign}'
     report = Report(
         title='Kinetostatic calibration',
-        answer=_answer(outcome),
+        answer=messages.answer(outcome.assessment, c.cell.tolerance),
         head=_head(outcome),
         blocks=(
             Facts(numbers(outcome)),
-            _parameters(outcome),
+            Section(
+                'Parameters (extended model)' if extended else 'Parameters',
+                (messages.parameter_table(c), *messages.identifiability(outcome)[1:]),
+            ),
             *_maps(outcome),
             _diagnosis(outcome),
-            Section('Appendix', ()),
-            *_appendix(outcome),
+            Section('Appendix', ()),  # what the result rests on, folded; what the touches show of the effects is open
+            *([_effects(outcome)] if extended else []),
+            *_present([_budget(outcome), _errors(outcome, extended), _candidates(outcome), _limits(outcome, extended)]),
+            _noise(outcome),
+            *_pictures(outcome),
+            _touches(outcome),
         ),
         footer=f'{count(c.iterations, "solver iteration")}, {c.termination.name.lower()} · {sensor} · gripper sign '
         f'{c.cell.gripper_sign.value} · all numbers in full and in SI units in calibration.json, one row per touch in '
@@ -102,13 +93,6 @@ def html_text(outcome: Outcome) -> str:
 
 def _present(blocks: Iterable[Block | None]) -> tuple[Block, ...]:
     return tuple(block for block in blocks if block is not None and block != '')
-
-
-def _answer(outcome: Outcome) -> Verdict:
-    """The assessment."""
-    a = outcome.assessment
-    headline = f'{messages.answer(a.grade, outcome.final.cell.tolerance)}: {a.reasons[0]}.'
-    return Verdict(headline, _LEVELS[a.grade], tuple(map(sentence, a.reasons[1:])), a.actions)
 
 
 def _warnings(outcome: Outcome) -> Items | None:
@@ -136,22 +120,14 @@ def _date(time: datetime) -> str:
 
 def numbers(outcome: Outcome) -> tuple[Fact, Fact, Fact]:
     """Error of the tip before and after; its uncertainty against the tolerance; force error on held-out touches."""
-    compared = outcome.comparison
-    final, folds = compared.extended, outcome.extended_held_out.folds
-    tip = Fact(
-        'Tip error, before → after',
-        f'{micrometres(compared.nominal_tip)} → {micrometres(final.tip.held_out)}',
-        'µm',
-        'rms distance from the touched surfaces: nominal → calibrated, each touch by a fit without it; '
-        f'{micrometres(final.tip.fitted)} µm in the fit, {micrometres(final.tip.noise)} µm is expected from noise',
-    )
-    held_out = Fact(
-        'Force error on held-out touches',
-        f'{final.held_out:.3g}',
-        'N',
-        f'touches not used in the fit, {count(folds, "fold")}; {final.force_error:.3g} N in the fit, '
-        f'{compared.nominal:.3g} N with nominal parameters',
-    )
+    compared, final = outcome.comparison, outcome.comparison.extended
+    change = f'{micrometres(compared.nominal_tip)} → {micrometres(final.tip.held_out)}'
+    remark = 'rms distance from the touched surfaces: nominal → calibrated, each touch by a fit without it; '
+    remark += f'{micrometres(final.tip.fitted)} µm in the fit, {micrometres(final.tip.noise)} µm is expected from noise'
+    tip = Fact('Tip error, before → after', change, 'µm', remark)
+    remark = f'touches not used in the fit, {count(outcome.extended_held_out.folds, "fold")}; '
+    remark += f'{final.force_error:.3g} N in the fit, {compared.nominal:.3g} N with nominal parameters'
+    held_out = Fact('Force error on held-out touches', f'{final.held_out:.3g}', 'N', remark)
     return tip, _uncertainty(outcome), held_out
 
 
@@ -173,13 +149,6 @@ def _uncertainty(outcome: Outcome) -> Fact:
     return Fact(title, f'{micrometres(tip.worst)} of {micrometres(tolerance)}', 'µm', '; '.join(parts))
 
 
-def _parameters(outcome: Outcome) -> Section:
-    """The parameters of the base model, and the combinations that are determined instead of some."""
-    _, *combinations = messages.identifiability(outcome)
-    title = 'Parameters' if outcome.final is outcome.calibration else 'Parameters (extended model)'
-    return Section(title, (tables.parameter_table(outcome.final), *combinations))
-
-
 def _maps(outcome: Outcome) -> list[Section]:
     """Uncertainty and deviation of the tip, where the data determine them."""
     from scara_kinetostatic.results import tip_maps
@@ -193,22 +162,23 @@ def _maps(outcome: Outcome) -> list[Section]:
 
 def _diagnosis(outcome: Outcome) -> Section:
     d, compared = outcome.diagnosis, outcome.comparison
-    verdict = messages.verdict(outcome)
-    blocks: list[Block] = [verdict._replace(headline=f'{verdict.headline}.')]
+    blocks: list[Block] = [messages.verdict(outcome)]
     if d.verdict == 'none':
-        one = ', one at a time,' if d.ranking else ''
-        blocks.append(
-            Note(
-                f'Tested: {len(catalogue(outcome.calibration.cell))} physical effects{one} and smooth dependences of '
-                'the residual on joint angles, torques, size and direction of the force, the discs and the places on '
-                'them, the direction of approach, and time.'
-            )
-        )
+        tested = f'{len(catalogue(outcome.calibration.cell))} physical effects{", one at a time," * bool(d.ranking)}'
+        depends = 'joint angles, torques, size and direction of the force, the discs and the places on them'
+        more = f'smooth dependences of the residual on {depends}, the direction of approach, and time'
+        blocks.append(Note(f'Tested: {tested} and {more}.'))
     if outcome.final is not outcome.calibration:
-        for table, item in zip(tables.effect_tables(d.found), d.found, strict=True):
+        for table, item in zip(messages.effect_tables(d.found), d.found, strict=True):
             blocks.append(table._replace(title=table.title.strip()))
             if item.effect.off_normal_std:
-                blocks.append(Note(_OFF_NORMAL))
+                off_normal = (
+                    'The force of each touch is off the normal by an angle of its own, which no model predicts: the '
+                    'extended model includes this scatter in the weights, it does not remove it. Where it predicts a '
+                    'force, the angle is taken from the measured one, so that its force error is the part along the '
+                    'force.'
+                )
+                blocks.append(Note(off_normal))
         these, them = ('this effect', 'it') if len(d.found) == 1 else ('these effects', 'them')
         blocks.append(
             f'With {these} in the model: {p_equals(d.remaining_p_value)} for “the extended model is adequate”. Without '
@@ -218,40 +188,15 @@ def _diagnosis(outcome: Outcome) -> Section:
     return Section('Diagnosis', tuple(blocks))
 
 
-_OFF_NORMAL = (
-    'The force of each touch is off the normal by an angle of its own, which no model predicts: the extended model '
-    'includes this scatter in the weights, it does not remove it. Where it predicts a force, the angle is taken from '
-    'the measured one, so that its force error is the part along the force.'
-)
-"""Note to an effect that scatters."""
-
-
-def _appendix(outcome: Outcome) -> list[Section]:
-    """What the result rests on, folded; what the touches show of the effects is open."""
-    extended = outcome.final is not outcome.calibration
-    sections = [
-        *([_effects(outcome)] if extended else []),
-        _budget(outcome),
-        _errors(outcome, extended),
-        _candidates(outcome),
-        _limits(outcome, extended),
-        _noise(outcome),
-        *_pictures(outcome),
-        _touches(outcome),
-    ]
-    return [section for section in sections if section is not None]
-
-
 def _effects(outcome: Outcome) -> Section:
     from scara_kinetostatic.results.figures import effect_picture
 
     found = outcome.diagnosis.found[:3]
     rivals = ' and its rivals' if outcome.diagnosis.rivals else ''
     figures = []
-    for number, item in enumerate(found):
+    for number, (item, residual) in enumerate(zip(found, outcome.effect_residuals, strict=False)):
         titles = ('without it', 'with it') if item.in_every_model else ('without the rivals', 'with all rivals')
-        draw = partial(effect_picture, outcome.effect_residuals[number], f'effect{number}', titles)
-        figures.append(Figure(draw, title=item.effect.title))
+        figures.append(Figure(partial(effect_picture, residual, f'effect{number}', titles), title=item.effect.title))
     caption = Note(
         f'The deviation by this effect, estimated from each touch alone. Left: residuals of the model without the '
         f'effect{rivals}; right: of the model with it. Grey bars: ± 1 σ of one touch. Points beyond the scale are '
@@ -263,7 +208,7 @@ def _effects(outcome: Outcome) -> Section:
 
 
 def _budget(outcome: Outcome) -> Section | None:
-    of_tip = tables.tip_budget(outcome)
+    of_tip = messages.tip_budget(outcome)
     if of_tip is None:
         return None
     blocks = (
@@ -282,19 +227,17 @@ def _errors(outcome: Outcome, extended: bool) -> Section:
         'for the force, one by one and to first order for the tip. All on the same touches and with the noise of the '
         'final model.'
     )
-    blocks: list[Block] = [tables.error_table(outcome.comparison), note]
+    blocks: list[Block] = [messages.error_table(outcome.comparison), note]
     if extended:
         bias = Note('Bias: estimate of the base model less that of the extended model, σ that of the former.')
-        blocks += [tables.bias_table(outcome.comparison), bias]
+        blocks += [messages.bias_table(outcome.comparison), bias]
     return Section('Errors of the models', tuple(blocks), folded=True)
 
 
 def _candidates(outcome: Outcome) -> Section | None:
     """The identifiable candidates; of fitted curves only those that are not rejected."""
     d = outcome.diagnosis
-    known = [item for item in d.ranking if item.role != 'unidentifiable']
-    listed = [item for item in known if item.effect.is_physical or d.role_of(item) != 'rejected']
-    table = tables.candidate_table(d, listed)
+    table = messages.candidate_table(d)
     if d.verdict == 'none' or table is None:
         return None
     note = Note(
@@ -308,8 +251,8 @@ def _candidates(outcome: Outcome) -> Section | None:
 
 def _limits(outcome: Outcome, extended: bool) -> Section:
     d = outcome.diagnosis
-    depends = tables.dependence_table(d.remaining if extended else d.dependences)
-    unidentifiable = tables.unidentifiable_table(d)
+    depends = messages.dependence_table(d.remaining if extended else d.dependences)
+    unidentifiable = messages.unidentifiable_table(d)
     blocks: list[Block] = []
     if depends is not None:
         blocks += [*(['Residual of the extended model:'] if extended else []), depends]
@@ -356,10 +299,9 @@ def _legend(c: Calibration) -> Legend:
 
 
 def _touches(outcome: Outcome) -> Section:
-    blocks: list[Block | None] = [f'All {outcome.found} touches were used.']
+    first: Block = f'All {outcome.found} touches were used.'
     if outcome.rejected:
         title = f'{len(outcome.rejected)} of {outcome.found} touches were not used:'
-        blocks = [Items(tuple(_rejections(outcome)), title)]
-    used = int(outcome.final.used.sum())
-    blocks += [_warnings(outcome), Note('residuals.csv has all touches, one row each.')]
-    return Section(f'Touches: {used} used of {outcome.found} found', _present(blocks), folded=True)
+        first = Items(tuple(_rejections(outcome)), title)
+    blocks = _present([first, _warnings(outcome), Note('residuals.csv has all touches, one row each.')])
+    return Section(f'Touches: {outcome.final.used.sum()} used of {outcome.found} found', blocks, folded=True)

@@ -10,7 +10,7 @@ robot without load to a place; the map shows H̄(L̄, Q, F) less H̄(L̄n, Q, F)
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -22,14 +22,8 @@ from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.tip_uncertainty import (
-    COVERAGE_FACTOR,
-    NEARLY_STRETCHED,
-    TipUncertainty,
-    UncertaintyMap,
-)
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, NEARLY_STRETCHED, UncertaintyMap
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
@@ -58,9 +52,20 @@ class Deviation(NamedTuple):
 def uncertainty_figures(outcome: Outcome) -> Figures | None:
     """Maps of the expanded uncertainty of the tip; None where the data do not determine it."""
     c, tip = outcome.final, outcome.tip_uncertainty
-    maps = [each for each in tip.maps if np.isfinite(each.expanded).any()]
-    figures = tuple(Figure(partial(uncertainty_picture, c, each)) for each in maps)
-    return Figures(figures, _uncertainty_caption(tip, c.cell)) if figures else None
+    known = [each for each in tip.maps if np.isfinite(each.expanded).any()]
+    parts = [
+        f'Expanded uncertainty (k = {COVERAGE_FACTOR:g}) of the tip in the worst direction, without load or under the '
+        f'mean force of the touches in any direction, µm; median {micrometres(tip.median)} µm'
+    ]
+    if tip.at is not None:
+        parts[0] += f', largest {micrometres(tip.worst)} µm at {tip.at.title}'
+    if c.cell.tolerance is not None and tip.worst > c.cell.tolerance:
+        parts.append(f'Thick line: the tolerance, {micrometres(c.cell.tolerance)} µm')
+    if tip.undetermined > 0:
+        parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the {c.cell.region.title}')
+    parts.append(f'The play of the joints without load, up to {micrometres(tip.lost_motion)} µm, is not contained')
+    figures = tuple(Figure(partial(uncertainty_picture, c, each)) for each in known)
+    return Figures(figures, '. '.join([*parts, _FADED])) if figures else None
 
 
 def deviation_figures(outcome: Outcome) -> Figures | None:
@@ -77,22 +82,6 @@ def deviation_figures(outcome: Outcome) -> Figures | None:
     )
     pairs = zip(tip.maps, found, strict=True)
     return Figures(tuple(Figure(partial(deviation_picture, c, places, each)) for places, each in pairs), caption)
-
-
-def _uncertainty_caption(tip: TipUncertainty, cell: Cell) -> str:
-    tolerance = cell.tolerance
-    parts = [
-        f'Expanded uncertainty (k = {COVERAGE_FACTOR:g}) of the tip in the worst direction, without load or under the '
-        f'mean force of the touches in any direction, µm; median {micrometres(tip.median)} µm'
-    ]
-    if tip.at is not None:
-        parts[0] += f', largest {micrometres(tip.worst)} µm at {tip.at.title}'
-    if tolerance is not None and tip.worst > tolerance:
-        parts.append(f'Thick line: the tolerance, {micrometres(tolerance)} µm')
-    if tip.undetermined > 0:
-        parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the {cell.region.title}')
-    parts.append(f'The play of the joints without load, up to {micrometres(tip.lost_motion)} µm, is not contained')
-    return '. '.join([*parts, _FADED])
 
 
 def deviation(c: Calibration, places: UncertaintyMap) -> Deviation:
@@ -125,10 +114,8 @@ def deviation_picture(c: Calibration, places: UncertaintyMap, found: Deviation) 
     largest = float(np.nanmax(np.hypot(u, v), initial=0.0))
     if largest > 0:
         per_mm = 2.7 * (places.x[1] - places.x[0]) * _MILLI / largest
-        axes.quiver(
-            x, y, u, v, angles='xy', scale_units='xy', scale=1 / per_mm, color=INK, width=0.0045, zorder=4,
-            clip_on=False,
-        )  # fmt: skip
+        look: dict[str, Any] = {'color': INK, 'width': 0.0045, 'zorder': 4, 'clip_on': False}
+        axes.quiver(x, y, u, v, angles='xy', scale_units='xy', scale=1 / per_mm, **look)
     name = _posture(places)
     return as_svg(figure, f'deviation_{name}', f'deviation of the tip, nominal to calibrated, posture {name}')
 
@@ -177,9 +164,8 @@ def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats, unit: str)
         axes.clabel(lines, fontsize=10, colors=[INK], inline=True, zorder=5, fmt=lambda value: f'{value:g}')
     touched = _smooth(places.touched.astype(float))
     axes.contourf(*grid, touched, levels=[-1.0, 0.5], colors=[to_rgba(PAPER, 0.62)], zorder=2)
-    axes.add_patch(
-        Wedge((base[0], base[1]), 4 * reach, 0, 360, width=3 * reach, color=PAPER, zorder=2.5)
-    )  # out of reach
+    beyond = Wedge((base[0], base[1]), 4 * reach, 0, 360, width=3 * reach, color=PAPER, zorder=2.5)
+    axes.add_patch(beyond)
     tip = forward(p, touches.joints) * _MILLI
     for number, disc in enumerate(c.cell.discs):
         look, chosen = mark(number), (touches.disc == number) & (touches.posture == places.posture)
@@ -190,7 +176,6 @@ def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats, unit: str)
         axes.plot(*tip[chosen].T, look.shape, ls='none', ms=3.2, color=look.colour, mew=0, zorder=3)
     axes.plot(p.x0 * _MILLI, p.y0 * _MILLI, 'o', ms=8, mfc=PAPER, mec=INK, mew=1.5, zorder=4)
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', title=f'posture {_posture(places)}, lines in {unit}')
-    axes.set_xlim(grid[0][0], grid[0][-1])
-    axes.set_ylim(grid[1][0], grid[1][-1])
+    axes.set(xlim=(grid[0][0], grid[0][-1]), ylim=(grid[1][0], grid[1][-1]))
     axes.grid(visible=False)
     return figure, axes

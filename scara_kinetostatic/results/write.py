@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError, expect
 from scara_kinetostatic.files.atomic import write_texts, writing
 from scara_kinetostatic.files.calibration_file import is_readable
@@ -137,12 +135,10 @@ def _date(folder: Path) -> str:
     """
     document = folder / calibration_json.NAME
     if document.is_file() and document.stat().st_size < _LARGEST_DOCUMENT:
-        try:
+        with suppress(AttributeError, ValueError, RecursionError):
             created = json.loads(document.read_text(encoding='utf-8')).get('created')
-        except (AttributeError, ValueError, RecursionError):
-            created = None
-        if isinstance(created, str) and _CREATED.fullmatch(created):
-            return created
+            if isinstance(created, str) and _CREATED.fullmatch(created):
+                return created
     times = [(folder / name).stat().st_mtime for name in RESULTS if (folder / name).is_file()]
     return utc(datetime.fromtimestamp(max(times), timezone.utc))
 
@@ -155,48 +151,29 @@ def residual_table(outcome: Outcome) -> str:
     has them (a sensor in the tool frame turns with the estimated angles). Touches that were rejected before the fit
     have index, reason and nothing else. The columns of joints and forces are named as those of a touch table.
     """
-    base, final = outcome.calibration, outcome.final
-    reasons = {item.index: item.reason for item in outcome.rejected}
-    touches, readings = base.touches, base.cell.readings(base.touches.joints)
-    index = sorted({*touches.index.tolist(), *reasons})
-    names = [disc.name for disc in base.cell.discs]
-    place = {number: k for k, number in enumerate(touches.index.tolist())}
-    rows = [place.get(number) for number in index]
-
-    def column(values: NDArray[np.generic] | Sequence[str]) -> list[str]:
-        texts = [_text(value) for value in np.asarray(values).tolist()]
-        return ['' if k is None else texts[k] for k in rows]
-
-    columns = {
-        'index': [str(number) for number in index],
-        'object': column([csv_cell(names[disc]) for disc in touches.disc]),
-        'posture': column(['left' if side > 0 else 'right' for side in touches.posture]),
-        'time_s': column(touches.time),
-        'q1_rad': column(readings[:, 0]),
-        'q2_rad': column(readings[:, 1]),
-        'fx_N': column(base.force[:, 0]),
-        'fy_N': column(base.force[:, 1]),
+    base, t = outcome.calibration, outcome.calibration.touches
+    assert np.array_equal(outcome.final.touches.index, t.index)  # both models have the same touches
+    names = [csv_cell(disc.name) for disc in base.cell.discs]
+    columns: dict[str, Any] = {
+        'object': [names[disc] for disc in t.disc],
+        'posture': ['left' if side > 0 else 'right' for side in t.posture],
+        'time_s': t.time,
     }
-    for model, fit in (('calibrated', base), ('extended', _in_order_of(final, base))):
-        predicted, residual = fit.force - fit.residual, fit.residual
-        columns |= {
-            f'fx_{model}_N': column(predicted[:, 0]),
-            f'fy_{model}_N': column(predicted[:, 1]),
-            f'residual_x_{model}_N': column(residual[:, 0]),
-            f'residual_y_{model}_N': column(residual[:, 1]),
-            f'standardized_distance_{model}': column(fit.standardized),
-            f'used_{model}': column([str(int(used)) for used in fit.used]),
-        }
-    columns['used'] = [str(int(number not in reasons)) for number in index]
-    columns['reason'] = [csv_cell(reasons.get(number, '')) for number in index]
-    return csv_lines(columns)
-
-
-def _in_order_of(final: Calibration, base: Calibration) -> Calibration:
-    """The final model; both have the same touches."""
-    if not np.array_equal(final.touches.index, base.touches.index):
-        raise AssertionError('the extended model has other touches than the base model')
-    return final
+    columns |= zip(('q1_rad', 'q2_rad'), base.cell.readings(t.joints).T, strict=True)
+    columns |= zip(('fx_N', 'fy_N'), base.force.T, strict=True)
+    for model, fit in (('calibrated', base), ('extended', outcome.final)):
+        columns |= zip((f'fx_{model}_N', f'fy_{model}_N'), (fit.force - fit.residual).T, strict=True)
+        columns |= zip((f'residual_x_{model}_N', f'residual_y_{model}_N'), fit.residual.T, strict=True)
+        columns |= {f'standardized_distance_{model}': fit.standardized, f'used_{model}': fit.used.astype(int)}
+    texts = [[_text(value) for value in np.asarray(values).tolist()] for values in columns.values()]
+    rows = dict(zip(t.index.tolist(), zip(*texts, strict=True), strict=True))
+    reasons = {item.index: csv_cell(item.reason) for item in outcome.rejected}
+    index = sorted({*rows, *reasons})
+    table = [
+        (str(number), *rows.get(number, [''] * len(columns)), str(int(number not in reasons)), reasons.get(number, ''))
+        for number in index
+    ]
+    return csv_lines(dict(zip(('index', *columns, 'used', 'reason'), zip(*table, strict=True), strict=True)))
 
 
 def _text(value: object) -> str:

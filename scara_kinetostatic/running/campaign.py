@@ -277,9 +277,7 @@ class Campaign:
                 self._targets = _targets(planned)
             return None
         planner = self.knowledge.planner
-        parameters = planner.arm.model.parameters
-        here = Poses(forward(parameters, joints)[None], posture(parameters, joints[None]))
-        start, problem = clear_start(planner, here)
+        start, problem = clear_start(planner, joints)
         if start is None:
             return End(1, problem)
         tries = [interrupted] if interrupted else [each for each in self._targets if each.attempts] or self._targets
@@ -302,17 +300,20 @@ class Campaign:
         return chosen, Poses(np.concatenate([start.tip, way.tip]), np.concatenate([start.posture, way.posture]))
 
 
-def clear_start(planner: Planner, here: Poses) -> tuple[Poses | None, str]:
+def clear_start(planner: Planner, joints: Floats) -> tuple[Poses | None, str]:
     """Where the tip stands and, where that is too near to an object, a place clear of it: the beginning of a way.
 
     Args:
         planner: with the objects.
-        here: where the tip stands, one pose.
+        joints: where the robot stands, (2,), rad.
     """
-    space, cell = planner.space, planner.arm.cell
+    space, cell, parameters = planner.space, planner.arm.cell, planner.arm.model.parameters
+    here = Poses(forward(parameters, joints)[None], posture(parameters, joints[None]))
     raised = cell.lift is not None
-    if space.beyond_limits(here).any():
-        return None, 'the robot stands beyond the limits of its joints, or less than 0.02 rad within: move it'
+    if not (within := space.is_within(joints)).all():
+        name = cell.joint_names[int(within.argmin())]
+        where = 'beyond robot.limits, less than 0.02 rad within, or more than half a turn from their middle'
+        return None, f'{name} stands {where}: move it'
     if space.is_clear(here.tip, here.tip, raised=raised)[0]:
         return here, ''
     off = here.tip - cell.centers

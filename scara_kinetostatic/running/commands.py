@@ -173,9 +173,11 @@ class Motion:
         """How far from a length of the track towards another its largest speed stays as it is, m."""
         return self._slow[0] if (at - self._slow[0]) * (goal - self._slow[0]) < 0 else goal
 
-    def advance(self, elapsed: float, goal: float) -> None:
-        """Goes on for some time towards a length of the track."""
-        self.at, self._now = self._after(self.at, self._now, elapsed, goal)
+    def advance(self, elapsed: float) -> None:
+        """Goes on for some time, to where it is commanded at most."""
+        while self.sent is not None and self.at != self.sent and elapsed > 0:
+            self.at, self._now = self._after(self.at, self._now, min(elapsed, PERIOD), self.sent)
+            elapsed -= PERIOD
 
     def points(self, goal: float, ahead: float = np.inf) -> tuple[Floats, Floats, Floats]:
         """Times, Q and lift of the motion to come, to a length of the track; or one point, where it is after so long.

@@ -16,7 +16,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.running.commands import Command
 from scara_kinetostatic.running.runner import Runner, Status
-from scara_kinetostatic.simulation.commanded import Plant
+from scara_kinetostatic.simulation.commanded import Plant, Reading
 from scara_kinetostatic.touches.online import OnlineDetector
 
 _EPOCH = 1_000_000_000
@@ -79,6 +79,11 @@ class Rehearsal:
         """One sample of the sensors, and what the runner makes of it."""
         reading = self.plant.step(self.time + self._period)
         self.time = self.plant.time
+        self.hear(reading)
+        return self.answer()
+
+    def hear(self, reading: Reading) -> None:
+        """The runner and the detection hear of a sample, now."""
         stamp = _EPOCH + round(1e9 * reading.time)
         runner, senses = self.runner, self.runner.senses
         if reading.joints is not None:
@@ -107,14 +112,17 @@ class Rehearsal:
             meant = '' if target is None else self.cell.discs[target.place()[0]].name
             self.contacts.append((meant, reading.touched))
         self._touched = reading.touched
+
+    def answer(self) -> Command | None:
+        """What the runner makes of what it has heard, carried out."""
         while self._found and self.time >= self._found[0][0]:
             self._found.pop(0)[1]()
-        command = runner.tick(self.time)
+        command = self.runner.tick(self.time)
         if command is not None:
             with suppress(ParameterError):  # its drives have stopped
                 self.plant.command(command.names, *(part.tolist() for part in command[1:]))
-        if not self.history or self.history[-1][1] is not runner.status:
-            self.history.append((self.time, runner.status))
+        if not self.history or self.history[-1][1] is not self.runner.status:
+            self.history.append((self.time, self.runner.status))
         return command
 
     def run(self, until: Callable[[Rehearsal], bool] | None = None, longest: float = 3600.0) -> None:

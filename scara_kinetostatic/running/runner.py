@@ -18,7 +18,7 @@ on its way, as a controller that scales the speed makes it, is waited for as lon
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from math import dist
 from typing import NamedTuple
 
@@ -134,12 +134,11 @@ class Runner:
         self.target: Target | None = None
         self.end: End | None = None
         self._now = -np.inf
-        self._elapsed = 0.0
         self._command: Command | None = None
         self._motion: Motion | None = None
-        self._contact, self._surface, self._steepest, self._last_force = False, 0.0, 0.0, (0.0, 0.0)
+        self._contact, self._surface, self._steepest, self._last_force = False, 0.0, 0.0, ((0.0, 0.0), 0.0)
         self._is_behind, self._near, self._seen, self._seen_at = False, 0.0, 0.0, -np.inf
-        self._waits_until, self._disturbed, self._owes_halt = np.inf, -np.inf, False
+        self._waits_until, self._disturbed = np.inf, -np.inf
         self._script: Iterator[None] | None = None
         self._paused = False
 
@@ -188,10 +187,11 @@ class Runner:
         """
         if now - self._now > 2 * PERIOD:  # this machine was busy: what has come meanwhile is yet to be heard
             self.senses.excuse(now)
-        self._elapsed = min(now - self._now, 2 * PERIOD) if np.isfinite(self._now) else 0.0
-        self._now = now
-        if self._owes_halt and (self.senses.knows_joints(now) or not self.senses.is_excused(now)):
-            return self._stand()
+        elapsed, self._now = now - self._now, now
+        if self._motion is not None and not self._is_behind:  # also while nobody has ticked
+            self._motion.advance(elapsed)
+            joints, lift = self._motion.track.place(np.array([self._motion.at]))
+            self._commander.joints, self._commander.lift = joints[0], float(lift[0])
         if self._script is None:
             return None
         self._command = None
@@ -219,45 +219,44 @@ class Runner:
 
     def _halt_motion(self, motion: Motion) -> None:
         """Stops a motion where it is; where the robot is late, there."""
-        if abs(self._near - motion.at) > 1.5 * _BEHIND:
+        if abs(self._near - motion.at) > 1.5 * _BEHIND and self.senses.knows_joints(self._now):
             motion.at = self._near
         if motion.sent != motion.at:
             joints, lift = motion.track.place(np.array([motion.at]))
             self._command, motion.sent = self._halt(joints[0], float(lift[0])), motion.at
 
     def _stand(self) -> Command | None:
-        """Stops where the robot is; where that is not known, where it is to be. After this machine was busy, when it is
-        known again: the robot has gone on.
-        """
+        """Stops where the robot is; where that is not known, where it is to be."""
         at, is_known = self._commander.joints, self.senses.knows_joints(self._now)
-        self._owes_halt = at is not None and not is_known and self.senses.is_excused(self._now)
-        if at is None or self._owes_halt:
+        if at is None:
             return None
+        if self._motion is not None:
+            self._motion.sent = self._motion.at
         lift = self.senses.lift if is_known else None
         return self._halt(self.senses.joints if is_known else at, self._commander.lift if lift is None else lift)
 
     def _move(self, motion: Motion, goal: float, until: float | None = None, *, is_free: bool = False) -> None:
-        """Advances a motion, and commands what comes of it where that is due.
+        """Commands more of a motion where that is due and nothing is against it.
 
         Args:
-            motion: to advance.
+            motion: that goes on.
             goal: to which length of its track.
             until: where motions are not streamed: to where one command may lead, and `AHEAD_OF_CONTACT` farther; None:
                 to the goal.
             is_free: whether all of it is far from a contact: it is one command.
         """
         is_deaf = self._contact and goal > motion.at and not self.senses.knows_force(self._now)  # busy or not
-        goal = motion.at if self._is_behind or is_deaf else goal
-        motion.advance(self._elapsed, goal)
-        joints, lift = motion.track.place(np.array([motion.at]))
-        self._commander.joints, self._commander.lift = here = joints[0], float(lift[0])
+        if self._is_behind or is_deaf:
+            return
         if self.streams and not is_free:
             end, ahead, reach = motion.even(motion.at, goal), AHEAD_OF_CONTACT, AHEAD_OF_CONTACT * motion.speed
         else:
             reach = AHEAD_OF_CONTACT * motion.speed_at(motion.at if until is None else max(motion.at, until))
             end, ahead = goal if until is None else min(goal, max(motion.at, until) + reach), np.inf
         due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.25 * reach)
-        if due and not self._is_behind:
+        if due:
+            joints, lift = motion.track.place(np.array([motion.at]))
+            here = joints[0], float(lift[0])
             self._command = self._commander.command(here, motion.points(end, ahead), is_free=is_free)
 
     def _check(self, off_track: float) -> None:
@@ -270,9 +269,9 @@ class Runner:
         force, most = self.senses.force, self.cell.touch.max_force
         if force > most:
             raise Fault(f'a force of {force:.0f} N, more than touch.max_force, {most:g} N')
-        jump, self._last_force = dist(self.senses.net_force, self._last_force), self.senses.net_force
-        judged = self._contact and not self.senses.is_excused(self._now)
-        if judged and jump > self._steepest * max(self._elapsed, 0.01) + 10 * self.senses.noise + 0.1 * most:
+        (before, began), self._last_force = self._last_force, (self.senses.net_force, self.senses.stamp)
+        jump, within = dist(self.senses.net_force, before), max(self.senses.stamp - began, 0.01)
+        if self._contact and jump > self._steepest * within + 10 * self.senses.noise + 0.1 * most:
             raise Fault(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
         self._check_place(off_track)
 
@@ -298,14 +297,11 @@ class Runner:
         behind = 0.0 if motion is None else abs(motion.at - near)
         is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
         late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed * (motion.sent != motion.at) + _BEHIND
-        if motion is not None and motion.sent is not None and (near - motion.at) * (motion.sent - motion.at) > 0:
-            within = (near - motion.at) * (motion.sent - near) > 0
-            if within and behind > _BEHIND and self.senses.is_excused(self._now):  # it was busy: the robot went on
-                motion.at, behind = near, 0.0
-            elif behind > late:
-                text = f'the robot is {1e3 * behind:.1f} mm ahead on its way: it is faster than commanded'
-                raise Fault(text, may_retract=False)
-        self._near, self._is_behind = near, behind > late
+        self._near, self._is_behind = near, behind > late and self.senses.knows_joints(self._now, SILENT)
+        sent = None if motion is None else motion.sent
+        if motion is not None and sent is not None and self._is_behind and (near - motion.at) * (sent - motion.at) > 0:
+            text = f'the robot is {1e3 * behind:.1f} mm ahead on its way: it is faster than commanded'
+            raise Fault(text, may_retract=False)
         if not self._is_behind or abs(near - self._seen) > _MOVED:
             self._seen, self._seen_at = near, self._now
         if motion is not None and self._now - self._seen_at > _STANDS:
@@ -562,7 +558,7 @@ class Runner:
         expected, deepest = (float(np.interp(depth, depths, track.at)) for depth in (begin - touch.search, begin))
         fast, slow = float(np.clip(touch.max_force * compliance / DELAY, speed, _FAST)), expected - planner.doubt
         self._contact, self._surface, self._steepest = True, 0.0, max(_STIFFER * touch.contact_speed, fast) / compliance
-        self._last_force = self.senses.net_force
+        self._last_force = self.senses.net_force, self.senses.stamp
         motion = self._motion = Motion(track, fast, ramps=False, slow=(slow, float(speed)))
         until = slow if planner.now is None or np.isinf(planner.now) else expected
         for _ in range(4):
@@ -582,9 +578,9 @@ class Runner:
         surface = self._surface = motion.at
         self._say('press', f'pressing to {goal:g} N')
         motion.track, way = self._into(track, surface, target)
-        yield from self._press(motion, goal * (1 + float(plan.preload[0])), way)
+        softer = yield from self._press(motion, goal * (1 + float(plan.preload[0])), way)
         if plan.preload[0] > 0:
-            track, way = self._out_of(motion.track, self._motion.at, target)
+            track, way = self._out_of(motion.track, self._motion.at, target, softer)
             self._surface = track.nearest(motion.track.place(np.array([surface]))[0][0], None, surface)[0]
             yield from self._release(track, goal, way)
         self._say('hold', f'holding {self.senses.force:.1f} N')
@@ -606,12 +602,15 @@ class Runner:
         whole = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
         return whole, (whole.length - surface) / newtons
 
-    def _out_of(self, track: Track, at: float, target: Target) -> tuple[Track, float]:
-        """Backwards a way out of a press: some of it drags the tip to the same side; length per force, m/N."""
+    def _out_of(self, track: Track, at: float, target: Target, softer: float) -> tuple[Track, float]:
+        """Backwards a way out of a press: some of it drags the tip to the same side; length per force, m/N.
+
+        That is enough for the preload where the contact is as much softer than by the model as it was in the press.
+        """
         here, lift = track.place(np.array([at]))
         newtons = 1.5 * float((target.plan.preload * target.plan.force)[0])
         per_newton = press_aside(self._parameters, here, target.plan.normal(self.cell), -target.plan.aside)
-        joints = here + np.linspace(newtons, 0.0, 60)[:, None] * per_newton
+        joints = here + np.linspace(max(softer, 1.0) * newtons, 0.0, 60)[:, None] * per_newton
         joints = np.concatenate([track.joints[:1], joints])
         whole = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
         return whole, (whole.length - float(whole.at[1])) / newtons
@@ -627,12 +626,12 @@ class Runner:
         self._halt_motion(motion)
         began = self._now
         yield
-        while self._now - began < _WAIT:
+        while self._now - began < (2 if self._is_behind else 1) * _WAIT:
             self._check(_OFF_APPROACH)
             yield
 
-    def _press(self, motion: Motion, goal: float, compliance: float) -> Iterator[None]:
-        """To a force, from below.
+    def _press(self, motion: Motion, goal: float, compliance: float) -> Generator[None, None, float]:
+        """To a force, from below; returns how many times as soft as by the model the contact is.
 
         Raises:
             Fault: the force does not grow.
@@ -644,7 +643,7 @@ class Runner:
         for _ in range(40):
             force = self.senses.mean_force(self._now, 0.05)
             if force > 0.93 * goal:
-                return
+                return softer
             before = motion.at
             yield from self._pushed(motion, 0.9 * (goal - force) * softer * compliance, 0.97 * goal)
             gained = self.senses.mean_force(self._now, 0.05) - force
@@ -756,7 +755,8 @@ class Runner:
         if not self._contact and self.senses.force > self._free_limit:
             text = f'{reason}; now there is a force of {self.senses.force:.1f} N where nothing must be touched'
             raise Fault(text, may_retract=False)
-        self._is_behind, self._seen_at, self._last_force = False, self._now, self.senses.net_force
+        self._is_behind, self._seen_at = False, self._now
+        self._last_force = self.senses.net_force, self.senses.stamp
         if self._contact:
             self._say('retract', f'going on after: {reason}')
             yield from self._back()
@@ -776,14 +776,14 @@ class Runner:
         where = self.status.phase
         self.end = End(3, f'{fault} (in {where})' if is_fault else str(fault))
         self.status = Status('stopped', self.end.reason, is_fault, self._values())
-        motion, self._motion = self._motion, None
-        self._script = self._retract(motion if fault.may_retract else None)
+        self._script = self._retract(may_retract=fault.may_retract)
 
-    def _retract(self, motion: Motion | None) -> Iterator[None]:
+    def _retract(self, *, may_retract: bool) -> Iterator[None]:
         """Stands, then goes back along the way it came: to the beginning of an approach, else a little."""
-        self._command = self._stand()
+        self._command, motion = self._stand(), self._motion
+        self._motion = None
         yield
-        if motion is None:
+        if motion is None or not may_retract:
             return
         off_track = _OFF_APPROACH if self._contact else _OFF_TRACK
         at = min(motion.at, self._on_way(motion, off_track))

@@ -42,6 +42,7 @@ class Senses:
     Attributes:
         joints: Q, (2,), rad.
         lift: position of the lift, m; None where no message has it.
+        stamp: of the last force, s.
         noise: standard deviation of a reading of the force while it stood free, N.
     """
 
@@ -49,13 +50,13 @@ class Senses:
         self._topics, self._lift = cell.sensor.topics, cell.lift
         self._joints: deque[tuple[float, float, float]] = deque(maxlen=1000)
         self._forces: deque[tuple[float, float, float]] = deque(maxlen=1000)
-        self._fastest = [np.inf, np.inf]
+        self._fastest, self._delay = [np.inf, np.inf], [0.0, 0.0]
         self._late, self._excused_until = [0, 0], -np.inf
         self._refusal, self._moved = '', ''
         self.joints = np.full(2, np.nan)
         self.lift: float | None = None
         self._zero = np.zeros(2)
-        self.noise = 0.0
+        self.noise, self.stamp = 0.0, 0.0
         self._frozen, self._varies = 0, False
 
     def add_joints(self, now: float, stamp: float, joints: Sequence[float], lift: float | None = None) -> None:
@@ -71,6 +72,7 @@ class Senses:
         same = bool(self._forces) and self._forces[-1][1:] == (force[0], force[1])
         self._frozen = self._frozen + 1 if same else 0
         self._forces.append((now, force[0], force[1]))
+        self.stamp = stamp
 
     def refuse(self, refusal: str, *, moved: bool = False) -> None:
         """A message that cannot be used; the text says why, and `moved` whether because a held joint has moved."""
@@ -78,8 +80,8 @@ class Senses:
 
     def _note(self, which: int, now: float, stamp: float) -> None:
         self._fastest[which] = min(self._fastest[which] + _DRIFT, now - stamp)
-        late = now - stamp - self._fastest[which] > LATE
-        self._late[which] = self._late[which] + 1 if late else 0
+        self._delay[which] = now - stamp - self._fastest[which]
+        self._late[which] = self._late[which] + 1 if self._delay[which] > LATE else 0
 
     def forget_delays(self) -> None:
         """Measures delays anew: before anything moves the first messages, or a clock that is set, tell wrong ones."""
@@ -132,8 +134,8 @@ class Senses:
         return now <= self._excused_until
 
     def knows_joints(self, now: float, age: float = _FRESH) -> bool:
-        """Whether the last joint state is not older than so, s; by default so that the robot is still there."""
-        return bool(self._joints) and now - self._joints[-1][0] <= age
+        """Whether the last joint state was measured no longer ago, s; by default so that the robot is still there."""
+        return bool(self._joints) and now - self._joints[-1][0] + self._delay[0] <= age
 
     def knows_force(self, now: float) -> bool:
         """Whether the last reading of the force is not older than what counts as silence."""

@@ -316,6 +316,8 @@ def free_pose(cell: Cell) -> tuple[float, float]:
     """
     body, middle = ModelBody(cell, cell.nominal), cell.centers.mean(axis=0)
     limits = np.array(cell.limits or [(-2.6, 2.6)] * 2)
+    center = limits.mean(axis=1, keepdims=True)
+    limits = np.clip(limits, center - np.pi, center + np.pi)  # the turn in which touches are planned
     q1, q2 = np.meshgrid(*(np.linspace(low, high, 60)[1:-1] for low, high in limits))
     poses = np.column_stack([q1.ravel(), q2.ravel()])
     for pose in poses[np.argsort(np.hypot(*(forward(cell.nominal, poses) - middle).T))].tolist():

@@ -20,8 +20,8 @@ from scara_kinetostatic.model.cell import PAPER_CELL as PAPER
 from scara_kinetostatic.model.cell import EffectSizes, SizeMode, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.results.messages import tip_budget
 from scara_kinetostatic.results.report import numbers, text_report
-from scara_kinetostatic.results.tables import tip_budget
 
 PAPER_CELL = replace(PAPER, uncertainty=Uncertainty(effects=EffectSizes(SizeMode.NONE)))
 CELL = replace(PAPER_CELL, discs=tuple(disc._replace(center_std=1.5e-5) for disc in PAPER_CELL.discs))

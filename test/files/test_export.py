@@ -267,6 +267,7 @@ def test_what_is_not_determined_or_unfit_is_said(arm: CalibratedArm) -> None:
     made = facts(replace(arm, undetermined=free, grade='unfit'), 'urdf')
     unfit, rigid = made.notes(is_rigid=True)
     assert 'unfit for use' in unfit
+    assert made.lines[0] == f'{unfit[:1].upper()}{unfit[1:]}.', 'also at the head of the file'
     assert 'do not determine l1:' in rigid
     assert 'do not determine l1, p_ee:' in made.notes(is_rigid=False)[1]
 

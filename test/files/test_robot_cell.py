@@ -100,6 +100,11 @@ QUILL = '<axis xyz="0 0 -1"/>\n    <limit lower="0"'
         (('', ''), {'tip': 'upper_link'}, "elbow does not move link 'upper_link'; it is moved by shoulder"),
         (('', ''), {'at': {'quill': 0.5}}, 'quill at 0.5 is beyond its limits, 0 to 0.2; state another'),
         (('', ''), {'at': {'elbow': 0.5}}, '--at elbow: it is not a joint to be held'),
+        (
+            ('joint name="quill" type="prismatic"', 'joint name="quill" type="continuous"'),
+            {'at': {'quill': -90}},
+            '--at quill=-90 is beyond a turn; in degrees? Give rad: -1.5708',
+        ),
         (('', ''), {'sensor': 'frame'}, "link 'frame' is not moved by elbow; name the link of the sensor"),
         (('xyz="0.3 0.02 0.03"', 'xyz="0 0 0.03"'), {}, 'the axes of both joints are one: a link of length zero'),
         ((ELBOW, ELBOW.replace('0 0 -1', '0 1 -1')), {}, 'are 45 degrees from parallel; choose two parallel'),

@@ -46,3 +46,8 @@ def record_of(
 ) -> CalibrationRecord:
     """The calibration by such touches."""
     return as_record(calibrate(touches_of(cell, seed, truth, effects, world, count), cell))
+
+
+def std_of(record: CalibrationRecord, name: str) -> float:
+    """Standard uncertainty of a value of the model or an error of the cell."""
+    return float(np.sqrt(record.covariance[record.place(name), record.place(name)]))

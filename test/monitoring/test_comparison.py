@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, touches_of
+from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, std_of, touches_of
 
 from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -33,7 +33,7 @@ def before() -> CalibrationRecord:
 def test_declared_errors_cancel(before: CalibrationRecord) -> None:
     later = record_of(DECLARED, 1, count=10)
     found = compare(before, later)
-    independent = np.hypot(before.std_of('x0'), later.std_of('x0'))
+    independent = np.hypot(*(std_of(one, 'x0') for one in (before, later)))
     assert 0 < 2 * found.parameters[0].std < independent
     assert not found.has_changed
     other = replace(DECLARED, discs=tuple(disc._replace(x=disc.x + 1e-3) for disc in DECLARED.discs))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from monitoring.simulated import DECLARED, TRUTH, record_of, touches_of
+from monitoring.simulated import DECLARED, TRUTH, record_of, std_of, touches_of
 
 from scara_kinetostatic.monitoring.drift import LARGEST_RESIDUAL, MEMORY, DriftMonitor, alarm_line
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -35,7 +35,7 @@ def test_a_change_is_raised_and_named(record: CalibrationRecord, name: str, befo
     if before:
         assert monitor.add(touches_of(DECLARED, 3).select(np.arange(before))) is None
     if hasattr(TRUTH, name):
-        after = touches_of(DECLARED, 4, TRUTH.replace(**{name: getattr(TRUTH, name) + 5 * record.std_of(name)}))
+        after = touches_of(DECLARED, 4, TRUTH.replace(**{name: getattr(TRUTH, name) + 5 * std_of(record, name)}))
     else:
         after = touches_of(DECLARED, 4, effects=('object_position[disc_2]:x=1e-4,y=0',))
     alarm = monitor.add(after.select(np.arange(20)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from monitoring.simulated import CELL, DECLARED, record_of, touches_of
+from monitoring.simulated import CELL, DECLARED, record_of, std_of, touches_of
 
 from scara_kinetostatic.monitoring.linear import Evidence, Information, State, measure
 
@@ -52,7 +52,7 @@ def test_an_object_described_otherwise_is_a_new_one() -> None:
     other = State.of(record, replace(DECLARED, discs=(DECLARED.discs[0], moved, DECLARED.discs[2])))
     known, new = (np.sqrt(s.covariance[s.place(name), s.place(name)]) * s.scale[s.place(name)] for s in (same, other))
     np.testing.assert_allclose(new, 1.5e-5)
-    np.testing.assert_allclose(known, record.std_of(name))
+    np.testing.assert_allclose(known, std_of(record, name))
     assert same.covariance[same.place(name), 0] != 0 == other.covariance[other.place(name), 0]
     exact = State.of(record_of(CELL, 0, world=None))
     assert not exact.covariance[12:].any()

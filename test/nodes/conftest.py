@@ -16,9 +16,10 @@ from rclpy.executors import Executor, SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 
+from benchmark.cell_nodes import DemoClient, NodeProcesses  # noqa: E402
 from scara_kinetostatic.files.cell_file import dump_cell  # noqa: E402
 from scara_kinetostatic.model.cell import PAPER_CELL  # noqa: E402
-from scara_kinetostatic.nodes.demo_client import THIS_MACHINE, DemoClient, NodeProcesses, is_free  # noqa: E402
+from scara_kinetostatic.nodes.demo_client import THIS_MACHINE, is_free  # noqa: E402
 
 
 @pytest.fixture

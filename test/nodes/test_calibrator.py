@@ -17,6 +17,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
@@ -24,7 +25,6 @@ from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.nodes import calibration_job as module
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.cell_node import ERROR
-from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.results.write import write_results

@@ -19,6 +19,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from touches.scenes import CELL, START, Scene
 
+from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.files.cell_file import dump_cell
@@ -26,7 +27,6 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Sensor
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, RefusedError
 from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM, StreamMonitor
 from scara_kinetostatic.touches.detection import find_touches
 

@@ -17,6 +17,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from benchmark.cell_nodes import DemoClient
 from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorSign
@@ -25,7 +26,6 @@ from scara_kinetostatic.nodes import session
 from scara_kinetostatic.nodes.cell_node import OK, WARN, PersistentComplaints
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.session import Session
 from scara_kinetostatic.nodes.streams import Stream, StreamMonitor
 from scara_kinetostatic.simulation.plan import default_plan

@@ -17,12 +17,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
+from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Lift
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import joint_trajectory
-from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 
 CELL = replace(PAPER_CELL, limits=((-2.6, 2.6), (-2.6, 2.6)), lift=Lift('joint3', 0.02, 0.0), hold={'joint4': 0.1})
 

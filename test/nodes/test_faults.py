@@ -18,6 +18,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from benchmark.cell_nodes import DemoClient, NodeProcesses
 from benchmark.faults.services import SECONDS, TEXTS, Caller
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.errors import ParameterError
@@ -26,7 +27,6 @@ from scara_kinetostatic.nodes import conversion, streams
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
-from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import RELIABLE_STREAM, Stream, StreamMonitor
 
 NOBODY = '~nobody_of_that_name/recordings'

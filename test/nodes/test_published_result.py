@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from benchmark.cell_nodes import DemoClient
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
@@ -27,7 +28,6 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes import calibration_job as module
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
-from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.json_file import json_text

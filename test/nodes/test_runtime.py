@@ -13,7 +13,8 @@ import yaml
 from nodes.waiting import WAIT
 from rcl_interfaces.srv import GetParameters
 
-from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses, free_domain
+from benchmark.cell_nodes import DemoClient, NodeProcesses
+from scara_kinetostatic.nodes.demo_client import free_domain
 
 NODES = ('contact_simulator', 'collector', 'calibrator')
 

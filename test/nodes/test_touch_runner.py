@@ -26,11 +26,11 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import controller, touch_runner
-from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.nodes.touch_runner import TouchRunner
 from scara_kinetostatic.pipeline import gather_touches

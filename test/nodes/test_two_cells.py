@@ -16,12 +16,12 @@ from rclpy.qos import QoSPresetProfiles
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
 
+from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import OK, WARN
 from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
 from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES, RELIABLE_STREAM
 from scara_kinetostatic.touches.detection import DISCARDED, find_touches
 

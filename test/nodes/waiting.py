@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.nodes.demo_client import DemoClient
+from benchmark.cell_nodes import DemoClient
 
 WAIT = 300.0
 """After so long a test hangs, s; what it waits for comes at once on an idle machine."""

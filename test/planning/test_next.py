@@ -24,8 +24,9 @@ from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import Edges, Poses, Space, shortest_order
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import Robot, tip_in_use
-from scara_kinetostatic.planning.program import program
+from scara_kinetostatic.planning.program import joint_angles, program
 from scara_kinetostatic.planning.search import largest_variance
+from scara_kinetostatic.running.campaign import clear_start
 from scara_kinetostatic.simulation.plan import LIMIT_MARGIN
 from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -329,6 +330,41 @@ def test_an_arm_that_is_not_calibrated_touches_no_sharp_corner():
         touched = cell.surfaces.select(surface)
         to_end = np.where(touched.is_edge, (1 - np.abs(part)) * touched.halves, 0.0)
         assert len(plan) > 10 and (to_end.min() < cell.touch.search) == sharp
+
+
+def test_what_a_press_may_do_is_judged_by_its_own_force():
+    """On a sharp corner 20 N drag the tip of a soft arm a little aside, 60 N would drag it off."""
+    corners = ((0.15, 0.3), (0.25, 0.3), (0.25, 0.4), (0.15, 0.4))
+    soft = PAPER_NOMINAL.replace(p_ee=2.6e-5, p1=2e-5, p2=4e-5)
+    discs = (Disc('disc_1', -0.25, 0.30, 0.15), Outline('block', corners))
+    cell = replace(CELL, nominal=soft, discs=discs, obstacles=(), tip_radius=0.005)
+    planner = Planner(replace(nominal_arm(cell), undetermined=np.zeros((12, 0))))
+    plan = planner.candidates.plan
+    on_block = plan.select(plan.disc == 1)
+    surface, _ = cell.surfaces.places(on_block.disc, on_block.angle)
+    on_corner = on_block.force[~cell.surfaces.select(surface).is_edge]
+    assert not any(planner.problems(plan))
+    few, many = ((on_corner == force).sum() for force in cell.touch.force[::-1])
+    assert few < 0.3 * many
+
+
+def test_joints_that_turn_farther_are_planned_in_one_turn_about_the_middle():
+    cell = replace(CELL, limits=((-1.0, 7.0), (-2.6, 2.6)))
+    planner = planner_of(cell)
+    space, planned = planner.space, planner.accurate(9)
+    np.testing.assert_allclose(space.limits[:, 0], [3.0 - np.pi + LIMIT_MARGIN, 3.0 + np.pi - LIMIT_MARGIN])
+    own = space.joints(planner.approach(planner.candidates.plan))
+    assert space.is_within(own).all() and own[:, 0].max() > np.pi
+    np.testing.assert_allclose(joint_angles(planner, planner.approach(planner.candidates.plan)), own, atol=0.01)
+    assert all(np.abs(b.joints - a.joints).max() < np.pi for a, b in pairwise(program(planner, planned)))
+    here = own[0]
+    assert clear_start(planner, here)[1] == ''
+    for turn in (2 * np.pi, -2 * np.pi):
+        assert clear_start(planner, here + np.array([turn, 0.0])) == (
+            None,
+            'joint1 stands beyond robot.limits, less than 0.02 rad within, or more than half a turn from their middle: '
+            'move it',
+        )
 
 
 def test_limits_are_needed_and_kept_with_a_margin():

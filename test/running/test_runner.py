@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -22,7 +23,7 @@ from scara_kinetostatic.running import commands
 from scara_kinetostatic.running.campaign import calibrated
 from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, Command, Commander, Track
 from scara_kinetostatic.running.rehearsal import Rehearsal
-from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings
+from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings, Reading
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -81,6 +82,21 @@ def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
     assert np.abs(off / std).max() < 4.5
     phases = [status.phase for _, status in one.history]
     assert phases.index('travel') < phases.index('approach') < phases.index('press') < phases.index('hold')
+
+
+def test_a_soft_arm_is_eased_along_a_way_that_drags_the_tip() -> None:
+    soft = TRUTH.replace(p_ee=8e-5, p1=4e-5, p2=4e-5)  # not as nominal
+    doubtful = frozenset({'joint_hysteresis[joint1]', 'joint_hysteresis[joint2]'})  # which preloads show
+    planner = Planner(nominal_arm(CELL), suspected=doubtful)
+    one = Rehearsal(CELL, Plant(CELL, ModelBody(CELL, soft), seed=1), planner=planner)
+    one.runner.start()
+    one.run(lambda at: at.runner.campaign.accepted >= 2)
+    touches = TouchSet.concatenate(one.runner.campaign.touches)
+    moved = (jacobian(soft, touches.joints) @ touches.press[..., None])[..., 0]
+    along, aside = ((moved * way).sum(axis=1) for way in (touches.force, quarter_turn(touches.force)))
+    planned = drag(np.arctan2(-touches.force[:, 1], -touches.force[:, 0]), touches.posture)
+    assert np.sign(along).tolist() == [1.0, -1.0], 'pressed, then eased from a preload'
+    assert (aside * np.sign(planned) > 0.4 * np.abs(along)).all()
 
 
 def test_a_coupled_drive_is_commanded_in_its_own_angles() -> None:
@@ -479,6 +495,37 @@ def test_a_robot_that_went_on_while_nobody_listened_is_followed() -> None:
     assert one.runner.end is None
 
 
+@pytest.mark.parametrize('seed', [1, 3])
+def test_a_busy_machine_that_hears_late_blames_nobody(seed: int) -> None:
+    """It stops for up to 0.3 s, again and again; what has come meanwhile is then heard ten messages a tick."""
+    one = rehearsal(replace(CELL, tolerance=None), seed=seed, most=8, patience=10.0)
+    rng, unheard, until = np.random.default_rng(seed), deque[Reading](), 0.0
+    while not one.runner.is_over:
+        unheard.append(one.plant.step(one.time + one._period))
+        one.time = one.plant.time
+        if one.time >= until and rng.random() < 1.5 * one._period:
+            until = one.time + rng.uniform(0.02, 0.3)
+        if one.time >= until:
+            for _ in range(min(10, len(unheard))):
+                one.hear(unheard.popleft())
+            one.answer()
+    assert one.runner.end is not None
+    assert 'max_touches' in one.runner.end.reason
+    assert one.plant.peak_force < CELL.touch.max_force
+
+
+def test_a_busy_machine_halts_a_robot_whose_joints_are_silent() -> None:
+    one = rehearsal(replace(CELL, lift=LIFT), patience=10.0)
+    until_phase(one, 'travel')
+    one.plant.fault, one._period, began = Fault.SILENT_JOINTS, 0.05, one.time
+    one.run(lambda at: at.runner.status.phase == 'waiting', 5.0)
+    assert one.time - began < 1.3
+    one.run(longest=0.3)
+    before = one.plant._position[:2]
+    one.run(longest=1.0)
+    assert one.plant._position[:2] == pytest.approx(before, abs=1e-4)
+
+
 def test_a_streamed_motion_is_not_commanded_on_while_the_robot_is_behind() -> None:
     """A controller that scales the time by 0 goes on by one of its periods at each new message."""
     one = rehearsal(replace(CELL, tolerance=None), patience=20.0)
@@ -696,7 +743,8 @@ def test_a_retract_ends_half_a_millimetre_beside_its_place() -> None:
 
 def test_a_robot_that_is_driven_beyond_its_way_is_stopped() -> None:
     one = rehearsal(patience=10.0)
-    until_phase(one, 'approach', 0.03)
+    until_phase(one, 'travel', 0.0)
+    until_phase(one, 'approach', 0.03)  # far from the contact
     motion, command = one.runner._motion, one.plant.command
     assert motion is not None
     lengths = np.linspace(motion.at, motion.track.length, 50)[1:]

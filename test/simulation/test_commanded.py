@@ -256,6 +256,8 @@ def test_it_starts_near_the_objects_with_room_around() -> None:
     tip = forward(PAPER_NOMINAL, np.array([free_pose(CELL)]))
     gaps = np.hypot(*(tip - CELL.centers).T) - CELL.radii
     assert 0.03 < gaps.min() < 0.05
+    wide = replace(CELL, limits=((-7.0, 6.0), (-2.6, 2.6)))
+    assert abs(free_pose(wide)[0] + 0.5) < np.pi
     crowded = replace(CELL, discs=(Disc('all', 0.0, 0.0, 1.0),))
     with pytest.raises(UnsupportedDataError, match='no room'):
         free_pose(crowded)

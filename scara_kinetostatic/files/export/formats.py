@@ -67,6 +67,7 @@ class ExportFacts(NamedTuple):
         grade = f', grade {arm.grade}' if arm.grade else ''
         found = ', '.join(effect.label for effect in arm.effects) or 'none'
         lines: tuple[str, ...] = (
+            *(f'{text[:1].upper()}{text[1:]}.' for text in arm.reservations),
             content,
             f'From {source}: calibrated {arm.created or "at an unknown time"}{grade}.',
             f'Model errors found: {found}.',
