@@ -15,7 +15,7 @@ import numpy as np
 from benchmark.common import parser, print_and_save
 from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs
 from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2
-from scara_kinetostatic.studies.paper.dial_gauge import DialGaugeBench, simulate_experiments
+from scara_kinetostatic.studies.paper.study import DialGaugeBench, simulate_experiments
 
 
 def evaluate(number: int) -> dict[str, object]:

@@ -52,8 +52,7 @@ from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs
 from scara_kinetostatic.studies.loops.dial_gauge_report import force_picture, map_picture
 from scara_kinetostatic.studies.paper import report as paper_pictures
-from scara_kinetostatic.studies.paper.dial_gauge import simulate_experiments
-from scara_kinetostatic.studies.paper.study import reproduce
+from scara_kinetostatic.studies.paper.study import reproduce, simulate_experiments
 
 UNDECLARED = Path(__file__).parents[1] / 'bags' / 'undeclared_a.mcap'
 

@@ -56,8 +56,7 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the tip touches nothing, does not slide, or jumps.
     """
     from scara_kinetostatic.bags.reader import read_streams
-    from scara_kinetostatic.contour.deviation import deviations, of_all_points
-    from scara_kinetostatic.contour.fits import ShapeFit, fit_pieces, fit_shape
+    from scara_kinetostatic.contour.fits import ShapeFit, deviations, fit_pieces, fit_shape, of_all_points
     from scara_kinetostatic.contour.report import contour_document, contour_report
     from scara_kinetostatic.contour.result import CSV, DXF, SVG, csv_text, dxf_text, svg_text
     from scara_kinetostatic.contour.trace import trace_contour

@@ -15,7 +15,7 @@ import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.touches.contacts import Contacts, find_contacts
+from scara_kinetostatic.touches.contacts import find_contacts
 from scara_kinetostatic.touches.signals import SMOOTHING, Signals, moving_mean, white_noise
 from scara_kinetostatic.touches.tare import SHORTEST_FREE, tare_before
 
@@ -72,7 +72,10 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
     smooth = moving_mean(signals.filtered.value, width)
     force = np.column_stack([np.interp(time, signals.wrench.time, column) for column in smooth.T])
-    number = _number_of_contact(time, contacts)
+    # the begin and the end of a contact are left out: there a smoothed force contains some of the free motion
+    margin = 0.5 * contacts.smoothing + SMOOTHING
+    number = np.searchsorted(contacts.begin + margin, time, side='right') - 1
+    number = np.where(time <= np.append(contacts.end - margin, -np.inf)[number], number, -1)
     previous, own = -np.inf, zero
     for k, (begin, end) in enumerate(zip(contacts.begin, contacts.end, strict=True)):
         tare = tare_before(signals, begin, previous)
@@ -88,40 +91,24 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     if used.sum() < 2:
         problem = f'{source}: contact lasts for {int(used.sum())} joint states only'
         raise UnsupportedDataError(problem, 'slide for longer, or record joint states at a higher rate')
-    warnings = list(signals.warnings)
-    if typical <= 2 * contacts.threshold:
-        warnings.append(
-            f'the force in contact, {typical:.1f} N, is close to the {contacts.threshold:.1f} N from which on contact '
-            'is seen: parts may be missing or wrong; slide with more force'
-        )
+    weak = (
+        f'the force in contact, {typical:.1f} N, is close to the {contacts.threshold:.1f} N from which on contact is '
+        'seen: parts may be missing or wrong; slide with more force'
+    )
+    warnings = [*signals.warnings, *[weak][: typical <= 2 * contacts.threshold]]
     first, last = np.flatnonzero(used)[[0, -1]]
+    # a contact that is lost in between counts as two
+    breaks = np.append(True, ~used[:-1]) | np.append(True, np.diff(number) != 0)
     return ContactSamples(
         time[used],
         joints[used],
         force[used],
-        _uninterrupted(number, used),
+        contact=(np.cumsum(breaks & used) - 1)[used],
         force_noise=white_noise(signals.wrench.value) / float(np.sqrt(width)),
         lost=float((~used[first:last]).sum() * signals.joints.period),
         zero=own,
         warnings=tuple(warnings),
     )
-
-
-def _number_of_contact(time: Floats, contacts: Contacts) -> Indices:
-    """Number of the contact at each time, -1 where there is none.
-
-    The begin and the end of a contact are left out: there a smoothed force contains some of the free motion.
-    """
-    margin = 0.5 * contacts.smoothing + SMOOTHING
-    number = np.searchsorted(contacts.begin + margin, time, side='right') - 1
-    ends = np.append(contacts.end - margin, -np.inf)[number]
-    return np.where(time <= ends, number, -1)
-
-
-def _uninterrupted(number: Indices, used: Mask) -> Indices:
-    """Number of the contact of the used instants; one that is lost in between counts as two."""
-    breaks = np.append(True, ~used[:-1]) | np.append(True, np.diff(number) != 0)
-    return (np.cumsum(breaks & used) - 1)[used]
 
 
 def force_zero(signals: Signals, source: str) -> Floats:
@@ -134,15 +121,16 @@ def force_zero(signals: Signals, source: str) -> Floats:
     Raises:
         UnsupportedDataError: no steady force lasts long enough, or the recording begins in contact.
     """
-    remedy = 'begin and end the recording with free motion'
     _, mean, steady, tolerance = _blocks(signals)
-    if not steady.any():
-        problem = f'{source}: the force is never steady for {SHORTEST_FREE:g} s: there is no zero of the force sensor'
-        raise UnsupportedDataError(problem, remedy)
-    mean = mean[steady]
-    excess = float(np.hypot(*mean[0]) - np.hypot(*mean.T).min())
-    if excess > LARGEST_ZERO and np.hypot(*(mean[0] - mean[-1])) >= tolerance:
-        raise UnsupportedDataError(f'{source}: it begins in contact: later the force is {excess:.1f} N smaller', remedy)
+    problem, mean = '', mean[steady]
+    if not len(mean):
+        problem = f'the force is never steady for {SHORTEST_FREE:g} s: there is no zero of the force sensor'
+    elif np.hypot(*(mean[0] - mean[-1])) >= tolerance:
+        excess = float(np.hypot(*mean[0]) - np.hypot(*mean.T).min())
+        if excess > LARGEST_ZERO:
+            problem = f'it begins in contact: later the force is {excess:.1f} N smaller'
+    if problem:
+        raise UnsupportedDataError(f'{source}: {problem}', 'begin and end the recording with free motion')
     return np.asarray(np.median(mean[np.hypot(*(mean - mean[0]).T) < tolerance], axis=0))
 
 

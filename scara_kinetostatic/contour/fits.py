@@ -1,4 +1,4 @@
-"""Circle, arc and line through the surface points of an outline, with residuals and uncertainty.
+"""Circle, arc and line through the surface points of an outline; how far it lies from an object of the cell.
 
 The residual e of a point is its distance along the normal; least squares over the parameters a, e = A a.
 
@@ -25,10 +25,13 @@ and λ the penalty of a piece. The least sum for the first k nodes follows from 
 for a circle with the algebraic distance (‖p - c‖² - R²) / (2 R) (Kåsa 1976). The division says which points belong
 together; the shapes and their uncertainties are those of the fits through these points, without those close to the
 ends of a piece, which may belong to the next.
+
+**Deviations.** Nothing is fitted: outline and object stand where calibration and cell description place them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +40,9 @@ from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, correlated_samples, rms
+from scara_kinetostatic.model.cell import Cell, Disc
+from scara_kinetostatic.model.outline import surfaces_of
 from scara_kinetostatic.model.tip import DEPENDS
 
 _CIRCLE = (('center_x', 'm'), ('center_y', 'm'), ('radius', 'm'))
@@ -60,7 +65,8 @@ def parameter_stds(contour: Contour, arm: CalibratedArm, points: Mask, design: F
     systematic[free > DEPENDS**2 * systematic] = np.nan
     common = arm.cell.uncertainty.radius * inverse.sum(axis=1)
     slow = _slow_noise(np.asarray(inverse, dtype=np.float64), contour, points, residual)
-    alike = _correlated_points(residual, contour.passes[points])
+    passes = contour.passes[points]
+    alike = correlated_samples([residual[passes == number] for number in np.unique(passes)])
     changing = alike * np.einsum('ij,j,ij->i', inverse, contour.std_noise[points] ** 2, inverse)
     return np.asarray(np.sqrt(systematic + common**2 + changing + slow))
 
@@ -83,25 +89,10 @@ def _slow_noise(inverse: Floats, contour: Contour, points: Mask, residual: Float
     return np.asarray(hidden * np.max(variances, axis=0))
 
 
-def _correlated_points(residual: Floats, passes: Indices) -> float:
-    """1 + 2 Σ ρ_k over the lags up to the first whose correlation ρ_k is not above 0, at least 1."""
-    parts = [residual[passes == number] for number in np.unique(passes)]
-    size = 2 * max(map(len, parts))
-    power = np.sum([np.abs(np.fft.rfft(part, size)) ** 2 for part in parts], axis=0)
-    products = np.fft.irfft(power, size)[: size // 2]  # sums of products a lag apart
-    if not products[0] > 0:
-        return 1.0
-    correlation = products[1:] / products[0]
-    negative = np.flatnonzero(correlation <= 0)
-    end = int(negative[0]) if len(negative) else len(correlation)
-    return float(1.0 + 2.0 * correlation[:end].sum())
-
-
 class FittedValue(NamedTuple):
     """A parameter of a fit.
 
     Attributes:
-        name: such as ``radius``.
         value: in its unit.
         std: its standard uncertainty; NaN where the touches of the calibration do not determine it, and of what the
             begin and the end of the slide decide: the length of a line, the ends of an arc. That of x and y of a line,
@@ -109,7 +100,6 @@ class FittedValue(NamedTuple):
         unit: ``m`` or ``rad``.
     """
 
-    name: str
     value: float
     std: float
     unit: str
@@ -121,7 +111,7 @@ class ShapeFit(NamedTuple):
     Attributes:
         shape: ``circle``, ``arc`` or ``line``.
         outline: its number in the contour.
-        values: parameters, with standard uncertainties.
+        values: parameters by name, such as ``radius``, with standard uncertainties.
         residual: of each point along the normal, outside positive, (n,), m.
         points: which points of the contour, (N,), n of them true.
         misfit: root mean square of the residuals in standard uncertainties of the points; about 1 where the points are
@@ -131,7 +121,7 @@ class ShapeFit(NamedTuple):
 
     shape: str
     outline: int
-    values: tuple[FittedValue, ...]
+    values: dict[str, FittedValue]
     residual: Floats
     points: Mask
     misfit: float
@@ -155,7 +145,7 @@ class ShapeFit(NamedTuple):
 
     def value(self, name: str) -> FittedValue:
         """A parameter by its name."""
-        return next(value for value in self.values if value.name == name)
+        return self.values[name]
 
 
 def fit_shape(contour: Contour, arm: CalibratedArm, shape: str, outline: int = 0) -> ShapeFit:
@@ -202,13 +192,12 @@ def _fit(
     found, residual, design = fit(place, contour.normal[points], place if whole is None else whole)
     std = parameter_stds(contour, arm, points, design, residual)
     stds = (std[0], std[0], std[1], np.nan) if shape == 'line' else (*std, np.nan, np.nan)
-    values = tuple(
-        FittedValue(name, float(value), float(u), unit)
+    values = {
+        name: FittedValue(float(value), float(u), unit)
         for (name, unit), value, u in zip(SHAPES[shape], found, stds, strict=False)
-    )
-    # those by noise where no other is known
-    u = np.where(np.isnan(contour.std_normal), contour.std_noise, contour.std_normal)[points]
-    return ShapeFit(shape, outline, values, residual, points, rms(residual / np.maximum(u, 1e-12)))
+    }
+    misfit = rms(residual / np.maximum(contour.stretch(points).weighing, 1e-12))
+    return ShapeFit(shape, outline, values, residual, points, misfit)
 
 
 def extent(angle: Floats) -> tuple[float, float]:
@@ -380,3 +369,78 @@ def _misfits(moments: Floats) -> tuple[Floats, Floats]:
         arc = np.maximum(square - a * uz - b * vz - c * (uu + vv), 0.0) / (4 * radius)
         arc = np.where(np.isfinite(arc) & (radius < 10.0**2), arc, np.inf)  # larger than 10 m: a line
     return line, arc
+
+
+NEAR = 5e-3
+"""Most of an outline is no farther than this from the object that it is of, m; points beyond are not of the object."""
+
+
+class Deviation(NamedTuple):
+    """How far the points of an outline lie from an object of the cell.
+
+    Attributes:
+        outline: its number in the contour.
+        object: name of the object.
+        points: numbers of those points of the contour that are next to the object, (n,).
+        distance: from the object, outside positive, (n,), m.
+        std: standard uncertainty of each by the measurement, (n,), m; NaN where the calibration does not determine it.
+        misfit: root mean square of the distances in standard uncertainties; about 1 where the object is as stated.
+    """
+
+    outline: int
+    object: str
+    points: Indices
+    distance: Floats
+    std: Floats
+    misfit: float
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the distances, m."""
+        return rms(self.distance)
+
+    @property
+    def largest(self) -> int:
+        """Place of the largest distance among the points."""
+        return int(np.abs(self.distance).argmax())
+
+
+def deviations(contour: Contour, cell: Cell) -> tuple[Deviation, ...]:
+    """The deviations of those outlines that lie along an object of the cell, in their order.
+
+    The centre of the tip is compared with the object grown by the radius of the tip: so an error of the normal does not
+    count.
+
+    Args:
+        contour: the measured surface.
+        cell: with the objects as stated; the radii of its discs contain `Cell.tip_radius`.
+    """
+    radius, found = contour.tip_radius, list[Deviation]()
+    change = radius - (cell.tip_radius or 0.0)
+    objects = [item._replace(radius=item.radius + change) if isinstance(item, Disc) else item for item in cell.discs]
+    each = [surfaces_of([item], radius) for item in objects]
+    for number, outline in enumerate(contour.outlines):
+        nodes = outline.points + radius * outline.normals
+        away = [float(np.median(surfaces.distances(nodes).min(axis=1))) for surfaces in each]
+        nearest = int(np.argmin(away))
+        if away[nearest] > NEAR:
+            continue
+        points, surfaces = np.flatnonzero(np.isin(contour.passes, outline.passes)), each[nearest]
+        tips = contour.surface[points] + radius * contour.normal[points]
+        distance, gap = surfaces.distances(tips), surfaces.gaps(tips)
+        rows = np.arange(len(points)), distance.argmin(axis=1)
+        distance, gap = distance[rows], gap[rows]
+        beside = (distance < NEAR) & (distance < np.abs(gap) + 1e-9)  # not past an open end
+        if beside.any():
+            points, off = points[beside], gap[beside]
+            misfit = rms(off / np.maximum(contour.stretch(points).weighing, 1e-12))
+            found.append(Deviation(number, objects[nearest].name, points, off, contour.std_normal[points], misfit))
+    return tuple(found)
+
+
+def of_all_points(contour: Contour, found: Iterable[Deviation]) -> Floats:
+    """The distance of each point of a contour, (N,), m; NaN of those that are not next to an object."""
+    distance = np.full(len(contour), np.nan)
+    for deviation in found:
+        distance[deviation.points] = deviation.distance
+    return distance

@@ -88,21 +88,6 @@ class Stretch(NamedTuple):
         return np.where(np.isnan(self.std), self.noise, self.std)
 
 
-def _with_object_on_left(stretch: Stretch) -> Stretch:
-    """A pass counter-clockwise about the object, with the distance along it."""
-    step = np.gradient(stretch.points, axis=0)
-    turn = step[:, 0] * stretch.normals[:, 1] - step[:, 1] * stretch.normals[:, 0]
-    way = 1 if np.sum(np.sign(turn)) <= 0 else -1
-    points, normals, std, noise = (column[::way] for column in stretch[:4])
-    return Stretch(points, normals, std, noise, _lengths(points))
-
-
-def _joined(one: Stretch, other: Stretch) -> Stretch:
-    """The places of both in their order along the outline."""
-    both = Stretch(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))
-    return both.select(np.argsort(both.along, kind='stable'))
-
-
 class _Part(NamedTuple):
     """An outline in the making.
 
@@ -117,67 +102,62 @@ class _Part(NamedTuple):
     passes: tuple[int, ...]
 
 
+Parts = tuple[_Part, ...]
+"""Outlines in the making, in the order in which they were begun."""
+
+
 def join_passes(passes: Sequence[Stretch]) -> tuple[Outline, ...]:
     """The outlines that passes make, the longest first."""
-    joined = JoinedPasses()
+    parts: Parts = ()
     lengths = [float(_lengths(stretch.points)[-1]) for stretch in passes]
     for number in sorted(range(len(passes)), key=lambda k: -lengths[k]):
-        joined.add(passes[number], number)
-    return tuple(sorted(joined.outlines, key=lambda outline: -outline.length))
+        parts, _ = add_pass(parts, passes[number], number)
+    return tuple(sorted(outlines_of(parts), key=lambda outline: -outline.length))
 
 
-class JoinedPasses:
-    """Passes joined one after the other.
+def outlines_of(parts: Parts) -> tuple[Outline, ...]:
+    """The outlines, in the order in which they were begun."""
+    return tuple(Outline(*p.course[:3], bool(p.period), tuple(sorted(p.passes))) for p in parts)
+
+
+def add_pass(parts: Parts, stretch: Stretch, number: int = 0) -> tuple[Parts, int]:
+    """Joins a pass to the outline that it lies on; where there is none it is a new one.
 
     Args:
-        parts: outlines in the making to begin with.
+        parts: outlines in the making.
+        stretch: the pass.
+        number: of the pass.
+
+    Returns:
+        The outlines with it, and the number of the one that has it.
     """
+    step = np.gradient(stretch.points, axis=0)
+    turn = step[:, 0] * stretch.normals[:, 1] - step[:, 1] * stretch.normals[:, 0]
+    way = 1 if np.sum(np.sign(turn)) <= 0 else -1  # with the object on the left
+    points, normals, std, noise = (column[::way] for column in stretch[:4])
+    return _with_part(parts, _closed(Stretch(points, normals, std, noise, _lengths(points)), (number,)))
 
-    def __init__(self, parts: Sequence[_Part] = ()) -> None:
-        self._parts = list(parts)
 
-    def copy(self) -> JoinedPasses:
-        """Another one with the same passes, to which others may be added."""
-        return JoinedPasses(self._parts)
-
-    def add(self, stretch: Stretch, number: int = 0) -> int:
-        """Joins a pass to the outline that it lies on; where there is none it is a new one.
-
-        Args:
-            stretch: the pass.
-            number: of the pass.
-
-        Returns:
-            The number of the outline among `outlines`.
-        """
-        return self._join(_closed(_with_object_on_left(stretch), (number,)))
-
-    def _join(self, part: _Part) -> int:
-        """Joins an outline to those that it touches; the number of the result."""
-        for place, other in enumerate(self._parts):
-            merged = _merged(other, part)
-            if merged is not None:
-                del self._parts[place]
-                found = self._join(merged)
-                self._parts.insert(min(found, place), self._parts.pop(found))
-                return min(found, place)
-        self._parts.append(part)
-        return len(self._parts) - 1
-
-    @property
-    def outlines(self) -> tuple[Outline, ...]:
-        """The outlines, in the order in which they were begun."""
-        return tuple(Outline(*p.course[:3], bool(p.period), tuple(sorted(p.passes))) for p in self._parts)
+def _with_part(parts: Parts, part: _Part) -> tuple[Parts, int]:
+    """Joins an outline to those that it touches; the number of the result."""
+    for place, other in enumerate(parts):
+        merged = _merged(other, part)
+        if merged is not None:
+            found, at = _with_part(parts[:place] + parts[place + 1 :], merged)
+            others, place = found[:at] + found[at + 1 :], min(at, place)
+            return (*others[:place], found[at], *others[place:]), place
+    return (*parts, part), len(parts)
 
 
 def _merged(one: _Part, other: _Part) -> _Part | None:
     """Both outlines as one; None where they do not touch."""
-    by_length = (one, other) if _span(one.course) >= _span(other.course) else (other, one)
+    by_length = sorted((one, other), key=lambda part: part.course.along[0] - part.course.along[-1])
     base, added = by_length if by_length[0].period or not by_length[1].period else by_length[::-1]
     placed = _placed(base.course, base.period, added.course)
     if placed is None:
         return None
-    merged = _joined(base.course, placed)
+    both = Stretch(*(np.concatenate(pair) for pair in zip(base.course, placed, strict=True)))
+    merged = both.select(np.argsort(both.along, kind='stable'))
     passes = tuple(dict.fromkeys((*one.passes, *other.passes)))
     return _Part(_thinned(merged, base.period), base.period, passes) if base.period else _closed(merged, passes)
 
@@ -249,20 +229,12 @@ def _return(course: Stretch) -> int | None:
     """Where a course comes back to its begin for the first time, an index; None where it does not."""
     apart, alike = np.hypot(*(course.points - course.points[0]).T), course.normals @ course.normals[0]
     left = np.flatnonzero((apart > 2 * _LONGEST_GAP) | (alike < -_SAME_NORMAL))  # round a thin pin: its other side
-    if not len(left):
-        return None
     back = (apart < _LONGEST_GAP) & (alike > _SAME_NORMAL)
-    back[: left[0]] = False
-    there = np.flatnonzero(back)
+    there = np.flatnonzero(back & (np.arange(len(back)) >= left[0])) if len(left) else left
     if not len(there):
         return None
-    leaves = np.flatnonzero(np.diff(there) > 1)
-    stay = there[: leaves[0] + 1] if len(leaves) else there
+    stay = there[there - there[0] == np.arange(len(there))]
     return int(stay[apart[stay].argmin()])
-
-
-def _span(course: Stretch) -> float:
-    return float(course.along[-1] - course.along[0])
 
 
 def _thinned(course: Stretch, period: float) -> Stretch:

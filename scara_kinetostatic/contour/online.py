@@ -8,26 +8,33 @@ neither memory nor work grows with the length of a slide.
 The zero of the force is that of the latest free motion, or the one that `tare` took since; each contact has the zero of
 the free motion right before it, as in a recording. A zero that was taken in contact, or that has drifted far, shows
 itself where the tip then moves along the supposed force (`zero_if_free`).
+
+What is seen of it are geometric primitives: outlines, their uncertainty, known objects, the tip and its force.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.contour.contact import LARGEST_ZERO, LONGEST_SMOOTHING, force_zero, zero_if_free
-from scara_kinetostatic.contour.joining import JoinedPasses, Outline
+from scara_kinetostatic.contour.joining import Outline, Parts, add_pass, outlines_of
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import JumpError, trace_signals
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Sensor
+from scara_kinetostatic.model.cell import Disc, Sensor
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.outline import Outline as KnownOutline
+from scara_kinetostatic.model.parameters import quantity
+from scara_kinetostatic.report.markers import FOUND, TEXT, Primitive, Shape, label, object_markers, places
 from scara_kinetostatic.touches.contacts import find_contacts
 from scara_kinetostatic.touches.online import StreamPair
-from scara_kinetostatic.touches.signals import Signals, as_signals
+from scara_kinetostatic.touches.signals import Signals, as_signals, runs
 from scara_kinetostatic.touches.tare import AFTER_CONTACT
 
 SECOND = 1_000_000_000
@@ -64,24 +71,21 @@ class OnlineContour:
         self.arm, self._sensor = arm, sensor or arm.cell.sensor
         self.tip_radius = (arm.cell.tip_radius if tip_radius is None else tip_radius) or 0.0
         self._topics = topics or arm.cell.sensor.topics
-        self._shown = JoinedPasses()
+        self._shown: Parts = ()
         self.restart()
         self.clear()
 
     def restart(self) -> None:
         """Drops samples and zero, as where forces are turned otherwise from here on; the outlines stay."""
-        self._pair, self._joined = self._new_pair(), self._shown
+        self._pair, self._joined = StreamPair(self._topics, 300_000, self._sensor.time_offset), self._shown
         self.zero: Floats | None = None
         self.contour: Contour | None = None
         self._problem = self._event = self._clock_problem = ''
         self._until = 0
 
-    def _new_pair(self) -> StreamPair:
-        return StreamPair(self._topics, 300_000, self._sensor.time_offset)
-
     def clear(self) -> None:
         """Forgets the outlines; what comes begins new ones."""
-        self._joined = self._shown = JoinedPasses()
+        self._joined = self._shown = ()
         self._problem = self._event = self._doubt = self._clock_problem = ''
         self._present = 0
         self._drop(self.now)
@@ -97,7 +101,7 @@ class OnlineContour:
     @property
     def outlines(self) -> tuple[Outline, ...]:
         """The outlines so far, in the order in which they were begun."""
-        return self._shown.outlines
+        return outlines_of(self._shown)
 
     @property
     def present(self) -> Outline | None:
@@ -160,17 +164,17 @@ class OnlineContour:
         if any(len(buffer.samples.stamp) < 2 for buffer in self._pair.buffers):
             return None
         streams = self._pair.streams(_SOURCE)
-        if streams is None:
-            if self._pair.is_refused:
-                self._clock_problem = self._pair.problem
-                self._pair, self._joined = self._new_pair(), self._shown
-            else:
-                self._problem = (
-                    'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
-                )
-            return None
-        self._clock_problem = ''
-        return as_signals(streams, self.arm.cell)
+        if streams is not None:
+            self._clock_problem = ''
+            return as_signals(streams, self.arm.cell)
+        if self._pair.is_refused:
+            self._clock_problem = self._pair.problem
+            self._pair, self._joined = StreamPair(self._topics, 300_000, self._sensor.time_offset), self._shown
+        else:
+            self._problem = (
+                'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
+            )
+        return None
 
     def _last_contact(self, signals: Signals) -> tuple[float, bool]:
         """End of the last contact by the zero that is known, s, and whether it still lasts; minus infinity for none."""
@@ -202,9 +206,9 @@ class OnlineContour:
 
     def _join(self, contour: Contour, signals: Signals, touching: bool, last: float) -> None:
         """Joins the passes of a contour to the outlines, for good where the contact or the path is long past."""
-        self._shown = self._joined.copy()
+        self._shown = self._joined
         for number in range(int(contour.passes.max()) + 1):
-            self._present = self._shown.add(contour.stretch(contour.passes == number))
+            self._shown, self._present = add_pass(self._shown, contour.stretch(contour.passes == number))
         if not touching:
             self._joined = self._shown
             self._drop(signals.start + round(1e9 * last))
@@ -222,3 +226,52 @@ class OnlineContour:
         """Drops the samples before a stamp, ns."""
         for buffer in self._pair.buffers:
             buffer.drop_before(stamp)
+
+
+_BOUND: Colour = (*CALIBRATED_COLOUR[:3], 0.5)
+_ABOVE = 0.012
+"""Height at which a contour is drawn, m: above the objects."""
+
+
+def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> list[Primitive]:
+    """The outlines, and on both sides of each the bounds of its expanded uncertainty (k = 2), magnified.
+
+    There are no bounds where the uncertainty is not known.
+    """
+    made = []
+    for outline in outlines:
+        ring = outline.ring
+        closing = [*range(len(outline.points)), 0][: len(ring)]
+        made.append(Primitive('outlines', Shape.STRIP, places(ring, _ABOVE), CALIBRATED_COLOUR, 0.002))
+        expanded = COVERAGE_FACTOR * outline.std[closing]
+        away = uncertainty_scale * expanded[:, None] * outline.normals[closing]
+        for bound in (ring + away, ring - away):
+            for begin, end in zip(*runs(np.asarray(np.isfinite(bound).all(axis=1))), strict=True):
+                part = places(bound[begin : end + 1], _ABOVE)
+                made += [Primitive('uncertainty', Shape.STRIP, part, _BOUND, 0.0008)] if end > begin else []
+        if np.isfinite(expanded).any() and uncertainty_scale > 0:
+            text = f'±{quantity(float(np.nanmedian(expanded)), "m")} (k = 2), × {uncertainty_scale:g}'
+            x, y = outline.points[outline.points[:, 1].argmin()].tolist()
+            made.append(label('uncertainty', (x, y - 0.03), text, TEXT))
+    return made
+
+
+def known_markers(discs: Sequence[Disc | KnownOutline], tip_radius: float) -> list[Primitive]:
+    """The objects of the cell, as large as their surfaces; a disc is described by the place of the tip's centre."""
+    return object_markers(
+        [
+            disc._replace(radius=disc.radius - tip_radius) if isinstance(disc, Disc) else disc
+            for disc in discs
+            if disc.radius > tip_radius
+        ]
+    )
+
+
+def tip_markers(contour: Contour | None, force_scale: float) -> list[Primitive]:
+    """The last place on the surface with the force of the tip there; none without contact."""
+    if contour is None:
+        return []
+    at, force = contour.surface[-1], contour.force[-1]
+    arrow = places([at - force_scale * force, at], _ABOVE)
+    dot = Primitive('tip', Shape.DOT, places([at], _ABOVE), FOUND, 0.006)
+    return [dot, Primitive('tip', Shape.ARROW, arrow, FOUND, 0.003)]

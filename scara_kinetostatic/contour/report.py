@@ -8,9 +8,8 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup
 
-from scara_kinetostatic.contour.deviation import Deviation
-from scara_kinetostatic.contour.fits import ShapeFit
-from scara_kinetostatic.contour.result import Contour, Friction
+from scara_kinetostatic.contour.fits import Deviation, ShapeFit
+from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.report.content import Figure, Report, Section, Verdict
 from scara_kinetostatic.report.figure import FAINT, SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
@@ -31,39 +30,53 @@ def contour_report(
         deviations: of its outlines from objects of the cell.
         calibration: name of the file of the calibration.
     """
-    compared = (_deviation_sentence(contour, deviation) for deviation in deviations)
-    sentences = (*_sentences(contour), *compared)
+    std, common = (_MICRO * float(np.nanmedian(each)) for each in (contour.std_normal, contour.std_systematic))
+    first = contour.outlines[0]
+    form = 'Closed outline' if first.closed else 'Open outline'
+    more = f', and {count(len(contour.outlines) - 1, "other")}' if len(contour.outlines) > 1 else ''
+    headline = f'{form} of {_MILLI * first.length:.1f} mm{more}, ± {2 * std:.0f} µm along its normal'
+    sentences = (*_sentences(contour), *(_deviation_sentence(contour, deviation) for deviation in deviations))
+    outline = Figure(
+        partial(outline_picture, contour),
+        'The surface in the base frame of the robot; arrows: force of the tip on the object. The radius of the tip, '
+        f'{_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.',
+    )
+    uncertainty = Figure(
+        partial(uncertainty_picture, contour),
+        f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
+        'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.',
+    )
     return Report(
         title='Contour of an object by touch',
-        answer=Verdict(_headline(contour), 'caution' if contour.warnings else 'good', sentences),
+        answer=Verdict(headline, 'caution' if contour.warnings else 'good', sentences),
         source=f'{contour.source}, with the calibration {calibration}',
-        blocks=(_page_section(contour), *fit_sections(fits)),
-        remarks=tuple(contour.warnings),
+        blocks=(Section('Outline', (outline, uncertainty), shown='page'), *fit_sections(fits)),
+        remarks=contour.warnings,
         footer='every point in contour.csv, the outlines in contour.svg and contour.dxf',
     )
 
 
-def _headline(contour: Contour) -> str:
-    first = contour.outlines[0]
-    form = 'Closed outline' if first.closed else 'Open outline'
-    expanded = 2 * _MICRO * float(np.nanmedian(contour.std_normal))
-    more = f', and {count(len(contour.outlines) - 1, "other")}' if len(contour.outlines) > 1 else ''
-    return f'{form} of {_MILLI * first.length:.1f} mm{more}, ± {expanded:.0f} µm along its normal'
-
-
 def _sentences(contour: Contour) -> tuple[str, ...]:
     """What the recording holds and what was cut out."""
-    size = np.hypot(*contour.force.T)
-    low, high = np.quantile(size, (0.05, 0.95))
+    low, high = np.quantile(np.hypot(*contour.force.T), (0.05, 0.95))
+    held = f'{count(len(contour), "point")} in {count(int(contour.passes.max()) + 1, "pass", "passes")}'
     lines = [
-        f'{count(len(contour), "point")} in {count(int(contour.passes.max()) + 1, "pass", "passes")} under '
-        f'{low:.1f} to {high:.1f} N; ± is the expanded uncertainty (k = 2, about 95 %), median of all points.'
+        f'{held} under {low:.1f} to {high:.1f} N; ± is the expanded uncertainty (k = 2, about 95 %), median of all '
+        'points.'
     ]
     cut = [(contour.stuck, 'the tip did not slide'), (contour.lost, 'contact was lost')]
     parts = [f'{seconds:.2f} s in which {what}' for seconds, what in cut if seconds > 0]
-    if parts:
-        lines.append(f'Left out: {" and ".join(parts)}.')
-    return (*lines, _friction_sentence(contour.friction))
+    lines += [f'Left out: {" and ".join(parts)}.'] if parts else []
+    coefficient, std, rotation, rotation_std = contour.friction
+    value = f'Coefficient of friction {coefficient:.3f} ± {std:.3f}'
+    if np.isfinite(rotation):
+        turn = shown(rotation, rotation_std, 'rad', FIT_UNITS).text
+        return (*lines, f'{value}, apparent rotation of the force sensor {turn} (standard uncertainty).')
+    return (
+        *lines,
+        f'{value} (standard uncertainty), if the force sensor is not turned: travel in one direction cannot '
+        'distinguish the two. The normals come from the path of the tip and need neither.',
+    )
 
 
 def _deviation_sentence(contour: Contour, deviation: Deviation) -> str:
@@ -78,68 +91,35 @@ def _deviation_sentence(contour: Contour, deviation: Deviation) -> str:
     )
 
 
-def _friction_sentence(friction: Friction) -> str:
-    value = f'{friction.coefficient:.3f} ± {friction.std:.3f}'
-    if np.isfinite(friction.rotation):
-        turn = shown(friction.rotation, friction.rotation_std, 'rad', FIT_UNITS).text
-        return f'Coefficient of friction {value}, apparent rotation of the force sensor {turn} (standard uncertainty).'
-    return (
-        f'Coefficient of friction {value} (standard uncertainty), if the force sensor is not turned: travel in one '
-        'direction cannot distinguish the two. The normals come from the path of the tip and need neither.'
-    )
-
-
-def _page_section(contour: Contour) -> Section:
-    std, common = (_MICRO * float(np.nanmedian(each)) for each in (contour.std_normal, contour.std_systematic))
-    outline = Figure(
-        partial(outline_picture, contour),
-        'The surface in the base frame of the robot; arrows: force of the tip on the object. The radius of the tip, '
-        f'{_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.',
-    )
-    uncertainty = Figure(
-        partial(uncertainty_picture, contour),
-        f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
-        'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.',
-    )
-    return Section('Outline', (outline, uncertainty), shown='page')
-
-
 def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
     """A table for the fits of one shape to one outline, a row for each, and what does not fit."""
     sections = []
     for outline, shape in dict.fromkeys((fit.outline, fit.shape) for fit in fits):
+        rows, remarks = [], []
         own = [fit for fit in fits if (fit.outline, fit.shape) == (outline, shape)]
-        table = fit_table(own)
-        remarks = (
-            f'Remark: {row[0]} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of the points '
-            '(rms); the parameters and their uncertainties do not describe it.'
-            for fit, row in zip(own, table.rows, strict=True)
-            if not fit.fits
-        )
-        sections.append(Section(f'Outline {outline + 1}: {shape}', (table, *remarks)))
+        for fit in own:
+            name = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
+            values = [
+                shown(*item, FIT_UNITS)._replace(unit='').text
+                if item.std > 0
+                else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}'
+                for item in fit.values.values()
+            ]
+            rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
+            if not fit.fits:
+                remarks.append(
+                    f'Remark: {name} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of the '
+                    'points (rms); the parameters and their uncertainties do not describe it.'
+                )
+        heading = ('fit', *(name.replace('_', ' ') for name in own[0].values), 'rms', 'largest')
+        units = ('', *(FIT_UNITS[item.unit].unit for item in own[0].values.values()), 'µm', 'µm')
+        sections.append(Section(f'Outline {outline + 1}: {shape}', (Table(heading, units, tuple(rows)), *remarks)))
     return sections
-
-
-def fit_table(fits: Sequence[ShapeFit]) -> Table:
-    """The parameters of fits of one shape, a row for each."""
-    rows = []
-    for fit in fits:
-        values = [
-            shown(item.value, item.std, item.unit, FIT_UNITS)._replace(unit='').text
-            if item.std > 0
-            else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}'
-            for item in fit.values
-        ]
-        name = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
-        rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
-    heading = ('fit', *(item.name.replace('_', ' ') for item in fits[0].values), 'rms', 'largest')
-    units = ('', *(FIT_UNITS[item.unit].unit for item in fits[0].values), 'µm', 'µm')
-    return Table(heading, units, tuple(rows))
 
 
 def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Sequence[Deviation]) -> Document:
     """The contour as data, without its points."""
-    f = contour.friction
+    friction = ('coefficient', 'std', 'sensor_rotation', 'sensor_rotation_std')
     return {
         'schema': 'scara_kinetostatic/contour/1',
         'source': contour.source,
@@ -147,12 +127,7 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Seq
         'passes': int(contour.passes.max()) + 1,
         'tip_radius': contour.tip_radius,
         'std_normal': {'median': np.nanmedian(contour.std_normal), 'worst': np.nanmax(contour.std_normal)},
-        'friction': {
-            'coefficient': f.coefficient,
-            'std': f.std,
-            'sensor_rotation': f.rotation,
-            'sensor_rotation_std': f.rotation_std,
-        },
+        'friction': dict(zip(friction, contour.friction, strict=True)),
         'outlines': [
             {'closed': o.closed, 'length': o.length, 'nodes': len(o.points), 'passes': o.passes}
             for o in contour.outlines
@@ -163,7 +138,7 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Seq
                 'shape': fit.shape,
                 'outline': fit.outline,
                 'piece': fit.piece,
-                'values': {v.name: {'value': v.value, 'std': v.std, 'unit': v.unit} for v in fit.values},
+                'values': fit.values,
                 'residual': {'rms': fit.rms, 'largest': fit.largest},
                 'misfit': fit.misfit,
                 'fits': fit.fits,

@@ -12,7 +12,7 @@ here, as in the SVG.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.contour.joining import Outline, Stretch, join_passes
+from scara_kinetostatic.files.columns import csv_lines
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.kinematics import posture
@@ -170,11 +171,10 @@ def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
         if part > allowed
     ]
     step = np.hypot(*np.diff(contour.surface, axis=0).T)[np.diff(contour.passes) == 0]
-    usual = float(np.median(step)) if len(step) else 0.0
-    if usual > 1e-3:
+    if len(step) and np.median(step) > 1e-3:
         remarks.append(
-            f'the points are {1e3 * usual:.1f} mm apart: what lies between is not seen, and edges are cut off; slide '
-            'slower or record joint states at a higher rate'
+            f'the points are {1e3 * float(np.median(step)):.1f} mm apart: what lies between is not seen, and edges are '
+            'cut off; slide slower or record joint states at a higher rate'
         )
     if contour.inner_corner.any():
         remarks.append(
@@ -197,57 +197,47 @@ def csv_text(contour: Contour, deviation: Floats, plane: Plane) -> str:
     Where the plane is stated the points in the robot's frame follow.
     """
     size = np.hypot(*contour.force.T)
-    columns = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size, deviation)
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    lines: Iterable[str] = (
-        f'{t:.6f},{x:.9f},{y:.9f},{nx:.6f},{ny:.6f},{std:.3e},{force:.4f},{off:.3e}'
-        for t, x, y, nx, ny, std, force, off in rows
-    )
-    names: tuple[str, ...] = COLUMNS
+    points = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size, deviation)
+    forms = ('.6f', '.9f', '.9f', '.6f', '.6f', '.3e', '.4f', '.3e')
+    columns = list(zip(COLUMNS, forms, points, strict=True))
     if plane.is_stated:
-        names = (*names, 'robot_x_m', 'robot_y_m', 'robot_z_m')
-        places = plane.in_robot(contour.surface).tolist()
-        lines = (f'{line},{x:.9f},{y:.9f},{z:.9f}' for line, (x, y, z) in zip(lines, places, strict=True))
-    return '\n'.join((','.join(names), *lines)) + '\n'
+        names = ('robot_x_m', 'robot_y_m', 'robot_z_m')
+        columns += zip(names, ('.9f',) * 3, plane.in_robot(contour.surface).T, strict=True)
+    return csv_lines({name: [f'{value:{form}}' for value in values.tolist()] for name, form, values in columns})
 
 
 def svg_text(outlines: Iterable[Outline]) -> str:
     """The outlines in millimetres, y upwards; printed in their size."""
-    outlines = tuple(outlines)
-    points = _MILLI * np.concatenate([outline.points for outline in outlines])
+    nodes = [(_MILLI * outline.points, outline.closed) for outline in outlines]
+    points = np.concatenate([own for own, _ in nodes])
     low, high = points.min(axis=0), points.max(axis=0)
     frame = 0.05 * float((high - low).max()) or 1.0  # blank border
     width, height = high - low + 2 * frame
-    corner = (low[0] - frame, high[1] + frame)
+    left, top = low[0] - frame, high[1] + frame
+    paths = ''
+    for own, closed in nodes:
+        pairs = (f'{x - left:.4f} {top - y:.4f}' for x, y in own.tolist())
+        paths += f'<path d="M{" L".join(pairs)}{" Z" if closed else ""}"/>\n'
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.4f}mm" height="{height:.4f}mm" '
         f'viewBox="0 0 {width:.4f} {height:.4f}">\n'
-        f'<desc>Contour in millimetres; the upper left corner is at x = {corner[0]:.4f}, y = {corner[1]:.4f} in '
-        'the base frame, y upwards.</desc>\n'
+        f'<desc>Contour in millimetres; the upper left corner is at x = {left:.4f}, y = {top:.4f} in the base frame, '
+        'y upwards.</desc>\n'
         f'<g fill="none" stroke="#000000" stroke-width="{max(width, height) / 500:.4f}" stroke-linejoin="round">\n'
-        f'{"".join(_path(_MILLI * outline.points, corner, outline.closed) for outline in outlines)}</g>\n</svg>\n'
+        f'{paths}</g>\n</svg>\n'
     )
-
-
-def _path(points: Floats, corner: tuple[float, float], closed: bool) -> str:
-    pairs = (f'{x - corner[0]:.4f} {corner[1] - y:.4f}' for x, y in points.tolist())
-    return f'<path d="M{" L".join(pairs)}{" Z" if closed else ""}"/>\n'
 
 
 def dxf_text(outlines: Iterable[Outline]) -> str:
     """The outlines as polylines of a DXF file, release 12, in millimetres."""
     pairs = [(999, 'contour in millimetres, base frame of the robot'), (0, 'SECTION'), (2, 'HEADER')]
     pairs += [(9, '$ACADVER'), (1, 'AC1009'), (0, 'ENDSEC'), (0, 'SECTION'), (2, 'ENTITIES')]
-    pairs += [pair for outline in outlines for pair in _polyline(outline)]
+    for outline in outlines:
+        pairs += [(0, 'POLYLINE'), (8, LAYER), (66, '1'), (70, '1' if outline.closed else '0')]
+        pairs += [(10, '0.0'), (20, '0.0'), (30, '0.0')]
+        for x, y in (_MILLI * outline.points).tolist():
+            pairs += [(0, 'VERTEX'), (8, LAYER), (10, f'{x:.6f}'), (20, f'{y:.6f}'), (30, '0.0')]
+        pairs += [(0, 'SEQEND'), (8, LAYER)]
     pairs += [(0, 'ENDSEC'), (0, 'EOF')]
     return ''.join(f'{code:3d}\n{value}\n' for code, value in pairs)
-
-
-def _polyline(outline: Outline) -> Iterator[tuple[int, str]]:
-    """The groups of a polyline: code and value of each."""
-    yield from ((0, 'POLYLINE'), (8, LAYER), (66, '1'), (70, '1' if outline.closed else '0'))
-    yield from ((10, '0.0'), (20, '0.0'), (30, '0.0'))
-    for x, y in (_MILLI * outline.points).tolist():
-        yield from ((0, 'VERTEX'), (8, LAYER), (10, f'{x:.6f}'), (20, f'{y:.6f}'), (30, '0.0'))
-    yield from ((0, 'SEQEND'), (8, LAYER))

@@ -2,9 +2,13 @@
 
 The centre of the tip is at S = H̄(Q, F) of the calibrated arm, and moves along the surface at the distance of the tip's
 radius r: the normal n of its path is that of the surface, and the surface is at P = S - r n. So friction, which turns
-the force, does not turn the normal; the force tells on which side the object is. The direction of travel is that of a
-local fit (`path`). An error δ of the normal's angle moves P along the surface by r δ, and along the normal by
-r δ²/2 only; at an edge, where the surface turns by more than that, the first counts, too.
+the force, does not turn the normal; the force tells on which side the object is. An error δ of the normal's angle moves
+P along the surface by r δ, and along the normal by r δ²/2 only; at an edge, where the surface turns by more than that,
+the first counts, too.
+
+The direction of travel is the derivative of a local quadratic fit of the places over the time in motion. Of windows of
+several lengths (`WINDOWS`) the longest is used whose direction agrees with those of the shorter ones: along a straight
+edge the noise is averaged, at a corner the direction follows.
 
 An error along the surface by the noise of joint angles and force counts there in the same way.
 
@@ -16,19 +20,20 @@ the places; that of the normal and the tip's radius.
 from __future__ import annotations
 
 from dataclasses import replace
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from scara_kinetostatic.contour.contact import ContactSamples, contact_samples
-from scara_kinetostatic.contour.path import Course, course_of, passes_of, speed_of
 from scara_kinetostatic.contour.result import NO_RADIUS, Contour, estimate_friction, off_normal_angle, remarks_on
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Sensor, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.kinematics import posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
 from scara_kinetostatic.model.tip import (
     Force,
@@ -41,6 +46,188 @@ from scara_kinetostatic.model.tip import (
 )
 from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import Streams
+
+WINDOWS = (4e-3, 2e-3, 1e-3, 0.5e-3)
+"""Half lengths of the windows along the path, m."""
+FEWEST = 4
+"""Samples on each side, at least."""
+_AGREE = 3.0
+"""Directions agree where they differ by at most this many standard deviations."""
+
+
+class Course(NamedTuple):
+    """The course of the tip along a surface at n instants.
+
+    Attributes:
+        normal: of the surface, outward unit vectors, (n, 2).
+        along: direction of travel, unit vectors, (n, 2).
+        angle_std: standard uncertainty of their angle, (n,), rad.
+        convex: the largest curvature of the path about the object within the shortest window, less three standard
+            deviations, not below 0, (n,), 1/m.
+        hollow: that away from the object, as in a hole.
+        white: standard deviation of one component of a place without smoothing, (n,), m.
+        end: whether it is the begin or the end of a pass, where the direction is known from one side, (n,).
+    """
+
+    normal: Floats
+    along: Floats
+    angle_std: Floats
+    convex: Floats
+    hollow: Floats
+    white: Floats
+    end: Mask
+
+
+def speed_of(time: Floats, places: Floats, contact: Indices) -> Floats:
+    """Speed of the tip's centre, (n,), m/s: distance over 60 ms within one contact."""
+    period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    half = max(1, round(0.5 * 0.06 / period))
+    first, last = np.searchsorted(contact, contact, 'left'), np.searchsorted(contact, contact, 'right') - 1
+    index = np.arange(len(time))
+    low, high = np.maximum(index - half, first), np.minimum(index + half, last)
+    elapsed = np.maximum(time[high] - time[low], 1e-9)
+    return np.asarray(np.hypot(*(places[high] - places[low]).T) / elapsed)
+
+
+def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
+    """Number of the pass of each place, -1 for none: (n,).
+
+    A pass is a motion without loss of contact and without a reversal; a stick within it is left out.
+    """
+    number = np.full(len(places), -1)
+    used = np.flatnonzero(slides)
+    if not len(used):
+        return number
+    new_contact = np.diff(contact[used]) != 0
+    gap = np.diff(used) > 1
+    index = np.arange(len(used))
+    back, ahead = np.maximum(index - FEWEST, 0), np.minimum(index + FEWEST, len(used) - 1)
+    before, after = places[used] - places[used[back]], places[used[ahead]] - places[used]
+    reversal = gap & ((before[:-1] * after[1:]).sum(axis=1) < 0)
+    number[used] = np.cumsum(np.append(True, new_contact | reversal)) - 1
+    for k in range(number.max() + 1):
+        here = np.flatnonzero(number == k)
+        if np.hypot(*np.ptp(places[here], axis=0)) < 2e-3 or len(here) < 2 * FEWEST + 1:  # m
+            number[here] = -1
+    kept = np.unique(number[number >= 0])
+    return np.where(number >= 0, np.searchsorted(kept, number), -1)
+
+
+def course_of(time: Floats, places: Floats, force: Floats) -> Course:
+    """The course of one pass; the force tells on which side of the path the object is.
+
+    Args:
+        time: (n,), s, increasing; of the motion alone.
+        places: of the tip's centre, (n, 2), m.
+        force: F on the object, (n, 2), N.
+    """
+    count = len(places)
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    clock = np.append(0.0, np.cumsum(np.minimum(steps, 3 * period)))
+    length = float(np.hypot(*np.diff(places, axis=0).T).sum()) / max(count - 1, 1)
+    halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, 400)) for half in WINDOWS]
+    # where the samples are sparse, a further window of two: its difference tells how far the others may be wrong
+    halves = list(dict.fromkeys([*halves, 2] if FEWEST * length > WINDOWS[1] else halves))
+    fits = [_local_fit(clock, places, min(half, (count - 1) // 2)) for half in halves]
+    noise = 1.4826 * float(np.median(np.abs(fits[-1].residual)))
+    angle, std = fits[-1].angle, fits[-1].slope_std * noise
+    agreed, doubt = np.ones(count, dtype=bool), np.zeros(count)
+    for fit in fits[-2::-1]:
+        off = np.abs(np.angle(np.exp(1j * (fit.angle - angle))))
+        doubt = np.where(agreed, off, doubt)  # the error of a fit to a bend grows with the window
+        agreed &= off <= _AGREE * std + 3e-3  # rad; covers errors that change slowly along the path
+        angle, std = np.where(agreed, fit.angle, angle), np.where(agreed, fit.slope_std * noise, std)
+    along = np.column_stack([np.cos(angle), np.sin(angle)])
+    left = quarter_turn(along)
+    side = 1.0 if np.median((force * left).sum(axis=1)) > 0 else -1.0
+    convex, hollow = (_sure_curvature(fits[-1], way, noise, halves[-1]) for way in (side, -side))
+    index = np.arange(count)
+    end = np.minimum(index, index[::-1]) < 3
+    return Course(-side * left, along, np.hypot(std, doubt), convex, hollow, np.full(count, noise), end)
+
+
+def _sure_curvature(fit: _LocalFit, side: float, noise: float, half: int) -> Floats:
+    """The largest curvature to the left (side 1) or right (-1) near each place, less its uncertainty, (n,), 1/m."""
+    sure = np.maximum(side * fit.curvature - _AGREE * noise * fit.curvature_std, 0.0)
+    sure[:FEWEST], sure[-FEWEST:] = sure[FEWEST], sure[-FEWEST - 1]  # at the ends the windows are one-sided
+    half = min(half, (len(sure) - 1) // 2)
+    return np.asarray(sliding_window_view(np.pad(sure, half, mode='edge'), 2 * half + 1).max(axis=1))
+
+
+class _LocalFit(NamedTuple):
+    """A local quadratic fit at n places.
+
+    Attributes:
+        angle: of the derivative, (n,), rad.
+        slope_std: standard deviation of that angle per metre of white noise, (n,), rad/m.
+        curvature: positive to the left, (n,), 1/m.
+        curvature_std: standard deviation of it per metre of white noise, (n,), 1/m².
+        residual: of the places across the path, (n,), m.
+    """
+
+    angle: Floats
+    slope_std: Floats
+    curvature: Floats
+    curvature_std: Floats
+    residual: Floats
+
+
+def _local_fit(clock: Floats, places: Floats, half: int) -> _LocalFit:
+    """Quadratic fits in windows of `half` samples on each side, moved inwards at the ends."""
+    count, size = len(places), max(2 * half + 1, 512)  # worked out together at so many places
+    parts = [
+        _fit_part(clock, places, np.arange(first, min(first + size, count)), half) for first in range(0, count, size)
+    ]
+    return _LocalFit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _LocalFit:
+    """The fits at neighbouring rows: x ≈ a₀ + a₁ v + a₂ v², v the time from the row, by Σ vᵏ and Σ x vᵏ.
+
+    The sums over windows are differences of cumulative sums; these are over few windows, about their middle, so that
+    little is lost by rounding.
+    """
+    width = 2 * half + 1
+    start = np.clip(rows - half, 0, len(places) - width)
+    begin, end = int(start[0]), int(start[-1]) + width
+    middle, center = int(rows[len(rows) // 2]), places[rows]
+    scale = max(float(clock[end - 1] - clock[begin]) * width / (end - begin), 1e-9)
+    u = (clock[begin:end] - clock[middle]) / scale
+    powers = u[:, None] ** np.arange(5)
+    offset = places[begin:end] - places[middle]
+    moments = _window_sums(powers, start - begin, width)
+    products = _window_sums((offset[:, None, :] * powers[:, :3, None]).reshape(-1, 6), start - begin, width)
+    shift = _about(u[rows - begin])
+    of_time = np.einsum('nij,nj->ni', shift, moments)
+    of_place = np.einsum('nij,njc->nic', shift[:, :3, :3], products.reshape(-1, 3, 2))
+    of_place -= of_time[:, :3, None] * (center - places[middle])[:, None, :]
+    normal = of_time[:, np.add.outer(np.arange(3), np.arange(3))] + 1e-12 * np.eye(3)
+    inverse = np.linalg.inv(normal)
+    value = inverse @ of_place
+    slope = value[:, 1]
+    speed = np.maximum(np.hypot(*slope.T), 1e-12)
+    across = quarter_turn(slope) / speed[:, None]
+    leverage = np.clip(1.0 - inverse[:, 0, 0], 0.1, 1.0)
+    residual = -(value[:, 0] * across).sum(axis=1) / np.sqrt(leverage)
+    angle, slope_std = np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed
+    curvature = 2.0 * (value[:, 2] * across).sum(axis=1) / speed**2
+    curvature_std = 2.0 * np.sqrt(inverse[:, 2, 2]) / speed**2
+    return _LocalFit(angle, slope_std, curvature, curvature_std, residual)
+
+
+def _window_sums(values: Floats, start: Indices, width: int) -> Floats:
+    """Sums of values (m, k) over windows that begin at rows `start`, (n,): (n, k)."""
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return np.asarray(sums[start + width] - sums[start])
+
+
+def _about(origin: Floats) -> Floats:
+    """Matrices that turn Σ uᵏ into Σ (u - o)ᵏ, k = 0 … 4, for origins o, (n,): (n, 5, 5)."""
+    k = np.arange(5)
+    power = np.subtract.outer(k, k)
+    binomial = np.array([[comb(i, j) for j in k] for i in k])
+    return np.asarray(np.where(power >= 0, binomial * (-origin[:, None, None]) ** np.maximum(power, 0), 0.0))
 
 
 def metadata_of(arm: CalibratedArm, joints: Floats) -> TouchMetadata:
@@ -167,24 +354,58 @@ def trace_signals(
             'see the assessment in its report, and calibrate with the touches that it asks for',
         )
     number, stuck = _passes(samples, places.center, source, signals.joints.period)
-    passes = [np.flatnonzero(number == k) for k in range(number.max() + 1)]
-    parts = [course_of(samples.time[here], places.center[here], force[here]) for here in passes]
-    course, inside = Course._make(map(np.concatenate, zip(*parts, strict=True))), np.concatenate(passes)
-    across = _across(course, force[inside], number[inside], source)
-    left_out = int((~course.end & ~across).sum())
-    course, used = Course._make(column[across] for column in course), inside[across]
-    contour = _surface(samples, places, force, number, course, used, arm, radius)
+    rows = [np.flatnonzero(number == k) for k in range(number.max() + 1)]
+    parts = [course_of(samples.time[here], places.center[here], force[here]) for here in rows]
+    course, inside = Course._make(map(np.concatenate, zip(*parts, strict=True))), np.concatenate(rows)
+    is_across = _across(course, force[inside], number[inside], source)
+    left_out = int((~course.end & ~is_across).sum())
+    course, used = Course._make(column[is_across] for column in course), inside[is_across]
+    along, n, force, surface = course.along, course.normal, force[used], places.center[used]
+    across, aside = (_along(places.noise[used], way) + course.white**2 for way in (n, along))
+    aside = np.sqrt(aside + (radius * course.angle_std) ** 2)
+    # the path turns away from the object within less than a part of the tip's radius
+    inner_corner = 0.25 * course.hollow * radius > 1.0
+    noise = across + _error_by_normal(course, aside, inner_corner, radius) ** 2
+    common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
+    force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
+    passes = np.unique(number[used], return_inverse=True)[1]
     cut = (f'{left_out} points left out: the force is not across the motion of the tip',) if left_out else ()
-    return replace(contour, source=source, stuck=stuck, warnings=(*samples.warnings, *cut))
+    return Contour(
+        source=source,
+        time=samples.time[used],
+        surface=surface - radius * n,
+        normal=n,
+        std_systematic=np.sqrt(common),
+        std_noise=np.sqrt(noise),
+        force=force,
+        joints=samples.joints[used],
+        passes=passes,
+        by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
+        by_noise=np.einsum('ni,nik->nk', n, places.by_noise[used]),
+        friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
+        inner_corner=inner_corner,
+        tip_radius=radius,
+        zero=samples.zero,
+        lost=samples.lost,
+        stuck=stuck,
+        warnings=(*samples.warnings, *cut),
+    )
 
 
 def _passes(samples: ContactSamples, center: Floats, source: str, period: float) -> tuple[Indices, float]:
     """Number of the pass of each instant, -1 where the tip sticks; and how long it does, s.
 
     Raises:
-        UnsupportedDataError: the tip jumps, or does not slide at all.
+        UnsupportedDataError: the tip jumps while joint states come without a pause, or does not slide at all.
     """
-    contact = _split_at_gaps(samples, center, source, period)
+    elapsed, step = np.diff(samples.time), np.hypot(*np.diff(center, axis=0).T)
+    same, pause = np.diff(samples.contact) == 0, elapsed > max(0.1, 5 * period)
+    usual = float(np.median(step[same])) if same.any() else 0.0
+    jumps = same & ~pause & (step * period / np.maximum(elapsed, 0.2 * period) > max(1e-3, 8 * usual))
+    if jumps.any():
+        first = int(jumps.argmax())
+        raise JumpError(source, float(step[first]), float(samples.time[first + 1]))
+    contact = samples.contact + np.append(0, np.cumsum(pause & same))  # a pause is as a loss of contact
     speed = speed_of(samples.time, center, contact)
     slides = speed > 0.1 * np.quantile(speed, 0.75)  # rather than sticks
     number = passes_of(center, contact, slides)
@@ -194,24 +415,6 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
             'record a slide of some millimetres at least; a recording of touches is for calibrate',
         )
     return number, float((~slides).sum() * period)
-
-
-def _split_at_gaps(samples: ContactSamples, center: Floats, source: str, period: float) -> Indices:
-    """Numbers of the contacts, a pause of the joint states as a loss of contact.
-
-    Raises:
-        JumpError: the tip jumps while joint states come without a pause.
-    """
-    elapsed = np.diff(samples.time)
-    step = np.hypot(*np.diff(center, axis=0).T)
-    same = np.diff(samples.contact) == 0
-    pause = elapsed > max(0.1, 5 * period)
-    usual = float(np.median(step[same])) if same.any() else 0.0
-    speed = step * period / np.maximum(elapsed, 0.2 * period)
-    jumps = np.flatnonzero(same & ~pause & (speed > max(1e-3, 8 * usual)))
-    if len(jumps):
-        raise JumpError(source, float(step[jumps[0]]), float(samples.time[jumps[0] + 1]))
-    return samples.contact + np.append(0, np.cumsum(pause & same))
 
 
 def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask:
@@ -231,49 +434,6 @@ def _across(course: Course, force: Floats, number: Indices, source: str) -> Mask
         problem = f'{source}: the force is not across the motion of the tip at {100 * part:.0f} % of the points'
         raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
     return across
-
-
-def _surface(
-    samples: ContactSamples,
-    places: TipPlaces,
-    force: Floats,
-    number: Indices,
-    course: Course,
-    used: Indices,
-    arm: CalibratedArm,
-    radius: float,
-) -> Contour:
-    """The surface at the instants that are used."""
-    n, along, force = course.normal, course.along, force[used]
-    passes = np.unique(number[used], return_inverse=True)[1]
-    across, aside = (_along(places.noise[used], way) + course.white**2 for way in (n, along))
-    aside = np.sqrt(aside + (radius * course.angle_std) ** 2)
-    # the path turns away from the object within less than a part of the tip's radius
-    inner_corner = 0.25 * course.hollow * radius > 1.0
-    by_normal = _error_by_normal(course, aside, inner_corner, radius)
-    noise = across + by_normal**2
-    common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
-    force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
-    return Contour(
-        source='',
-        time=samples.time[used],
-        surface=places.center[used] - radius * n,
-        normal=n,
-        std_systematic=np.sqrt(common),
-        std_noise=np.sqrt(noise),
-        force=force,
-        joints=samples.joints[used],
-        passes=passes,
-        by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
-        by_noise=np.einsum('ni,nik->nk', n, places.by_noise[used]),
-        friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
-        inner_corner=inner_corner,
-        tip_radius=radius,
-        zero=samples.zero,
-        lost=samples.lost,
-        stuck=0.0,
-        warnings=(),
-    )
 
 
 def _error_by_normal(course: Course, aside: Floats, inner_corner: Mask, radius: float) -> Floats:

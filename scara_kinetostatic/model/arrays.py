@@ -1,7 +1,8 @@
-"""Types of the arrays of the package, whose shapes and units are in the docstrings; rms; vectors as complex numbers."""
+"""Types of arrays, their shapes and units are in the docstrings; rms, correlation; vectors as complex numbers."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +19,17 @@ _Array = TypeVar('_Array', bound=NDArray[Any])
 def rms(values: Floats) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))
+
+
+def correlated_samples(parts: Sequence[Floats]) -> float:
+    """Number of neighbours whose errors are alike: 1 + 2 Σ ρ up to the first autocorrelation ρ that is not above 0."""
+    size = 2 * max(map(len, parts))
+    power = np.sum([np.abs(np.fft.rfft(part, size)) ** 2 for part in parts], axis=0)
+    products = np.fft.irfft(power, size)[: size // 2]  # sums of products a lag apart
+    if not products[0] > 0:
+        return 1.0
+    end = int(np.argmax(products <= 0)) or len(products)
+    return float(1.0 + 2.0 * (products[1:end] / products[0]).sum())
 
 
 def read_only(array: _Array) -> _Array:

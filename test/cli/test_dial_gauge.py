@@ -10,7 +10,7 @@ import pytest
 from cli.command import Run
 from studies.gauge_table import GAP, dump_readings, dump_record, record, some
 
-from scara_kinetostatic.studies.paper.dial_gauge import simulate_experiments
+from scara_kinetostatic.studies.paper.study import simulate_experiments
 
 DIRECTIONS = np.radians([0, 60, 120]).tolist()
 TABLE = dump_readings(simulate_experiments(directions=DIRECTIONS, levels=(10.0, 20.0, 30.0), seed=2))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from contour.slides import CELL, DISC, SQUARE, arm
 
-from scara_kinetostatic.contour.deviation import deviations, of_all_points
+from scara_kinetostatic.contour.fits import deviations, of_all_points
 from scara_kinetostatic.contour.report import contour_document, contour_report
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.cell import Disc

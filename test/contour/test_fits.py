@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from contour.slides import CELL, DISC, arm
 
-from scara_kinetostatic.contour.deviation import of_all_points
-from scara_kinetostatic.contour.fits import fit_shape
+from scara_kinetostatic.contour.fits import fit_shape, of_all_points
 from scara_kinetostatic.contour.report import contour_report
 from scara_kinetostatic.contour.result import COLUMNS, csv_text, dxf_text, svg_text
 from scara_kinetostatic.contour.trace import trace_contour

@@ -10,8 +10,7 @@ from contour.slides import CELL, DISC, OBJECTS, SQUARE, arm
 
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.fits import fit_shape
-from scara_kinetostatic.contour.path import Course
-from scara_kinetostatic.contour.trace import _across, trace_contour
+from scara_kinetostatic.contour.trace import Course, _across, trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign

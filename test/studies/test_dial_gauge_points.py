@@ -15,7 +15,7 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.studies.loops.dial_gauge import DirectionMap, Part, analyse_runs, direction_map
 from scara_kinetostatic.studies.loops.estimates import Estimate
 from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, TIP, Readings, table_readings
-from scara_kinetostatic.studies.paper.dial_gauge import DialGaugeBench, load_cycles, simulate_experiments
+from scara_kinetostatic.studies.paper.study import DialGaugeBench, load_cycles, simulate_experiments
 
 BENCH, EXACT = DialGaugeBench(), DialGaugeBench(noise=0.0)
 
@@ -103,7 +103,7 @@ def test_no_ellipse_from_two_axes_or_from_no_gap():
 
 def joint_at_the_tip(seed: int) -> Readings:
     """Joint and gripper in series."""
-    run = BENCH.joint(np.random.default_rng(seed), 2)
+    run = BENCH.run(np.random.default_rng(seed), JOINT2)
     _, sense, _ = load_cycles()
     gripper = BENCH.p_ee * run.force + BENCH.gripper_gap(0.0) / 2 * sense
     return replace(run, displacement=run.displacement + gripper, gauge_at=TIP)
@@ -113,7 +113,7 @@ def test_at_the_tip_the_gripper_along_the_same_direction_is_subtracted():
     z = []
     for seed in range(12):
         rng = np.random.default_rng(seed + 1000)
-        gripper = [BENCH.gripper(rng, direction) for direction in (np.pi / 2, np.pi)]
+        gripper = [BENCH.run(rng, GRIPPER, direction) for direction in (np.pi / 2, np.pi)]
         part = analyse_runs([*gripper, joint_at_the_tip(seed)])[0][JOINT2]
         z.append(
             ((part.compliance.value - BENCH.p[1]) / part.compliance.std, (part.gap.value - BENCH.gap[1]) / part.gap.std)
@@ -123,14 +123,14 @@ def test_at_the_tip_the_gripper_along_the_same_direction_is_subtracted():
 
 
 def test_at_the_tip_without_the_gripper_it_is_said_what_the_numbers_include():
-    across = BENCH.gripper(np.random.default_rng(0), np.pi / 2)
+    across = BENCH.run(np.random.default_rng(0), GRIPPER, np.pi / 2)
     for readings in ([joint_at_the_tip(0)], [across, joint_at_the_tip(0)]):
         parts, warnings = analyse_runs(readings)
         assert parts[JOINT2].compliance.value == pytest.approx(BENCH.p[1] + BENCH.p_ee / 0.33**2, rel=0.01)
         assert any('include those of the gripper' in warning for warning in warnings)
 
 
-ONE = BENCH.gripper(np.random.default_rng(7), 0.0)
+ONE = BENCH.run(np.random.default_rng(7), GRIPPER)
 
 
 def test_a_wrong_sign_a_wrong_unit_and_a_slip_are_pointed_out():
@@ -151,7 +151,7 @@ def test_repeated_runs_that_disagree_are_reported_and_widen_the_mean():
     rng = np.random.default_rng(0)
     runs = []
     for gap in (2.0e-4, 3.0e-4):
-        runs.append(replace(BENCH, gap=(gap, 0.0)).joint(rng, 1))
+        runs.append(replace(BENCH, gap=(gap, 0.0)).run(rng, JOINT1))
     parts, warnings = analyse_runs(runs)
     part = parts[JOINT1]
     assert len(part.runs) == 2
@@ -170,7 +170,7 @@ def test_what_cannot_be_analysed_is_named():
 @pytest.mark.parametrize(('joint', 'lever'), [(1, 0.66), (2, 0.33)])
 def test_a_simulated_joint_moves_the_end_as_the_model_does(joint, lever):
     """ΔS by H̄, to first order in the deflection."""
-    run = EXACT.joint(np.random.default_rng(0), joint)
+    run = EXACT.run(np.random.default_rng(0), f'joint{joint}')
     assert run.lever == pytest.approx(lever)
     p, g = np.array(BENCH.p), np.array(BENCH.gap) / 2
     p[2 - joint], g[2 - joint] = 0.0, 0.0

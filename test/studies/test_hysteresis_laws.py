@@ -11,8 +11,7 @@ from studies.hysteresis import SLIPS, TRUTH, slipping
 from benchmark.hysteresis import exact_force, simulate_record
 from scara_kinetostatic.studies.loops.fit import Moments, evaluate, fit_law
 from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS
-from scara_kinetostatic.studies.loops.path import RecordPath
-from scara_kinetostatic.studies.loops.record import MOTION
+from scara_kinetostatic.studies.loops.record import MOTION, RecordPath
 from scara_kinetostatic.studies.loops.selection import Study
 
 LAWS = {law.name: law for law in MOTION_LAWS}

@@ -12,8 +12,7 @@ from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.play_operator import play_operator
 from scara_kinetostatic.report import as_page, as_text, plain
 from scara_kinetostatic.studies.loops.dependence import p_independent
-from scara_kinetostatic.studies.loops.path import RecordPath
-from scara_kinetostatic.studies.loops.record import Record
+from scara_kinetostatic.studies.loops.record import Record, RecordPath
 from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report, verdict
 from scara_kinetostatic.studies.loops.selection import Selection, Study, predict_records, select_model
 

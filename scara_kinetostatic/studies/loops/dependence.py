@@ -25,24 +25,33 @@ many degrees of freedom as records, so that evidence adds up.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.studies.loops.fit import effective_count
-from scara_kinetostatic.studies.loops.path import RecordPath, block_means
-from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, UNLOADED_BELOW
+from scara_kinetostatic.studies.loops.record import (
+    FEWEST_ROWS,
+    LEVEL,
+    LOAD,
+    MOTION,
+    UNLOADED_BELOW,
+    RecordPath,
+    block_means,
+)
 
 _BINS = 16
-
-
 POWER = 0.9
-_OF_LOOPS = ('driver', 'driver_sense', 'speed', 'distance_sense', 'time')
-_DRIVER = {MOTION: 'displacement', LOAD: 'load'}
+_Test = tuple[float, float, float]
+_UNTESTED = float('nan'), 0.0, 0.0
+_OF_LOOPS = {
+    MOTION: ('displacement', 'displacement_sense', 'speed', 'distance_sense', 'time'),
+    LOAD: ('load', 'load_sense', 'speed', 'distance_sense', 'time'),
+}
+"""By what drives; with the sense of the motion or not."""
 _OF_LOAD = ('memory', 'load', 'time')
 VARIABLES = {
     'displacement': 'the {response}',
@@ -85,25 +94,25 @@ def p_independent(found: Sequence[Dependence]) -> float:
     return min([1.0, *(len(found) * each.p_value for each in found if each.is_tested)])
 
 
-def loop_dependences(paths: Sequence[RecordPath], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
-    """Dependence on all variables of loops, in decreasing order of the explained share.
+def dependences(paths: Sequence[RecordPath], residuals: Sequence[Floats], in_loops: bool) -> tuple[Dependence, ...]:
+    """Dependence on all variables, in decreasing order of the explained share.
 
     Args:
-        paths: the records as measured; one that is not in loops does not count.
-        residuals: of each, (n,); the first sweep does not count.
+        paths: the records as measured.
+        residuals: of each, (n,), m or rad; N or Nm where the motion drives.
+        in_loops: whether it is tested in loops: a record that is not in loops does not count, nor does a first sweep.
     """
-    records = list(zip(paths, residuals, strict=True))
-    squares = np.array([float((r[path.scored] ** 2).sum()) if path.in_loops else 0.0 for path, r in records])
-    driven_by = paths[0].driven_by
-    weights = squares / squares.sum() if squares.any() else np.ones(len(squares)) / len(squares)
-    found = []
-    for variable in _OF_LOOPS:
-        name = variable.replace('driver', _DRIVER[driven_by])
-        tested = (_on_variable(path, r, variable) if path.in_loops else (0.0, np.nan, 1.0) for path, r in records)
-        shares, p_values, detectable = zip(*tested, strict=True)
-        by_record = p_values if driven_by == LOAD else ()
-        found.append(Dependence(name, float(weights @ shares), _fisher(p_values), min(detectable), by_record))
-    return _by_share(found)
+    test = _in_loops if in_loops else _from_rest_to_rest
+    tested = [test(path, residual) for path, residual in zip(paths, residuals, strict=True)]
+    is_motion, total, found = paths[0].driven_by == MOTION, sum(square for square, _ in tested), []
+    for name in _OF_LOOPS[paths[0].driven_by] if in_loops else _OF_LOAD:
+        each = [by_variable.get(name, (np.nan, 0.0, 1.0)) for _, by_variable in tested]
+        p_values, explained, detectable = zip(*each, strict=True)
+        p_value, share = _fisher(p_values), sum(explained) / total if total > 0 else 0.0
+        limit = sum(detectable) / total if total > 0 else 0.0
+        limit = min(detectable) if in_loops else min(limit, 1.0) if p_value >= 0 else np.nan
+        found.append(Dependence(name, share, p_value, limit, () if is_motion else p_values))
+    return tuple(sorted(found, key=lambda each: -each.share))
 
 
 def _fisher(p_values: Sequence[float]) -> float:
@@ -114,51 +123,42 @@ def _fisher(p_values: Sequence[float]) -> float:
     return float(stats.chi2.sf(-2 * np.log(np.maximum(finite, 1e-300)).sum(), 2 * len(finite)))
 
 
-def _by_share(found: Iterable[Dependence]) -> tuple[Dependence, ...]:
-    return tuple(sorted(found, key=lambda each: -each.share))
-
-
-def _on_variable(path: RecordPath, residual: Floats, variable: str) -> tuple[float, float, float]:
-    """Share, p-value and detectable share of one record."""
-    place = _bin(path, variable)
-    odd = path.cycle % 2 == 1
-    unexplained, p_values, detectable = residual.copy(), [], []
-    for fitted in (odd & path.scored, ~odd & path.scored):
-        held_out = path.scored & ~fitted
-        count, total = (
-            np.bincount(place[fitted], weights=weights, minlength=2 * _BINS) for weights in (None, residual[fitted])
-        )
-        curve = (total / np.maximum(count, 1))[place]  # mean of each bin; 0 for an empty one
-        unexplained[held_out] -= curve[held_out]
-        sums = [
-            np.bincount(path.sweep[held_out], weights=values[held_out], minlength=path.sweeps)
-            for values in (residual * curve, residual**2, curve**2, np.ones(len(path.time)))
-        ]
-        size = np.sqrt(sums[1] * sums[2])
-        counts = (size > 0) & (sums[3] >= FEWEST_ROWS)
-        alike = sums[0][counts] / size[counts]
-        p_values.append(p_positive(alike))
-        detectable.append(_detectable(alike))
-    rows = path.scored
-    share = 1 - float((unexplained[rows] ** 2).sum() / (residual[rows] ** 2).sum()) if np.any(residual[rows]) else 0.0
-    return share, min(1.0, 2 * min(p_values)), min(detectable)
-
-
-def _detectable(alike: Floats) -> float:
-    """Square of the mean correlation that the test would have found."""
-    free = len(alike) - 1
-    if free < 1:
-        return 1.0
-    level = LEVEL / (4 * len(_OF_LOOPS))  # half of it, shared among the variables and the halves
-    quantiles = stats.t.isf(level, free) + stats.t.isf(1 - POWER, free)
-    return min(1.0, float(quantiles**2 * alike.var(ddof=1) / len(alike)))
-
-
-def _bin(path: RecordPath, variable: str) -> NDArray[np.int64]:
-    values: Floats = getattr(path, variable.removesuffix('_sense'))
-    steps = _BINS * (values - values.min()) / (np.ptp(values) or 1.0)
-    place = np.minimum(steps.astype(np.int64), _BINS - 1)
-    return place + _BINS * (path.sense > 0) if variable.endswith('_sense') else place
+def _in_loops(path: RecordPath, residual: Floats) -> tuple[float, dict[str, _Test]]:
+    """Sum of squares; p-value, explained part of it, and share that would have been found, by variable."""
+    if not path.in_loops:
+        return 0.0, {}
+    rows, odd, found = path.scored, path.sweep // 2 % 2 == 1, {}
+    square = float((residual[rows] ** 2).sum())
+    for variable in _OF_LOOPS[path.driven_by]:
+        word = variable.removesuffix('_sense')
+        values: Floats = path.driver if word in ('displacement', 'load') else getattr(path, word)
+        steps = _BINS * (values - values.min()) / (np.ptp(values) or 1.0)
+        place = np.minimum(steps.astype(np.int64), _BINS - 1)
+        place += _BINS * (path.sense > 0) if variable.endswith('_sense') else 0
+        unexplained, p_values, detectable = residual.copy(), [], []
+        for fitted in (odd & rows, ~odd & rows):
+            held_out = rows & ~fitted
+            count, total = (
+                np.bincount(place[fitted], weights=weights, minlength=2 * _BINS) for weights in (None, residual[fitted])
+            )
+            curve = (total / np.maximum(count, 1))[place]  # mean of each bin; 0 for an empty one
+            unexplained[held_out] -= curve[held_out]
+            sums = [
+                np.bincount(path.sweep[held_out], weights=values[held_out], minlength=path.sweeps)
+                for values in (residual * curve, residual**2, curve**2, np.ones(len(path.time)))
+            ]
+            size = np.sqrt(sums[1] * sums[2])
+            counts = (size > 0) & (sums[3] >= FEWEST_ROWS)
+            alike = sums[0][counts] / size[counts]
+            p_values.append(p_positive(alike))
+            limit = 1.0
+            if len(alike) > 1:  # the square of the mean correlation that the test would have found
+                quantiles = _quantiles(len(alike) - 1, len(_OF_LOOPS[path.driven_by]))
+                limit = min(1.0, float(quantiles**2 * alike.var(ddof=1) / len(alike)))
+            detectable.append(limit)
+        explained = square - float((unexplained[rows] ** 2).sum())
+        found[variable] = min(1.0, 2 * min(p_values)), explained, min(detectable)
+    return square, found
 
 
 def p_positive(values: Floats) -> float:
@@ -168,25 +168,7 @@ def p_positive(values: Floats) -> float:
     return float(stats.ttest_1samp(values, 0.0, alternative='greater').pvalue)
 
 
-def load_dependences(paths: Sequence[RecordPath], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
-    """Dependence on all variables of loads, in decreasing order of the explained share.
-
-    Args:
-        paths: the records as measured.
-        residuals: of each record, (n,), m or rad.
-    """
-    tested = [_record(path, residual) for path, residual in zip(paths, residuals, strict=True)]
-    total = sum(square for square, _ in tested)
-    found = []
-    for variable in _OF_LOAD:
-        p_values, explained, detectable = zip(*(by_variable[variable] for _, by_variable in tested), strict=True)
-        share, limit = ((sum(each) / total if total > 0 else 0.0) for each in (explained, detectable))
-        p_value = _fisher(p_values)
-        found.append(Dependence(variable, share, p_value, min(limit, 1.0) if p_value >= 0 else np.nan, p_values))
-    return _by_share(found)
-
-
-def _record(path: RecordPath, residual: Floats) -> tuple[float, dict[str, tuple[float, float, float]]]:
+def _from_rest_to_rest(path: RecordPath, residual: Floats) -> tuple[float, dict[str, _Test]]:
     """Sum of squares of the block means less that at rest; p-value, explained and detectable part of it by variable."""
     loaded = path.known & (np.abs(path.smooth) >= UNLOADED_BELOW * path.size)
     before, after = (_blocks(path, residual, rows) for rows in (path.rest, _at_rest_again(path)))
@@ -214,15 +196,15 @@ def _blocks(path: RecordPath, values: Floats, rows: Mask) -> Floats:
     return np.concatenate([*found, np.empty(0)])
 
 
-def _quantiles(free: float) -> float:
-    """Standard deviations of a quantity that a two-sided test would have found."""
-    return float(stats.t.isf(LEVEL / (4 * len(_OF_LOAD)), free) + stats.t.isf(1 - POWER, free))
+def _quantiles(free: float, tests: int = len(_OF_LOAD)) -> float:
+    """Standard deviations of a quantity that one of so many tests, each of them double, would have found."""
+    return float(stats.t.isf(LEVEL / (4 * tests), free) + stats.t.isf(1 - POWER, free))
 
 
-def _difference(before: Floats, after: Floats, tolerance: float) -> tuple[float, float, float]:
+def _difference(before: Floats, after: Floats, tolerance: float) -> _Test:
     """p-value of equal means, and the sums of squares that the difference explains, and that would have been found."""
     if min(len(before), len(after)) < 2:
-        return float('nan'), 0.0, 0.0
+        return _UNTESTED
     difference = float(after.mean() - before.mean())
     parts = [float(each.var(ddof=1)) / len(each) for each in (before, after)]
     variance = sum(parts) + tolerance**2
@@ -232,18 +214,16 @@ def _difference(before: Floats, after: Floats, tolerance: float) -> tuple[float,
     return p_value, difference**2 * len(after), found
 
 
-def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> list[tuple[float, float, float]]:
+def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> list[_Test]:
     """p-values of no slope over load and over time, and the sums of squares as for `_difference`."""
     count = len(residual)
-    unknown = [(float('nan'), 0.0, 0.0)] * 2
-    # two slopes and their scatter
-    if count < 6 or not np.ptp(residual) > 0:
-        return unknown
+    if count < 6 or not np.ptp(residual) > 0:  # two slopes and their scatter
+        return [_UNTESTED] * 2
     design = np.column_stack([np.ones(count), load - load.mean(), time - time.mean()])
     design[:, 1:] /= np.maximum(np.abs(design[:, 1:]).max(axis=0), 1e-300)
     beta, _, rank, _ = np.linalg.lstsq(design, residual, rcond=1e-6)
     if rank < 3:
-        return unknown
+        return [_UNTESTED] * 2
     left = residual - design @ beta
     free = max(effective_count(left) - 3.0, 1.0) if np.ptp(left) > 0 else count - 3.0
     variance = float(left @ left) / free * np.diagonal(np.linalg.inv(design.T @ design)) + tolerance**2

@@ -44,20 +44,25 @@ def dial_gauge_document(analysis: DialGaugeAnalysis) -> Document:
         'version': __version__,
         'parts': {part.name: _part(part) for part in analysis.parts.values()},
         'loops': [
-            {
-                'source': loops.record.source,
-                'senses': {sense.name: sense for sense in loops.senses},
-                'rejected': loops.rejected,
-            }
-            for loops in analysis.loops
+            {'source': each.record.source, 'senses': {own.name: own for own in each.senses}, 'rejected': each.rejected}
+            for each in analysis.loops
         ],
         'warnings': analysis.warnings,
     }
 
 
 def _part(part: Part) -> Document:
-    maps = {what: _map(each) for what, each in part.maps.items()}
     found = {**_quantities(part), 'runs': [_run(run) for run in part.runs]}
+    maps = {
+        what: {
+            'mean': each.mean,
+            'smallest': each.value.min(),
+            'largest': each.value.max(),
+            'isotropy': each.isotropy,
+            'ellipse': each.ellipse,
+        }
+        for what, each in part.maps.items()
+    }
     return found | ({'over_direction': maps} if maps else {})
 
 
@@ -84,16 +89,6 @@ def _run(run: Run) -> Document:
     }
 
 
-def _map(each: DirectionMap) -> Document:
-    return {
-        'mean': each.mean,
-        'smallest': each.value.min(),
-        'largest': each.value.max(),
-        'isotropy': each.isotropy,
-        'ellipse': each.ellipse,
-    }
-
-
 def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
     """The result of dial gauge experiments for the terminal and as a page."""
     blocks: list[Block] = [
@@ -106,10 +101,7 @@ def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
         )
         blocks.append(Section('Summary', (summary_table(analysis), note)))
     blocks += [_loop_section(loops, f'loop{k}') for k, loops in enumerate(analysis.loops)]
-    what = [
-        *(TITLES[name] for name in analysis.parts),
-        *(f'loops of {loops.record.source}' for loops in analysis.loops),
-    ]
+    what = [TITLES[name] for name in analysis.parts] + [f'loops of {each.record.source}' for each in analysis.loops]
     return Report(
         title='Compliance and backlash by dial gauge',
         answer=Verdict(f'Compliance and backlash: {", ".join(what)}'),
@@ -164,14 +156,13 @@ def _map_sentences(part: Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
     for what, each in part.maps.items():
-        unit = f'µ{each.mean.unit}'
+        unit, ellipse = f'µ{each.mean.unit}', each.ellipse
         if each.isotropy.p_value >= FALSE_ALARM_LEVEL:
             found.append(f'The {what} is equal in all directions within its uncertainty ({_test(each.isotropy)}).')
             continue
         text = f'The {what} depends on the direction ({_test(each.isotropy)}): '
         text += f'{1e6 * each.value.min():.4g} … {1e6 * each.value.max():.4g} {unit}'
-        if each.ellipse is not None:
-            ellipse = each.ellipse
+        if ellipse is not None:
             fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
             limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} {unit}'
             text += f'; ellipse from {limits}, largest at {with_std(ellipse.axis, 180 / np.pi)}°{fits}'
@@ -262,12 +253,11 @@ def _loop_table(loops: LoopAnalysis) -> Table:
     """Mean, definitional uncertainty and consistency of gap and compliance after the reversals of each sense."""
     rows = []
     for sense in loops.senses:
-        quantities = ('gap', 'µm', 1e6, sense.gap), ('compliance', 'nm/N', 1e9, sense.compliance)
-        for what, unit, factor, test in quantities:
+        for what, unit, factor, test in ('gap', 'µm', 1e6, sense.gap), ('compliance', 'nm/N', 1e9, sense.compliance):
             definitional = float(f'{factor * test.definitional_uncertainty:.2g}')
             rows.append((sense.name, what, with_std(test.estimate, factor), f'{definitional:g}', unit, _test(test)))
-        rows.append((sense.name, 'force inside the gap', f'{sense.gap_force:.0f}', '', 'N', ''))
-        rows.append((sense.name, 'force at the plateau', f'{sense.slip_force:.0f}', '', 'N', ''))
+        for where, force in ('inside the gap', sense.gap_force), ('at the plateau', sense.slip_force):
+            rows.append((sense.name, f'force {where}', f'{force:.0f}', '', 'N', ''))
     heading = ('displacement', '', 'mean', 'definitional ±', '', 'consistency of the reversals')
     return Table(heading, ('',) * len(heading), tuple(rows))
 

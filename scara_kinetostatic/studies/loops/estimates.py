@@ -33,8 +33,8 @@ class Estimate(NamedTuple):
 
 def mean(estimates: Sequence[Estimate]) -> Estimate:
     """The unweighted mean of independent estimates."""
-    values, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
-    return Estimate(float(values.mean()), float(np.sqrt((std**2).sum())) / len(values), estimates[0].unit)
+    values, std, units = zip(*estimates, strict=True)
+    return Estimate(float(np.mean(values)), float(np.linalg.norm(std)) / len(values), units[0])
 
 
 class LeastSquares(NamedTuple):
@@ -44,9 +44,9 @@ class LeastSquares(NamedTuple):
         beta: coefficients β, (k,).
         unscaled: (XᵀX)⁻¹, (k, k).
         basis: orthonormal basis of the columns of X, (n, k).
-        residual: (n,), m.
-        sigma: standard deviation of a reading, m; at least `floor`.
-        floor: smallest standard deviation that the arithmetic or the resolution allows, m.
+        residual: (n,).
+        sigma: standard deviation of y; at least `floor`.
+        floor: smallest standard deviation that the arithmetic or the resolution allows.
         dof: degrees of freedom.
     """
 
@@ -63,42 +63,28 @@ class LeastSquares(NamedTuple):
         return Estimate(float(row @ self.beta), self.sigma * float(np.sqrt(row @ self.unscaled @ row)), unit)
 
 
-def least_squares(design: Floats, displacement: Floats) -> LeastSquares:
-    """Least squares of one run.
-
-    Args:
-        design: X, (n, k).
-        displacement: y, (n,), m.
+def least_squares(design: Floats, values: Floats) -> LeastSquares:
+    """Least squares of values y, (n,), with a design X, (n, k).
 
     Raises:
-        UnsupportedDataError: too few rows, or linearly dependent columns.
+        UnsupportedDataError: linearly dependent columns.
     """
-    dof = len(displacement) - design.shape[1]
-    if dof < 1:
-        need = design.shape[1] + 1
-        raise UnsupportedDataError(
-            f'{len(displacement)} rows under load are too few, this run needs {need} or more',
-            'take more loads in each sense',
-        )
-    scale = np.linalg.norm(design, axis=0)
+    scale, dof = np.linalg.norm(design, axis=0), len(values) - design.shape[1]
     basis, triangle = np.linalg.qr(design / scale)
     if np.abs(np.diag(triangle)).min() < 1e-8:
         raise UnsupportedDataError('one sense of the load has a single level', 'take two or more loads in each sense')
-    inverse = np.linalg.inv(triangle) / scale[:, None]
-    beta = inverse @ (basis.T @ displacement)
-    residual = displacement - basis @ (basis.T @ displacement)
-    sigma = float(np.sqrt(residual @ residual / dof))
-    floor = 1e-9 * float(np.abs(displacement).max())  # below it residuals are rounding errors of the arithmetic
-    return LeastSquares(beta, inverse @ inverse.T, basis, residual, max(sigma, floor), floor, dof)
+    inverse, along = np.linalg.inv(triangle) / scale[:, None], basis.T @ values
+    residual = values - basis @ along
+    floor = 1e-9 * float(np.abs(values).max())  # below it residuals are rounding errors of the arithmetic
+    sigma = max(float(np.sqrt(residual @ residual / max(dof, 1))), floor)
+    return LeastSquares(inverse @ along, inverse @ inverse.T, basis, residual, sigma, floor, dof)
 
 
 def find_resolution(displacement: Floats) -> float:
     """Resolution of the gauge: the largest of 1, 2, 5 × 10ⁿ m of which all readings are multiples; 0 if below 10 nm."""
-    for exponent in range(-3, -9, -1):
-        for digit in (5, 2, 1):
-            multiple = displacement / (digit * 10.0**exponent)
-            if np.all(np.abs(multiple - np.round(multiple)) < 1e-5):
-                return digit * 10.0**exponent
+    for step in (digit * 10.0**exponent for exponent in range(-3, -9, -1) for digit in (5, 2, 1)):
+        if np.all(np.abs(displacement / step - np.round(displacement / step)) < 1e-5):
+            return step
     return 0.0
 
 

@@ -25,10 +25,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Mask, correlated_samples
 from scara_kinetostatic.studies.loops.laws import Law, Shape, Values, reported
-from scara_kinetostatic.studies.loops.path import RecordPath, block_means
-from scara_kinetostatic.studies.loops.record import LOAD, MOTION
+from scara_kinetostatic.studies.loops.record import LOAD, MOTION, RecordPath, block_means
 
 _FOLLOWED = {MOTION: 5, LOAD: 2}
 """Number of the best grid points from which a fit is refined: slip and gap give a motion several local minima."""
@@ -64,7 +63,7 @@ class Prediction(NamedTuple):
 
     Attributes:
         residual: measured less predicted, (n,).
-        state: mean initial state of friction.
+        state: mean initial state of friction; NaN of a law without memory.
         zero: z.
     """
 
@@ -133,11 +132,11 @@ def fit_law(records: Sequence[Moments], warm_start: Fit | None = None, near: boo
         warm_start: a fit to the same records or more samples of them, a further starting point.
         near: whether it is the only one.
     """
-    if warm_start is not None and near:
-        return _Problem(records).fitted([warm_start])
-    starts = _starts(records)
-    followed = [warm_start, starts[0]] if warm_start else starts[: _FOLLOWED[records[0].path.driven_by]]
-    return _Problem(records).fitted(followed)
+    starts = [warm_start] if warm_start else []
+    if not near:
+        grid = _starts(records)
+        starts += grid[:1] if starts else grid[: _FOLLOWED[records[0].path.driven_by]]
+    return _Problem(records).fitted(starts)
 
 
 def _starts(records: Sequence[Moments]) -> list[Fit]:
@@ -198,20 +197,17 @@ class _Problem:
 
     def fitted(self, starts: Sequence[Fit]) -> Fit:
         """The law with the parameters of the least sum of squares near any of some starting points."""
-        found = [self._refined(self._scaled(start)) for start in starts]
+        found = []
+        for start in starts:
+            values = np.array([start.values[each.name] for each in self.law.shape]) / self._scales
+            found.append(self._refined(np.concatenate([values, start.states if self.law.has_state else []])))
         best = found[_first_least([self._square(each) for each in found])]
-        shape, states = self._split(self._out_of_kinks(best) if self.has_kinks else best)
-        basis = self._basis(shape, states)
-        amplitudes = self._amplitudes(basis)
+        shape, states, basis, amplitudes = self._at(self._out_of_kinks(best) if self.has_kinks else best)
         left = self._driven - basis @ amplitudes
         values = dict(zip(self.law.amplitudes, amplitudes.tolist(), strict=True)) | shape
         fit, first = Fit(self.law, values, states, float(left @ left)), self.records[0]
         off = first.path.driven - evaluate(fit, first.path, float(states[0]))
         return fit._replace(zero=float(off[first.rows].mean()))
-
-    def _scaled(self, start: Fit) -> Floats:
-        values = np.array([start.values[each.name] for each in self.law.shape])
-        return np.concatenate([values / self._scales, start.states if self.law.has_state else []])
 
     def _square(self, scaled: Floats) -> float:
         return float(np.sum(self.residual(scaled) ** 2))
@@ -253,14 +249,12 @@ class _Problem:
 
     def residual(self, scaled: Floats) -> Floats:
         """Prediction less what is driven of all samples, without the records' zeros."""
-        basis = self._basis(*self._split(scaled))
-        return np.asarray(basis @ self._amplitudes(basis) - self._driven)
+        _, _, basis, amplitudes = self._at(scaled)
+        return np.asarray(basis @ amplitudes - self._driven)
 
     def jacobian(self, scaled: Floats) -> Floats:
         """Derivatives of the residual, of the basis by differences, at right angles to it (Kaufman, BIT 15, 1975)."""
-        shape, states = self._split(scaled)
-        basis = self._basis(shape, states)
-        amplitudes = self._amplitudes(basis)
+        shape, states, basis, amplitudes = self._at(scaled)
         here = basis @ amplitudes
         moved = np.zeros((len(here), len(scaled)))
         for place, name in enumerate(shape):
@@ -273,16 +267,15 @@ class _Problem:
         directions = np.linalg.qr(basis[:, amplitudes > 0])[0]
         return moved - directions @ (directions.T @ moved)
 
-    def _split(self, scaled: Floats) -> tuple[dict[str, float], Floats]:
-        """Shape and initial states."""
+    def _at(self, scaled: Floats) -> tuple[dict[str, float], Floats, Floats, Floats]:
+        """Shape, initial states, the basis there, and the best amplitudes."""
         count = len(self._scales)
         states = scaled[count:] if self.law.has_state else np.zeros(len(self.records))
         values = (scaled[:count] * self._scales).tolist()
-        return dict(zip((each.name for each in self.law.shape), values, strict=True)), states
-
-    def _amplitudes(self, basis: Floats) -> Floats:
+        shape = dict(zip((each.name for each in self.law.shape), values, strict=True))
+        basis = self._basis(shape, states)
         columns = np.column_stack([basis, self._driven])
-        return _amplitudes(columns.T @ columns)
+        return shape, states, basis, _amplitudes(columns.T @ columns)
 
     def _basis(self, shape: Values, states: Floats) -> Floats:
         """The basis s B of all records, each less its mean."""
@@ -311,45 +304,31 @@ def predict(fitted: Fit, path: RecordPath, known: Mask, states: int = 41) -> Pre
     if not fitted.law.has_state:
         off = path.driven - evaluate(fitted, path, 0.0)
         zero = float(off[path.rest if path.rest.any() else known].mean())
-        return Prediction(off - zero, 0.0, zero)
+        return Prediction(off - zero, np.nan, zero)
     grid = np.linspace(-1.0, 1.0, states)
     for _ in range(3):
-        found, std = _posterior(fitted, path, known, grid)
+        off = path.driven - np.stack([evaluate(fitted, path, state) for state in grid.tolist()])
+        zeros = off[:, known].mean(axis=1)
+        off -= zeros[:, None]
+        squares = np.maximum((off[:, known] ** 2).sum(axis=1), 1e-300)
+        best = off[int(squares.argmin())][known]
+        count = effective_count(block_means(best, path.long_block(len(best))), 0.0)
+        weights = (squares / squares.min()) ** (-count / 2)
+        weights /= weights.sum()
+        found = Prediction(weights @ off, float(weights @ grid), float(weights @ zeros))
         step = grid[1] - grid[0]
-        if std > step:
+        if np.sqrt(weights @ (grid - found.state) ** 2) > step:
             break
         grid = np.clip(found.state + step * np.linspace(-2.0, 2.0, states), -1.0, 1.0)
     return found
 
 
-def _posterior(fitted: Fit, path: RecordPath, known: Mask, states: Floats) -> tuple[Prediction, float]:
-    """Mean prediction over some states, and the standard deviation of the state."""
-    off = path.driven - np.stack([evaluate(fitted, path, state) for state in states.tolist()])
-    zeros = off[:, known].mean(axis=1)
-    off -= zeros[:, None]
-    squares = np.maximum((off[:, known] ** 2).sum(axis=1), 1e-300)
-    best = off[int(squares.argmin())][known]
-    count = effective_count(block_means(best, path.long_block(len(best))), 0.0)
-    weights = (squares / squares.min()) ** (-count / 2)
-    weights /= weights.sum()
-    state = float(weights @ states)
-    prediction = Prediction(weights @ off, state, float(weights @ zeros))
-    return prediction, float(np.sqrt(weights @ (states - state) ** 2))
-
-
 def effective_count(residual: Floats, mean: float | None = None) -> float:
-    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), summed up to the first ρ below 0.
+    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), at least 2.
 
     Args:
         residual: (n,).
         mean: the expected one, where it is known; else that of the samples.
     """
     centred = residual - (residual.mean() if mean is None else mean)
-    count = len(centred)
-    spectrum = np.fft.rfft(centred, 2 * count)
-    correlation = np.fft.irfft(spectrum * spectrum.conj())[:count]
-    if not correlation[0] > 0:
-        return float(count)
-    rho = correlation / correlation[0]
-    end = int(np.argmax(rho < 0)) or count
-    return max(count / (1 + 2 * float(rho[1:end].sum())), 2.0)
+    return max(len(residual) / correlated_samples([centred]), 2.0)

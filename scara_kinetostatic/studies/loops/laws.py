@@ -44,8 +44,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.play_operator import LARGEST_RATIO
-from scara_kinetostatic.studies.loops.path import RecordPath
-from scara_kinetostatic.studies.loops.record import LOAD, MOTION
+from scara_kinetostatic.studies.loops.record import LOAD, MOTION, RecordPath
 
 Values = Mapping[str, float]
 Columns = Callable[[RecordPath, Values], tuple[Floats, ...]]

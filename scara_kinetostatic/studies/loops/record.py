@@ -1,8 +1,4 @@
-"""A record of a load and a response, read from a CSV file, and what drives it.
-
-Columns: the response, the load and the time among any others, chosen by name or by their units (`files.columns`). A
-displacement goes with a force, an angle with a torque. A heading such as `q2_rad` or `tau2_ext_Nm` tells the number
-of its joint: the columns of two joints do not go together.
+"""A record of a load and a response; what drives it; and its path along that, as the laws need it.
 
 A column such as `commanded_Nm` says what drives: a commanded load or a commanded response. Without one, driven by its
 motion is a record of full loops: six sweeps or more between the reversals of the response, of comparable extent; the
@@ -16,24 +12,29 @@ from its zero, and a prediction is judged from the end of the first third of the
 Otherwise, with τ₀ the load at rest, the load is on from the first sample on with |τ − τ₀| > 10 % of its maximum; the
 rest ends where it begins to rise there. It is off for good after the last sample with |τ − τ₀| ≥ 60 % of the maximum:
 from there on a prediction of the response is judged.
+
+**Path.** Driven by its load it is counted from rest, and friction follows the load averaged over `SMOOTHING`: a single
+sample of a jerk, which the inertia of the arm takes up, does not make a joint slip. Driven by its motion, standstill
+before and after it is left out, where errors would be small without meaning. Loops are cut into sweeps, each from one
+reversal of what drives to the next. The first sweep, up to the first reversal, gives a law with memory its initial
+state: of a motion it is in every fit, and it never counts for an error.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
-from scara_kinetostatic.files import columns
-from scara_kinetostatic.files.columns import Column, Place, load_table, split_heading
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
+from scara_kinetostatic.model.play_operator import play_limits, play_range
 
 MOTION, LOAD = 'motion', 'load'
 PROMINENCE = 0.03
@@ -48,129 +49,8 @@ LEVEL = 0.01
 """Probability of an alarm, by a dependence of the residual of law (6) or by a candidate, where law (6) is right."""
 _FEWEST_AT_REST = 10
 """For the zero of load and response and for their noise, known to about a quarter of itself then."""
-_QUANTITIES = {
-    'm': (columns.LENGTH, 0.5),
-    'rad': (columns.ANGLE, 100.0),
-    'N': (columns.FORCE, 1e6),
-    'Nm': (columns.TORQUE, 1e6),
-    's': (columns.TIME, 1e12),
-}
-"""By SI unit: factor to it by unit, and the largest plausible size."""
-
-
-class _Kind(NamedTuple):
-    """What a column may be: its SI units, words that are preferred to others of the same unit, an example."""
-
-    units: tuple[str, ...]
-    words: tuple[str, ...]
-    example: str
-
-
-_KINDS = {
-    'load': _Kind(('N', 'Nm'), ('force', 'load', 'f', 'torque', 'moment'), 'force_N or torque_Nm'),
-    'response': _Kind(
-        ('m', 'rad'), ('displacement', 'deflection', 'response', 'angle', 'rotation'), 'displacement_m or angle_rad'
-    ),
-    'time': _Kind(('s',), ('time', 't'), 'time_s'),
-}
-
-
-class RecordColumn(NamedTuple):
-    """A column: its heading, its number from 0, its SI unit, the factor to it."""
-
-    heading: str
-    number: int
-    unit: str
-    factor: float
-
-    @property
-    def joint(self) -> int | None:
-        """Number of the joint in the heading, if it has one."""
-        match = re.search(r'(?:joint|axis|angle|torque|tau|q)[ _]?(\d+)', self.heading.lower())
-        return int(match[1]) if match else None
-
-    def goes_with(self, other: RecordColumn) -> bool:
-        """Whether they are a displacement and a force, or an angle and a torque."""
-        return {self.unit, other.unit} in ({'m', 'N'}, {'rad', 'Nm'})
-
-
-def choose_columns(
-    headings: Sequence[str], where: str, response: str | None = None, load: str | None = None
-) -> dict[str, RecordColumn]:
-    """The columns of a record by kind: load, response and time.
-
-    Args:
-        headings: of the table.
-        where: the file, for messages.
-        response: heading of the response; None for the only one, or the one with a name such as `angle_rad`.
-        load: heading of the load, likewise; its quantity must go with that of the response.
-
-    Raises:
-        ParameterError: the table has no such column of a response or a load.
-        RecordingError: a column is not given and cannot be told, or the two do not go together.
-    """
-    known = []
-    for number, heading in enumerate(headings):
-        unit = re.sub(r'[\s·*]', '', split_heading(heading)[1])
-        known += [
-            RecordColumn(heading, number, si, factors[unit])
-            for si, (factors, _) in _QUANTITIES.items()
-            if unit in factors
-        ]
-    names = {'load': load, 'response': response, 'time': None}
-    chosen: dict[str, RecordColumn] = {}
-    for kind in sorted(names, key=lambda kind: names[kind] is None):  # those named come first
-        of_kind = [column for column in known if column.unit in _KINDS[kind].units]
-        name = names[kind]
-        if name is None:
-            chosen[kind] = _only(of_kind, kind, None if kind == 'time' else next(iter(chosen.values()), None), where)
-            continue
-        found = [column for column in of_kind if column.heading == name.strip()]
-        if len(found) != 1:
-            problem = f'expected one column of {where} with this name and a unit of a {kind}, got {len(found)}'
-            example = f'name one {_KINDS[kind].example}'
-            raise ParameterError(f'--{kind} {name}', problem, f'choose {_listed(of_kind)}' if of_kind else example)
-        chosen[kind] = found[0]
-    _check_pair(chosen['response'], chosen['load'], where)
-    return chosen
-
-
-def _driven_by(headings: Sequence[str], chosen: Mapping[str, RecordColumn]) -> str:
-    """What a column of commands says that drives: `LOAD`, `MOTION`, or nothing."""
-    units = {split_heading(each)[1] for each in headings if each.lower().startswith('command')}
-    for driver, kind in ((LOAD, 'load'), (MOTION, 'response')):
-        if units & set(_QUANTITIES[chosen[kind].unit][0]):
-            return driver
-    return ''
-
-
-def _only(of_kind: list[RecordColumn], kind: str, other: RecordColumn | None, where: str) -> RecordColumn:
-    """The only column of a kind that goes with the other one, or the one of them whose name says so."""
-    fitting = [column for column in of_kind if other is None or column.goes_with(other)]
-    words = _KINDS[kind].words
-    chosen = fitting if len(fitting) == 1 else [c for c in fitting if split_heading(c.heading)[0].lower() in words]
-    if len(chosen) == 1:
-        return chosen[0]
-    if fitting:
-        remedy = 'leave all but one out' if kind == 'time' else f'choose one by --{kind}'
-        raise RecordingError(where, f'{len(fitting)} columns may be the {kind}: {_listed(fitting)}', remedy)
-    goes_with = f' that goes with {other.heading}' if other else ''
-    problem = f'there is no column of the {kind}{goes_with}'
-    raise RecordingError(where, problem, f'name one with its unit, such as {_KINDS[kind].example}')
-
-
-def _check_pair(response: RecordColumn, load: RecordColumn, where: str) -> None:
-    pair = f'{response.heading} and {load.heading}'
-    if not response.goes_with(load):
-        remedy = 'give an angle with a torque (rad, Nm), or a displacement with a force (m, N)'
-        raise RecordingError(where, f'the units of {pair} do not go together', remedy)
-    if None not in (response.joint, load.joint) and response.joint != load.joint:
-        problem = f'{pair} are columns of two joints, {response.joint} and {load.joint}'
-        raise RecordingError(where, problem, 'choose those of one joint, or rename one if they do belong together')
-
-
-def _listed(several: Sequence[RecordColumn]) -> str:
-    return ', '.join(column.heading for column in several[:6]) + (' …' if len(several) > 6 else '')
+SMOOTHING = 0.06
+"""Averaging time of the load that friction follows, s: half a period of an arm that vibrates at some 8 Hz."""
 
 
 @dataclass(frozen=True)
@@ -200,9 +80,7 @@ class Record:
 
     def __post_init__(self) -> None:
         for name in ('time', 'load', 'response'):
-            array = np.array(getattr(self, name), dtype=float)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, read_only(np.array(getattr(self, name), dtype=float)))
         rises = np.diff(self.time) > 0
         if not np.all(rises):
             first = int(np.argmin(rises))
@@ -273,36 +151,6 @@ class Record:
         return 1.4826 * float(np.median(np.abs(np.diff(values)))) / np.sqrt(2.0)
 
 
-def load_record(path: str | Path, response: str | None = None, load: str | None = None) -> Record:
-    """Reads a record.
-
-    Args:
-        path: the file.
-        response: heading of the response; None for the one that its name or its unit tells.
-        load: heading of the load, likewise.
-
-    Raises:
-        ParameterError: a column asked for does not exist, or is no response or load.
-        RecordingError: the file cannot be read, columns do not go together, or a row is wrong.
-        UnsupportedDataError: see `Record`.
-    """
-    table = load_table(Path(path), 'time_s,angle_rad,torque_Nm')
-    chosen = choose_columns(table.heading, table.source, response, load)
-    places = {
-        kind: Place(Column(kind, (), largest=_QUANTITIES[column.unit][1]), column.number, column.factor)
-        for kind, column in chosen.items()
-    }
-    values = table.read(places).numbers
-    steps = np.abs(np.diff(values['response'], prepend=values['response'][0]))
-    if chosen['response'].unit == 'rad' and steps.max() > np.pi:
-        line = table.rows[int(steps.argmax())][0]
-        problem = f'line {line}: {chosen["response"].heading} jumps by {steps.max():.3g} rad, more than half a turn'
-        raise RecordingError(table.source, problem, 'unwrap the angle, or check the unit of the column')
-    joint = chosen['response'].joint if chosen['response'].joint is not None else chosen['load'].joint
-    driven_by = _driven_by(table.heading, chosen)
-    return Record(table.source, **values, load_unit=chosen['load'].unit, joint=joint, driven_by=driven_by)
-
-
 def check_alike(records: Sequence[Record]) -> None:
     """Checks that the records may be of one joint.
 
@@ -331,17 +179,13 @@ def what_drives(records: Sequence[Record]) -> str:
     if len(stated) > 1:
         problem = f'driven by its motion, but {stated[LOAD]} by its load'
         raise ParameterError(stated[MOTION], problem, 'give records of one kind, or say which by --driven')
-    kinds = stated or {_drives(each) for each in records}
-    return LOAD if LOAD in kinds else MOTION
+    return LOAD if LOAD in stated or (not stated and any(map(_looks_driven_by_load, records))) else MOTION
 
 
-def _drives(record: Record) -> str:
-    if not is_at_rest_first(record.load):
-        return MOTION
-    if not _has_full_loops(record):
-        return LOAD
+def _looks_driven_by_load(record: Record) -> bool:
     lowest, highest = np.percentile(record.load - record.load[0], (2, 98))  # impacts are left out
-    return LOAD if min(-lowest, highest) < 0.25 * max(-lowest, highest) else MOTION
+    is_one_sided = min(-lowest, highest) < 0.25 * max(-lowest, highest)
+    return is_at_rest_first(record.load) and bool(is_one_sided or not _has_full_loops(record))
 
 
 def _has_full_loops(record: Record) -> bool:
@@ -371,35 +215,26 @@ def check_driven_by_load(record: Record) -> None:
         f'the load is not at rest at first, {_FEWEST_AT_REST} samples or more, or constant within its noise, and '
         f'reverses {turns} times; loops need {FEWEST_SWEEPS - 1} reversals'
     )
+    # the area of loops of response over load that run the wrong way round, beyond 2 % of load times response
+    load, response = record.load - record.load.mean(), record.response - record.response.mean()
+    work = float(np.sum((load[1:] + load[:-1]) / 2 * np.diff(response))) * np.sign(load @ response)
+    size = np.ptp(load) * np.ptp(response)
+    ahead = record.words('the {response} runs ahead of the {load}, as if the joint gave out energy')
     remedy = 'record from before the load comes on until after it has gone'
+    unit = 'check the unit of the time, or record longer'
     checks = (
         (len(record) < 50, f'{len(record)} samples; 50 or more are needed', 'record longer or faster'),
         # ten times the averaging time of the load that friction follows
-        (
-            took < 0.6,
-            f'it takes {took:.3g} s; 0.6 s or more are needed',
-            'check the unit of the time, or record longer',
-        ),
+        (took < 0.6, f'it takes {took:.3g} s; 0.6 s or more are needed', unit),
         # what the load did meanwhile is unknown
         (steps[longest] > 5 * np.median(steps), gap, 'give the parts before and after it as files of their own'),
         (in_loops and not FEWEST_SWEEPS - 1 <= turns < len(record) // FEWEST_ROWS, neither, f'{remedy}, or more loops'),
         (len(record) - record.judged_from < 10, 'the load never falls below 60 % of its largest for good', remedy),
-        (
-            in_loops and _gives_out_energy(record),
-            record.words('the {response} runs ahead of the {load}, as if the joint gave out energy'),
-            'check whether the two columns are swapped',
-        ),
+        (in_loops and work < -0.02 * size, ahead, 'check whether the two columns are swapped'),
     )
     for is_wrong, problem, what_to_do in checks:
         if is_wrong:
             raise UnsupportedDataError(f'{record.source}: {problem}', what_to_do)
-
-
-def _gives_out_energy(record: Record) -> bool:
-    """Whether the loops of response over load run the wrong way round, their area beyond 2 % of load times response."""
-    load, response = record.load - record.load.mean(), record.response - record.response.mean()
-    work = float(np.sum((load[1:] + load[:-1]) / 2 * np.diff(response))) * np.sign(load @ response)
-    return work < -0.02 * float(np.ptp(load) * np.ptp(response))
 
 
 def reversals(values: Floats) -> Indices:
@@ -452,3 +287,161 @@ def _end_of_rest(load: Floats) -> int:
     likelihood = -len(load) / 2 * np.log(total) if square[-1] > 0 else np.zeros(len(ends))
     # χ² of 10 with one degree of freedom, p = 0.002
     return int(ends[np.flatnonzero(likelihood >= likelihood.max() - 5.0)[-1]])
+
+
+class RecordPath:
+    """What drives and what is driven in one record, as measured or as means of blocks; arrays (n,).
+
+    Attributes:
+        record: the record.
+        driven_by: `LOAD` or `MOTION`.
+        block: number of samples in a block, `SMOOTHING` where the load drives, enough for a fit; 1: as measured.
+        direction: +1 or -1: sign of what is driven under a positive driver.
+        time: s.
+        driver: the load counted from its mean at rest (N, Nm), or the displacement (m, rad).
+        driven: the other one, as measured.
+        smooth: the driver averaged over `SMOOTHING` where it is a load.
+        size: largest |smooth|, of a motion its range.
+        rest: before the load comes on.
+        known: what a prediction may use of it, `Record.judged_from`; all of a motion.
+        earlier: the samples of the first half of the sweeps of a motion, or of the time of a load.
+        in_loops: whether it has sweeps; only then is what follows of use, of the samples as measured.
+        sweeps: number of sweeps.
+        edges: first sample of each sweep, and n, (sweeps + 1,); the sample at a reversal is the last of its sweep.
+        sweep: number of the sweep of each sample, or of each block by its first one.
+        scored: all samples but those of the first sweep.
+        sense: of the driver, +1 or -1.
+        distance: of the driver since the reversal.
+        speed: of the driver, signed, per second.
+
+    Raises:
+        UnsupportedDataError: there are too few sweeps; see `check_driven_by_load`.
+    """
+
+    def __init__(self, record: Record, driven_by: str = LOAD, in_blocks: bool = False, direction: float = 1.0) -> None:
+        self.record, self.driven_by, self.direction = record, driven_by, direction
+        self.in_loops = driven_by == MOTION or not record.is_at_rest_first
+        if driven_by == LOAD:
+            check_driven_by_load(record)
+            driver, driven, time = record.load_change, record.response, record.time
+            samples = max(round(SMOOTHING / float(np.median(np.diff(time)))), 1)
+            smooth: Floats = uniform_filter1d(driver, samples, mode='nearest')
+        else:
+            moving = _moving(record.response)
+            driver, driven, time = record.response[moving], record.load[moving], record.time[moving]
+            smooth, samples = driver, 1
+        self.block = block = samples if in_blocks else 1
+        count = len(driver) // block * block
+        self._middle = slice(block // 2, count, block)
+        self.time, self.driver, self.driven = map(self._means, (time, driver, driven))
+        self._every_smooth, self.smooth = smooth, smooth[self._middle]
+        self.size = float(np.abs(smooth).max() if driven_by == LOAD else np.ptp(driver))
+        last = np.arange(block - 1, count, block)
+        self.rest: Mask = record.rest[last] if driven_by == LOAD else np.zeros(len(last), dtype=bool)
+        self.known: Mask = last < (record.judged_from if driven_by == LOAD else len(driver))
+        self._ranges: dict[tuple[float, float], tuple[Floats, Floats]] = {}
+        self.earlier: Mask = self.time < (self.time[0] + self.time[-1]) / 2
+        if not self.in_loops:
+            return
+        self.edges = edges = np.array([0, *(reversals(driver) + 1).tolist(), len(driver)])
+        self.sweeps = sweeps = len(edges) - 1
+        if sweeps < FEWEST_SWEEPS or len(driver) < FEWEST_ROWS * sweeps:
+            need = f'{FEWEST_SWEEPS} sweeps of {FEWEST_ROWS} samples each are needed'
+            problem = f'{record.source}: {sweeps} sweeps of {len(driver)} samples in all; {need}'
+            remedy = 'record more loops or faster, or, where the load drives, from rest to rest'
+            raise UnsupportedDataError(problem, remedy)
+        sweep = np.repeat(np.arange(sweeps), np.diff(edges))
+        start, end = driver[np.maximum(edges[:-1] - 1, 0)], driver[edges[1:] - 1]
+        self.sweep = sweep[:count:block]
+        self.scored: Mask = self.sweep > 0
+        if driven_by == MOTION:
+            self.earlier = self.sweep < sweeps // 2
+        self.sense = np.where(end > start, 1.0, -1.0)[sweep]
+        self.distance = np.abs(driver - start[sweep])
+        self.speed: Floats = np.gradient(driver, time)
+
+    @property
+    def halves(self) -> tuple[Mask, ...]:
+        """What a fit uses that predicts the other samples: either half of loops, else the earlier one."""
+        if self.driven_by == MOTION:
+            return self.earlier | ~self.scored, ~self.earlier | ~self.scored
+        return (self.earlier, ~self.earlier) if self.in_loops else (self.earlier,)
+
+    def play_operator(self, half_width: float, state: float, ratio: float = 0.0) -> Floats:
+        """Output of the play operator (`model.play_operator`), (n,), in the unit of the driver.
+
+        Args:
+            half_width: r, in the unit of the driver.
+            state: initial output, from -1 to 1: the least to the largest that no load, in loops the first, allows.
+            ratio: μ.
+        """
+        shape = (half_width, ratio)
+        if shape not in self._ranges:  # a fit asks for many states of one or two shapes
+            if len(self._ranges) > 8:
+                self._ranges.clear()
+            if self.rest.any():
+                self._ranges[shape] = play_range(self.smooth, half_width, ratio)
+            else:  # loops turn round between the middles of blocks
+                limits = play_range(self._every_smooth, half_width, ratio)
+                self._ranges[shape] = limits[0][self._middle], limits[1][self._middle]
+        low, high = self._ranges[shape]
+        first = np.zeros(()) if self.rest.any() else self._every_smooth[0]
+        least, most = play_limits(first, half_width, ratio)
+        return np.clip(least + (most - least) * (state + 1) / 2, low, high)
+
+    def sign(self, band: float) -> Floats:
+        """Sign of the load, linear within a band of so many standard deviations of the load at rest, (n,)."""
+        width = band * self.record.noise(self.record.load)
+        change = self.record.load_change
+        return self._means(np.clip(change / width, -1.0, 1.0) if width > 0 else np.sign(change))
+
+    def sign_as_given(self) -> Floats:
+        """Sign of the load as measured, not counted from rest, (n,)."""
+        return self._means(np.sign(self.record.load))
+
+    def last_sign(self, band: float, state: float) -> Floats:
+        """Sign of the load where it exceeds a band, else the last such sign; `state` before the first one, (n,)."""
+        width = band * self.record.noise(self.record.load)
+        sign = np.where(np.abs(self._every_smooth) > width, np.sign(self._every_smooth), 0.0)
+        last = np.maximum.accumulate(np.where(sign != 0, np.arange(len(sign)), -1))
+        return self._means(np.where(last >= 0, sign[last], state))
+
+    def _means(self, values: Floats) -> Floats:
+        """Means of the blocks; in loops, whose load moves on, the values in their middle."""
+        return values[self._middle] if self.in_loops else block_means(values, self.block)
+
+    def long_block(self, samples: int) -> int:
+        """Number of samples in half a second, whose mean has no vibrations, or in a quarter of so many samples."""
+        return max(min(round(0.5 / float(np.median(np.diff(self.time)))), samples // 4), 1)
+
+
+def block_means(values: Floats, block: int) -> Floats:
+    """Means of successive blocks of samples, without an incomplete last one."""
+    count = len(values) // block * block
+    return np.asarray(values[:count].reshape(-1, block).mean(axis=1))
+
+
+def _moving(displacement: Floats) -> slice:
+    """The rows between standstill at the beginning and standstill at the end."""
+    limit = 2e-3 * float(np.ptp(displacement))
+    first = int(np.argmax(np.abs(displacement - displacement[0]) > limit))
+    last = len(displacement) - int(np.argmax(np.abs(displacement - displacement[-1])[::-1] > limit))
+    return slice(max(first - 1, 0), last + 1)
+
+
+def repeatability(path: RecordPath) -> float:
+    """Repeatability of what is driven where the motion repeats: a lower limit for the error of any law, in its unit.
+
+    Standard deviation over the distance, from sweeps of one sense, one cycle apart, that begin and end at the same
+    places, but for 1 % of the travel. NaN if no motion repeats.
+    """
+    square, count = 0.0, 0
+    turns = np.append(path.driver[np.maximum(path.edges[:-1] - 1, 0)], path.driver[-1])
+    for k in range(path.sweeps - 2):
+        if np.abs(turns[k + 2 : k + 4] - turns[k : k + 2]).max() > 0.01 * path.size:
+            continue
+        one, other = (slice(path.edges[j], path.edges[j + 1]) for j in (k, k + 2))
+        there = np.maximum.accumulate(path.distance[other])
+        difference = np.interp(path.distance[one], there, path.driven[other]) - path.driven[one]
+        square, count = square + float(difference @ difference) / 2, count + len(difference)
+    return float(np.sqrt(square / count)) if count else float('nan')

@@ -26,7 +26,13 @@ import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.loops.estimates import CombinedEstimate, Estimate, combine_estimates
+from scara_kinetostatic.studies.loops.estimates import (
+    CombinedEstimate,
+    Estimate,
+    LeastSquares,
+    combine_estimates,
+    least_squares,
+)
 from scara_kinetostatic.studies.loops.record import Record, reversals
 
 _WINDOW = (0.15, 0.55)
@@ -113,15 +119,6 @@ class _Sweep(NamedTuple):
     sense: int
 
 
-class _Line(NamedTuple):
-    """The line d = a + p (f - level): (a, p), their unscaled std, residual sum of squares, number of samples."""
-
-    coefficients: Floats
-    unscaled: Floats
-    rss: float
-    samples: int
-
-
 def analyse_loops(record: Record) -> LoopAnalysis:
     """Gap and slope at the reversals of a continuous record.
 
@@ -137,12 +134,10 @@ def analyse_loops(record: Record) -> LoopAnalysis:
     others = [each for window in _OTHER_WINDOWS for each in _analyse(sweeps, window, [])]
     for k, sense in enumerate(senses):
         same = [sense, *(each for each in others if each.sense == sense.sense)]
-        if len(same) > 1:
-            gap, compliance = np.ptp([[each.gap.value, each.compliance.value] for each in same], axis=0) / 2
-            senses[k] = sense._replace(
-                gap=sense.gap._replace(definitional_uncertainty=float(gap)),
-                compliance=sense.compliance._replace(definitional_uncertainty=float(compliance)),
-            )
+        for name in ('gap', 'compliance') if len(same) > 1 else ():
+            spread = float(np.ptp([getattr(each, name).value for each in same])) / 2
+            widened = getattr(sense, name)._replace(definitional_uncertainty=spread)
+            senses[k] = senses[k]._replace(**{name: widened})
     return LoopAnalysis(record, tuple(senses), tuple(sorted(rejected)))
 
 
@@ -163,23 +158,22 @@ def _analyse(sweeps: Sequence[_Sweep], window: tuple[float, float], rejected: li
     for sense, own in by_sense.items() if np.isfinite(sum(plateaus.values())) else ():
         levels = np.array([_level(sweep, plateaus[sense]) for sweep in own])
         level = float(np.nanmedian(levels)) if np.any(np.isfinite(levels)) else np.nan
-        used, pairs = [], []
-        for sweep in own:
-            pair = _fit_pair(sweep, level, -plateaus[-sense], plateaus[sense], window)
-            if isinstance(pair, str):
-                rejected.append(Rejected(sweep.time, pair))
-            else:
-                used.append(sweep)
-                pairs.append(pair)
-        dof = [sum(line.samples - 2 for line in lines) for lines in zip(*pairs, strict=True)]
-        if len(pairs) < 2 or not all(dof):
-            rejected += [Rejected(sweep.time, 'too few reversals of its sense') for sweep in used]
+        pairs = [_fit_pair(sweep, level, -plateaus[-sense], plateaus[sense], window) for sweep in own]
+        rejected += [
+            Rejected(sweep.time, pair) for sweep, pair in zip(own, pairs, strict=True) if isinstance(pair, str)
+        ]
+        used = [(sweep, pair) for sweep, pair in zip(own, pairs, strict=True) if not isinstance(pair, str)]
+        lines = [*zip(*(pair for _, pair in used), strict=True)]
+        dof = [sum(line.dof for line in several) for several in lines]
+        if len(used) < 2 or not all(dof):
+            rejected += [Rejected(sweep.time, 'too few reversals of its sense') for sweep, _ in used]
             continue
-        rss = [sum(line.rss for line in lines) for lines in zip(*pairs, strict=True)]
+        rss = [sum(float(line.residual @ line.residual) for line in several) for several in lines]
         sigma = float(np.sqrt(rss[0] / dof[0])), float(np.sqrt(rss[1] / dof[1]))
-        found = tuple(_as_reversal(sweep, pair, sigma) for sweep, pair in zip(used, pairs, strict=True))
-        gap = combine_estimates([each.gap for each in found], dof[1])
-        compliance = combine_estimates([each.compliance for each in found], dof[1])
+        found = tuple(_as_reversal(*each, sigma) for each in used)
+        gap, compliance = (
+            combine_estimates([getattr(each, name) for each in found], dof[1]) for name in ('gap', 'compliance')
+        )
         senses.append(Sense(sense, sense * level, sense * plateaus[sense], sigma, gap, compliance, found))
     return senses
 
@@ -204,7 +198,7 @@ def _level(sweep: _Sweep, plateau: float) -> float:
 
 def _fit_pair(
     sweep: _Sweep, level: float, bottom: float, top: float, window: tuple[float, float]
-) -> tuple[_Line, _Line] | str:
+) -> tuple[LeastSquares, LeastSquares] | str:
     """The lines before and after the gap, or the reason why they cannot be fitted."""
     if not bottom < level < top:
         return 'no gap between two branches'
@@ -220,29 +214,22 @@ def _fit_pair(
             return f'{len(rows)} samples on the elastic branch {name} the gap'
         if np.ptp(share[rows]) < 0.6 * (window[1] - window[0]) * (1 - 1 / len(rows)):
             return f'the branch {name} the gap is not complete'
-        pair.append(_fit_line(force[rows] - level, sweep.distance[rows]))
+        pair.append(least_squares(np.stack([np.ones(len(rows)), force[rows] - level], axis=1), sweep.distance[rows]))
     return pair[0], pair[1]
 
 
-def _fit_line(force: Floats, distance: Floats) -> _Line:
-    basis, triangle = np.linalg.qr(np.stack([np.ones_like(force), force], axis=1))
-    inverse, along = np.linalg.inv(triangle), basis.T @ distance
-    residual = distance - basis @ along
-    return _Line(inverse @ along, np.linalg.norm(inverse, axis=1), float(residual @ residual), len(force))
-
-
-def _as_reversal(sweep: _Sweep, pair: tuple[_Line, _Line], sigma: tuple[float, float]) -> Reversal:
+def _as_reversal(sweep: _Sweep, pair: tuple[LeastSquares, LeastSquares], sigma: Sequence[float]) -> Reversal:
     """Gap and slopes of a sweep from its lines; `sigma`: residual standard deviation before and after the gap, m."""
-    values = np.array([line.coefficients for line in pair]).tolist()
-    std = (np.array([line.unscaled for line in pair]) * np.array(sigma)[:, None]).tolist()
-    (start, unloading), (end, loading) = values
+    before, after = (line._replace(sigma=std) for line, std in zip(pair, sigma, strict=True))
+    begins, slope = np.eye(2)
+    start, end = before.of(begins, 'm'), after.of(begins, 'm')
     return Reversal(
         time=sweep.time,
         displacement=sweep.displacement,
         force=-float(sweep.force[0]),
-        gap=Estimate(end, std[1][0], 'm').plus(-start, std[0][0]),
-        compliance=Estimate(loading, std[1][1], 'm/N'),
-        unloading_compliance=Estimate(unloading, std[0][1], 'm/N'),
-        samples=(pair[0].samples, pair[1].samples),
-        crossings=(start, end),
+        gap=end.plus(-start.value, start.std),
+        compliance=after.of(slope, 'm/N'),
+        unloading_compliance=before.of(slope, 'm/N'),
+        samples=(len(before.residual), len(after.residual)),
+        crossings=(start.value, end.value),
     )

@@ -38,18 +38,11 @@ from scipy import stats
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
-from scara_kinetostatic.studies.loops.dependence import (
-    Dependence,
-    load_dependences,
-    loop_dependences,
-    p_independent,
-    p_positive,
-)
+from scara_kinetostatic.studies.loops.dependence import Dependence, dependences, p_independent, p_positive
 from scara_kinetostatic.studies.loops.estimates import Estimate
 from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, effective_count, evaluate, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, Law
-from scara_kinetostatic.studies.loops.path import RecordPath, block_means
-from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record
+from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record, RecordPath, block_means
 
 BIC_GAIN = 2.0
 """Smallest decrease of BIC that is evidence."""
@@ -157,20 +150,16 @@ class Study:
         """The law fitted to all records and held out from each."""
         moments = self._moments(law)
         whole = fit_law(moments)
-        if self.is_single:
-            held_out: tuple[Prediction, ...] = (self._halves(law, whole),)
-            parameters = self._with_std(whole, [])
-        else:
-            fits = []
-            for k in range(len(moments)):
-                warm_start = whole._replace(states=np.delete(whole.states, k))
-                fits.append(fit_law(moments[:k] + moments[k + 1 :], warm_start))
-            held_out = tuple(predict(each, path, path.known) for each, path in zip(fits, self.paths, strict=True))
-            parameters = self._with_std(whole, fits)
-        along = self._along(whole)
+        fits = []
+        for k in () if self.is_single else range(len(moments)):
+            warm_start = whole._replace(states=np.delete(whole.states, k))
+            fits.append(fit_law(moments[:k] + moments[k + 1 :], warm_start))
+        held_out = tuple(predict(each, path, path.known) for each, path in zip(fits, self.paths, strict=False))
+        held_out, along = held_out or (self._halves(law),), self._along(whole)
+        parameters = self._with_std(whole, fits)
         return Candidate(law, whole, along, held_out, self._rms(along), self._rms(held_out), parameters)
 
-    def _halves(self, law: Law, whole: Fit) -> Prediction:
+    def _halves(self, law: Law) -> Prediction:
         """Each half of a single record predicted by a fit to the other one; from rest to rest the later one alone."""
         (path,), (block,) = self.paths, self.blocks
         pairs = zip(block.halves, path.halves, strict=True)
@@ -182,7 +171,7 @@ class Study:
         if not (self.is_single and self.in_loops):
             return candidate
         (path,), (block,), whole = self.paths, self.blocks, candidate.whole
-        parts = block.cycle if path.driven_by == MOTION else block.sweep
+        parts = block.sweep // 2 if path.driven_by == MOTION else block.sweep
         several = [
             fit_law([Moments(candidate.law, block, parts != each, self.size)], whole, near=True)
             for each in np.unique(parts)
@@ -191,8 +180,7 @@ class Study:
 
     def dependences(self, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
         """Of the residual along the records."""
-        residuals = [each.residual for each in along]
-        return loop_dependences(self.paths, residuals) if self.in_loops else load_dependences(self.paths, residuals)
+        return dependences(self.paths, [each.residual for each in along], self.in_loops)
 
     def p_better(self, one: Candidate, other: Candidate) -> float:
         """p-value of one law predicting no better than another."""
@@ -201,27 +189,25 @@ class Study:
     def _p_by_sweeps(self, one: Candidate, other: Candidate) -> float:
         """From the mean squares of the sweeps of the records in loops."""
         ratios = []
-        for path, better, worse in zip(self.paths, one.held_out, other.held_out, strict=True):
+        for path, *both in zip(self.paths, one.held_out, other.held_out, strict=True):
             if path.in_loops:
                 rows = path.scored if self.is_single else ~path.known
                 size = np.bincount(path.sweep[rows], minlength=path.sweeps)
-                squares = [
-                    np.bincount(path.sweep[rows], each.residual[rows] ** 2, path.sweeps) for each in (worse, better)
-                ]
                 tiny, enough = 1e-12 * float(np.ptp(path.driven)) ** 2 * size, size >= FEWEST_ROWS
-                ratios.append(np.log((squares[0] + tiny)[enough] / (squares[1] + tiny)[enough]))
+                better, worse = (
+                    np.bincount(path.sweep[rows], each.residual[rows] ** 2, path.sweeps) + tiny for each in both
+                )
+                ratios.append(np.log(worse[enough] / better[enough]))
         return p_positive(np.concatenate(ratios))
 
     def _p_by_blocks(self, one: Candidate, other: Candidate) -> float:
         """From rest to rest, by Pitman and Morgan's test."""
         rows = [~path.earlier if self.is_single else ~path.rest for path in self.paths]
         sizes = sorted(path.size for path in self.paths)  # a load far beyond those of all others is left out
-        compared = [self.is_single or path.size <= 1.5 * sizes[-2] for path in self.paths]
-        residuals = []
-        for each in (one, other):
-            parts = self._in_blocks([prediction.residual for prediction in each.held_out], rows)
-            residuals.append([part for part, is_compared in zip(parts, compared, strict=True) if is_compared])
-        smaller, larger = (np.concatenate(each) for each in residuals)
+        compared = [k for k, path in enumerate(self.paths) if self.is_single or path.size <= 1.5 * sizes[-2]]
+        in_blocks = [self._in_blocks([part.residual for part in each.held_out], rows) for each in (one, other)]
+        residuals = [[parts[k] for k in compared] for parts in in_blocks]
+        smaller, larger = map(np.concatenate, residuals)
         count = min(sum(effective_count(part, 0.0) for part in each) for each in residuals)
         total, difference = smaller + larger, larger - smaller
         norm = float(np.sqrt((total @ total) * (difference @ difference)))
@@ -236,10 +222,10 @@ class Study:
         Raises:
             RecordingError: the law of all errs on one by 5 % of its range, and 2.5 times as much as one of its own.
         """
-        parts = enumerate(zip(self._moments(candidate.law), self.paths, candidate.whole.states, strict=True))
-        for k, (part, path, state) in parts if self.in_loops and not self.is_single else ():
+        parts = zip(self._moments(candidate.law), self.paths, candidate.along, candidate.whole.states, strict=True)
+        for part, path, along, state in parts if self.in_loops and not self.is_single else ():
             own = fit_law([part], candidate.whole._replace(states=np.array([state])), near=True)
-            alone, together = rms(predict(own, path, path.known).residual), rms(candidate.along[k].residual)
+            alone, together = rms(predict(own, path, path.known).residual), rms(along.residual)
             if together > max(2.5 * alone, 0.05 * np.ptp(path.driven)):
                 problem = f'one law for all records errs on it {together / alone:.1f} times as much as one of its own'
                 remedy = 'give records of one joint: this one or others differ'
@@ -251,8 +237,8 @@ class Study:
         for state, path in zip(candidate.whole.states.tolist(), self.paths, strict=True):
             residual = path.driven - evaluate(candidate.whole, path, state)
             found.append(residual - residual.mean())
-        is_motion = self.driven_by == MOTION
-        return self._in_blocks(found, [path.scored if is_motion else ~path.rest for path in self.paths])
+        rows = [path.scored if self.driven_by == MOTION else ~path.rest for path in self.paths]
+        return self._in_blocks(found, rows)
 
     def _with_std(self, whole: Fit, without: Sequence[Fit]) -> dict[str, Estimate]:
         """Parameters with their standard deviations from the fits without one part each; NaN without fits."""
@@ -416,24 +402,23 @@ def analyse(records: Sequence[Record], driven: str) -> tuple[Selection, ...]:
 
 def select_model(study: Study) -> Selection:
     """Selects the law that records need beyond law (6)."""
-    before, dependence_before, p_without_memory = study.law6()
-    is_independent = p_independent(dependence_before) >= LEVEL / 2
+    before, dependence, p_without_memory = study.law6()
+    is_independent = p_independent(dependence) >= LEVEL / 2
     candidates = [study.candidate(law) for law in study.laws]
-    blocks = {each.law.name: study.fitted_blocks(each) for each in (before, *candidates)}
-    squares = {name: sum(float(part @ part) for part in parts) for name, parts in blocks.items()}
-    best = min(squares, key=lambda name: squares[name])
-    count = sum(effective_count(part) for part in blocks[best])
-
-    def bic(each: Candidate) -> float:
-        return float(count * np.log(max(squares[each.law.name], 1e-300)) + each.law.size * np.log(count))
-
+    blocks = [study.fitted_blocks(each) for each in (before, *candidates)]
+    squares = [sum(float(part @ part) for part in parts) for parts in blocks]
+    count = sum(effective_count(part) for part in blocks[int(np.argmin(squares))])
+    bic = [
+        float(count * np.log(max(square, 1e-300)) + each.law.size * np.log(count))
+        for square, each in zip(squares, (before, *candidates), strict=True)
+    ]
+    found = Selection(study, before, (), None, (), dependence, p_without_memory, dependence, NONE)
     compared, significant = [], False
-    for each in candidates:
-        p_gain, gain = study.p_better(each, before), bic(each) - bic(before)
+    for each, own in zip(candidates, bic[1:], strict=True):
+        p_gain, gain = study.p_better(each, before), own - bic[0]
         better = each.held_out_rms < before.held_out_rms and gain < -BIC_GAIN
-        significant |= bool(better and p_gain < LEVEL / (2 * len(candidates)))
-        compared.append(each._replace(p_gain=p_gain, bic=gain, accepted=bool(better)))
-    found = Selection(study, before, (), None, (), dependence_before, p_without_memory, dependence_before, NONE)
+        significant |= better and p_gain < LEVEL / (2 * len(candidates))
+        compared.append(each._replace(p_gain=p_gain, bic=gain, accepted=better))
     significant &= not is_independent or found.share_of_range > MATERIAL
     compared = [each._replace(accepted=each.accepted and significant) for each in compared]
     accepted = [each for each in compared if each.accepted]
@@ -444,17 +429,18 @@ def select_model(study: Study) -> Selection:
         selected = next(each for each in forms if each.bic - least.bic < BIC_GAIN)
         others = (each for each in accepted if each.law.effect != least.law.effect)
         rivals = [each for each in others if study.p_better(selected, each) >= LEVEL]
-    found = found._replace(
+    verdict = AMBIGUOUS if rivals else EXPLAINED if selected else NONE if is_independent else UNEXPLAINED
+    if verdict == NONE and found.share_of_range > MATERIAL:
+        is_open = found.detectable > LARGEST_UNSEEN or any(map(found.is_clearly_smaller, compared))
+        verdict = UNDECIDED if is_open else NONE
+    return found._replace(
         before=study.with_std(before),
         candidates=tuple(compared),
         selected=selected and study.with_std(selected),
         rivals=tuple(rivals),
-        dependence_after=study.dependences(selected.along) if selected else dependence_before,
+        dependence_after=study.dependences(selected.along) if selected else dependence,
+        verdict=verdict,
     )
-    if selected or not is_independent:
-        return found._replace(verdict=AMBIGUOUS if rivals else EXPLAINED if selected else UNEXPLAINED)
-    is_open = found.detectable > LARGEST_UNSEEN or any(map(found.is_clearly_smaller, compared))
-    return found._replace(verdict=UNDECIDED) if is_open and found.share_of_range > MATERIAL else found
 
 
 def predict_records(selection: Selection, others: Sequence[Record]) -> tuple[Judged, ...]:

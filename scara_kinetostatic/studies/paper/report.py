@@ -9,18 +9,19 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import MaxNLocator
 
+from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
-from scara_kinetostatic.report import Document, Figure, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.report import Block, Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure
 from scara_kinetostatic.report.quantities import SCALES
 from scara_kinetostatic.studies.loops.dial_gauge_report import TITLES, dial_gauge_document, part_figures, summary_table
-from scara_kinetostatic.studies.paper.study import Reproduction
-from scara_kinetostatic.studies.paper.table_2 import (
+from scara_kinetostatic.studies.paper.study import (
     ESTIMATED,
     ESTIMATED_FROM_NOISE,
     FORCE,
     FORCE_ERROR,
     FORCE_ERROR_FROM_NOISE,
+    Reproduction,
     Run,
     determined_combination,
 )
@@ -35,9 +36,8 @@ def paper_document(r: Reproduction) -> Document:
         'one_level': _run(r.exact),
         'three_levels': _run(r.exact_levels),
         'noise_of_table_2': [
-            {
-                'joint': study.noise.joint_rms,
-                'force': study.noise.force_rms,
+            _noise(study.noise)
+            | {
                 'force_error': study.force_error,
                 'force_error_std': study.force_error_std,
                 'z': _named(study.z),
@@ -46,15 +46,12 @@ def paper_document(r: Reproduction) -> Document:
             }
             for study in r.noises
         ],
-        'noisy': {'noise': {'joint': r.noise.joint_rms, 'force': r.noise.force_rms}, **_run(r.noisy)},
+        'noisy': {'noise': _noise(r.noise), **_run(r.noisy)},
         'monte_carlo': {
             name: scatter._asdict() | {key: _named(getattr(scatter, key)) for key in ('predicted', 'found', 'bias')}
             for name, scatter in r.monte_carlo.items()
         },
-        'gripper': [
-            {'part': part.name, 'explained_by_base_model': part.explained, 'std': part.std, 'biases': part.biases}
-            for part in r.gripper
-        ],
+        'gripper': r.gripper,
         'dial_gauge': dial_gauge_document(r.dial_gauge),
     }
 
@@ -68,6 +65,10 @@ def _run(run: Run) -> Document:
     found['paper_algorithm'] |= {'history': run.paper.history, 'rank': run.paper.rank}
     found['weighted'] |= {'rank': identifiability.rank, 'confounded': identifiability.confounded}
     return found
+
+
+def _noise(noise: Noise) -> Document:
+    return {'joint': noise.joint_rms, 'force': noise.force_rms}
 
 
 def _named(values: Any) -> dict[str, float]:
@@ -153,9 +154,13 @@ def paper_report(r: Reproduction) -> Report:
                 'the reason is given with them.',
             ),
         ),
-        blocks=(*_estimates(r), *_noise(r), *_experiments(r)),
+        blocks=(*_estimates(r), *_deviations(r), *_experiments(r)),
         footer='all numbers in full in paper.json',
     )
+
+
+def _section(title: str, *blocks: Block) -> Section:
+    return Section(title, blocks)
 
 
 def _estimates(r: Reproduction) -> tuple[Section, ...]:
@@ -164,96 +169,82 @@ def _estimates(r: Reproduction) -> tuple[Section, ...]:
         for values in (PAPER_ACTUAL, ESTIMATED, ESTIMATED_FROM_NOISE)
     )
     return (
-        Section(
+        _section(
             'Figure 3: the force error over the iterations',
-            (
-                'The cell of figure 3, 12 points on each of three discs, 40 N, no noise; the steps are those of '
-                'equations (12) to (14), bounded and shortened as in section 4.3.',
-                Figure(
-                    partial(trend_picture, r),
-                    'Of the printed curve only the last value is known as a number. Here the error is at rounding '
-                    f'level after {r.exact.paper.iterations} steps; in the paper it is 4.5e-5 N after about 30. The '
-                    f'weighted estimate takes {r.exact.weighted.iterations} iterations.',
-                ),
-                'At the nominal parameters the tip misses most discs by more than its whole deflection: there A = 0 '
-                'and ∂A/∂L̄ = 0, and (12) defines no step. The paper does not say how it starts. Here the touches, '
-                'which are known to be contacts, are predicted with a two-sided contact (dotted), which equals A '
-                'wherever the tip presses.',
+            'The cell of figure 3, 12 points on each of three discs, 40 N, no noise; the steps are those of '
+            'equations (12) to (14), bounded and shortened as in section 4.3.',
+            Figure(
+                partial(trend_picture, r),
+                'Of the printed curve only the last value is known as a number. Here the error is at rounding '
+                f'level after {r.exact.paper.iterations} steps; in the paper it is 4.5e-5 N after about 30. The '
+                f'weighted estimate takes {r.exact.weighted.iterations} iterations.',
             ),
+            'At the nominal parameters the tip misses most discs by more than its whole deflection: there A = 0 '
+            'and ∂A/∂L̄ = 0, and (12) defines no step. The paper does not say how it starts. Here the touches, '
+            'which are known to be contacts, are predicted with a two-sided contact (dotted), which equals A '
+            'wherever the tip presses.',
         ),
-        Section(
+        _section(
             'Table 2',
-            (
-                *_table_2(r),
-                Figure(
-                    partial(unidentifiable_picture, r),
-                    f'With one force level the columns of J_L̄ for p_ee and g_ee are proportional, rank {r.rank}: all'
-                    ' points of the line fit equally well. The three printed columns have 40 p_ee − g_ee = '
-                    f'{combinations} µm. With three force levels the rank is 12, and all twelve parameters are '
-                    'determined.',
-                ),
+            *_table_2(r),
+            Figure(
+                partial(unidentifiable_picture, r),
+                f'With one force level the columns of J_L̄ for p_ee and g_ee are proportional, rank {r.rank}: all '
+                f'points of the line fit equally well. The three printed columns have 40 p_ee − g_ee = {combinations} '
+                'µm. With three force levels the rank is 12, and all twelve parameters are determined.',
             ),
         ),
     )
 
 
-def _noise(r: Reproduction) -> tuple[Section, ...]:
+def _deviations(r: Reproduction) -> tuple[Section, ...]:
     scatter = r.monte_carlo['paper']
     low, high = scatter.force_error_range
     return (
-        Section(
+        _section(
             'The noise of the third column',
-            (
-                'For five ratios of joint to force noise: the noise for which e_f = 1.31 N, and the printed noisy '
-                'estimates compared with the covariance predicted for it.',
-                _noise_table(r),
-                'Each single parameter is within two standard deviations of its true value. Jointly they are not: '
-                'their errors are not correlated as those of a least-squares solution of this cell are, at any '
-                'noise. The printed column is therefore either not the minimum, or was computed in a cell that '
-                'differs from figure 3.',
-            ),
+            'For five ratios of joint to force noise: the noise for which e_f = 1.31 N, and the printed noisy '
+            'estimates compared with the covariance predicted for it.',
+            _noise_table(r),
+            'Each single parameter is within two standard deviations of its true value. Jointly they are not: their '
+            'errors are not correlated as those of a least-squares solution of this cell are, at any noise. The '
+            'printed column is therefore either not the minimum, or was computed in a cell that differs from figure 3.',
         ),
-        Section(
+        _section(
             'Are the standard deviations as predicted?',
-            (
-                f'{scatter.runs} data sets at three force levels, each estimated by both algorithms. The prediction is '
-                'J⁺ (Σ_F + A_Q Σ_Q A_Qᵀ) J⁺ᵀ for the paper’s unweighted estimator, and the Cramér–Rao bound for the '
-                'weighted one.',
-                Figure(partial(scatter_picture, r), 'Grey: two standard deviations of the sampling error.'),
-                _monte_carlo_table(r),
-                f'e_f of the paper’s estimator: mean {scatter.force_error:.2f} N, 95 % of the data sets between '
-                f'{low:.2f} and {high:.2f} N; the paper states 1.25 to 1.35 N.',
-            ),
+            f'{scatter.runs} data sets at three force levels, each estimated by both algorithms. The prediction is '
+            'J⁺ (Σ_F + A_Q Σ_Q A_Qᵀ) J⁺ᵀ for the paper’s unweighted estimator, and the Cramér–Rao bound for the '
+            'weighted one.',
+            Figure(partial(scatter_picture, r), 'Grey: two standard deviations of the sampling error.'),
+            _monte_carlo_table(r),
+            f'e_f of the paper’s estimator: mean {scatter.force_error:.2f} N, 95 % of the data sets between '
+            f'{low:.2f} and {high:.2f} N; the paper states 1.25 to 1.35 N.',
         ),
     )
 
 
 def _experiments(r: Reproduction) -> tuple[Section, ...]:
     return (
-        Section(
+        _section(
             'The general gripper of (7)',
-            (
-                'P = p_ee I + E in the frame of link 2. Identifiability of E by 72 touches (10 µrad, 0.3 N) beside the '
-                'twelve parameters:',
-                _gripper_table(r),
-                'A gripper more compliant across link 2 than along it is an exact alias of another p2 (and p_ee): the '
-                'displacement across link 2 is that of a compliance of joint 2 larger by (p22 − p11)/l2². Rotated '
-                'principal axes, p12 + p21, are identifiable.',
-            ),
+            'P = p_ee I + E in the frame of link 2. Identifiability of E by 72 touches (10 µrad, 0.3 N) beside the '
+            'twelve parameters:',
+            _gripper_table(r),
+            'A gripper more compliant across link 2 than along it is an exact alias of another p2 (and p_ee): the '
+            'displacement across link 2 is that of a compliance of joint 2 larger by (p22 − p11)/l2². Rotated '
+            'principal axes, p12 + p21, are identifiable.',
         ),
-        Section(
+        _section(
             'Section 5.2, figure 4: the dial gauge experiments',
-            (
-                'Simulated with the values of figure 4(d) and the anisotropic backlash of figure 4(c), 2 µm gauge '
-                'noise, loads up to 40 N in both senses, three cycles; analysed as the verb dial-gauge analyses '
-                'measured readings.',
-                summary_table(r.dial_gauge),
-                Note(
-                    'Figure 4(d), measured by the authors: gripper 37.6 µm/N and 54.9 to 205 µm over the directions; '
-                    'joint 1 32.3 µrad/Nm and 264 µrad; joint 2 108 µrad/Nm and 268 µrad.'
-                ),
-                *(Section(TITLES[part.name], part_figures(part)) for part in r.dial_gauge.parts.values()),
+            'Simulated with the values of figure 4(d) and the anisotropic backlash of figure 4(c), 2 µm gauge '
+            'noise, loads up to 40 N in both senses, three cycles; analysed as the verb dial-gauge analyses '
+            'measured readings.',
+            summary_table(r.dial_gauge),
+            Note(
+                'Figure 4(d), measured by the authors: gripper 37.6 µm/N and 54.9 to 205 µm over the directions; '
+                'joint 1 32.3 µrad/Nm and 264 µrad; joint 2 108 µrad/Nm and 268 µrad.'
             ),
+            *(Section(TITLES[part.name], part_figures(part)) for part in r.dial_gauge.parts.values()),
         ),
     )
 
@@ -319,8 +310,8 @@ def _gripper_table(r: Reproduction) -> Table:
     """Identifiability of each part of P."""
     rows = tuple(
         (
-            part.name,
-            f'{100 * part.explained:.1f}',
+            part.part,
+            f'{100 * part.explained_by_base_model:.1f}',
             f'{1e6 * part.std:#.2g}' if np.isfinite(part.std) else 'not determined',
             ', '.join(f'{value:+.3g} in {name}' for name, value in part.biases.items()) or 'none',
         )
