@@ -59,8 +59,7 @@ def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
     """How far the last movement in contact drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
 
     It is the part along t of the movement J ΔQ, divided by the whole movement and by `STICKING`, limited to ±1. Both
-    the movement and t = R90 n are those of the rigid tip at the measured angles; among outlines n is the direction of
-    the force: the rigid tip of a nominal arm may lie on the other side of a corner.
+    the movement and t = R90 n are those of the rigid tip at the measured angles.
 
     Args:
         at: the touches.
@@ -74,9 +73,9 @@ def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
     turn1, turn2 = at.metadata.press.T
     inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
     if at.tangents is not None:
-        t, is_edge = at.tangents, at.tangents.any(axis=1)
-        inward_x = np.where(is_edge, -t[:, 1], at.normal[:, 0])
-        inward_y = np.where(is_edge, t[:, 0], at.normal[:, 1])
+        t, outer = at.tangents, np.sign(at.radii)
+        inward_x = np.where(t.any(axis=1), -t[:, 1], outer * inward_x)
+        inward_y = np.where(t.any(axis=1), t[:, 0], outer * inward_y)
     move_x, move_y = -y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2
     size = np.hypot(inward_x, inward_y) * np.hypot(move_x, move_y)
     aside = (inward_x * move_y - inward_y * move_x) / np.where(size > 0, size, 1.0)
