@@ -139,7 +139,9 @@ def _alarms(record: CalibrationRecord, touches: TouchSet) -> int:
 def _drift(record: CalibrationRecord, cell: Cell, name: str, seed: int) -> Drift:
     place, before = NAMES.index(name), BEFORE * (seed % 2)
     sign = 1 if (seed // 2) % 2 else -1
-    truth = PAPER_ACTUAL.replace(**{name: getattr(PAPER_ACTUAL, name) + sign * CHANGE * record.std_of(name)})
+    row = record.place(name)
+    std = float(np.sqrt(record.covariance[row, row]))
+    truth = PAPER_ACTUAL.replace(**{name: getattr(PAPER_ACTUAL, name) + sign * CHANGE * std})
     monitor = DriftMonitor(record)
     if before:
         monitor.add(touches_of(cell, 4_000_000 + seed, seed, before))
@@ -165,7 +167,7 @@ def _bounds(record: CalibrationRecord, touches: TouchSet, place: int, monitor: D
     """Power of the best test, and of the best one that names, from no touches before the change."""
     state = State.of(record)
     matrix = Evidence.of(Information.of(measure(touches, record, state)), state.covariance).matrix
-    size = CHANGE * np.sqrt(record.covariance[place, place]) / state.scale[place]
+    size = CHANGE * np.sqrt(record.covariance[row, row]) / state.scale[place]
     single = [h.places[0] for h in monitor.hypotheses if len(h.places) == 1 and h.places[0] != place]
     known = [other for other in single if matrix[other, other] > 0]
     apart = min(matrix[place, place] - matrix[place, other] ** 2 / matrix[other, other] for other in known)
