@@ -167,7 +167,7 @@ def _bounds(record: CalibrationRecord, touches: TouchSet, place: int, monitor: D
     """Power of the best test, and of the best one that names, from no touches before the change."""
     state = State.of(record)
     matrix = Evidence.of(Information.of(measure(touches, record, state)), state.covariance).matrix
-    size = CHANGE * np.sqrt(record.covariance[row, row]) / state.scale[place]
+    size = CHANGE * np.sqrt(record.covariance[place, place]) / state.scale[place]
     single = [h.places[0] for h in monitor.hypotheses if len(h.places) == 1 and h.places[0] != place]
     known = [other for other in single if matrix[other, other] > 0]
     apart = min(matrix[place, place] - matrix[place, other] ** 2 / matrix[other, other] for other in known)
