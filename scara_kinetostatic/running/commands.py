@@ -151,6 +151,7 @@ class Motion:
     Attributes:
         at: where it is, m.
         sent: to where it is commanded, m; None before the first command.
+        followed: where it was, and the robot next to it, m, when that was last seen to follow, s; None before.
     """
 
     def __init__(
@@ -158,7 +159,14 @@ class Motion:
     ) -> None:
         self.track, self.at = track, at
         self.sent: float | None = None
+        self.followed: tuple[float, float, float] | None = None
         self._speed, self._now, self._ramps, self._slow = speed, 0.0, ramps, slow
+
+    @property
+    def place(self) -> tuple[Floats, float]:
+        """Q, (2,), rad, and the lift, m, where it is."""
+        joints, lift = self.track.place(np.array([self.at]))
+        return joints[0], float(lift[0])
 
     @property
     def speed(self) -> float:

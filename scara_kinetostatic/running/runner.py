@@ -53,6 +53,10 @@ _LATE, _BEHIND = 0.15, 2e-4
 """How far the robot may be behind, s and m together; farther, its way waits for it."""
 _STANDS, _MOVED = 0.25, 5e-5
 """A robot that is behind and comes less far in such a time stands, s and m."""
+_FOLLOWS = 1 / 3
+"""A robot that for `_LATE` comes less than such a part of its way is behind, too, and gets no further message: at each
+one a controller whose time is scaled by 0 moves on.
+"""
 _ARRIVED = 1e-3
 """The same at the end of a way, m."""
 _QUIET = 0.5
@@ -190,8 +194,7 @@ class Runner:
         elapsed, self._now = now - self._now, now
         if self._motion is not None and not self._is_behind:  # also while nobody has ticked
             self._motion.advance(elapsed)
-            joints, lift = self._motion.track.place(np.array([self._motion.at]))
-            self._commander.joints, self._commander.lift = joints[0], float(lift[0])
+            self._commander.joints, self._commander.lift = self._motion.place
         if self._script is None:
             return None
         self._command = None
@@ -222,8 +225,7 @@ class Runner:
         if abs(self._near - motion.at) > 1.5 * _BEHIND and self.senses.knows_joints(self._now):
             motion.at = self._near
         if motion.sent != motion.at:
-            joints, lift = motion.track.place(np.array([motion.at]))
-            self._command, motion.sent = self._halt(joints[0], float(lift[0])), motion.at
+            self._command, motion.sent = self._halt(*motion.place), motion.at
 
     def _stand(self) -> Command | None:
         """Stops where the robot is; where that is not known, where it is to be."""
@@ -255,9 +257,7 @@ class Runner:
             end, ahead = goal if until is None else min(goal, max(motion.at, until) + reach), np.inf
         due = motion.sent is None or (motion.sent != end and abs(motion.sent - motion.at) < 0.25 * reach)
         if due:
-            joints, lift = motion.track.place(np.array([motion.at]))
-            here = joints[0], float(lift[0])
-            self._command = self._commander.command(here, motion.points(end, ahead), is_free=is_free)
+            self._command = self._commander.command(motion.place, motion.points(end, ahead), is_free=is_free)
 
     def _check(self, off_track: float) -> None:
         """Check the sensors and the robot.
@@ -297,16 +297,22 @@ class Runner:
         behind = 0.0 if motion is None else abs(motion.at - near)
         is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
         late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed * (motion.sent != motion.at) + _BEHIND
-        self._near, self._is_behind = near, behind > late and self.senses.knows_joints(self._now, SILENT)
         sent = None if motion is None else motion.sent
+        if motion is not None:
+            at, seen, _ = motion.followed or (motion.at, near, self._now)
+            if (near - seen) * np.sign(motion.at - at) >= _FOLLOWS * abs(motion.at - at):
+                motion.followed = motion.at, near, self._now
+            elif abs(motion.at - at) > _MOVED and self._now - motion.followed[2] > _LATE:
+                late = 0.0
+        self._near, self._is_behind = near, behind > late and self.senses.knows_joints(self._now, SILENT)
         if motion is not None and sent is not None and self._is_behind and (near - motion.at) * (sent - motion.at) > 0:
             text = f'the robot is {1e3 * behind:.1f} mm ahead on its way: it is faster than commanded'
             raise Fault(text, may_retract=False)
         if not self._is_behind or abs(near - self._seen) > _MOVED:
             self._seen, self._seen_at = near, self._now
         if motion is not None and self._now - self._seen_at > _STANDS:
-            joints, lift = motion.track.place(np.array([motion.at]))
-            slowest = int(np.nanargmax(np.abs(self.senses.place - [*joints[0], *lift])))
+            joints, lift = motion.place
+            slowest = int(np.nanargmax(np.abs(self.senses.place - [*joints, lift])))
             name = (*self.cell.joint_names, *self.cell.other_joints)[slowest]
             text = f'the robot stands {1e3 * behind:.1f} mm behind, {name} most: it does not follow'
             raise Fault(text, may_retract=False, passes=True)

@@ -18,11 +18,9 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.running.commands import Fault
 
 SILENT = 0.1
-"""Sensors that say nothing for so long are silent, s."""
+"""Sensors that say nothing for so long are silent, and messages that come so much later than the fastest ones late, s."""
 _FRESH = 0.05
 """The joints are where a reading so old had them, s, to stop there."""
-LATE = 0.15
-"""Messages that come so much later than the fastest ones are late, s."""
 TARE = 0.15
 """The zero of the force is the mean over so long, s."""
 _DRIFT = 1e-4
@@ -81,7 +79,7 @@ class Senses:
     def _note(self, which: int, now: float, stamp: float) -> None:
         self._fastest[which] = min(self._fastest[which] + _DRIFT, now - stamp)
         self._delay[which] = now - stamp - self._fastest[which]
-        self._late[which] = self._late[which] + 1 if self._delay[which] > LATE else 0
+        self._late[which] = self._late[which] + 1 if self._delay[which] > SILENT else 0
 
     def forget_delays(self) -> None:
         """Measures delays anew: before anything moves the first messages, or a clock that is set, tell wrong ones."""
@@ -120,7 +118,7 @@ class Senses:
                 lasting = f' for {silent:.2f} s' if readings else ''
                 return f'{topic} is silent{lasting}' + (f': {self._refusal}' if self._refusal else '')
             if self._late[which] > 2 and most == SILENT:
-                return f'{topic}: messages come {LATE} s late'
+                return f'{topic}: messages come {SILENT} s late'
         if self._moved:
             return f'a joint has moved that must not: {self._moved}'
         if self._lift is not None and self._joints and self.lift is None:
