@@ -22,7 +22,7 @@ from rclpy.task import Future
 from std_msgs.msg import Bool, String, UInt32
 
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.nodes.demo_client import THIS_MACHINE, ros_value
+from scara_kinetostatic.nodes.demo import THIS_MACHINE, ros_value
 from scara_kinetostatic.nodes.streams import LATCHED
 
 START_UP = 120.0

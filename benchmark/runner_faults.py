@@ -30,7 +30,7 @@ from benchmark.cell_nodes import DemoClient, NodeProcesses
 from benchmark.common import parser, print_and_save
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.nodes.demo_client import free_domain
+from scara_kinetostatic.nodes.demo import free_domain
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import gather_touches
 from scara_kinetostatic.simulation.commanded import DEMO_CELL, Fault

@@ -20,7 +20,7 @@ from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.cell import PAPER_CELL
-from scara_kinetostatic.nodes.demo_client import THIS_MACHINE, free_domain
+from scara_kinetostatic.nodes.demo import THIS_MACHINE, free_domain
 from scara_kinetostatic.touches.detection import find_touches
 
 LONGEST_WAIT = 60.0

@@ -31,7 +31,7 @@ from std_srvs.srv import Trigger
 from benchmark.cell_nodes import NodeProcesses
 from benchmark.common import CELL, parser, save
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.nodes.demo_client import free_domain
+from scara_kinetostatic.nodes.demo import free_domain
 
 NODES = (
     'calibrator',

@@ -40,7 +40,7 @@ from scara_kinetostatic.model.cell import Cell, Noise, Sensor
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.online import OnlineArm
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.nodes.demo_client import free_domain
+from scara_kinetostatic.nodes.demo import free_domain
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches

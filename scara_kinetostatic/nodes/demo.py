@@ -7,6 +7,8 @@ busy. On the way between them is nothing but ROS topics, in a domain of their ow
 from __future__ import annotations
 
 import os
+import random
+import socket
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -23,11 +25,12 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
-from scara_kinetostatic.nodes.demo_client import THIS_MACHINE, free_domain, ros_value
 from scara_kinetostatic.nodes.touch_runner import RESULT, TouchRunner
 from scara_kinetostatic.results.parameter_file import NAME, StoredResult, load_result
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 
+THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+"""Environment of nodes that look for others on this machine only."""
 SIMULATOR = {'commanded': True, 'publish_clock': True, 'joint_rate': 125.0, 'wrench_rate': 125.0}
 RUNNER = {'autostart': True, 'exit_when_done': True, 'use_sim_time': True}
 """Parameters of both nodes, for simulated time."""
@@ -111,6 +114,29 @@ def run_demo(
     if not (results / NAME).exists():
         raise UnsupportedDataError(f'touch_runner: {state["text"]}; {state["result"]}')
     return DemoResult(state['text'], truth, load_result(results / NAME), Path(state['recording']), results)
+
+
+def free_domain() -> int:
+    """A ROS domain that no process on this machine uses, chosen at random."""
+    domains = random.sample(range(1, 100), 99)  # their ports lie below those that Linux hands out
+    return next((domain for domain in domains if is_free(domain)), domains[0])
+
+
+def is_free(domain: int) -> bool:
+    """Whether the discovery port of the domain (DDSI-RTPS: 7400 + 250 d) is free."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(('', 7400 + 250 * domain))
+        except OSError:
+            return False
+    return True
+
+
+def ros_value(value: object) -> str:
+    """A value as ROS reads it from the command line: strings in quotes, numbers and switches plain."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value) if isinstance(value, (int, float)) else "'" + str(value).replace("'", "''") + "'"
 
 
 def _spin(simulator: CellNode, runner: TouchRunner, progress: Callable[[Progress], None]) -> dict[str, str]:

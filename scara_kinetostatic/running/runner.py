@@ -223,7 +223,7 @@ class Runner:
     def _halt_motion(self, motion: Motion) -> None:
         """Stops a motion where it is; where the robot is late, there."""
         if abs(self._near - motion.at) > 1.5 * _BEHIND and self.senses.knows_joints(self._now):
-            motion.at = self._near
+            motion.at, motion.followed = self._near, None
         if motion.sent != motion.at:
             self._command, motion.sent = self._halt(*motion.place), motion.at
 
@@ -297,15 +297,16 @@ class Runner:
         behind = 0.0 if motion is None else abs(motion.at - near)
         is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
         late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed * (motion.sent != motion.at) + _BEHIND
-        sent = None if motion is None else motion.sent
+        sent, is_stuck = None if motion is None else motion.sent, False
         if motion is not None:
-            at, seen, _ = motion.followed or (motion.at, near, self._now)
+            at, seen, when = motion.followed or (motion.at, near, self._now)
             if (near - seen) * np.sign(motion.at - at) >= _FOLLOWS * abs(motion.at - at):
-                motion.followed = motion.at, near, self._now
-            elif abs(motion.at - at) > _MOVED and self._now - motion.followed[2] > _LATE:
-                late = 0.0
-        self._near, self._is_behind = near, behind > late and self.senses.knows_joints(self._now, SILENT)
-        if motion is not None and sent is not None and self._is_behind and (near - motion.at) * (sent - motion.at) > 0:
+                at, seen, when = motion.at, near, self._now
+            motion.followed = at, seen, when
+            is_stuck = self._contact and abs(motion.at - at) > _MOVED and self._now - when > _LATE
+        self._near, self._is_behind = near, (behind > late or is_stuck) and self.senses.knows_joints(self._now, SILENT)
+        is_ahead = motion is not None and sent is not None and (near - motion.at) * (sent - motion.at) > 0
+        if is_ahead and self._is_behind and not is_stuck:
             text = f'the robot is {1e3 * behind:.1f} mm ahead on its way: it is faster than commanded'
             raise Fault(text, may_retract=False)
         if not self._is_behind or abs(near - self._seen) > _MOVED:
@@ -595,8 +596,7 @@ class Runner:
             self._check(_OFF_APPROACH)
             yield
         self._say('retract', 'retracting')
-        self._steepest = _STIFFER * touch.contact_speed / compliance
-        yield from self._back()
+        yield from self._back(target)
 
     def _into(self, track: Track, surface: float, target: Target) -> tuple[Track, float]:
         """The way of an approach, from the surface on of a press that drags the tip aside; length per force, m/N."""
@@ -666,13 +666,14 @@ class Runner:
                 return
             yield from self._pushed(motion, -0.9 * (force - goal) * compliance, 1.03 * goal)
 
-    def _back(self) -> Iterator[None]:
+    def _back(self, target: Target) -> Iterator[None]:
         """To where the approach began: in contact slowly, then as through free space.
 
         Raises:
             Fault: a force remains.
         """
         assert self._motion is not None
+        self._steepest = _STIFFER * self.cell.touch.contact_speed / self._compliance(target, self._here())
         clear, track = max(self._surface - _CLEAR, 0.0), self._motion.track
         motion = Motion(track, self._travel_speed(), self._motion.at, slow=(clear, self.cell.touch.contact_speed))
         self._motion = motion
@@ -755,6 +756,7 @@ class Runner:
             yield
         if self._motion is not None:
             self._motion.at, self._motion.sent = near, None
+            self._commander.joints, self._commander.lift = self._motion.place
         if not self._contact and self.senses.force > self._free_limit:
             text = f'{reason}; now there is a force of {self.senses.force:.1f} N where nothing must be touched'
             raise Fault(text, may_retract=False)
@@ -762,7 +764,8 @@ class Runner:
         self._last_force = self.senses.net_force, self.senses.stamp
         if self._contact:
             self._say('retract', f'going on after: {reason}')
-            yield from self._back()
+            assert self.target is not None
+            yield from self._back(self.target)
         self._motion = None
         self._say('judge', f'going on after: {reason}')
         began = self._now

@@ -18,7 +18,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.running.commands import Fault
 
 SILENT = 0.1
-"""Sensors that say nothing for so long are silent, and messages that come so much later than the fastest ones late, s."""
+"""Sensors that say nothing for so long are silent; messages that come so much later than the fastest ones, late; s."""
 _FRESH = 0.05
 """The joints are where a reading so old had them, s, to stop there."""
 TARE = 0.15

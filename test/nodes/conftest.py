@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from benchmark.cell_nodes import DemoClient, NodeProcesses  # noqa: E402
 from scara_kinetostatic.files.cell_file import dump_cell  # noqa: E402
 from scara_kinetostatic.model.cell import PAPER_CELL  # noqa: E402
-from scara_kinetostatic.nodes.demo_client import THIS_MACHINE, is_free  # noqa: E402
+from scara_kinetostatic.nodes.demo import THIS_MACHINE, is_free  # noqa: E402
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
 from scara_kinetostatic.nodes.compensator import Compensator
 from scara_kinetostatic.nodes.conversion import PlanarPose, joint_state, pose_bytes, wrench
-from scara_kinetostatic.nodes.demo_client import THIS_MACHINE
+from scara_kinetostatic.nodes.demo import THIS_MACHINE
 from scara_kinetostatic.nodes.streams import LATCHED
 
 CELL = replace(PAPER_CELL, sensor=Sensor())

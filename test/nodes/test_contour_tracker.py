@@ -33,7 +33,7 @@ from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes.contact_simulator import Playback
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker
 from scara_kinetostatic.nodes.conversion import joint_state, wrench
-from scara_kinetostatic.nodes.demo_client import THIS_MACHINE
+from scara_kinetostatic.nodes.demo import THIS_MACHINE
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.outline import circle
 from scara_kinetostatic.simulation.slides import Slide, simulate_slides

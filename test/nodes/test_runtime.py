@@ -14,7 +14,7 @@ from nodes.waiting import WAIT
 from rcl_interfaces.srv import GetParameters
 
 from benchmark.cell_nodes import DemoClient, NodeProcesses
-from scara_kinetostatic.nodes.demo_client import free_domain
+from scara_kinetostatic.nodes.demo import free_domain
 
 NODES = ('contact_simulator', 'collector', 'calibrator')
 

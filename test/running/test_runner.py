@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -120,7 +121,7 @@ def test_enough_is_said_of_all_touches_that_were_made() -> None:
         (Fault.FREE_FORCE, 'force'),
         (Fault.SILENT_JOINTS, '/joint_states is silent'),
         (Fault.SILENT_WRENCH, '/wrench is silent'),
-        (Fault.LATE, 'frozen'),
+        (Fault.LATE, 's late'),
     ],
     ids=lambda value: value.name.lower() if isinstance(value, Fault) else '',
 )
@@ -522,6 +523,52 @@ def test_a_streamed_motion_is_not_commanded_on_while_the_robot_is_behind() -> No
     motion = one.runner._motion
     assert max(sent[:-1]) < 0.15 * motion.speed + 3e-4
     assert 'does not follow' in one.runner.status.text
+
+
+@pytest.mark.parametrize('more', [0.05, 0.2, 0.3])
+def test_a_press_that_is_scaled_to_zero_does_not_creep_on(more: float) -> None:
+    """The controller moves on by two of its periods at each new message, whatever the scaling."""
+    one = rehearsal(replace(CELL, tolerance=None), most=9, patience=20.0)
+    command = one.plant.command
+
+    def creeping(*trajectory: Any) -> None:
+        command(*trajectory)
+        one.plant._elapsed = 0.008
+
+    one.plant.command = creeping  # type: ignore[method-assign]
+    until_phase(one, 'press', more)
+    one.plant.scaling, began, accepted = 0.0, one.time, one.runner.campaign.accepted
+    one.run(longest=0.3)
+    before = one.plant._position[:2]
+    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
+    assert 'does not follow (in press)' in one.runner.status.text
+    assert one.time - began < 0.6
+    assert one.plant._position[:2] == pytest.approx(before, abs=1e-4)
+    one.plant.scaling = 1.0
+    one.run(lambda at: at.runner.campaign.accepted > accepted, 30.0)
+    assert one.runner.campaign.accepted > accepted
+
+
+def test_a_robot_that_is_late_when_its_controller_stops_goes_on() -> None:
+    one = rehearsal(patience=10.0)
+    until_phase(one, 'travel', 0.4)
+    one.plant.scaling = 0.0
+    one.run(longest=0.12)  # more than the joints may be off where they are told to stand
+    one.plant.active = False
+    one.runner.fail('the controller aborts a trajectory', passes=True)
+    one.run(longest=1.0)
+    one.plant.active, one.plant.scaling = True, 1.0
+    one.run(lambda at: at.runner.status.phase == 'approach' or at.runner.end is not None, 20.0)
+    assert one.runner.status.phase == 'approach'
+
+
+def test_joints_that_come_late_stop_the_run() -> None:
+    one = rehearsal()
+    until_phase(one, 'travel')
+    add = one.runner.senses.add_joints
+    one.runner.senses.add_joints = lambda now, stamp, *rest: add(now, stamp - 0.12, *rest)  # type: ignore
+    one.run(lambda at: at.runner.end is not None, 1.0)
+    assert one.runner.status.text == '/joint_states: messages come 0.1 s late (in travel)'
 
 
 def test_a_force_that_comes_while_it_waits_ends_the_run() -> None:
