@@ -301,6 +301,7 @@ class TouchRunner(CellNode):
             return
         if command is not None:
             self._controller.send(command)
+            self._runner.note(1e-9 * self._time())
         status = self._runner.status
         if (status.phase, status.text) != self._said:
             self._said = status.phase, status.text

@@ -180,6 +180,17 @@ class Runner:
         """Whether it has ended and the robot stands."""
         return self.end is not None and self._script is None
 
+    def note(self, now: float) -> float:
+        """Time that has passed, s; call it, too, when a command has been sent: a tick that plans takes long.
+
+        Args:
+            now: s.
+        """
+        elapsed, self._now = now - self._now, now
+        if elapsed > 2 * PERIOD:  # this machine was busy: what has come meanwhile is yet to be heard
+            self.senses.excuse(now)
+        return elapsed
+
     def tick(self, now: float) -> Command | None:
         """Goes on; call it often, with every sample.
 
@@ -189,9 +200,7 @@ class Runner:
         Returns:
             What the robot is to do; None where that does not change.
         """
-        if now - self._now > 2 * PERIOD:  # this machine was busy: what has come meanwhile is yet to be heard
-            self.senses.excuse(now)
-        elapsed, self._now = now - self._now, now
+        elapsed = self.note(now)
         if self._motion is not None and not self._is_behind:  # also while nobody has ticked
             self._motion.advance(elapsed)
             self._commander.joints, self._commander.lift = self._motion.place
@@ -216,8 +225,11 @@ class Runner:
     # Commands
 
     def _halt(self, joints: Floats, lift: float) -> Command:
-        """To stop at once where the robot is to be."""
-        points = np.array([_HALT]), joints[None], np.array([lift])
+        """To stop at once where the robot is to be; if it still is where it was seen, it gets there at the speed of travel."""
+        before, seen, speed = self.senses.lift, self.senses.joints, self.cell.touch.speed
+        lifts = np.array([lift if before is None else before, lift])
+        way = Track.of(np.stack([seen, joints]), lifts, self._parameters, max(speed / _LIFT_SPEED, 1.0))
+        points = np.array([max(_HALT, way.length / speed)]), joints[None], np.array([lift])
         return self._commander.command((joints, lift), points, is_halt=True)
 
     def _halt_motion(self, motion: Motion) -> None:
