@@ -225,7 +225,7 @@ class Runner:
     # Commands
 
     def _halt(self, joints: Floats, lift: float) -> Command:
-        """To stop at once where the robot is to be; if it still is where it was seen, it gets there at the speed of travel."""
+        """To stop at once where the robot is to be; from where it was seen last it gets there no faster than in travel."""
         before, seen, speed = self.senses.lift, self.senses.joints, self.cell.touch.speed
         lifts = np.array([lift if before is None else before, lift])
         way = Track.of(np.stack([seen, joints]), lifts, self._parameters, max(speed / _LIFT_SPEED, 1.0))
