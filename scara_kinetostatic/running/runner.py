@@ -225,7 +225,7 @@ class Runner:
     # Commands
 
     def _halt(self, joints: Floats, lift: float) -> Command:
-        """To stop at once where the robot is to be; from where it was seen last it gets there no faster than in travel."""
+        """To stop at once where the robot is to be; from where it was seen it gets there no faster than in travel."""
         before, seen, speed = self.senses.lift, self.senses.joints, self.cell.touch.speed
         lifts = np.array([lift if before is None else before, lift])
         way = Track.of(np.stack([seen, joints]), lifts, self._parameters, max(speed / _LIFT_SPEED, 1.0))
@@ -327,7 +327,7 @@ class Runner:
             joints, lift = motion.place
             slowest = int(np.nanargmax(np.abs(self.senses.place - [*joints, lift])))
             name = (*self.cell.joint_names, *self.cell.other_joints)[slowest]
-            text = f'the robot stands {1e3 * behind:.1f} mm behind, {name} most: it does not follow'
+            text = f'the robot stands {1e3 * behind:.2g} mm behind, {name} most: it does not follow'
             raise Fault(text, may_retract=False, passes=True)
 
     # The run
