@@ -225,15 +225,16 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
         model: the model.
         noise: σ_q and σ_f, the measure of distance.
     """
+    held = observations.with_errors_held()
     with np.errstate(all='ignore'):
-        point = evaluate(observations, model, first_guess(observations, model), noise, COARSE)
-        point = evaluate(observations, model, turn_radial(observations, point), noise)
+        point = evaluate(held, model, first_guess(held, model), noise, COARSE)
+        point = evaluate(held, model, turn_radial(held, point), noise)
         # five rounds suffice for forces along the normal; with off-normal angles some touches need more
-        point, moving = _in_rounds(observations, point, noise, 5)
+        point, moving = _in_rounds(held, point, noise, 5)
         if len(moving):
-            rest, _ = _in_rounds(observations.select(moving), select(point, moving), noise, 15)
+            rest, _ = _in_rounds(held.select(moving), select(point, moving), noise, 15)
             point = replaced(point, moving, rest)
-        return point
+        return point if held is observations else evaluate(observations, model, point.adjusted, noise)
 
 
 def _in_rounds(observations: Observations, point: Point, noise: Noise, rounds: int) -> tuple[Point, Indices]:
