@@ -312,10 +312,11 @@ class Runner:
         sent, is_stuck = None if motion is None else motion.sent, False
         if motion is not None:
             at, seen, when = motion.followed or (motion.at, near, self._now)
-            if (near - seen) * np.sign(motion.at - at) >= _FOLLOWS * abs(motion.at - at):
+            way = np.sign(motion.at - at)
+            if (near - seen) * way >= _FOLLOWS * (motion.at - at) * way:
                 at, seen, when = motion.at, near, self._now
-            motion.followed = at, seen, when
-            is_stuck = self._contact and abs(motion.at - at) > _MOVED and self._now - when > _LATE
+            motion.followed, is_late = (at, seen, when), self._now - when > _LATE
+            is_stuck = self._contact and is_late and min((motion.at - at) * way, (motion.at - near) * way) > _MOVED
         self._near, self._is_behind = near, (behind > late or is_stuck) and self.senses.knows_joints(self._now, SILENT)
         is_ahead = motion is not None and sent is not None and (near - motion.at) * (sent - motion.at) > 0
         if is_ahead and self._is_behind and not is_stuck:

@@ -589,6 +589,18 @@ def test_a_halt_of_a_robot_that_is_not_heard_is_no_jump() -> None:
     assert np.hypot(*moved[0]) / halt.times[0] < 1.05 * CELL.touch.speed
 
 
+def test_a_robot_that_is_at_the_end_a_little_early_stands_behind_nothing() -> None:
+    one = rehearsal(patience=10.0)
+    until_phase(one, 'retract', 0.0)
+    one.run(longest=0.02)
+    motion = one.runner._motion
+    one.run(lambda at: motion.at < motion.track.at[1])
+    motion.followed = motion.at + 3e-4, 0.0, one.time  # as seen when it was early
+    one.run(lambda at: at.runner.status.phase == 'travel', 10.0)
+    assert motion.at < 1e-6
+    assert not any(status.phase == 'waiting' for _, status in one.history)
+
+
 def test_joints_that_come_late_stop_the_run() -> None:
     one = rehearsal()
     until_phase(one, 'travel')
