@@ -226,10 +226,9 @@ class Runner:
 
     def _halt(self, joints: Floats, lift: float) -> Command:
         """To stop at once where the robot is to be; from where it was seen it gets there no faster than in travel."""
-        before, seen, speed = self.senses.lift, self.senses.joints, self.cell.touch.speed
-        lifts = np.array([lift if before is None else before, lift])
-        way = Track.of(np.stack([seen, joints]), lifts, self._parameters, max(speed / _LIFT_SPEED, 1.0))
-        points = np.array([max(_HALT, way.length / speed)]), joints[None], np.array([lift])
+        speed, lifts = self.cell.touch.speed, np.array([lift if self.senses.lift is None else self.senses.lift, lift])
+        way = Track.of(np.stack([self.senses.joints, joints]), lifts, self._parameters, max(speed / _LIFT_SPEED, 1.0))
+        points = np.array([max(_HALT, way.length / speed)]), joints[None], lifts[1:]
         return self._commander.command((joints, lift), points, is_halt=True)
 
     def _halt_motion(self, motion: Motion) -> None:
@@ -609,7 +608,7 @@ class Runner:
             self._check(_OFF_APPROACH)
             yield
         self._say('retract', 'retracting')
-        yield from self._back(target)
+        yield from self._back()
 
     def _into(self, track: Track, surface: float, target: Target) -> tuple[Track, float]:
         """The way of an approach, from the surface on of a press that drags the tip aside; length per force, m/N."""
@@ -679,14 +678,14 @@ class Runner:
                 return
             yield from self._pushed(motion, -0.9 * (force - goal) * compliance, 1.03 * goal)
 
-    def _back(self, target: Target) -> Iterator[None]:
+    def _back(self) -> Iterator[None]:
         """To where the approach began: in contact slowly, then as through free space.
 
         Raises:
             Fault: a force remains.
         """
-        assert self._motion is not None
-        self._steepest = _STIFFER * self.cell.touch.contact_speed / self._compliance(target, self._here())
+        assert self._motion is not None and self.target is not None
+        self._steepest = _STIFFER * self.cell.touch.contact_speed / self._compliance(self.target, self._here())
         clear, track = max(self._surface - _CLEAR, 0.0), self._motion.track
         motion = Motion(track, self._travel_speed(), self._motion.at, slow=(clear, self.cell.touch.contact_speed))
         self._motion = motion
@@ -777,8 +776,7 @@ class Runner:
         self._last_force = self.senses.net_force, self.senses.stamp
         if self._contact:
             self._say('retract', f'going on after: {reason}')
-            assert self.target is not None
-            yield from self._back(self.target)
+            yield from self._back()
         self._motion = None
         self._say('judge', f'going on after: {reason}')
         began = self._now
