@@ -199,11 +199,10 @@ def _few_of_each(observations: Observations) -> Mask:
     """The first few of touches that are alike, (n,)."""
     joint, force = _ALIKE
     cells = np.round(np.concatenate([observations.joints / joint, observations.force / force], axis=1))
-    _, kind, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    earlier = np.empty(len(cells), dtype=np.intp)
-    first = np.cumsum(counts) - counts
-    earlier[np.argsort(kind.ravel(), kind='stable')] = np.arange(len(cells)) - np.repeat(first, counts)
-    return np.asarray(earlier < _MOST_ALIKE)
+    kind = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+    order, few = np.argsort(kind, kind='stable'), np.ones(len(kind), dtype=bool)
+    few[order[_MOST_ALIKE:]] = kind[order[_MOST_ALIKE:]] != kind[order[:-_MOST_ALIKE]]
+    return few
 
 
 def _next_round(
