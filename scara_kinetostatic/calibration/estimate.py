@@ -179,12 +179,30 @@ def _begin(
         return observations, warm_start.model, errors, near.adjusted, first, 0
     noise = cell.noise or USUAL_NOISE
     stated = observations.as_stated()
-    fit = minimise(stated, start, first_guess(stated, start), everything, noise, COARSE)
-    first = _Round(ROBUST, np.ones(len(observations.joints), dtype=bool), noise, everything, none)
+    some = _few_of_each(observations)
+    fit = minimise(stated, start, first_guess(stated, start), everything, noise, COARSE, some)
+    first = _Round(ROBUST, some, noise, everything, none)
     if cell.has_outlines:
         observations = observations.on_surfaces(cell.surfaces, fitted_surfaces(stated, cell, fit.point))
     adjusted = turn_radial(observations, fit.point)
     return observations, fit.point.model, observations.errors, adjusted, first, fit.iterations
+
+
+_ALIKE = 0.02, 10.0
+"""Touches in a cell of a grid of so many rad and N are alike."""
+_MOST_ALIKE = 3
+"""How many touches that are alike count in the robust runs: a few places touched again and again, more than half of
+all touches together, would else be fitted alone, by whatever parameters, and all others be the outliers."""
+
+
+def _few_of_each(observations: Observations) -> Mask:
+    """The first few of touches that are alike, (n,)."""
+    joint, force = _ALIKE
+    cells = np.round(np.concatenate([observations.joints / joint, observations.force / force], axis=1))
+    kind = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+    order, few = np.argsort(kind, kind='stable'), np.ones(len(kind), dtype=bool)
+    few[order[_MOST_ALIKE:]] = kind[order[_MOST_ALIKE:]] != kind[order[:-_MOST_ALIKE]]
+    return few
 
 
 def _next_round(

@@ -36,7 +36,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
 )
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, MixedModel, fit_mixed
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets
-from scara_kinetostatic.diagnosis.noise_structure import fit_with_off_normal
+from scara_kinetostatic.diagnosis.noise_structure import fit_again, fit_with_off_normal
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
@@ -114,6 +114,10 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         best = len(sets.members(sets.credible[0]))
         start, before = start_from(problem, members[:best], members[best:]), names
         fitted = _fit(c, known, start, freedoms=HEAVY_TAILS)
+        if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
+            alone = fit_again(replace(c, model=start))
+            if alone is not None and len(alone.touches) == len(c.touches):
+                fitted = _fit(replace(c, used=alone.used), known, alone.model, freedoms=HEAVY_TAILS)
         if fitted is None:
             curves = {member.effect.label for member in members if not member.effect.is_physical}
             if curves & set(_partition(sets)[0]):

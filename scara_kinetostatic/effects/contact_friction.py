@@ -26,7 +26,8 @@ class ContactFriction(EffectOfDiscs):
 
     Attributes:
         reference: L̄ by which the slide is judged, such as the nominal one: held, so that no touch
-            changes its direction while L̄ is estimated; None for L̄ itself.
+            changes its direction while L̄ is estimated; None for L̄ itself: on a sharp corner a tip that is off by
+            a millimetre is on the wrong side.
     """
 
     reference: Parameters | None = None
@@ -46,8 +47,9 @@ class ContactFriction(EffectOfDiscs):
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
-        """Their slide is judged by the nominal parameters."""
-        return [replace(cast('ContactFriction', effect), reference=cell.nominal) for effect in super().instances(cell)]
+        """Their slide is judged by the nominal parameters, in a cell with outlines by L̄ itself."""
+        by = None if cell.has_outlines else cell.nominal
+        return [replace(cast('ContactFriction', effect), reference=by) for effect in super().instances(cell)]
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         """The slide as the effect judges it."""

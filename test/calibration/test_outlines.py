@@ -10,6 +10,8 @@ from benchmark.outlines import OBJECTS, cell_of, cell_with, plan_of
 from scara_kinetostatic.assessment.mistakes import check_touches
 from scara_kinetostatic.calibration.gauss_helmert import linearise
 from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.effects.contact_friction import ContactFriction
+from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.contact import contact
@@ -213,6 +215,16 @@ def test_friction_on_edges_and_corners_is_estimated():
     c = sk.calibrate(touches, cell, start=ExtendedModel(cell.nominal, (effect.effect,), ((0.0,),)))
     assert c.model.values['contact_friction']['coefficient'] == pytest.approx(0.1, abs=1e-6)
     np.testing.assert_allclose(c.parameters.as_array(), TRUTH.as_array(), atol=1e-8)
+
+
+def test_friction_on_a_corner_is_found_however_far_off_the_nominal_arm_is():
+    """Off by half the radius of the tip on a sharp corner, it would have the tip slide the other way."""
+    cell = replace(CELLS['mixture'], nominal=PAPER_ACTUAL.replace(x0=-0.001, y0=0.002, theta1=0.006))
+    truth = ExtendedModel(TRUTH, (ContactFriction(),), ((0.05,),))
+    touches = simulate_touches(cell, truth, default_plan(cell, 24, preload=0.3), None, 2)
+    c = sk.calibrate(touches, cell, [find(cell, 'contact_friction')])
+    assert c.used.mean() > 0.98
+    assert c.model.values['contact_friction']['coefficient'] == pytest.approx(0.05, abs=2e-3)
 
 
 @pytest.mark.parametrize(

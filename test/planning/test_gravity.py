@@ -8,14 +8,17 @@ import numpy as np
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.cell import PAPER_DISCS
+from scara_kinetostatic.model.cell import PAPER_DISCS, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
+from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidates import LEAST_ARM, candidate_plan
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import Robot, exact_plan, free_tip, make_workspace, predict, tip_std
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 
 GRAVITY = (0.0, -9.81)
 TRUTH = sk.PAPER_ACTUAL.replace(s1=1.6, s2=0.5, gravity=GRAVITY)
@@ -79,3 +82,30 @@ def test_planned_touches_lose_fewer_than_even_ones():
         touches = simulate_touches(CELL, ExtendedModel(TRUTH), plan, CELL.noise, 5)
         lost.append(len(sk.calibrate(touches, CELL).rejected) / len(plan))
     assert lost[0] < 0.5 * lost[1]
+
+
+def test_a_few_places_touched_again_and_again_are_not_fitted_alone():
+    """More than half of the touches: by a backlash of milliradians they fit well, and all others are the outliers."""
+    cell, random = replace(CELL, limits=None), np.random.default_rng(3)
+    truth = with_effects(TRUTH, [parse_effect('contact_friction:coefficient=0.05', cell)])
+    some = default_plan(cell, 4, (20.0, 60.0), preload=0.3)
+    again = np.repeat(random.choice(len(some), 4, replace=False), 20)
+    plan = some.select(np.concatenate([np.arange(len(some)), again]))
+    found = sk.calibrate(simulate_touches(cell, truth, plan, cell.noise, 3), cell)
+    assert len(found.rejected) < 0.1 * len(plan)
+    off = np.abs(found.parameters.as_array() - TRUTH.as_array())
+    assert off[:6].max() < 1e-4 and off[9:12].max() < 5e-4
+
+
+def test_one_touch_that_slid_the_other_way_does_not_hide_the_friction():
+    """With it no model with friction settled, and friction was given up for a base model without nine touches."""
+    cell = replace(CELL, limits=None, uncertainty=Uncertainty(nominal={'s1': 0.4, 's2': 0.12}))
+    truth = with_effects(TRUTH, [parse_effect('contact_friction:coefficient=0.05', cell)])
+    plan = default_plan(cell, 6, (20.0, 60.0), preload=0.3)
+    plan = plan.select(np.random.default_rng(7).permutation(len(plan))[:26])
+    touches = simulate_touches(cell, truth, plan, cell.noise, 7)
+    force = touches.force.copy()
+    force[5] = rotate(force[5:6], -0.1)[0]
+    found = calibrate_touches(touches.replace(force=force), cell)
+    assert [item.effect.label for item in found.diagnosis.found] == ['contact_friction']
+    assert found.final.touches.index[~found.final.used].tolist() == [5]
