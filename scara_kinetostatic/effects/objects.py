@@ -129,7 +129,7 @@ class ObjectRadius(DiscEffect):
 
 
 @dataclass(frozen=True)
-class ObjectOffset(DiscEffect):
+class ObjectOffset(ObjectRadius):
     """All sides of the outline stand further out by `offset`: d = offset · n."""
 
     name = 'object_offset'
@@ -137,8 +137,6 @@ class ObjectOffset(DiscEffect):
     statement = 'the sides of {target} are not where the cell description says, all by the same'
     confounded_with = 'g_ee, if there is no other object; the radius of the tip'
     identified_by = 'touches of opposite sides, and of another object'
-    plot_variable = 'disc'
-    force_dependence = ForceDependence.DIRECTION
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
@@ -148,9 +146,6 @@ class ObjectOffset(DiscEffect):
         error = values['offset']
         where = f'{quantity(abs(error), "m")} further {"out" if error > 0 else "in"}'
         return f'measure {self.target} again: its sides stand {where}'
-
-    def places(self, at: TouchState) -> tuple[Floats, ...]:
-        return (at.normal,)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, SensorEffect, combined
+from scara_kinetostatic.effects.base import Effect, LinearEffect, SensorEffect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import ArmClass, Cell
@@ -116,7 +116,7 @@ def columns_of(effect: Effect, at: TouchState) -> list[Column]:
 
 
 @dataclass(frozen=True)
-class Undetected(Effect):
+class Undetected(LinearEffect):
     """All columns of undetected effects of the robot that depend alike on the force, as parameters.
 
     Attributes:
@@ -135,9 +135,7 @@ class Undetected(Effect):
     identified_by = 'more touches'
     plot_variable = 'angle'
     is_physical = False
-    is_linear = True
     is_undetected = True
-    is_smooth = True
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
@@ -170,14 +168,9 @@ class Undetected(Effect):
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         """None where their values are zero."""
-        if not values.any():
-            return Shift()
-        parts = self.derivative(at, values)
-        return Shift(
-            combined([part.joints for part in parts], values), combined([part.place for part in parts], values)
-        )
+        return super().shift(at, values) if values.any() else Shift()
 
-    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         return derivatives(self._parsed, at)
 
 

@@ -104,19 +104,9 @@ class Noise(NamedTuple):
         """Standard deviation of a component of a force of some magnitude, rms over the axes, N."""
         return float(np.hypot(self.force_rms, self.growth * magnitude)) if self.growth else self.force_rms
 
-    def scaled(self, factor: float) -> Noise:
-        """All of it times a factor."""
-        grown = None if self.force_relative is None else factor * self.force_relative
-        return Noise(_scaled(self.joint, factor), _scaled(self.force, factor), grown)
-
     def with_rms(self, joint: float, force: float) -> Noise:
         """The same ratios of the axes and the same growth, with other levels."""
         return Noise(_with_rms(self.joint, joint), _with_rms(self.force, force), self.force_relative)
-
-    @property
-    def in_pairs(self) -> Noise:
-        """The same with levels of both axes as a tuple, where they were given as a list or an array."""
-        return self._replace(joint=_level(self.joint), force=_level(self.force))
 
     def check(self) -> None:
         """Whether it can be that of a measurement.
@@ -188,15 +178,11 @@ def _rms(level: Level) -> float:
     return float(np.sqrt((first**2 + second**2) / 2)) if first != second else first
 
 
-def _scaled(level: Level, factor: float) -> Level:
-    return factor * level if isinstance(level, (int, float)) else (factor * level[0], factor * level[1])
-
-
 def _with_rms(level: Level, rms: float) -> Level:
     if isinstance(level, (int, float)):
         return rms
-    before = _rms(level)
-    return level if before == rms else rms if before == 0 else _scaled(level, rms / before)
+    factor = rms / _rms(level)
+    return factor * level[0], factor * level[1]
 
 
 class SensorFrame(str, Enum):
@@ -560,7 +546,8 @@ class Cell:
                 raise ParameterError(outline.name, *problem)
         if self.noise is not None:
             self.noise.check()
-            object.__setattr__(self, 'noise', self.noise.in_pairs)
+            levels = _level(self.noise.joint), _level(self.noise.force)
+            object.__setattr__(self, 'noise', Noise(*levels, self.noise.force_relative))
 
     def in_turn(self, joints: Floats) -> Floats:
         """The same joint angles, (…, 2), rad: those beyond the limits in the turn about the middle of these."""

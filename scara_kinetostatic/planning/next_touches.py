@@ -47,11 +47,19 @@ from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, press_
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.planning.candidates import CandidateTouches, candidate_plan, declared_rows, prepare_candidates
+from scara_kinetostatic.planning.candidates import (
+    MOST_TOUCHES,
+    CandidateTouches,
+    candidate_plan,
+    declared_rows,
+    improve,
+    largest_variance,
+    prepare_candidates,
+    variance_with_each,
+)
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
 from scara_kinetostatic.planning.optimal_design import contributions
 from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan, tip_in_use
-from scara_kinetostatic.planning.search import MOST_TOUCHES, improve, largest_variance, variance_with_each
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
 

@@ -29,13 +29,19 @@ from scara_kinetostatic.model.cell import Disc, Plate
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.planning.candidates import (
+    FEWEST_TOUCHES,
     MOST_HELD_OUT,
     MOST_LEVERAGE,
+    MOST_TOUCHES,
     PER_DISC,
     CandidateTouches,
+    LowerBound,
+    best_set,
     candidate_plan,
+    find_lower_bound,
     held_out_ratio,
     prepare_candidates,
+    without_each,
 )
 from scara_kinetostatic.planning.prediction import (
     Prediction,
@@ -48,14 +54,6 @@ from scara_kinetostatic.planning.prediction import (
     predict,
     reach,
     tip_std,
-)
-from scara_kinetostatic.planning.search import (
-    FEWEST_TOUCHES,
-    MOST_TOUCHES,
-    LowerBound,
-    best_set,
-    find_lower_bound,
-    without_each,
 )
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan
 
