@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -208,25 +208,17 @@ def without_sources(cell: Cell, labels: Set[str]) -> Cell:
         labels: of sources; others are ignored.
     """
 
-    def left(label: str, std: float) -> float:
-        return 0.0 if label in labels else std
+    def left(item: Any, **kinds: str) -> Any:
+        return item._replace(**{name: 0.0 for name, kind in kinds.items() if f'{kind}[{item.name}]' in labels})
 
-    discs, plates, u = list(cell.discs), list(cell.plates), cell.uncertainty
-    for k, d in enumerate(discs):
-        stds = left(f'object_position[{d.name}]', d.center_std), left(f'{_size(d)}[{d.name}]', d.radius_std)
-        if isinstance(d, Outline):
-            d = d._replace(angle_std=left(f'object_rotation[{d.name}]', d.angle_std))
-        discs[k] = d._replace(center_std=stds[0], radius_std=stds[1])
-    for k, p in enumerate(plates):
-        stds = left(f'plate_position[{p.name}]', p.center_std), left(f'plate_angle[{p.name}]', p.angle_std)
-        plates[k] = p._replace(center_std=stds[0], angle_std=stds[1])
-    u = replace(
-        u,
-        radius=left('radius', u.radius),
-        force_gain=left('force_gain', u.force_gain),
-        force_rotation=left('force_rotation', u.force_rotation),
+    of_disc = {'center_std': 'object_position', 'angle_std': 'object_rotation'}  # which a disc has not: not in `labels`
+    common: dict[str, Any] = {name: 0.0 for name in ('radius', 'force_gain', 'force_rotation') if name in labels}
+    return replace(
+        cell,
+        discs=tuple(left(d, radius_std=_size(d), **of_disc) for d in cell.discs),
+        plates=tuple(left(p, center_std='plate_position', angle_std='plate_angle') for p in cell.plates),
+        uncertainty=replace(cell.uncertainty, **common),
     )
-    return replace(cell, discs=tuple(discs), plates=tuple(plates), uncertainty=u)
 
 
 class _ByDisc(NamedTuple):

@@ -32,10 +32,10 @@ from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, fir
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.least_squares import typical_scale
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, estimated_levels
-from scara_kinetostatic.calibration.observations import Observations, in_blocks, pick
+from scara_kinetostatic.calibration.observations import Observations, in_blocks
 from scara_kinetostatic.calibration.solver import ActivePrior, Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pick
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 

@@ -23,8 +23,8 @@ from scara_kinetostatic.calibration.gauss_helmert import (
     squared_distance,
     whiten,
 )
-from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observations, in_blocks, pick, put
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, in_blocks, put
+from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, pick
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force

@@ -23,8 +23,8 @@ from scara_kinetostatic.calibration.declared_errors import Prior
 from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.gauss_helmert import linearise, noise_left, place_force, whiten_by
 from scara_kinetostatic.calibration.least_squares import Compressed, compress, upper_triangle
-from scara_kinetostatic.calibration.observations import Observations, pick
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.calibration.observations import Observations
+from scara_kinetostatic.model.arrays import Floats, Indices, pick
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.contact import solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel

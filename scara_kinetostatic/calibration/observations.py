@@ -7,14 +7,14 @@ block, some hundred arrays, never leave the cache, and memory holds the final on
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import NOTHING_KNOWN, DeclaredErrors, Prior
 from scara_kinetostatic.calibration.random_effects import RandomEffects
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, T, over_arrays, pick
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -26,11 +26,6 @@ from scara_kinetostatic.model.touch_equations import Edges
 
 BLOCK = 4096
 """Touches per block: 32 KiB per array of numbers."""
-
-EVERY = slice(None)
-"""The place of the only block: nothing is copied."""
-
-T = TypeVar('T')
 
 
 def blocks(count: int) -> Iterator[slice]:
@@ -48,14 +43,7 @@ def in_blocks(count: int, run: Callable[[slice], T]) -> T:
         run: from the places of some touches to arrays over these (first axis), or tuples of such, or None.
     """
     parts = [run(part) for part in blocks(count)]
-    return parts[0] if len(parts) == 1 else _each(lambda *arrays: np.concatenate(arrays), *parts)
-
-
-def pick(item: T, which: Any) -> T:
-    """Some touches of an array, or of a tuple of such, or None."""
-    if which is EVERY:
-        return item
-    return _each(lambda array: array[which], item)
+    return parts[0] if len(parts) == 1 else over_arrays(lambda *arrays: np.concatenate(arrays), *parts)
 
 
 def put(item: T, which: Any, part: T) -> T:
@@ -66,16 +54,7 @@ def put(item: T, which: Any, part: T) -> T:
         array[which] = values
         return array
 
-    return _each(placed, item, part)
-
-
-def _each(change: Callable[..., Any], *items: Any) -> Any:
-    """A function of arrays applied to tuples of such, part by part; None stays."""
-    first = items[0]
-    if not isinstance(first, tuple):
-        return None if first is None else change(*items)
-    parts = [_each(change, *same) for same in zip(*items, strict=True)]
-    return type(first)(*parts) if hasattr(first, '_fields') else tuple(parts)
+    return over_arrays(placed, item, part)
 
 
 NO_ERRORS = np.zeros(0)
@@ -169,18 +148,10 @@ class Observations(NamedTuple):
         """The touches that a mask, a slice or an array of positions picks."""
         if which is EVERY:
             return self
-        metadata = None if self.metadata is None else self.metadata.select(which)
-        return self._replace(
-            joints=self.joints[which],
-            force=self.force[which],
-            centers=self.centers[which],
-            radii=self.radii[which],
-            metadata=metadata,
-            reported=None if self.reported is None else self.reported[which],
-            surface=None if self.surface is None else self.surface[which],
-            tangents=None if self.tangents is None else self.tangents[which],
-            random=None if self.random is None else self.random.select(which),
-        )
+        random = None if self.random is None else self.random.select(which)
+        of_all: dict[str, Any] = {'errors': self.errors, 'known': self.known, 'random': random}
+        without: dict[str, Any] = dict.fromkeys(of_all)
+        return pick(self._replace(**without), which)._replace(**of_all)
 
     def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
         """The touches at joint angles (n, 2), rad, and off-normal angles (n,), rad, as the equations take them."""

@@ -35,11 +35,11 @@ from scara_kinetostatic.calibration.identifiability import (
     shape_notes,
 )
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
-from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observations, observe
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, observe
 from scara_kinetostatic.calibration.random_effects import RandomEffects
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
+from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import UNITS, Parameters

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs, pick
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
@@ -72,12 +72,7 @@ class ContactProblem(NamedTuple):
 
     def select(self, which: Mask | Indices) -> ContactProblem:
         """The touches that a mask or an array of positions picks."""
-        metadata = None if self.metadata is None else self.metadata.select(which)
-        off_normal = None if self.off_normal is None else self.off_normal[which]
-        edges = None if self.edges is None else self.edges.select(which)
-        return ContactProblem(
-            self.joints[which], self.centers[which], self.radii[which], self.gripper, metadata, off_normal, edges
-        )
+        return pick(self, which)
 
     def inward(self, tips: Floats) -> Floats:
         """Vectors along which forces without friction act on the object, (n, 2), for tips (n, 2), m."""
@@ -273,7 +268,7 @@ def _solve_by_modes(
     every = np.tile(np.arange(n), len(mode1))
     c = contact_problem
     start = free_state(model.parameters, c.joints, c.centers, c.edges)
-    state = start.select(every)._replace(mode1=np.repeat(mode1, n), mode2=np.repeat(mode2, n))
+    state = pick(start, every)._replace(mode1=np.repeat(mode1, n), mode2=np.repeat(mode2, n))
     contact_problem = contact_problem.select(every)
     for _ in range(9):
         state = _newton_step(extended_equations(model, contact_problem, state), state)
@@ -281,7 +276,7 @@ def _solve_by_modes(
     away = np.where(_is_solved(model, contact_problem, state), away, np.inf).reshape(len(mode1), n)
     best = np.argmin(away, axis=0)
     solved = away[best, np.arange(n)] < np.inf
-    return start.replace_where(solved, state.select(best * n + np.arange(n))), solved
+    return start.replace_where(solved, pick(state, best * n + np.arange(n))), solved
 
 
 def nearest_equilibrium(
@@ -303,7 +298,7 @@ def nearest_equilibrium(
     with np.errstate(all='ignore'):
         other, found = _solve_by_modes(model, contact_problem.select(toggles), warm_start[toggles])
         closer = found & (_distance(other, warm_start[toggles]) < _distance(state, warm_start)[toggles])
-    return _put(state, toggles, state.select(toggles).replace_where(closer, other))
+    return _put(state, toggles, pick(state, toggles).replace_where(closer, other))
 
 
 def _distance(state: State, force: Floats) -> Floats:
