@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, Indices, pick
 from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.outline import Outline
@@ -115,14 +115,15 @@ class DeclaredErrors:
     @cached_property
     def _by_disc(self) -> _ByDisc:
         discs, plates = self.cell.discs, {plate.name: plate for plate in self.cell.plates}
-        return _ByDisc(
+        of_discs = _ByDisc(
             np.array([(plates[d.plate].x, plates[d.plate].y) if d.plate else (0.0, 0.0) for d in discs]),
             np.array([self._unit_changes(f'object_position[{d.name}]') for d in discs]),
             np.array([self._unit_changes(f'plate_position[{d.plate}]') for d in discs]),
             np.array([self._unit(f'plate_angle[{d.plate}]') for d in discs]),
             np.array([self._unit(f'{_size(d)}[{d.name}]') + self._unit('radius') for d in discs]),
             np.array([self._unit(f'object_rotation[{d.name}]') for d in discs]),
-        ).of_surfaces(self.cell.surfaces.object)
+        )
+        return pick(of_discs, self.cell.surfaces.object)
 
     def centers(self, errors: Floats) -> Floats:
         """Centres of the surfaces, those of discs in turn, (D, 2), m."""
@@ -239,10 +240,6 @@ class _ByDisc(NamedTuple):
     angle: Floats
     radius: Floats
     turn: Floats
-
-    def of_surfaces(self, owner: Indices) -> _ByDisc:
-        """The same of surfaces, for the number of each one's object."""
-        return _ByDisc(*(part[owner] for part in self))
 
 
 def _size(disc: Disc | Outline) -> str:

@@ -30,7 +30,6 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import forward, rotate
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.surfaces import settled_surfaces
 from scara_kinetostatic.model.touch_equations import Arm
 
 
@@ -270,7 +269,7 @@ def fitted_surfaces(observations: Observations, cell: Cell, point: Point) -> Ind
     force, metadata = base_force(observations, point.model), observations.metadata
     assert metadata is not None
     tips = fitted_tips(observations, point)
-    return settled_surfaces(cell, tips, force / np.hypot(*force.T)[:, None], metadata.disc)
+    return cell.surfaces.settled(tips, force / np.hypot(*force.T)[:, None], metadata.disc)
 
 
 def force_residual(observations: Observations, model: ExtendedModel) -> Floats:
@@ -282,18 +281,8 @@ def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     o = observations
     measured = base_force(o, model)
     off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
-    shifted = o.contact_problem(o.joints)
-    found = contact(
-        model,
-        shifted.joints,
-        shifted.centers,
-        o.radii,
-        o.gripper,
-        warm_start=measured,
-        metadata=o.metadata,
-        off_normal=off_normal,
-        tangents=o.tangents,
-    )
+    at, known = o.contact_problem(o.joints)[:4], o.metadata
+    found = contact(model, *at, warm_start=measured, metadata=known, off_normal=off_normal, tangents=o.tangents)
     return measured - found.force
 
 

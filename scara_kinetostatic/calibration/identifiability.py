@@ -31,8 +31,6 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
 
-MOMENT_SCALES = np.array([2.0, 2.0])
-"""The same of s1 and s2, kg m."""
 SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
 NOISE_SHARE = 0.25
@@ -46,7 +44,7 @@ _MEMBER_PART = 0.05
 
 def scales_of(model: ExtendedModel) -> Floats:
     """Plausible range of each value of a model, (12 + k,): `SCALES`, then those of the effects."""
-    base = np.concatenate([SCALES, MOMENT_SCALES]) if model.parameters.has_gravity else SCALES
+    base = np.append(SCALES, (2.0, 2.0)) if model.parameters.has_gravity else SCALES  # of s1 and s2, kg m
     return np.concatenate([base, model.effect_scales]) if model.effects else base
 
 
@@ -208,23 +206,18 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
 
 
 def group_names(
-    directions: Floats,
-    free: Indices,
-    std: Floats | None = None,
-    scales: Floats = SCALES,
-    names: tuple[str, ...] = NAMES,
+    directions: Floats, free: Indices, model: ExtendedModel, std: Floats | None = None
 ) -> tuple[tuple[str, ...], ...]:
     """The groups of parameters that unidentifiable directions combine, by name.
 
     Args:
         directions: (k, d), as `unidentifiable_directions` gives them.
         free: positions of the parameters that are not fixed, (k,).
-        std: standard deviations of the fit that holds these directions, (12,): a parameter that such a
+        model: whose parameters these are.
+        std: standard deviations of the fit that holds these directions, (12 + k,): a parameter that such a
             direction could have moved by more than 0.3 of its own belongs to the group as well.
-        scales: (12,), or more with effects.
-        names: of all parameters.
     """
-    groups = []
+    groups, names, scales = [], model.names, scales_of(model)
     for row in _sparse_rows(directions.T):
         row = row / np.linalg.norm(row)
         members = np.abs(row) >= _MEMBER_PART * np.abs(row).max()

@@ -18,9 +18,8 @@ from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, T, over_arra
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import Gripper
-from scara_kinetostatic.model.outline import Surfaces
-from scara_kinetostatic.model.surfaces import touched_surfaces
+from scara_kinetostatic.model.kinematics import Gripper, forward, rotate
+from scara_kinetostatic.model.outline import PER_ANGLE, Surfaces
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import Edges
 
@@ -189,7 +188,7 @@ def observe(
     declared = DeclaredErrors.of(cell)
     surface = touches.disc
     if cell.has_outlines:
-        surface = touched_surfaces(cell, touches.joints, touches.force, touches.disc, touches.surface)
+        surface = _touched_surfaces(cell, touches)
     count = (0 if declared is None else declared.count) + (0 if random is None else len(random.columns))
     stated = Observations(
         touches.joints,
@@ -208,3 +207,22 @@ def observe(
         known,
     )
     return stated if errors is None else stated.with_errors(errors)
+
+
+def _touched_surfaces(cell: Cell, touches: TouchSet) -> Indices:
+    """Numbers of the touched surfaces among `Cell.surfaces`, (n,), by the nominal arm where they are not known.
+
+    Edges and corners are tangent-continuous: where a touch lies a distance δ beyond the end of its edge, a corner of
+    radius r is δ²/2r away from it. So a first choice by nominal place and direction of the force is good enough for a
+    fit, and the place of the tip by the fit decides (`Surfaces.settled`).
+    """
+    p, todo, found, force = cell.nominal, touches.surface < 0, touches.surface.copy(), touches.force
+    if todo.any():
+        if cell.sensor.frame is SensorFrame.TOOL:
+            force = rotate(force, touches.joints.sum(axis=1) + p.theta1 + p.theta2)
+        tips = forward(p, touches.joints[todo])
+        unit = force[todo] / np.maximum(np.hypot(*force[todo].T), 1e-300)[:, None]
+        misses = cell.surfaces.misses(tips, unit, PER_ANGLE)[0]
+        size = np.where(unit.any(axis=1)[:, None], np.hypot(*misses.transpose(2, 0, 1)), cell.surfaces.distances(tips))
+        found[todo] = cell.surfaces.nearest(size, touches.disc[todo])
+    return found

@@ -161,8 +161,8 @@ class _Step(NamedTuple):
 def _descend(system: least_squares.Compressed, basis: Floats, damping: float) -> _Step:
     """The damped Gauss–Newton step of a linearised system."""
     y = least_squares.damped_step(system, damping)
-    shift, length = least_squares.predicted_shift(system, y), float(np.abs(y).max(initial=0.0))
-    return _Step(basis @ y, shift, length)
+    shift = float(np.linalg.norm(system.values * (system.right.T @ y)))
+    return _Step(basis @ y, shift, float(np.abs(y).max(initial=0.0)))
 
 
 class _Loss(NamedTuple):

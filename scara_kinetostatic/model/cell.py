@@ -522,15 +522,11 @@ class Cell:
 
     def __post_init__(self) -> None:
         plates = {plate.name for plate in self.plates}
-        for plate in self.plates:
-            _check_uncertainty(f'{plate.name}: center_std', plate.center_std)
-            _check_uncertainty(f'{plate.name}: angle_std', plate.angle_std)
-        for disc in self.discs:
-            _check_uncertainty(f'{disc.name}: center_std', disc.center_std)
-            _check_uncertainty(f'{disc.name}: radius_std', disc.radius_std)
-            _check_uncertainty(f'{disc.name}: angle_std', disc.angle_std)
-            if disc.plate and disc.plate not in plates:
-                raise ParameterError(f'{disc.name}: plate', f'no plate {disc.plate!r} in the cell', 'add it to plates')
+        for item in (*self.plates, *self.discs):
+            for name in ('center_std', 'radius_std', 'angle_std'):
+                _check_uncertainty(f'{item.name}: {name}', getattr(item, name, 0.0))
+            if not isinstance(item, Plate) and item.plate and item.plate not in plates:
+                raise ParameterError(f'{item.name}: plate', f'no plate {item.plate!r} in the cell', 'add it to plates')
         held = [name for name in self.uncertainty.nominal if name not in self.nominal.names]
         if held:
             reason = 'without gravity there is no such parameter'

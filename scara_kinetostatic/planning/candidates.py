@@ -110,11 +110,7 @@ class CandidateTouches(NamedTuple):
 
     def variance(self, covariance: Floats) -> Floats:
         """Variance of the tip at each place for covariances of L̄ (…, 12, 12), (…, g), m²."""
-        return self.traces(pack(covariance[..., self.rows[:, None], self.rows]))
-
-    def traces(self, packed: Floats) -> Floats:
-        """Trace of TᵀT times packed matrices (…, k (k + 1) / 2) at each place, (…, g)."""
-        return packed @ self.quadric
+        return pack(covariance[..., self.rows[:, None], self.rows]) @ self.quadric
 
     def evenly_distributed(self, number: float) -> float:
         """Largest standard deviation of the tip for a number of touches evenly distributed over all candidates, m."""
@@ -168,7 +164,8 @@ def candidate_plan(
     cell = replace(robot.cell, limits=None) if keep else robot.cell  # `keep` knows them, and tells what they exclude
     points = default_plan(cell, per_disc, levels[:1], postures)
     force, eased = (axis.ravel() for axis in np.meshgrid(levels, [0.0, preload] if preload else [0.0], indexing='ij'))
-    sure = np.array([_has_sure_flanks(robot, replace(points, force=np.full(len(points), one))) for one in levels])
+    every = (replace(points, force=np.full(len(points), level)) for level in levels)
+    sure = np.array([(exact_plan(robot, plan).arms >= LEAST_ARM).all(axis=1) for plan in every])
     some = np.flatnonzero(sure.any(axis=0))
     points, sure = points.select(some), sure[:, some]
     if not len(points):
@@ -179,19 +176,14 @@ def candidate_plan(
     kept = np.flatnonzero(keep(points)) if keep else np.arange(len(points))
     points, sure = points.select(kept), np.repeat(sure[:, kept], len(force) // len(levels), axis=0)
     count = len(force)
-    every = Plan(
+    plan = Plan(
         np.tile(points.disc, count),
         np.tile(points.angle, count),
         np.tile(points.posture, count),
         np.repeat(np.asarray(force, dtype=float), len(points)),
         np.repeat(np.asarray(eased, dtype=float), len(points)),
     )
-    return every.select(sure.ravel())
-
-
-def _has_sure_flanks(robot: Robot, plan: Plan) -> Mask:
-    """Whether the torques of each touch have a sure sign, (n,)."""
-    return np.asarray((exact_plan(robot, plan).arms >= LEAST_ARM).all(axis=1))
+    return plan.select(sure.ravel())
 
 
 def prepare_candidates(robot: Robot, plan: Plan, tip: Tip, *, mean: bool = False) -> CandidateTouches:
@@ -506,7 +498,7 @@ def _added(candidates: CandidateTouches, covariance: Floats) -> Floats:
     innovation = np.eye(2) + through @ np.swapaxes(candidates.derivative, 1, 2)
     root = np.linalg.cholesky(np.linalg.inv(innovation))
     gain = np.swapaxes(root, 1, 2) @ through[:, :, candidates.rows]
-    less = candidates.traces(pack(np.swapaxes(gain, 1, 2) @ gain))
+    less = pack(np.swapaxes(gain, 1, 2) @ gain) @ candidates.quadric
     return np.asarray(np.maximum(candidates.variance(covariance) - less, 0.0))
 
 

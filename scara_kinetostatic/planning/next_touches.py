@@ -73,18 +73,8 @@ _UNDECIDED = 0.9
 """Variance of what is suspected that touches leave, over that before them, above which they decide nothing; in
 simulated cells a dozen touches left 0.5 to 0.8 of it.
 """
-_PER_DISC = 24
-"""Points around a disc that are candidates."""
-_LEAST_GAIN = 0.01
-"""Smallest decrease of the variance for which a touch is exchanged."""
-_CALIBRATED = 3e-3
-"""Clearance beside three standard deviations of tip and discs where the arm is calibrated, m."""
-_DOUBT = 1e-3
-"""How far before its place a contact may come beside them, m."""
 _SLIPS = 0.2
 """Part of a radius by which a press may drag the tip aside, beyond the end of an edge."""
-_SAME_PLACE = np.deg2rad(10)
-"""Nearer to a place that was given up nothing is touched, rad."""
 
 
 class Uncertainty(NamedTuple):
@@ -219,12 +209,12 @@ class Planner:
         """Which of the values are sizes of effects that are suspected."""
         effects = self.robot.effects
         doubt = [_is_size(effect) & (effect.label in self.suspected) for effect in effects]
-        return len(self.robot.names) + np.flatnonzero(np.concatenate([*doubt, np.zeros(0, dtype=bool)]))
+        return len(self.robot.parameters.names) + np.flatnonzero(np.concatenate([*doubt, np.zeros(0, dtype=bool)]))
 
     @cached_property
     def _values(self) -> int:
         """Number of the values of the arm's model, without undetected effects."""
-        return len(self.robot.names) + sum(len(effect.parameters) for effect in self.arm.effects)
+        return len(self.robot.parameters.names) + sum(len(effect.parameters) for effect in self.arm.effects)
 
     @cached_property
     def _tip(self) -> Tip:
@@ -238,9 +228,11 @@ class Planner:
 
     @cached_property
     def space(self) -> Space:
-        """Where the tip may be: it keeps the clearance of the cell until the model is good enough to keep less."""
+        """Where the tip may be: it keeps the clearance of the cell until the model is good enough to keep less, 3 mm
+        beside three standard deviations of tip and discs.
+        """
         cell = self.arm.cell
-        return Space(cell, self.arm.model.parameters, min(cell.touch.clearance, _CALIBRATED + self._off))
+        return Space(cell, self.arm.model.parameters, min(cell.touch.clearance, 3e-3 + self._off))
 
     @property
     def _off(self) -> float:
@@ -249,8 +241,10 @@ class Planner:
 
     @property
     def doubt(self) -> float:
-        """How far before its place a contact may come, m: half of what is searched, less where the arm is known."""
-        return min(0.5 * self.arm.cell.touch.search, _DOUBT + self._off)
+        """How far before its place a contact may come, m: half of what is searched; where the arm is known, a
+        millimetre beside three standard deviations of tip and discs.
+        """
+        return min(0.5 * self.arm.cell.touch.search, 1e-3 + self._off)
 
     @cached_property
     def roadmap(self) -> Roadmap:
@@ -282,7 +276,7 @@ class Planner:
         strong = (1 + plan.preload) * plan.force > cell.touch.max_force
         left = np.zeros(len(plan), dtype=bool)
         for disc, angle, posture in self.given_up:
-            near_by = np.abs(wrap(plan.angle - angle)) < _SAME_PLACE
+            near_by = np.abs(wrap(plan.angle - angle)) < np.deg2rad(10)  # nearer nothing is touched
             left |= (plan.disc == disc) & (plan.posture == posture) & near_by
         slipped = np.zeros(len(plan), dtype=bool)
         surface, part = cell.surfaces.places(plan.disc[both], plan.angle[both])
@@ -333,7 +327,7 @@ class Planner:
 
         low, high = cell.touch.force
         levels = np.unique(np.linspace(low, high, 3)).tolist()
-        every = candidate_plan(self.robot, levels, per_disc=_PER_DISC, preload=PRELOAD, keep=keep)
+        every = candidate_plan(self.robot, levels, per_disc=24, preload=PRELOAD, keep=keep)
         if not len(every):
             why = ', '.join(f'{many} {text}' for text, many in Counter(found).most_common())
             remedy = 'correct the limits, the obstacles, the clearance or the places of the discs'
@@ -501,4 +495,4 @@ def _best(candidates: CandidateTouches, number: int) -> list[int]:
         values = variance_with_each(candidates, chosen)
         values[chosen] = np.inf
         chosen.append(int(np.argmin(values)))
-    return improve(candidates, chosen, least_gain=_LEAST_GAIN)
+    return improve(candidates, chosen, least_gain=0.01)

@@ -103,11 +103,6 @@ class Robot:
         return ExtendedModel(self.parameters, self.effects, self.effect_values)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Those of L̄: twelve, or fourteen under gravity."""
-        return self.parameters.names
-
-    @property
     def scales(self) -> Floats:
         """Plausible ranges of L̄, (12,), or (14,) under gravity."""
         return scales_of(ExtendedModel(self.parameters))
@@ -236,7 +231,7 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         UnsupportedDataError: the robot cannot reach a touch.
     """
     observations, point, _ = exact_plan(robot, plan)
-    count, declared = len(robot.names), robot.declared
+    count, declared = len(robot.parameters.names), robot.declared
     parameters = np.arange(count)
     unidentifiable = unidentifiable_directions(observations, point, parameters, robot.noise)
     subspace = Subspace.of_free(point.model, parameters, robot.scales).without(unidentifiable)
@@ -250,9 +245,9 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     )
     covariance = lifted @ least_squares.covariance(system) @ lifted.T
     own = covariance[:count, :count]
-    groups = group_names(unidentifiable, parameters, scales=robot.scales, names=robot.names)
+    groups = group_names(unidentifiable, parameters, ExtendedModel(robot.parameters))
     std = np.sqrt(np.diag(own))
-    std[[name in {member for group in groups for member in group} for name in robot.names]] = np.nan
+    std[[name in {member for group in groups for member in group} for name in robot.parameters.names]] = np.nan
     by_source = []
     if declared is not None:  # C Pᵀ P C by the rows of the prior of each source
         moved = covariance[:count] @ declared.prior.rows(count).T

@@ -316,7 +316,7 @@ def parameter_table(design: Design) -> Table:
     rows = [design.row, design.tables['levels'][-1]]
     heading = ('standard deviation', 'unit', 'recommended', f'{design.requirements.number} evenly distributed')
     body = []
-    for k, name in enumerate(design.robot.names):
+    for k, name in enumerate(design.robot.parameters.names):
         unit, per_si = SCALES[name]
         values = (row.prediction.std[k] * per_si for row in rows)
         body.append((name, unit, *(f'{value:.3g}' if math.isfinite(value) else 'not determined' for value in values)))
