@@ -136,23 +136,15 @@ def evaluate(
 
 
 def _evaluate(
-    observations: Observations,
-    model: ExtendedModel,
-    adjusted: Adjusted,
-    noise: Noise,
-    stage: Stage,
-    arm: Arm | None = None,
+    observations: Observations, model: ExtendedModel, adjusted: Adjusted, noise: Noise, stage: Stage, arm: Arm | None
 ) -> tuple[Linearisation, Whitened, Floats]:
     linear = linearise(observations, model, adjusted, arm)
-    extra = 0.0 if stage.adjusts else _direction_variance(observations, noise)
+    extra: Floats | float = 0.0
+    if not stage.adjusts:  # the error of the measured direction of the force, in V11, m²
+        force = observations.force
+        extra = (observations.radii * force_covariance(noise, force).across / (force**2).sum(axis=-1)) ** 2
     whitened = whiten(linear, noise, extra)
     return linear, whitened, squared_distance(whitened)
-
-
-def _direction_variance(observations: Observations, noise: Noise) -> Floats:
-    """What the error of the measured direction of the force adds to V11 where it is not adjusted, (n,), m²."""
-    square = (observations.force**2).sum(axis=-1)
-    return (observations.radii * force_covariance(noise, observations.force).across / square) ** 2
 
 
 def last_step(point: Point, change: Floats) -> Point:

@@ -14,6 +14,7 @@ A direction of L̄ is unidentifiable for either of two reasons.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -93,6 +94,33 @@ class Identifiability:
     combinations: tuple[Combination, ...] = ()
     advice: str = ''
     notes: tuple[str, ...] = ()
+
+
+def identify(
+    model: ExtendedModel,
+    fixed: Iterable[str],
+    directions: Floats,
+    covariance: Floats,
+    changes: Floats,
+    mean_force: float,
+    notes: tuple[str, ...],
+) -> Identifiability:
+    """What the data show by a fit.
+
+    Args:
+        model: fitted.
+        fixed: names of parameters that were held.
+        directions: the unidentifiable ones, (k, d), as `unidentifiable_directions` gives them.
+        covariance: of all values, (12 + k, 12 + k).
+        changes: whitened derivatives of the used touches by what the fit could change, (n, 2, m).
+        mean_force: of the touches, N.
+        notes: as in `Identifiability`.
+    """
+    held = model.held.union(fixed)
+    free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
+    groups = group_names(directions, free, model, np.sqrt(np.diag(covariance)))
+    pairs, rank = determined_pairs(directions, free, model.as_array(), covariance), len(free) - directions.shape[1]
+    return Identifiability(rank, condition_number(changes), groups, pairs, advise(groups, mean_force), notes)
 
 
 def unidentifiable_directions(observations: Observations, point: Point, free: Indices, noise: Noise) -> Floats:

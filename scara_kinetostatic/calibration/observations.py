@@ -152,10 +152,14 @@ class Observations(NamedTuple):
         without: dict[str, Any] = dict.fromkeys(of_all)
         return pick(self._replace(**without), which)._replace(**of_all)
 
+    @property
+    def edges(self) -> Edges | None:
+        """Which touches are of a straight edge; None for arcs alone."""
+        return Edges.of(self.tangents, self.radii)
+
     def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
         """The touches at joint angles (n, 2), rad, and off-normal angles (n,), rad, as the equations take them."""
-        edges = Edges.of(self.tangents, self.radii)
-        problem = ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal, edges)
+        problem = ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal, self.edges)
         if self.random is None:
             return problem
         values = self.random_values(self.errors)

@@ -25,15 +25,7 @@ from scara_kinetostatic.calibration.fit_point import (
     project,
     select,
 )
-from scara_kinetostatic.calibration.identifiability import (
-    Identifiability,
-    advise,
-    condition_number,
-    determined_pairs,
-    group_names,
-    scales_of,
-    shape_notes,
-)
+from scara_kinetostatic.calibration.identifiability import Identifiability, identify, scales_of, shape_notes
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, observe
 from scara_kinetostatic.calibration.random_effects import RandomEffects
@@ -348,17 +340,10 @@ def build_result(
     contributions, chi_square, freedoms = contributions_of(found, observations, everything)
     covariance = np.sum([part.covariance for part in contributions], axis=0)
     std = np.sqrt(np.diag(covariance))
-    held = model.held.union(fixed)
-    free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
-    groups = group_names(found.unidentifiable, free, model, std)
-    identifiability = Identifiability(
-        rank=len(free) - found.unidentifiable.shape[1],
-        condition=condition_number(fit.point.whitened.derivative[used] @ found.subspace.basis),
-        confounded=groups,
-        combinations=determined_pairs(found.unidentifiable, free, model.as_array(), covariance),
-        advice=advise(groups, float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())),
-        notes=() if observations.surface is None else shape_notes(cell, observations.surface[used]),
-    )
+    changes = fit.point.whitened.derivative[used] @ found.subspace.basis
+    notes = () if observations.surface is None else shape_notes(cell, observations.surface[used])
+    mean_force = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
+    identifiability = identify(model, fixed, found.unidentifiable, covariance, changes, mean_force, notes)
     confounded = {name for group in identifiability.confounded for name in group}
     std[[name in confounded for name in model.names]] = np.nan
     return Calibration(

@@ -74,3 +74,9 @@ def unit_vectors(angles: Floats) -> Complexes:
 def as_complex(vectors: Floats) -> Complexes:
     """Vectors (n, 2) as complex numbers (n,)."""
     return np.ascontiguousarray(vectors).view(complex)[:, 0]
+
+
+def along_and_across(vectors: Floats, force: Floats) -> Floats:
+    """Components of vectors (n, 2) along and across forces (n, 2)."""
+    along = force / np.hypot(force[:, 0], force[:, 1])[:, None]
+    return pairs(as_complex(vectors) * as_complex(along).conj())

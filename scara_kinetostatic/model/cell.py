@@ -133,10 +133,6 @@ class ForceCovariance(NamedTuple):
     crossed: Floats | float
     across: Floats | float
 
-    def side(self, side: int) -> tuple[Floats | float, Floats | float]:
-        """One column: 0 for along the force, 1 for across it."""
-        return (self.along, self.crossed) if side == 0 else (self.crossed, self.across)
-
 
 def force_covariance(noise: Noise, force: Floats) -> ForceCovariance:
     """Covariance of forces in components along and across them: R diag(σ_x², σ_y²) Rᵀ + (g ‖F‖)² I.
@@ -344,10 +340,6 @@ class Region(NamedTuple):
         """Whether places, (…, 2), m, are inside, (…)."""
         low, high = (self.x_min, self.y_min), (self.x_max, self.y_max)
         return np.asarray(((places >= low) & (places <= high)).all(axis=-1))
-
-    def out_of_reach(self) -> ParameterError:
-        """The error that no place in it is within reach."""
-        return ParameterError('region', 'no place in it is within reach of the arm', 'give x and y limits in m')
 
 
 HELD_WITHIN = 1e-3

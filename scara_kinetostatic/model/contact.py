@@ -375,7 +375,18 @@ def contact(
         if not parameters.has_gravity:
             zero = free._replace(mode1=np.zeros_like(free.mode1), mode2=np.zeros_like(free.mode2))
         state = zero.replace_where(touching, state)
-    return _as_contact(model, problem, state, solved)
+    discs = problem.centers
+    if model.effects:
+        discs = discs - model.object_shift(problem.touch_state(parameters, state))
+    unit = np.stack([np.cos(state.direction), np.sin(state.direction)], axis=-1)
+    links = np.stack([state.link1, state.link2], axis=-1)
+    rigid = forward(parameters, links)
+    surface = discs - problem.radii[:, None] * unit
+    if problem.edges is not None:
+        tangent = pairs(problem.edges.tangent)
+        surface = surface + ((rigid - surface) * tangent).sum(axis=1)[:, None] * tangent
+    tip = np.where((state.magnitude != 0)[:, None], surface, rigid)
+    return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
 
 
 def _problem(
@@ -407,22 +418,6 @@ def _reaches(parameters: Parameters, free: State, problem: ContactProblem) -> Ma
     if edges is not None:
         away = np.where(edges.tangent == 0, away * edges.sense, (off * 1j * edges.tangent.conj()).real)
     return np.asarray(away < problem.radii + 1e-3)
-
-
-def _as_contact(model: ExtendedModel, problem: ContactProblem, state: State, solved: Mask) -> Contact:
-    discs = problem.centers
-    if model.effects:
-        discs = discs - model.object_shift(problem.touch_state(model.parameters, state))
-    unit = np.stack([np.cos(state.direction), np.sin(state.direction)], axis=-1)
-    links = np.stack([state.link1, state.link2], axis=-1)
-    rigid = forward(model.parameters, links)
-    loaded = (state.magnitude != 0)[:, None]
-    surface = discs - problem.radii[:, None] * unit
-    if problem.edges is not None:
-        tangent = pairs(problem.edges.tangent)
-        surface = surface + ((rigid - surface) * tangent).sum(axis=1)[:, None] * tangent
-    tip = np.where(loaded, surface, rigid)
-    return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
 
 
 class ContactDerivatives(NamedTuple):

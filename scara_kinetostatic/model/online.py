@@ -23,7 +23,7 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_obje
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import ExtendedModel, has_sensor_error
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.tip import (
     SIGN_KNOWN,
     Force,
@@ -116,7 +116,7 @@ class OnlineArm:
         self._law, self._p = self.predictor.law, self.predictor.law.model.parameters
         self._spread = arm.spread
         self._covariance, self._covariance_at = np.full((3, 3), nan), (nan,) * 7
-        exact = self.arm.sensor == (0.0, 0.0) and not has_sensor_error(self._law.model)
+        exact = self.arm.sensor == (0.0, 0.0) and not self._law.model.has_sensor_error
         self._is_sensor_exact = exact and arm.cell.sensor.frame is SensorFrame.BASE
         self._levels = self.arm.noise.force_rms, self.arm.noise.growth
         self._held = (0.0, 0.0)

@@ -26,16 +26,13 @@ _TABLE = (
     ('g_ee', 'm', 'backlash of the gripper, half the gap'),
     ('g1', 'rad', 'backlash of joint 1, half the gap'),
     ('g2', 'rad', 'backlash of joint 2, half the gap'),
-)
-_MOMENTS = (
     ('s1', 'kg m', 'static moment about joint 1, with joint 2 and beyond at the elbow'),
     ('s2', 'kg m', 'static moment about joint 2'),
 )
-NAMES = tuple(name for name, *_ in _TABLE)
-MOMENTS = tuple(name for name, *_ in _MOMENTS)
-"""The further parameters of an arm that gravity loads in its plane."""
-UNITS = {name: unit for name, unit, _ in _TABLE + _MOMENTS}
-DESCRIPTIONS = {name: description for name, _, description in _TABLE + _MOMENTS}
+NAMES, MOMENTS = tuple(name for name, *_ in _TABLE[:12]), tuple(name for name, *_ in _TABLE[12:])
+"""Those of every arm, and the further ones of an arm that gravity loads in its plane."""
+UNITS = {name: unit for name, unit, _ in _TABLE}
+DESCRIPTIONS = {name: description for name, _, description in _TABLE}
 _LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0, 'kg m': 1e4}
 """Largest plausible size of a number by its unit."""
 LEVEL = (0.0, 0.0)

@@ -110,8 +110,7 @@ class Uncertainty(NamedTuple):
 
 def known_or_infinite(worst: float | None, undetermined: float) -> float:
     """The largest expanded uncertainty of the tip, m; infinite where it is not determined all over the region."""
-    found = float('inf') if worst is None or undetermined > 0 else worst
-    return found if found < float('inf') else float('inf')  # not a number neither
+    return worst if worst is not None and undetermined <= 0 and worst < np.inf else np.inf  # not a number neither
 
 
 def undetected_part(of_tip: Mapping[str, float]) -> float:

@@ -57,8 +57,6 @@ from scara_kinetostatic.planning.prediction import (
 )
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan
 
-USUAL_ACCURACY = 1e-5
-"""Largest standard deviation of the tip where none is required, m."""
 _ABOVE_LIMIT = 1.1
 """Accuracy over the limit that can be reached with a reasonable number of touches: more could gain a tenth."""
 Progress = Callable[[str, float], None]
@@ -71,7 +69,7 @@ class Requirements:
 
     Attributes:
         accuracy: largest standard deviation of the tip over the workspace, m; None: half the tolerance of the cell,
-            which holds for k = 2; without one `USUAL_ACCURACY`, or a tenth more than the declared uncertainties leave.
+            which holds for k = 2; without one 10 µm, or a tenth more than the declared uncertainties leave.
         levels: force levels to choose from, N.
         postures: elbow postures to choose from, +1 and -1.
         per_disc: points around a disc to choose from.
@@ -244,9 +242,13 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     every = candidate_plan(robot, q.levels, q.postures, q.per_disc)
     very_many = predict(robot, every, MOST_TOUCHES)
     lowest = 0.0 if robot.declared is None else tip_std(task.tip, very_many).largest
-    _check_determined(task, very_many)
+    if not np.isfinite(tip_std(task.tip, very_many).largest):
+        remedy = 'add a second disc: touches of one disc do not determine the rotation of the robot about its centre'
+        if len(robot.cell.discs) > 1:
+            remedy = 'choose more force levels, the load among them, or move the discs apart'
+        raise UnsupportedDataError('the candidate touches do not determine the tip, however many are made', remedy)
     tolerance = robot.cell.tolerance
-    accuracy = q.accuracy or (tolerance / 2 if tolerance else max(USUAL_ACCURACY, _ABOVE_LIMIT * lowest))
+    accuracy = q.accuracy or (tolerance / 2 if tolerance else max(1e-5, _ABOVE_LIMIT * lowest))
     candidates = prepare_candidates(robot, every, _coarse_tip(task))
     bound = find_lower_bound(candidates, accuracy)
     if robot.declared and bound.variance(MOST_TOUCHES) > accuracy**2:
@@ -273,16 +275,6 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
         least_possible=lowest,
         in_base_frame=tip_std(task.tip, predict(in_base, plan)).largest if plate else None,
     )
-
-
-def _check_determined(task: _Task, prediction: Prediction) -> None:
-    """Whether all candidates together determine the tip."""
-    if np.isfinite(tip_std(task.tip, prediction).largest):
-        return
-    remedy = 'add a second disc: touches of one disc do not determine the rotation of the robot about its centre'
-    if len(task.robot.cell.discs) > 1:
-        remedy = 'choose more force levels, the load among them, or move the discs apart'
-    raise UnsupportedDataError('the candidate touches do not determine the tip, however many are made', remedy)
 
 
 def _coarse_tip(task: _Task) -> Tip:

@@ -343,13 +343,7 @@ def make_workspace(robot: Robot, radii: int = 8, angles: int = 36) -> Workspace:
 
 def free_tip(robot: Robot, workspace: Workspace) -> Tip:
     """The free tip: T = ∂H/∂L̄, or, where gravity loads the joints, that of the tip under it."""
-    p = robot.parameters
-    if p.has_gravity:
-        free = np.zeros_like(workspace.places)
-        derivative = loaded_tip_by_parameters(p, workspace.places, free, workspace.posture, robot.cell.gripper_sign)
-        return Tip(derivative[:, None], workspace.area)
-    derivative = kinematics.forward_by_parameters(p, kinematics.inverse(p, workspace.places, workspace.posture))
-    return Tip(derivative[:, None], workspace.area)
+    return loaded_tip(robot, workspace, 0.0, 1)
 
 
 def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int = 8) -> Tip:

@@ -350,14 +350,14 @@ def number_table(design: Design) -> Table:
 
 def factor_tables(design: Design) -> list[Table]:
     """The tables of what the accuracy depends on, one row per prediction."""
+
+    def cells(row: Row) -> tuple[str, ...]:
+        p, tips = row.prediction, (row.free.largest, row.free.rms, row.loaded.largest, row.loaded.rms)
+        return (row.label, str(p.rank), f'{p.condition:.3g}', *map(micrometres, tips))
+
     titles = {'levels': 'Force levels', 'postures': 'Postures of the elbow', 'discs': 'Discs touched'}
     heading, units = ('rank', 'condition', 'tip', 'rms', 'loaded', 'rms'), ('',) * 3 + ('µm',) * 4
-    return [Table((titles[name], *heading), units, tuple(map(_cells, rows))) for name, rows in design.tables.items()]
-
-
-def _cells(row: Row) -> tuple[str, ...]:
-    p, tips = row.prediction, (row.free.largest, row.free.rms, row.loaded.largest, row.loaded.rms)
-    return (row.label, str(p.rank), f'{p.condition:.3g}', *map(micrometres, tips))
+    return [Table((titles[name], *heading), units, tuple(map(cells, rows))) for name, rows in design.tables.items()]
 
 
 def design_report(design: Design) -> Report:
