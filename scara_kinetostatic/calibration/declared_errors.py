@@ -140,12 +140,10 @@ class DeclaredErrors:
 
     def _turned(self, errors: Floats) -> Floats:
         """Centres after the rotations of outlines about their reference points, (D, 2), m."""
-        centers, reference = self.cell.surfaces.centers, self._reference
-        if not self.cell.has_outlines:
-            return centers
-        return reference + rotate(centers - reference, self._by_disc.turn @ errors)
+        own = self.cell.surfaces.centers - self._reference
+        return self._reference + rotate(own, self._by_disc.turn @ errors)
 
-    @property
+    @cached_property
     def _reference(self) -> Floats:
         return self.cell.centers[self.cell.surfaces.object]
 

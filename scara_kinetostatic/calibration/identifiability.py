@@ -197,19 +197,13 @@ def _purified(row: Floats, scaled: Floats, by_noise: Floats) -> Floats:
 
 
 def _noise_triangle(observations: Observations, point: Point, noise: Noise) -> Floats:
-    """How the whitened Jacobian changes by one standard deviation of what noise is left in F̂, as the triangle R of
-    its QR factorisation, (12, 12).
+    """How the whitened Jacobian changes by one standard deviation of what noise is left in F̂, along it and across it,
+    as the triangle R of its QR factorisation, (12, 12).
     """
     count = len(observations.joints)
     if count > _SAMPLE_SIZE:
         some = np.sort(np.random.default_rng(0).choice(count, _SAMPLE_SIZE, replace=False))
         observations, point = observations.select(some), select(point, some)
-    changes = _noise_derivatives(observations, point, noise)
-    return upper_triangle(changes, overwrite=True) * np.sqrt(max(count / _SAMPLE_SIZE, 1.0))
-
-
-def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -> Floats:
-    """The changes of the whitened Jacobian by noise along F̂, then by that across it, (4n, 12)."""
     a, model, n = point.adjusted, point.model, len(observations.joints)
     l11, l21, l22 = point.whitened.root
     x, y = a.force[:, 0], a.force[:, 1]
@@ -230,7 +224,8 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
         derivative = np.concatenate([derivative, linear.by_errors], axis=2)
     columns = whiten_by(derivative, root).transpose(2, 1, 0).reshape(-1, 2, _VARIANTS, n)
     changes = (columns[:, :, 0::2] - columns[:, :, 1::2]) / 2
-    return np.asarray(changes.reshape(len(columns), -1).T)
+    triangle = upper_triangle(changes.reshape(len(columns), -1).T, overwrite=True)
+    return triangle * np.sqrt(max(count / _SAMPLE_SIZE, 1.0))
 
 
 def group_names(

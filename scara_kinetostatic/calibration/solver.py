@@ -264,10 +264,8 @@ def minimise(
     loss = _Loss(stage.robust, None if used is None or used.all() else used, ActivePrior.of(observations, subspace))
     basis = subspace.with_errors(len(observations.errors))
     per_touch = 0.0 if start.effects else stage.per_touch  # effects may be far from linear
-    convergence = _Convergence(
-        max(stage.tolerance, per_touch * np.sqrt(len(observations.joints))),
-        is_smooth=all(effect.is_smooth for effect in start.effects),
-    )
+    tolerance = max(stage.tolerance, per_touch * np.sqrt(len(observations.joints)))
+    convergence = _Convergence(tolerance, is_smooth=all(effect.is_smooth for effect in start.effects))
     point = evaluate(observations, start, adjusted, noise, stage)
     system, scale = loss.system(point, basis)
     damping, history, least = stage.damping, list[float](), list[float]()

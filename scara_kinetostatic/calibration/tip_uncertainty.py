@@ -180,10 +180,8 @@ class Workspace(NamedTuple):
 def tip_covariance(derivative: Floats, covariance: Floats) -> Floats:
     """J Σ Jᵀ of n poses, (n, 2, 2), m²."""
     moved = (derivative.reshape(-1, derivative.shape[-1]) @ covariance).reshape(derivative.shape)  # one product
-    (xx, xy), yy = (
-        np.einsum('nk,nik->in', moved[:, 0], derivative),
-        np.einsum('nk,nk->n', moved[:, 1], derivative[:, 1]),
-    )
+    xx, xy = np.einsum('nk,nik->in', moved[:, 0], derivative)
+    yy = np.einsum('nk,nk->n', moved[:, 1], derivative[:, 1])
     return np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1)
 
 

@@ -207,12 +207,8 @@ class ExtendedModel:
         for name in dict.fromkeys(name for effect in self.effects for name in effect.scaled_by):
             value = getattr(at.parameters, name)
             scaled = [pair for pair in self.pairs if name in pair[0].scaled_by]
-            up, down = (
-                _sum_of_shifts(
-                    at._replace(parameters=at.parameters.replace(**{name: value + sign * _ROBOT_STEP})), scaled
-                )
-                for sign in (1, -1)
-            )
+            changed = (at.parameters.replace(**{name: value + step}) for step in (_ROBOT_STEP, -_ROBOT_STEP))
+            up, down = (_sum_of_shifts(at._replace(parameters=p), scaled) for p in changed)
             found[name] = _per_step(up, down, 2 * _ROBOT_STEP)
         return found
 

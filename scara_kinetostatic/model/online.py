@@ -169,7 +169,7 @@ class OnlineArm:
         laws = [self._named, self._undetected] if self._is_outdated(joints, load, force) else [self._named]
         if any(law.model.acting.effects for law in laws):
             for _ in range(_PASSES):
-                state, change = self._update(laws, joints, load, force, metadata)
+                state, change = self._update(laws, joints, load, force, metadata or TouchMetadata.plain(1))
                 first, second, load, rows, solved = self._links(joints, first, second, force)
                 # change of what effects add after which one more solution is enough, rad and m; it depends on itself
                 # weakly
@@ -219,16 +219,10 @@ class OnlineArm:
         return first, second, load, rows, False
 
     def _update(
-        self,
-        laws: Sequence[Law],
-        joints: tuple[float, float],
-        load: Loading,
-        force: Force,
-        metadata: TouchMetadata | None,
+        self, laws: Sequence[Law], joints: tuple[float, float], load: Loading, force: Force, metadata: TouchMetadata
     ) -> tuple[TouchState, float]:
         """Works out what effects add at a pose; the pose as they take it, and by what that differs from before."""
-        known = TouchMetadata.plain(1) if metadata is None else metadata
-        state = self._law.touch_state(np.array([joints]), load, force, known)
+        state = self._law.touch_state(np.array([joints]), load, force, metadata)
         for law in laws:
             self._shifts[id(law)] = np.concatenate(law.shift(state, np.array([force.place])), axis=1)[0]
         one, two, three, four = np.sum(list(self._shifts.values()), axis=0).tolist()

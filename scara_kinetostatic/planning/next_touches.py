@@ -185,11 +185,8 @@ class Planner:
         own = [effect for effect in self.arm.effects if isinstance(effect, Effect)]
         declared = Robot.of(cell).declared
         known = {effect.label for effect in own} | set(declared.places if declared else ())
-        undecided = [
-            effect
-            for effect in catalogue(cell)
-            if effect.is_physical and not effect.is_stepwise and effect.label not in known
-        ]
+        lasting = (effect for effect in catalogue(cell) if effect.is_physical and not effect.is_stepwise)
+        undecided = [effect for effect in lasting if effect.label not in known]
         effects = (*own, *undecided)
         values = list(model.with_effects(effects).effect_values)
         sizes = [np.abs(effect.typical) + np.abs(found) for effect, found in zip(own, values, strict=False)]
@@ -271,8 +268,6 @@ class Planner:
         joined = np.zeros(len(plan), dtype=bool)
         joined[good] = self.roadmap.largest_part(start.select(good))
         one, two = cell.joint_names
-        near = f'an object, the base or the end of the reach is within {1e3 * self.space.clearance:.1f} mm'
-        strong = (1 + plan.preload) * plan.force > cell.touch.max_force
         left = np.zeros(len(plan), dtype=bool)
         for disc, angle, posture in self.given_up:
             near_by = np.abs(wrap(plan.angle - angle)) < np.deg2rad(10)  # nearer nothing is touched
@@ -287,18 +282,18 @@ class Planner:
             room = np.where(touched.is_edge, to_end, np.abs(touched.radii))
             has_corners = np.array([isinstance(disc, Outline) for disc in cell.discs])[plan.disc[both]]
             corner[both] = has_corners & (room < cell.touch.search)
-        cases = [strong, left, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, slipped, corner, ~joined]
-        texts = [
-            'beyond touch.max_force',
-            'given up',
-            f'beyond the limits of {two}',
-            f'beyond the limits of {one}',
-            near,
-            'the press would drag the tip off it',
-            'a corner is nearer than touch.search, and the arm is not yet calibrated',
-            'no way leads there',
-        ]
-        return [str(text) for text in np.select(cases, texts, '')]
+        within = f'within {1e3 * self.space.clearance:.1f} mm'
+        cases = {
+            'beyond touch.max_force': (1 + plan.preload) * plan.force > cell.touch.max_force,
+            'given up': left,
+            f'beyond the limits of {two}': ~stands[:, 1],
+            f'beyond the limits of {one}': ~stands[:, 0] | ~moves,
+            f'an object, the base or the end of the reach is {within}': ~clear,
+            'the press would drag the tip off it': slipped,
+            'a corner is nearer than touch.search, and the arm is not yet calibrated': corner,
+            'no way leads there': ~joined,
+        }
+        return [str(text) for text in np.select(list(cases.values()), list(cases), '')]
 
     def _dragged(self, plan: Plan) -> tuple[Floats, Floats]:
         """Where the rigid tip is under the largest force, (n, 2), m, and how far aside, (n,), m."""

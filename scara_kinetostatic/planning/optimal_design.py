@@ -355,7 +355,10 @@ def _smallest_set(
             number += max(1, number // 40)
             continue
         plan = _mixed(candidates.plan.select(np.array(chosen)))
-        reached = _after_a_loss(task, plan, rank)
+        prediction, reached = predict(task.robot, plan), np.inf  # of a set that does not check itself
+        checks = prediction.rank >= rank and prediction.leverage.max() <= MOST_LEVERAGE
+        if checks and held_out_ratio(task.robot, plan) <= MOST_HELD_OUT:
+            reached = float(without_each(task.robot, plan, task.tip).max())
         if reached <= accuracy:
             return plan, {fewer: value for fewer, value in tried.items() if fewer < number}
         tried[number] = min(reached, tried.get(number, np.inf))
@@ -371,18 +374,6 @@ def _smallest_set(
         f'touches reaches it{least}',
         'ask for a larger standard deviation, repeat touches, or move the discs',
     )
-
-
-def _after_a_loss(task: _Task, plan: Plan, rank: int) -> float:
-    """Largest standard deviation of the tip over the full workspace after the worst loss, m.
-
-    Infinite where the rank is too low, and of a set that does not check itself.
-    """
-    prediction = predict(task.robot, plan)
-    too_low = prediction.rank < rank or prediction.leverage.max() > MOST_LEVERAGE
-    if too_low or held_out_ratio(task.robot, plan) > MOST_HELD_OUT:
-        return float('inf')
-    return float(without_each(task.robot, plan, task.tip).max())
 
 
 def _mixed(plan: Plan) -> Plan:

@@ -237,12 +237,8 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     subspace = Subspace.of_free(point.model, parameters, robot.scales).without(unidentifiable)
     lifted, prior = subspace.with_errors(len(point.errors)), ActivePrior.of(observations, subspace)
     root = np.sqrt(1.0 if number is None else number / len(plan))
-    system = least_squares.compress(
-        root * point.whitened.jacobian,
-        point.whitened.residual,
-        basis=lifted,
-        prior=None if prior is None else prior.system(point),
-    )
+    w, known = point.whitened, None if prior is None else prior.system(point)
+    system = least_squares.compress(root * w.jacobian, w.residual, basis=lifted, prior=known)
     covariance = lifted @ least_squares.covariance(system) @ lifted.T
     own = covariance[:count, :count]
     groups = group_names(unidentifiable, parameters, ExtendedModel(robot.parameters))
@@ -252,15 +248,14 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     if declared is not None:  # C Pᵀ P C by the rows of the prior of each source
         moved = covariance[:count] @ declared.prior.rows(count).T
         by_source = [(source, moved[:, rows] @ moved[:, rows].T) for source, rows in declared.prior.by_source()]
-    jacobian = point.whitened.jacobian
-    hat = np.einsum('nik,kl,njl->nij', jacobian, covariance, jacobian, optimize=True)
+    hat = np.einsum('nik,kl,njl->nij', w.jacobian, covariance, w.jacobian, optimize=True)
     return Prediction(
         touches=number or len(plan),
         covariance=own,
         std=std,
         motions=robot.scales[:, None] * unidentifiable,
         confounded=groups,
-        condition=condition_number(root * (point.whitened.derivative @ subspace.basis)),
+        condition=condition_number(root * (w.derivative @ subspace.basis)),
         leverage=np.linalg.eigvalsh(hat)[:, -1],
         by_source=tuple(by_source),
     )
