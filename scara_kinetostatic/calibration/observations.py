@@ -139,10 +139,6 @@ class Observations(NamedTuple):
             tangents=surfaces.tangents[which],
         )
 
-    def as_stated(self) -> Observations:
-        """The same touches where all that the cell description says counts as exactly known."""
-        return self._replace(declared=None, errors=NO_ERRORS, reported=None, random=None)
-
     def select(self, which: Any) -> Observations:
         """The touches that a mask, a slice or an array of positions picks."""
         if which is EVERY:

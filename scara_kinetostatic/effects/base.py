@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.outline import Outline
 
 
 class Trial(NamedTuple):
@@ -287,10 +288,12 @@ class DiscEffect(LinearEffect):
 
     Attributes:
         disc: its number in the cell.
+        kinds: of objects that may have it.
     """
 
     disc: int = 0
     on_object: ClassVar[bool] = True
+    kinds: ClassVar[tuple[type, ...]] = (Disc, Outline)
 
     @classmethod
     def of(cls, disc: int, name: str) -> DiscEffect:
@@ -299,7 +302,7 @@ class DiscEffect(LinearEffect):
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
-        return [cls.of(number, disc.name) for number, disc in enumerate(cell.discs)]
+        return [cls.of(number, disc.name) for number, disc in enumerate(cell.discs) if isinstance(disc, cls.kinds)]
 
     @abstractmethod
     def places(self, at: TouchState) -> tuple[Floats, ...]:

@@ -62,14 +62,14 @@ TYPICAL: Mapping[str, tuple[float | tuple[float, ...], str]] = MappingProxyType(
 Conventions, orders of magnitude: where more is known it is declared."""
 CLASSES = MappingProxyType({ArmClass.INDUSTRIAL: 1.0, ArmClass.DESKTOP: 5.0, ArmClass.PRINTED: 25.0})
 """Classes of arms, and by what factor their typical sizes are larger; a convention."""
-_PART = 50.0
-"""The typical size of an effect that is not in the table is this part of its largest plausible one."""
 
 
 def typical_size(effect: Effect, parameter: int, arm: ArmClass = ArmClass.INDUSTRIAL) -> float:
-    """Of one parameter of an effect on a class of arms, in its unit."""
+    """Of one parameter of an effect on a class of arms, in its unit; a fiftieth of the largest plausible one where the
+    table has none.
+    """
     known = TYPICAL.get(effect.label) or TYPICAL.get(effect.name)
-    size = known[0] if known else effect.parameters[parameter].scale / _PART
+    size = known[0] if known else effect.parameters[parameter].scale / 50.0
     return CLASSES[arm] * (size[parameter] if isinstance(size, tuple) else size)
 
 

@@ -39,7 +39,6 @@ LEVEL = (0.0, 0.0)
 """Gravity in the plane of an arm that does not stand upright."""
 MOST_GRAVITY = 25.0
 """m/s², about that of Jupiter: no arm has to hold more."""
-_HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
 X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
 
 
@@ -48,7 +47,8 @@ def implausible_size(value: float, unit: str) -> tuple[str, str] | None:
     if abs(value) <= _LARGEST.get(unit, inf):
         return None
     problem = f'expected at most {_LARGEST[unit]:.4g} {unit} in size, got {value!r}'
-    return problem, _HINT.get(unit, 'give it in SI units')
+    hints = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
+    return problem, hints.get(unit, 'give it in SI units')
 
 
 def quantity(value: float, unit: str) -> str:
