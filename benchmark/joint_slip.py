@@ -26,7 +26,7 @@ from benchmark.common import NO_OTHERS, in_processes, parser, print_targets, sav
 from benchmark.diagnosis.cells import SETUPS, TOUCHES, Setup, SimulatedEffects, at_sizes, seed_of, simulate
 from benchmark.diagnosis.record import Record, correctly_named, named_text, predicts_like_truth, unbiased
 from benchmark.diagnosis.runs import diagnosed
-from scara_kinetostatic.effects.joint_slip import JointSlip, LoadFriction
+from scara_kinetostatic.effects.joints import JointSlip, LoadFriction
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.cell import Cell, Disc, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL

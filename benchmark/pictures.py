@@ -31,7 +31,7 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.planning import figures as design_pictures
+from scara_kinetostatic.planning import report as design_pictures
 from scara_kinetostatic.planning.optimal_design import optimal_design
 from scara_kinetostatic.planning.prediction import Robot
 from scara_kinetostatic.report.figure import FAINT, SERIES, as_svg, new_figure, style

@@ -38,7 +38,7 @@ below it (`test/test_architecture.py` checks that):
     assessment     may the result be used? grade, reasons, actions; the outcome of it all
     diagnosis      is the model complete? which effects explain the residual, and which rivals have they?
     calibration    from touches to the parameters, with their uncertainty
-    effects        the physical effects that the base model lacks, one per file
+    effects        the physical effects that the base model lacks, by what they are of
     model          parameters, cell, touches, kinematics, kinetostatics, contact; a calibrated arm in use
     errors         one root for all errors
 """

@@ -32,7 +32,6 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture, rotate
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.surfaces import nearest_surfaces
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
 from scara_kinetostatic.pipeline import (
     calibrate_recordings,
@@ -282,7 +281,7 @@ def predict_force(
                 c.full_model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata, tangents=o.tangents
             )
             if c.cell.has_outlines:
-                nearest = nearest_surfaces(c.cell, c.cell.surfaces.distances(found.tip), disc)
+                nearest = c.cell.surfaces.nearest(c.cell.surfaces.distances(found.tip), disc)
                 touched = touched.replace(surface=nearest)
         force = found.force
     if o.frame is SensorFrame.BASE:

@@ -76,7 +76,10 @@ def calibrate(
     expect(touches, TouchSet, 'touches', "read them by read_touches('touches.csv', cell), or give the file to diagnose")
     expect(cell, Cell, 'cell', "read it by load_cell('cell.yaml')")
     fixed = _checked(fixed)
-    start = _start(cell, _expect_effects(effects), start, fixed)
+    if wrong := [item for item in effects if not hasattr(item, 'parameters')]:
+        remedy = 'take it from catalogue(cell), by its label'
+        raise ParameterError('effects', f'expected effects, got {wrong[0]!r:.60}', remedy)
+    start = _start(cell, effects, start, fixed)
     if sources := _held_sources(start, fixed):
         cell = without_sources(cell, sources)
     if warm_start is not None:
@@ -297,19 +300,6 @@ def _check_size(where: str, name: str, value: float, text: str) -> None:
         raise ParameterError(f'{where} {name}', f'expected a finite number, got {text}')
     if implausible := implausible_size(value, UNITS.get(name, '')):
         raise ParameterError(f'{where} {name}={text}', *implausible)
-
-
-def _expect_effects(effects: Sequence[EffectLaw]) -> Sequence[EffectLaw]:
-    """The effects, where they are.
-
-    Raises:
-        ParameterError: something else is among them.
-    """
-    wrong = [item for item in effects if not hasattr(item, 'parameters')]
-    if wrong:
-        remedy = 'take it from catalogue(cell), by its label'
-        raise ParameterError('effects', f'expected effects, got {wrong[0]!r:.60}', remedy)
-    return effects
 
 
 def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]]:

@@ -23,11 +23,11 @@ from __future__ import annotations
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, Indices, pick
 from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.outline import Outline
@@ -115,14 +115,15 @@ class DeclaredErrors:
     @cached_property
     def _by_disc(self) -> _ByDisc:
         discs, plates = self.cell.discs, {plate.name: plate for plate in self.cell.plates}
-        return _ByDisc(
+        of_discs = _ByDisc(
             np.array([(plates[d.plate].x, plates[d.plate].y) if d.plate else (0.0, 0.0) for d in discs]),
             np.array([self._unit_changes(f'object_position[{d.name}]') for d in discs]),
             np.array([self._unit_changes(f'plate_position[{d.plate}]') for d in discs]),
             np.array([self._unit(f'plate_angle[{d.plate}]') for d in discs]),
             np.array([self._unit(f'{_size(d)}[{d.name}]') + self._unit('radius') for d in discs]),
             np.array([self._unit(f'object_rotation[{d.name}]') for d in discs]),
-        ).of_surfaces(self.cell.surfaces.object)
+        )
+        return pick(of_discs, self.cell.surfaces.object)
 
     def centers(self, errors: Floats) -> Floats:
         """Centres of the surfaces, those of discs in turn, (D, 2), m."""
@@ -139,12 +140,10 @@ class DeclaredErrors:
 
     def _turned(self, errors: Floats) -> Floats:
         """Centres after the rotations of outlines about their reference points, (D, 2), m."""
-        centers, reference = self.cell.surfaces.centers, self._reference
-        if not self.cell.has_outlines:
-            return centers
-        return reference + rotate(centers - reference, self._by_disc.turn @ errors)
+        own = self.cell.surfaces.centers - self._reference
+        return self._reference + rotate(own, self._by_disc.turn @ errors)
 
-    @property
+    @cached_property
     def _reference(self) -> Floats:
         return self.cell.centers[self.cell.surfaces.object]
 
@@ -208,25 +207,17 @@ def without_sources(cell: Cell, labels: Set[str]) -> Cell:
         labels: of sources; others are ignored.
     """
 
-    def left(label: str, std: float) -> float:
-        return 0.0 if label in labels else std
+    def left(item: Any, **kinds: str) -> Any:
+        return item._replace(**{name: 0.0 for name, kind in kinds.items() if f'{kind}[{item.name}]' in labels})
 
-    discs, plates, u = list(cell.discs), list(cell.plates), cell.uncertainty
-    for k, d in enumerate(discs):
-        stds = left(f'object_position[{d.name}]', d.center_std), left(f'{_size(d)}[{d.name}]', d.radius_std)
-        if isinstance(d, Outline):
-            d = d._replace(angle_std=left(f'object_rotation[{d.name}]', d.angle_std))
-        discs[k] = d._replace(center_std=stds[0], radius_std=stds[1])
-    for k, p in enumerate(plates):
-        stds = left(f'plate_position[{p.name}]', p.center_std), left(f'plate_angle[{p.name}]', p.angle_std)
-        plates[k] = p._replace(center_std=stds[0], angle_std=stds[1])
-    u = replace(
-        u,
-        radius=left('radius', u.radius),
-        force_gain=left('force_gain', u.force_gain),
-        force_rotation=left('force_rotation', u.force_rotation),
+    of_disc = {'center_std': 'object_position', 'angle_std': 'object_rotation'}  # which a disc has not: not in `labels`
+    common: dict[str, Any] = {name: 0.0 for name in ('radius', 'force_gain', 'force_rotation') if name in labels}
+    return replace(
+        cell,
+        discs=tuple(left(d, radius_std=_size(d), **of_disc) for d in cell.discs),
+        plates=tuple(left(p, center_std='plate_position', angle_std='plate_angle') for p in cell.plates),
+        uncertainty=replace(cell.uncertainty, **common),
     )
-    return replace(cell, discs=tuple(discs), plates=tuple(plates), uncertainty=u)
 
 
 class _ByDisc(NamedTuple):
@@ -247,10 +238,6 @@ class _ByDisc(NamedTuple):
     angle: Floats
     radius: Floats
     turn: Floats
-
-    def of_surfaces(self, owner: Indices) -> _ByDisc:
-        """The same of surfaces, for the number of each one's object."""
-        return _ByDisc(*(part[owner] for part in self))
 
 
 def _size(disc: Disc | Outline) -> str:

@@ -32,10 +32,10 @@ from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, fir
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.least_squares import typical_scale
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, estimated_levels
-from scara_kinetostatic.calibration.observations import Observations, in_blocks, pick
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, in_blocks
 from scara_kinetostatic.calibration.solver import ActivePrior, Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pick
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
@@ -178,7 +178,8 @@ def _begin(
         near = project(observations.with_errors(errors), warm_start.model, noise)
         return observations, warm_start.model, errors, near.adjusted, first, 0
     noise = cell.noise or USUAL_NOISE
-    stated = observations.as_stated()
+    # at first all that the cell description says counts as exactly known
+    stated = observations._replace(declared=None, errors=NO_ERRORS, reported=None, random=None)
     some = _few_of_each(observations)
     fit = minimise(stated, start, first_guess(stated, start), everything, noise, COARSE, some)
     first = _Round(ROBUST, some, noise, everything, none)

@@ -23,14 +23,13 @@ from scara_kinetostatic.calibration.gauss_helmert import (
     squared_distance,
     whiten,
 )
-from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observations, in_blocks, pick, put
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, in_blocks, put
+from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, pick
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import forward, rotate
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.surfaces import settled_surfaces
 from scara_kinetostatic.model.touch_equations import Arm
 
 
@@ -137,23 +136,15 @@ def evaluate(
 
 
 def _evaluate(
-    observations: Observations,
-    model: ExtendedModel,
-    adjusted: Adjusted,
-    noise: Noise,
-    stage: Stage,
-    arm: Arm | None = None,
+    observations: Observations, model: ExtendedModel, adjusted: Adjusted, noise: Noise, stage: Stage, arm: Arm | None
 ) -> tuple[Linearisation, Whitened, Floats]:
     linear = linearise(observations, model, adjusted, arm)
-    extra = 0.0 if stage.adjusts else _direction_variance(observations, noise)
+    extra: Floats | float = 0.0
+    if not stage.adjusts:  # the error of the measured direction of the force, in V11, m²
+        force = observations.force
+        extra = (observations.radii * force_covariance(noise, force).across / (force**2).sum(axis=-1)) ** 2
     whitened = whiten(linear, noise, extra)
     return linear, whitened, squared_distance(whitened)
-
-
-def _direction_variance(observations: Observations, noise: Noise) -> Floats:
-    """What the error of the measured direction of the force adds to V11 where it is not adjusted, (n,), m²."""
-    square = (observations.force**2).sum(axis=-1)
-    return (observations.radii * force_covariance(noise, observations.force).across / square) ** 2
 
 
 def last_step(point: Point, change: Floats) -> Point:
@@ -277,7 +268,7 @@ def fitted_surfaces(observations: Observations, cell: Cell, point: Point) -> Ind
     force, metadata = base_force(observations, point.model), observations.metadata
     assert metadata is not None
     tips = fitted_tips(observations, point)
-    return settled_surfaces(cell, tips, force / np.hypot(*force.T)[:, None], metadata.disc)
+    return cell.surfaces.settled(tips, force / np.hypot(*force.T)[:, None], metadata.disc)
 
 
 def force_residual(observations: Observations, model: ExtendedModel) -> Floats:
@@ -289,18 +280,8 @@ def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     o = observations
     measured = base_force(o, model)
     off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
-    shifted = o.contact_problem(o.joints)
-    found = contact(
-        model,
-        shifted.joints,
-        shifted.centers,
-        o.radii,
-        o.gripper,
-        warm_start=measured,
-        metadata=o.metadata,
-        off_normal=off_normal,
-        tangents=o.tangents,
-    )
+    at, known = o.contact_problem(o.joints)[:4], o.metadata
+    found = contact(model, *at, warm_start=measured, metadata=known, off_normal=off_normal, tangents=o.tangents)
     return measured - found.force
 
 

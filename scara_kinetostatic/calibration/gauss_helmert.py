@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.model.arrays import Floats, Mask, as_complex, pairs
+from scara_kinetostatic.model.arrays import Floats, Mask, along_and_across, as_complex, pairs
 from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import (
     all_derivatives,
@@ -43,27 +43,10 @@ from scara_kinetostatic.model.contact import (
     solve_links,
 )
 from scara_kinetostatic.model.effect_law import Shift
-from scara_kinetostatic.model.extended_model import (
-    ExtendedModel,
-    along_and_across,
-    has_sensor_error,
-    reported_force,
-    sensor_error_columns,
-    true_force,
-    true_force_derivative,
-)
+from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force, sensor_derivatives, true_force
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2
-from scara_kinetostatic.model.touch_equations import (
-    Arm,
-    Edges,
-    Equations,
-    State,
-    across,
-    free_state,
-    keep_flanks,
-    next_modes,
-)
+from scara_kinetostatic.model.touch_equations import Arm, Equations, State, across, free_state, keep_flanks, next_modes
 
 
 class Adjusted(NamedTuple):
@@ -85,8 +68,7 @@ class Adjusted(NamedTuple):
 def first_guess(observations: Observations, model: ExtendedModel) -> Adjusted:
     """Start: the observations as measured."""
     o = observations
-    edges = Edges.of(o.tangents, o.radii)
-    return as_measured(o, model, free_state(model.parameters, o.joints, o.centers, edges))[0]
+    return as_measured(o, model, free_state(model.parameters, o.joints, o.centers, o.edges))[0]
 
 
 def place_force(observations: Observations, model: ExtendedModel, joints: Floats, force: Floats, state: State) -> State:
@@ -130,10 +112,10 @@ def linearise(
     by_force = by_touch(2, 2, len(o.joints))
     by_force[:, 0, 0], by_force[:, 1, 0] = h_f.real, h_f.imag
     by_force[:, 0, 1], by_force[:, 1, 1] = h_d.real / state.magnitude, h_d.imag / state.magnitude
-    if has_sensor_error(model):
+    if model.has_sensor_error:
         true = _in_sensor_frame(o, model, adjusted.joints, state)
-        by_force = by_force @ true_force_derivative(model, adjusted.force, true, o.metadata)
-        derivative[:, :, model.base_count :] += sensor_error_columns(model, adjusted.force, true, by_force, o.metadata)
+        by_force, columns = sensor_derivatives(model, adjusted.force, true, by_force, o.metadata)
+        derivative[:, :, model.base_count :] += columns
     misclosure = by_touch(2, len(o.joints))
     misclosure[:, 0], misclosure[:, 1] = e.h.real, e.h.imag
     for by, off in zip((*by_joints.T, *by_force.T), _off_measured(o, adjusted), strict=True):
@@ -416,20 +398,6 @@ def by_touch(*shape: int) -> Floats:
     return np.empty(shape).transpose()
 
 
-def _covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
-    """V of each touch's misclosure: the entries 11, 21, 22, (n,) each, m²."""
-    along, crossed, across = force_covariance(noise, linear.force)
-    by = np.concatenate([linear.by_joints.T, linear.by_force.T])  # (4, 2, n): by q1, q2, along and across the force
-    moved = np.empty_like(by)
-    np.multiply(by[:2], np.square(noise.joint_levels)[:, None, None], out=moved[:2])
-    moved[2], moved[3] = by[2] * along + by[3] * crossed, by[2] * crossed + by[3] * across
-    (v11, _), (v21, v22) = np.einsum('kin,kjn->ijn', moved, by)
-    if linear.by_off_normal is None:
-        return v11, v21, v22
-    first, second = linear.by_off_normal[:, 0], linear.by_off_normal[:, 1]
-    return v11 + first * first, v21 + first * second, v22 + second * second
-
-
 def outer(matrices: Floats) -> Floats:
     """B Bᵀ of (n, 2, k) matrices, (n, 3): the entries 11, 21, 22."""
     first, second = matrices[:, 0], matrices[:, 1]
@@ -438,7 +406,15 @@ def outer(matrices: Floats) -> Floats:
 
 def whiten(linear: Linearisation, noise: Noise, extra: Floats | float = 0.0) -> Whitened:
     """Divide by the Cholesky root of V, touch by touch; `extra` is added to V11."""
-    v11, v21, v22 = _covariance_of(linear, noise)
+    along, crossed, across = force_covariance(noise, linear.force)
+    by = np.concatenate([linear.by_joints.T, linear.by_force.T])  # (4, 2, n): by q1, q2, along and across the force
+    moved = np.empty_like(by)
+    np.multiply(by[:2], np.square(noise.joint_levels)[:, None, None], out=moved[:2])
+    moved[2], moved[3] = by[2] * along + by[3] * crossed, by[2] * crossed + by[3] * across
+    (v11, _), (v21, v22) = np.einsum('kin,kjn->ijn', moved, by)
+    if linear.by_off_normal is not None:
+        first, second = linear.by_off_normal[:, 0], linear.by_off_normal[:, 1]
+        v11, v21, v22 = v11 + first * first, v21 + first * second, v22 + second * second
     l11 = np.sqrt(v11 + extra)
     l21 = v21 / l11
     l22 = np.sqrt(np.maximum(v22 - l21 * l21, 1e-12 * v22))
@@ -471,7 +447,7 @@ def noise_left(linear: Linearisation, root: tuple[Floats, Floats, Floats], noise
     """
     l11, l21, l22 = root
     covariance = force_covariance(noise, linear.force)
-    along, across = covariance.side(side)
+    along, across = covariance[side : side + 2]
     by_along, by_across = linear.by_force.T
     moved = by_along * along + by_across * across
     first = moved[0] / l11

@@ -14,6 +14,7 @@ A direction of L̄ is unidentifiable for either of two reasons.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,16 +24,14 @@ from scara_kinetostatic.calibration.declared_errors import Prior
 from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.gauss_helmert import linearise, noise_left, place_force, whiten_by
 from scara_kinetostatic.calibration.least_squares import Compressed, compress, upper_triangle
-from scara_kinetostatic.calibration.observations import Observations, pick
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.calibration.observations import Observations
+from scara_kinetostatic.model.arrays import Floats, Indices, pick
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.contact import solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
 
-MOMENT_SCALES = np.array([2.0, 2.0])
-"""The same of s1 and s2, kg m."""
 SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
 NOISE_SHARE = 0.25
@@ -46,7 +45,7 @@ _MEMBER_PART = 0.05
 
 def scales_of(model: ExtendedModel) -> Floats:
     """Plausible range of each value of a model, (12 + k,): `SCALES`, then those of the effects."""
-    base = np.concatenate([SCALES, MOMENT_SCALES]) if model.parameters.has_gravity else SCALES
+    base = np.append(SCALES, (2.0, 2.0)) if model.parameters.has_gravity else SCALES  # of s1 and s2, kg m
     return np.concatenate([base, model.effect_scales]) if model.effects else base
 
 
@@ -95,6 +94,33 @@ class Identifiability:
     combinations: tuple[Combination, ...] = ()
     advice: str = ''
     notes: tuple[str, ...] = ()
+
+
+def identify(
+    model: ExtendedModel,
+    fixed: Iterable[str],
+    directions: Floats,
+    covariance: Floats,
+    changes: Floats,
+    mean_force: float,
+    notes: tuple[str, ...],
+) -> Identifiability:
+    """What the data show by a fit.
+
+    Args:
+        model: fitted.
+        fixed: names of parameters that were held.
+        directions: the unidentifiable ones, (k, d), as `unidentifiable_directions` gives them.
+        covariance: of all values, (12 + k, 12 + k).
+        changes: whitened derivatives of the used touches by what the fit could change, (n, 2, m).
+        mean_force: of the touches, N.
+        notes: as in `Identifiability`.
+    """
+    held = model.held.union(fixed)
+    free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
+    groups = group_names(directions, free, model, np.sqrt(np.diag(covariance)))
+    pairs, rank = determined_pairs(directions, free, model.as_array(), covariance), len(free) - directions.shape[1]
+    return Identifiability(rank, condition_number(changes), groups, pairs, advise(groups, mean_force), notes)
 
 
 def unidentifiable_directions(observations: Observations, point: Point, free: Indices, noise: Noise) -> Floats:
@@ -171,19 +197,13 @@ def _purified(row: Floats, scaled: Floats, by_noise: Floats) -> Floats:
 
 
 def _noise_triangle(observations: Observations, point: Point, noise: Noise) -> Floats:
-    """How the whitened Jacobian changes by one standard deviation of what noise is left in F̂, as the triangle R of
-    its QR factorisation, (12, 12).
+    """How the whitened Jacobian changes by one standard deviation of what noise is left in F̂, along it and across it,
+    as the triangle R of its QR factorisation, (12, 12).
     """
     count = len(observations.joints)
     if count > _SAMPLE_SIZE:
         some = np.sort(np.random.default_rng(0).choice(count, _SAMPLE_SIZE, replace=False))
         observations, point = observations.select(some), select(point, some)
-    changes = _noise_derivatives(observations, point, noise)
-    return upper_triangle(changes, overwrite=True) * np.sqrt(max(count / _SAMPLE_SIZE, 1.0))
-
-
-def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -> Floats:
-    """The changes of the whitened Jacobian by noise along F̂, then by that across it, (4n, 12)."""
     a, model, n = point.adjusted, point.model, len(observations.joints)
     l11, l21, l22 = point.whitened.root
     x, y = a.force[:, 0], a.force[:, 1]
@@ -204,27 +224,23 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
         derivative = np.concatenate([derivative, linear.by_errors], axis=2)
     columns = whiten_by(derivative, root).transpose(2, 1, 0).reshape(-1, 2, _VARIANTS, n)
     changes = (columns[:, :, 0::2] - columns[:, :, 1::2]) / 2
-    return np.asarray(changes.reshape(len(columns), -1).T)
+    triangle = upper_triangle(changes.reshape(len(columns), -1).T, overwrite=True)
+    return triangle * np.sqrt(max(count / _SAMPLE_SIZE, 1.0))
 
 
 def group_names(
-    directions: Floats,
-    free: Indices,
-    std: Floats | None = None,
-    scales: Floats = SCALES,
-    names: tuple[str, ...] = NAMES,
+    directions: Floats, free: Indices, model: ExtendedModel, std: Floats | None = None
 ) -> tuple[tuple[str, ...], ...]:
     """The groups of parameters that unidentifiable directions combine, by name.
 
     Args:
         directions: (k, d), as `unidentifiable_directions` gives them.
         free: positions of the parameters that are not fixed, (k,).
-        std: standard deviations of the fit that holds these directions, (12,): a parameter that such a
+        model: whose parameters these are.
+        std: standard deviations of the fit that holds these directions, (12 + k,): a parameter that such a
             direction could have moved by more than 0.3 of its own belongs to the group as well.
-        scales: (12,), or more with effects.
-        names: of all parameters.
     """
-    groups = []
+    groups, names, scales = [], model.names, scales_of(model)
     for row in _sparse_rows(directions.T):
         row = row / np.linalg.norm(row)
         members = np.abs(row) >= _MEMBER_PART * np.abs(row).max()

@@ -111,11 +111,6 @@ def damped_step(system: Compressed, damping: float) -> Floats:
     return system.right @ (gain * system.left)
 
 
-def predicted_shift(system: Compressed, step: Floats) -> float:
-    """‖J y‖: by how many standard deviations a step moves the predictions, all touches together."""
-    return float(np.linalg.norm(system.values * (system.right.T @ step)))
-
-
 def covariance(system: Compressed, least: float = 0.0) -> Floats:
     """(JᵀJ)⁺, (k, k), without the directions whose singular value is below `least`."""
     s, significant = system.values, _significant(system) & (system.values >= least)

@@ -7,30 +7,24 @@ block, some hundred arrays, never leave the cache, and memory holds the final on
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import NOTHING_KNOWN, DeclaredErrors, Prior
 from scara_kinetostatic.calibration.random_effects import RandomEffects
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, T, over_arrays, pick
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import Gripper
-from scara_kinetostatic.model.outline import Surfaces
-from scara_kinetostatic.model.surfaces import touched_surfaces
+from scara_kinetostatic.model.kinematics import Gripper, forward, rotate
+from scara_kinetostatic.model.outline import PER_ANGLE, Surfaces
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import Edges
 
 BLOCK = 4096
 """Touches per block: 32 KiB per array of numbers."""
-
-EVERY = slice(None)
-"""The place of the only block: nothing is copied."""
-
-T = TypeVar('T')
 
 
 def blocks(count: int) -> Iterator[slice]:
@@ -48,14 +42,7 @@ def in_blocks(count: int, run: Callable[[slice], T]) -> T:
         run: from the places of some touches to arrays over these (first axis), or tuples of such, or None.
     """
     parts = [run(part) for part in blocks(count)]
-    return parts[0] if len(parts) == 1 else _each(lambda *arrays: np.concatenate(arrays), *parts)
-
-
-def pick(item: T, which: Any) -> T:
-    """Some touches of an array, or of a tuple of such, or None."""
-    if which is EVERY:
-        return item
-    return _each(lambda array: array[which], item)
+    return parts[0] if len(parts) == 1 else over_arrays(lambda *arrays: np.concatenate(arrays), *parts)
 
 
 def put(item: T, which: Any, part: T) -> T:
@@ -66,16 +53,7 @@ def put(item: T, which: Any, part: T) -> T:
         array[which] = values
         return array
 
-    return _each(placed, item, part)
-
-
-def _each(change: Callable[..., Any], *items: Any) -> Any:
-    """A function of arrays applied to tuples of such, part by part; None stays."""
-    first = items[0]
-    if not isinstance(first, tuple):
-        return None if first is None else change(*items)
-    parts = [_each(change, *same) for same in zip(*items, strict=True)]
-    return type(first)(*parts) if hasattr(first, '_fields') else tuple(parts)
+    return over_arrays(placed, item, part)
 
 
 NO_ERRORS = np.zeros(0)
@@ -168,31 +146,23 @@ class Observations(NamedTuple):
             tangents=surfaces.tangents[which],
         )
 
-    def as_stated(self) -> Observations:
-        """The same touches where all that the cell description says counts as exactly known."""
-        return self._replace(declared=None, errors=NO_ERRORS, reported=None, random=None)
-
     def select(self, which: Any) -> Observations:
         """The touches that a mask, a slice or an array of positions picks."""
         if which is EVERY:
             return self
-        metadata = None if self.metadata is None else self.metadata.select(which)
-        return self._replace(
-            joints=self.joints[which],
-            force=self.force[which],
-            centers=self.centers[which],
-            radii=self.radii[which],
-            metadata=metadata,
-            reported=None if self.reported is None else self.reported[which],
-            surface=None if self.surface is None else self.surface[which],
-            tangents=None if self.tangents is None else self.tangents[which],
-            random=None if self.random is None else self.random.select(which),
-        )
+        random = None if self.random is None else self.random.select(which)
+        of_all: dict[str, Any] = {'errors': self.errors, 'known': self.known, 'random': random}
+        without: dict[str, Any] = dict.fromkeys(of_all)
+        return pick(self._replace(**without), which)._replace(**of_all)
+
+    @property
+    def edges(self) -> Edges | None:
+        """Which touches are of a straight edge; None for arcs alone."""
+        return Edges.of(self.tangents, self.radii)
 
     def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
         """The touches at joint angles (n, 2), rad, and off-normal angles (n,), rad, as the equations take them."""
-        edges = Edges.of(self.tangents, self.radii)
-        problem = ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal, edges)
+        problem = ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal, self.edges)
         if self.random is None:
             return problem
         values = self.random_values(self.errors)
@@ -225,7 +195,7 @@ def observe(
     declared = DeclaredErrors.of(cell)
     surface = touches.disc
     if cell.has_outlines:
-        surface = touched_surfaces(cell, touches.joints, touches.force, touches.disc, touches.surface)
+        surface = _touched_surfaces(cell, touches)
     count = (0 if declared is None else declared.count) + (0 if random is None else len(random.columns))
     stated = Observations(
         touches.joints,
@@ -244,3 +214,22 @@ def observe(
         known,
     )
     return stated if errors is None else stated.with_errors(errors)
+
+
+def _touched_surfaces(cell: Cell, touches: TouchSet) -> Indices:
+    """Numbers of the touched surfaces among `Cell.surfaces`, (n,), by the nominal arm where they are not known.
+
+    Edges and corners are tangent-continuous: where a touch lies a distance δ beyond the end of its edge, a corner of
+    radius r is δ²/2r away from it. So a first choice by nominal place and direction of the force is good enough for a
+    fit, and the place of the tip by the fit decides (`Surfaces.settled`).
+    """
+    p, todo, found, force = cell.nominal, touches.surface < 0, touches.surface.copy(), touches.force
+    if todo.any():
+        if cell.sensor.frame is SensorFrame.TOOL:
+            force = rotate(force, touches.joints.sum(axis=1) + p.theta1 + p.theta2)
+        tips = forward(p, touches.joints[todo])
+        unit = force[todo] / np.maximum(np.hypot(*force[todo].T), 1e-300)[:, None]
+        misses = cell.surfaces.misses(tips, unit, PER_ANGLE)[0]
+        size = np.where(unit.any(axis=1)[:, None], np.hypot(*misses.transpose(2, 0, 1)), cell.surfaces.distances(tips))
+        found[todo] = cell.surfaces.nearest(size, touches.disc[todo])
+    return found

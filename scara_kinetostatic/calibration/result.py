@@ -25,21 +25,13 @@ from scara_kinetostatic.calibration.fit_point import (
     project,
     select,
 )
-from scara_kinetostatic.calibration.identifiability import (
-    Identifiability,
-    advise,
-    condition_number,
-    determined_pairs,
-    group_names,
-    scales_of,
-    shape_notes,
-)
+from scara_kinetostatic.calibration.identifiability import Identifiability, identify, scales_of, shape_notes
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
-from scara_kinetostatic.calibration.observations import EVERY, NO_ERRORS, Observations, observe
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, observe
 from scara_kinetostatic.calibration.random_effects import RandomEffects
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
+from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import UNITS, Parameters
@@ -348,7 +340,10 @@ def build_result(
     contributions, chi_square, freedoms = contributions_of(found, observations, everything)
     covariance = np.sum([part.covariance for part in contributions], axis=0)
     std = np.sqrt(np.diag(covariance))
-    identifiability = _identifiability(found, cell, observations, covariance, std, fixed)
+    changes = fit.point.whitened.derivative[used] @ found.subspace.basis
+    notes = () if observations.surface is None else shape_notes(cell, observations.surface[used])
+    mean_force = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
+    identifiability = identify(model, fixed, found.unidentifiable, covariance, changes, mean_force, notes)
     confounded = {name for group in identifiability.confounded for name in group}
     std[[name in confounded for name in model.names]] = np.nan
     return Calibration(
@@ -392,29 +387,6 @@ def _rejections(
         reason = f'disagrees with the other touches: its force is {size:.2g} N off, {std:.1f} standard deviations'
         rejected.append(Rejection(int(touches.index[k]), reason))
     return tuple(sorted(rejected, key=lambda item: item.index))
-
-
-def _identifiability(
-    found: Estimation,
-    cell: Cell,
-    observations: Observations,
-    covariance: Floats,
-    std: Floats,
-    fixed: Mapping[str, float],
-) -> Identifiability:
-    model = found.fit.point.model
-    held = model.held.union(fixed)
-    free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
-    groups = group_names(found.unidentifiable, free, std, scales_of(model), model.names)
-    magnitude = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
-    return Identifiability(
-        rank=len(free) - found.unidentifiable.shape[1],
-        condition=condition_number(found.fit.point.whitened.derivative[found.used] @ found.subspace.basis),
-        confounded=groups,
-        combinations=determined_pairs(found.unidentifiable, free, model.as_array(), covariance),
-        advice=advise(groups, magnitude),
-        notes=() if observations.surface is None else shape_notes(cell, observations.surface[found.used]),
-    )
 
 
 class Contribution(NamedTuple):

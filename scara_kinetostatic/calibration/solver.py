@@ -161,8 +161,8 @@ class _Step(NamedTuple):
 def _descend(system: least_squares.Compressed, basis: Floats, damping: float) -> _Step:
     """The damped Gauss–Newton step of a linearised system."""
     y = least_squares.damped_step(system, damping)
-    shift, length = least_squares.predicted_shift(system, y), float(np.abs(y).max(initial=0.0))
-    return _Step(basis @ y, shift, length)
+    shift = float(np.linalg.norm(system.values * (system.right.T @ y)))
+    return _Step(basis @ y, shift, float(np.abs(y).max(initial=0.0)))
 
 
 class _Loss(NamedTuple):
@@ -202,20 +202,12 @@ class _Convergence(NamedTuple):
         tolerance: shift of a step below which it is the last one, standard deviations.
         is_smooth: whether the model has a derivative everywhere. At an optimum where it has a kink, steps do not
             become short.
-        vain_steps: steps in a row that do not lower the cost, after which the optimum is taken as reached if it is
-            near, or if the law has kinks.
-        most_vain_steps: the same after which a run ends without an optimum.
-        vain_part: part of the cost by which they lower it less.
-        near: undamped step to a near optimum, in standard deviations as the residuals have them: no parameter is off
-            by more.
+        vain_part: part of the cost by which vain steps lower it less.
     """
 
     tolerance: float
     is_smooth: bool
-    vain_steps: int = 8
-    most_vain_steps: int = 20
     vain_part: float = 1e-5
-    near: float = 0.1
 
     def is_vain(self, least: list[float], steps: int) -> bool:
         """Whether the last steps lowered nothing; `least` has the least cost after each step."""
@@ -223,11 +215,12 @@ class _Convergence(NamedTuple):
 
     def is_at_optimum(self, undamped: _Step, cost: float, least: float, equations: int) -> bool:
         """Whether a run whose steps are vain is at an optimum: within rounding, noise and linearisation errors of the
-        least cost, and near to where the undamped step leads; at a kink no step becomes short.
+        least cost, and a tenth of a standard deviation, as the residuals have it, from where the undamped step leads;
+        at a kink no step becomes short.
         """
         if cost - least > self.vain_part * least:
             return False
-        return not self.is_smooth or undamped.shift < self.near * float(np.sqrt(max(cost / equations, 1.0)))
+        return not self.is_smooth or undamped.shift < 0.1 * float(np.sqrt(max(cost / equations, 1.0)))
 
     def is_reached(self, step: _Step) -> bool:
         """Whether this step is the last one; shorter than 1e-14 in scaled parameters it is rounding error."""
@@ -271,10 +264,8 @@ def minimise(
     loss = _Loss(stage.robust, None if used is None or used.all() else used, ActivePrior.of(observations, subspace))
     basis = subspace.with_errors(len(observations.errors))
     per_touch = 0.0 if start.effects else stage.per_touch  # effects may be far from linear
-    convergence = _Convergence(
-        max(stage.tolerance, per_touch * np.sqrt(len(observations.joints))),
-        is_smooth=all(effect.is_smooth for effect in start.effects),
-    )
+    tolerance = max(stage.tolerance, per_touch * np.sqrt(len(observations.joints)))
+    convergence = _Convergence(tolerance, is_smooth=all(effect.is_smooth for effect in start.effects))
     point = evaluate(observations, start, adjusted, noise, stage)
     system, scale = loss.system(point, basis)
     damping, history, least = stage.damping, list[float](), list[float]()
@@ -306,11 +297,12 @@ def minimise(
                 break
         now = loss.cost(point, scale)
         least.append(min([now, *least[-1:]]))
-        is_vain = convergence.is_vain(least, convergence.vain_steps)
+        # after 8 vain steps the optimum is taken as reached if it is near, after 20 the run ends without one
+        is_vain = convergence.is_vain(least, 8)
         if is_vain and convergence.is_at_optimum(_descend(system, basis, 0.0), now, least[-1], 2 * len(point.distance)):
             termination = Termination.CONVERGED
             break
-        if convergence.is_vain(least, convergence.most_vain_steps):
+        if convergence.is_vain(least, 20):
             termination = Termination.STALLED
             break
     prior_cost = 0.0 if loss.prior is None else loss.prior.cost(point)

@@ -164,11 +164,6 @@ class Workspace(NamedTuple):
     derivative: Floats
     dependent: Floats
 
-    @property
-    def places(self) -> int:
-        """How many places there are, in all postures."""
-        return len(self.touched)
-
     def std(self, covariance: Floats) -> Floats:
         """Standard uncertainty of the tip in the worst direction and under the worst force, (P,), m."""
         return np.asarray(np.sqrt(self.variances(covariance).max(axis=1)))
@@ -179,22 +174,14 @@ class Workspace(NamedTuple):
         half, off = (every[:, 0, 0] - every[:, 1, 1]) / 2, every[:, 0, 1]
         mean = (every[:, 0, 0] + every[:, 1, 1]) / 2
         undetermined = self.dependent > np.sqrt(2 * mean)  # by plausible ranges more than by a standard uncertainty
-        return np.where(undetermined, np.nan, mean + np.hypot(half, off)).reshape(self.places, -1)
-
-    @staticmethod
-    def worst(variances: Floats) -> int | None:
-        """Number of the pose with the largest variance, of the places where it is determined under all forces."""
-        known = np.where(np.isnan(variances).any(axis=1, keepdims=True), -1.0, variances)
-        return int(np.argmax(known)) if known.max() >= 0 else None
+        return np.where(undetermined, np.nan, mean + np.hypot(half, off)).reshape(len(self.touched), -1)
 
 
 def tip_covariance(derivative: Floats, covariance: Floats) -> Floats:
     """J Σ Jᵀ of n poses, (n, 2, 2), m²."""
     moved = (derivative.reshape(-1, derivative.shape[-1]) @ covariance).reshape(derivative.shape)  # one product
-    (xx, xy), yy = (
-        np.einsum('nk,nik->in', moved[:, 0], derivative),
-        np.einsum('nk,nk->n', moved[:, 1], derivative[:, 1]),
-    )
+    xx, xy = np.einsum('nk,nik->in', moved[:, 0], derivative)
+    yy = np.einsum('nk,nk->n', moved[:, 1], derivative[:, 1])
     return np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1)
 
 
@@ -238,7 +225,8 @@ def possible_poses(p: Parameters, cell: Cell, places: Floats, reached: Mask) -> 
     """
     reached = reached & cell.region.holds(places)
     if not reached.any():
-        raise cell.region.out_of_reach()
+        problem = 'no place in it is within reach of the arm'
+        raise ParameterError('region', problem, 'give x and y limits in m')
     found = np.array([reached & cell.can_take(inverse(p, places, side)) for side in POSTURES])
     share = float(found.any(axis=0).sum() / reached.sum())
     if share < LEAST_WITHIN:
@@ -328,7 +316,7 @@ def tip_uncertainty(c: Calibration, area: Workspace | None = None) -> TipUncerta
     return TipUncertainty(
         median=_statistic(np.median, expanded[known]),
         worst=_statistic(np.max, expanded[known]),
-        at=_worst_pose(c, area, area.worst(variances)),
+        at=_worst_pose(c, area, variances),
         median_touched=_statistic(np.median, expanded[known & area.touched]),
         worst_touched=_statistic(np.max, expanded[known & area.touched]),
         undetermined=float(np.mean(~known)),
@@ -342,9 +330,12 @@ def _statistic(function: Callable[[Floats], Any], values: Floats) -> float:
     return float(function(values)) if len(values) else float('nan')
 
 
-def _worst_pose(c: Calibration, area: Workspace, number: int | None) -> WorstPose | None:
-    if number is None:
+def _worst_pose(c: Calibration, area: Workspace, variances: Floats) -> WorstPose | None:
+    """That with the largest variance, of the places where it is determined under all forces."""
+    known = np.where(np.isnan(variances).any(axis=1, keepdims=True), -1.0, variances)
+    if known.max() < 0:
         return None
+    number = int(np.argmax(known))
     derivative = area.derivative[number]
     direction = np.linalg.eigh(derivative @ c.covariance @ derivative.T)[1][:, -1]
     joints = area.poses.joints[number]

@@ -1,4 +1,4 @@
-"""Physical effects that the base model lacks, one file each; `registry` lists them.
+"""Physical effects that the base model lacks, by what they are of; `registry` lists them.
 
 To write one, derive from `JointEffect`, `DiscEffect`, `SensorEffect`, `LinearEffect` or `Effect`.
 """

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.outline import Outline
 
 
 class Trial(NamedTuple):
@@ -61,8 +62,6 @@ class Effect(EffectLaw):
         target: the joint (``joint1``), link or disc it is about; None if it is about the whole cell.
         special_cases: labels of effects that it contains or equals: one of these is named in its place unless it
             explains the touches significantly better.
-        diverges_with_alias: whether it runs to large values beside a rival that is nearly the same, instead of
-            sharing with it.
         is_physical: whether it has a physical meaning; else it is a fitted curve.
         is_linear: whether the shift is linear in the parameters.
         premise: what its values suppose that the touches do not show, a clause; empty if nothing.
@@ -97,7 +96,6 @@ class Effect(EffectLaw):
     identified_by: ClassVar[str]
     plot_variable: ClassVar[str]
     special_cases: ClassVar[tuple[str, ...]] = ()
-    diverges_with_alias: ClassVar[bool] = False
     is_physical: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
     premise: ClassVar[str] = ''
@@ -216,10 +214,7 @@ class LinearEffect(Effect):
         """The shift per unit of each parameter."""
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        parts = self.basis(at)
-        return Shift(
-            combined([part.joints for part in parts], values), combined([part.place for part in parts], values)
-        )
+        return Shift(*(combined(parts, values) for parts in zip(*self.basis(at), strict=True)))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return self.basis(at)
@@ -293,10 +288,12 @@ class DiscEffect(LinearEffect):
 
     Attributes:
         disc: its number in the cell.
+        kinds: of objects that may have it.
     """
 
     disc: int = 0
     on_object: ClassVar[bool] = True
+    kinds: ClassVar[tuple[type, ...]] = (Disc, Outline)
 
     @classmethod
     def of(cls, disc: int, name: str) -> DiscEffect:
@@ -305,7 +302,7 @@ class DiscEffect(LinearEffect):
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
-        return [cls.of(number, disc.name) for number, disc in enumerate(cell.discs)]
+        return [cls.of(number, disc.name) for number, disc in enumerate(cell.discs) if isinstance(disc, cls.kinds)]
 
     @abstractmethod
     def places(self, at: TouchState) -> tuple[Floats, ...]:

@@ -1,16 +1,34 @@
-"""Linear errors of a joint: gain and drift of its encoder, the other joint's angle, a cable's torque, a compliance that
-depends on the torque, hysteresis.
+"""Errors of a joint: gain and drift of its encoder, the other joint's angle, a cable's torque, a compliance that
+depends on the torque, hysteresis; a periodic error of its transmission; slip with memory.
+
+**Slip** is a second spring behind friction, constant or growing with the load that it carries:
+δ = compliance · P(C), with P the play operator (`model.play_operator`) over the torque C. Its state depends on the
+turning points of C alone, `TouchSet.history`.
+
+**The two are not the same, nor are they another together with `joint_hysteresis`.** By constant friction of half width
+r, a joint that was pressed up to C_m > 2 r and let go keeps compliance · r, whatever C_m was, and stands still while
+the torque comes down by 2 r. By friction of a part μ it keeps nothing, and stands still down to C_m (1 - μ) / (1 + μ):
+the lag grows with the load. `joint_hysteresis` is the limit of the first for r → 0 at a constant compliance · r: a lag
+of one size. No sum of these has a lag in proportion to the load it began at, so two preloads tell them apart.
+
+**What touches show of friction that grows with the load.** Loaded from rest, P = C / (1 + μ): another compliance. Let
+down from (1 + β) C, P = min((1 + β) C / (1 + μ), C / (1 - μ)). Both are in proportion to C, so that with one preload β
+compliance, μ and p are confounded. Two preloads, one below and one above 2 μ / (1 - μ), determine them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import JointEffect
+from scara_kinetostatic.effects.base import EffectOfJoint, JointEffect, Trial
+from scara_kinetostatic.effects.variables import PlotAxis
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
+from scara_kinetostatic.model.play_operator import LARGEST_RATIO, play_operator
 
 
 @dataclass(frozen=True)
@@ -155,3 +173,242 @@ class ZeroDrift(JointEffect):
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.metadata.time,)
+
+
+LOWEST, HIGHEST = 1.0, 120.0
+"""Frequencies of the trials, cycles per turn of the joint."""
+_TYPICAL_CYCLES = (1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
+
+
+@dataclass(frozen=True)
+class TransmissionError(EffectOfJoint):
+    """A wave of the gear, the coupling or the encoder: δ = amplitude · cos(cycles · q - phase)."""
+
+    name = 'transmission_error'
+    parameters = (
+        Parameter('amplitude', 'rad', 1e-3, 'largest error of the angle', typical=1e-4),
+        Parameter('phase', 'rad', 1.0, 'cycles times the angle at which the error is largest', typical=0.7),
+        Parameter('cycles', '1/turn', 1.0, 'waves per turn of the joint', LOWEST, 7.3),
+    )
+    statement = 'the transmission of {target} has a periodic error'
+    confounded_with = (
+        'x0, y0, the offsets and the link lengths, if there are few cycles per turn and one elbow posture only; '
+        'other frequencies, if the angles are evenly spaced'
+    )
+    identified_by = 'touches at many different angles of the joint, unevenly spaced, in both elbow postures'
+    plot_variable = 'angle'
+    force_dependence = ForceDependence.NONE
+    grid_parameter = 'cycles'
+
+    def shift(self, at: TouchState, values: Floats) -> Shift:
+        amplitude, phase, cycles = values
+        return self.turned(amplitude * np.cos(cycles * at.joints[:, self.joint] - phase))[0]
+
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
+        amplitude, phase, cycles = values
+        angle = at.joints[:, self.joint]
+        wave, turned = np.cos(cycles * angle - phase), amplitude * np.sin(cycles * angle - phase)
+        return self.turned(wave, turned, -angle * turned)
+
+    def amplitudes(self, values: Floats) -> Floats:
+        """Its amplitude alone."""
+        return np.array([values[0], 0.0, 0.0])
+
+    def is_plausible(self, values: Floats) -> bool:
+        """Less than one wave per turn is a curve, not a wave; 10 % beyond the grid count as on it."""
+        return bool(0.9 * LOWEST < values[2] < HIGHEST / 0.9)
+
+    def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
+        """One per frequency of a grid: a cosine and a sine."""
+        angle = at.joints[:, self.joint]
+        return self._at(angle, frequencies(angle))
+
+    def usual_trials(self, at: TouchState) -> Sequence[Trial]:
+        """Once and twice a turn: eccentric and oval wheels."""
+        return self._at(at.joints[:, self.joint], np.array(_TYPICAL_CYCLES[:2]))
+
+    def forms(self, at: TouchState) -> Sequence[Floats]:
+        """A cosine and a sine of each of some frequencies: eccentric, oval and bent wheels, teeth."""
+        return [np.array([0.0, phase, cycles]) for cycles in _TYPICAL_CYCLES for phase in (0.0, np.pi / 2)]
+
+    def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
+        """Frequencies about that of a trial, `width` steps of the grid on both sides."""
+        angle = at.joints[:, self.joint]
+        grid = frequencies(angle)
+        step = grid[1] - grid[0] if len(grid) > 1 else 0.0
+        places = trial.place + step * np.linspace(-width, width, 13)
+        return self._at(angle, np.maximum(places, LOWEST))
+
+    def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
+        """The phase of the wave."""
+        _, phase, cycles = values
+        angle = np.degrees(cycles * at.joints[:, self.joint] - phase)
+        title = f'phase of the wave, {cycles:.4g} per turn of joint {self.joint + 1}'
+        return PlotAxis(title, '°', np.asarray((angle + 180) % 360 - 180))
+
+    def _at(self, angle: Floats, cycles: Floats) -> Sequence[Trial]:
+        """A trial for each frequency."""
+        phase = np.multiply.outer(cycles, angle)
+        waves = np.zeros((len(cycles), 2, len(angle), 2))
+        waves[:, 0, :, self.joint], waves[:, 1, :, self.joint] = np.cos(phase), np.sin(phase)
+        return [
+            Trial((Shift(cosine), Shift(sine)), values=partial(_as_wave, cycles=place), place=place)
+            for (cosine, sine), place in zip(waves, cycles.tolist(), strict=True)
+        ]
+
+
+def frequencies(angle: Floats) -> Floats:
+    """The frequencies to try for a joint's angles (n,), rad: a grid over which no wave is lost, cycles per turn."""
+    span, std = float(np.ptp(angle)), float(np.std(angle))
+    if std == 0.0 or not span < 1e3:  # the angles of a fit that diverges have no waves
+        return np.array([LOWEST])
+    # a wave half a step off a frequency of the grid keeps 1 - (0.75/2)² = 86 % of its power or more, as the phases
+    # along the angles differ by 0.75/2 at one standard deviation; at most half of 2π/span
+    step = min(0.75 / std, np.pi / span)
+    return np.linspace(LOWEST, HIGHEST, int(np.ceil((HIGHEST - LOWEST) / step)) + 1)
+
+
+def _as_wave(coefficients: Floats, cycles: float) -> Floats:
+    """Amplitude, phase and cycles of the wave with given parts of cosine and sine."""
+    cosine, sine = coefficients
+    return np.array([np.hypot(cosine, sine), np.arctan2(sine, cosine), cycles])
+
+
+@dataclass(frozen=True)
+class JointSlip(EffectOfJoint):
+    """A second spring behind friction: δ = compliance · P_r(C), P_r the play of half width r = `slip_torque`.
+
+    A spring and a Coulomb slider side by side, in series with the spring of the joint: up to the slip torque the slider
+    holds, beyond it the spring gives way by C - r. When the load goes off, the slider holds until the torque has come
+    down by 2 r, so that a deflection of up to compliance · r stays for the next touch. The state follows from the
+    torques of the whole recording up to the hold (`TouchSet.history`), from the relaxed state.
+    """
+
+    name = 'joint_slip'
+    parameters = (
+        Parameter('compliance', 'rad/Nm', 3e-4, 'of the part that slips', typical=1e-5, sign=1),
+        Parameter('slip_torque', 'Nm', 3.0, 'up to which friction holds it', 1.0, typical=2.0, sign=1),
+    )
+    statement = '{target} slips under load and keeps a part of its deflection'
+    confounded_with = (
+        'compliance and backlash of the joint, if every touch is loaded from zero beyond twice the slip torque; '
+        'joint_hysteresis, if every torque that turns round changes by more than that'
+    )
+    identified_by = (
+        'recorded touches, preloaded and partly unloaded, with torques of both signs from below the slip torque '
+        'to far above it'
+    )
+    plot_variable = 'torque'
+    grid_parameter = 'slip_torque'
+    is_smooth = False
+    premise = (
+        'the arm travels and approaches so slowly that the torques of its inertia stay far below the slip torque: they '
+        'move the friction, too, and no force sensor shows them'
+    )
+
+    def shift(self, at: TouchState, values: Floats) -> Shift:
+        return self.turned(values[0] * self._slipped(*self._loads(at), self._folded(values[1])[0])[0])[0]
+
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
+        friction, sense = self._folded(values[1])
+        slipped, by_friction = self._slipped(*self._loads(at), friction)
+        return self.turned(slipped, values[0] * sense * by_friction)
+
+    def amplitudes(self, values: Floats) -> Floats:
+        """Its compliance alone."""
+        return np.array([values[0], 0.0])
+
+    def is_plausible(self, values: Floats) -> bool:
+        """A spring gives way to the load, friction resists the motion."""
+        return bool(values[0] > 0 and values[1] > 0)
+
+    def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
+        """One per value of a grid of the friction; without a history it cannot be told from the base model."""
+        history, load = self._loads(at)
+        if not history.shape[1]:
+            return (Trial(self.turned(np.zeros(len(load))), values=partial(np.append, values=1.0)),)
+        return self._at(history, load, self._grid(load))
+
+    def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
+        """Values about that of a trial, `width` steps of the grid on both sides, none beyond it."""
+        history, load = self._loads(at)
+        grid = self._grid(load)
+        places = trial.place * (grid[1] / grid[0]) ** np.linspace(-width, width, 13)
+        return self._at(history, load, np.clip(places, grid[0], grid[-1]))
+
+    def forms(self, at: TouchState) -> Sequence[Floats]:
+        """With half of a typical friction more, and less."""
+        friction = self.typical[1]
+        return np.array([0.0, friction / 2]), np.array([0.0, 1.5 * friction])
+
+    def _at(self, history: Floats, load: Floats, friction: Floats) -> Sequence[Trial]:
+        """A trial for each value of the friction."""
+        slips, _ = self._slipped(history, load, friction[:, None])
+        return [
+            Trial(self.turned(slipped), values=partial(np.append, values=place), place=place)
+            for slipped, place in zip(slips, friction.tolist(), strict=True)
+        ]
+
+    def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
+        """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""
+        return at.history_torques(self.joint), at.torques[:, self.joint]
+
+    def _slipped(self, history: Floats, load: Floats, friction: Floats | float) -> tuple[Floats, Floats]:
+        """The play for one value of the friction, or for (t, 1) at once, and its derivative by it."""
+        return play_operator(history, load, friction)[:2]
+
+    def _folded(self, friction: float) -> tuple[float, float]:
+        """The friction that a value stands for, and its derivative: a step of a fit beyond a limit is sent back."""
+        return abs(friction), np.sign(friction)
+
+    def _grid(self, load: Floats) -> Floats:
+        """Slip torques up to the torque that nine touches of ten do not exceed.
+
+        With a larger one few touches would move the play, with a very small one it is a spring with friction.
+        Neighbours on the grid resemble each other.
+        """
+        return np.quantile(np.abs(load), 0.9) * np.geomspace(0.01, 0.9, 12)
+
+
+@dataclass(frozen=True)
+class LoadFriction(JointSlip):
+    """A second spring behind friction that grows with its load: δ = compliance (1 + μ) P(C), |C - P| ≤ μ |P|.
+
+    The compliance is that of the joint loaded from rest, where P = C / (1 + μ); μ is `friction_ratio`. In these two a
+    touch that friction holds after its preload depends on the compliance alone.
+
+    So act gears whose friction is that of the flanks they press together. Loaded from rest the joint only has another
+    compliance. When the torque comes down, the spring holds its load until friction reverses; without load nothing
+    remains.
+    """
+
+    name = 'load_friction'
+    parameters = (
+        Parameter('compliance', 'rad/Nm', 3e-4, 'of the part behind friction, loaded from rest', typical=1e-5, sign=1),
+        Parameter('friction_ratio', '1', 0.6, 'friction over the load of that part', 0.2, typical=0.2, sign=1),
+    )
+    statement = '{target} has friction that grows with its load'
+    confounded_with = (
+        'the compliance of the joint, if every touch is loaded from rest; its parameters with each other and with that '
+        'compliance, if all preloads are the same part of the force'
+    )
+    identified_by = 'recorded touches, preloaded by several parts of their force and partly unloaded'
+    grid_parameter = 'friction_ratio'
+    premise = (
+        'the arm travels and approaches so slowly that the torques of its inertia stay far below those of the touches: '
+        'they move the friction, too, and no force sensor shows them'
+    )
+
+    def is_plausible(self, values: Floats) -> bool:
+        return bool(values[0] > 0 and 0 < values[1] < LARGEST_RATIO)
+
+    def _slipped(self, history: Floats, load: Floats, friction: Floats | float) -> tuple[Floats, Floats]:
+        value, _, by_ratio = play_operator(history, load, 0.0, friction)
+        return (1 + friction) * value, (1 + friction) * by_ratio + value
+
+    def _folded(self, friction: float) -> tuple[float, float]:
+        beyond = (friction + LARGEST_RATIO) % (2 * LARGEST_RATIO) - LARGEST_RATIO
+        return abs(beyond), np.sign(beyond)
+
+    def _grid(self, load: Floats) -> Floats:
+        return np.geomspace(0.1, 0.8, 16)

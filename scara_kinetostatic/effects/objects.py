@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.effects.base import DiscEffect, Effect, EffectOfDiscs, LinearEffect, unit_vectors
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
 from scara_kinetostatic.model.outline import Outline
@@ -111,13 +112,10 @@ class ObjectRadius(DiscEffect):
     parameters = (Parameter('radius', 'm', 1e-3, 'true radius less the stated one', typical=1e-4),)
     statement = '{target} has another radius than the cell description says'
     confounded_with = 'g_ee, if there is one disc: all radii larger is a smaller backlash of the gripper'
+    kinds: ClassVar[tuple[type, ...]] = (Disc,)
     identified_by = 'touches of two or more discs, all round each'
     plot_variable = 'disc'
     force_dependence = ForceDependence.DIRECTION
-
-    @classmethod
-    def instances(cls, cell: Cell) -> Iterable[Effect]:
-        return [cls.of(number, disc.name) for number, disc in enumerate(cell.discs) if not isinstance(disc, Outline)]
 
     def correction(self, values: Mapping[str, float]) -> str:
         error = values['radius']
@@ -129,28 +127,20 @@ class ObjectRadius(DiscEffect):
 
 
 @dataclass(frozen=True)
-class ObjectOffset(DiscEffect):
+class ObjectOffset(ObjectRadius):
     """All sides of the outline stand further out by `offset`: d = offset · n."""
 
     name = 'object_offset'
     parameters = (Parameter('offset', 'm', 1e-3, 'of all sides along their normals; worn: below 0', typical=1e-4),)
     statement = 'the sides of {target} are not where the cell description says, all by the same'
     confounded_with = 'g_ee, if there is no other object; the radius of the tip'
+    kinds = (Outline,)
     identified_by = 'touches of opposite sides, and of another object'
-    plot_variable = 'disc'
-    force_dependence = ForceDependence.DIRECTION
-
-    @classmethod
-    def instances(cls, cell: Cell) -> Iterable[Effect]:
-        return [cls.of(number, disc.name) for number, disc in enumerate(cell.discs) if isinstance(disc, Outline)]
 
     def correction(self, values: Mapping[str, float]) -> str:
         error = values['offset']
         where = f'{quantity(abs(error), "m")} further {"out" if error > 0 else "in"}'
         return f'measure {self.target} again: its sides stand {where}'
-
-    def places(self, at: TouchState) -> tuple[Floats, ...]:
-        return (at.normal,)
 
 
 @dataclass(frozen=True)

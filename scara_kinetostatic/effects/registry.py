@@ -30,10 +30,7 @@ from numpy.typing import ArrayLike
 
 from scara_kinetostatic.effects import contact_friction, joints, objects, robot, sensor
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.joint_slip import JointSlip, LoadFriction
 from scara_kinetostatic.effects.shift import Stepped
-from scara_kinetostatic.effects.tip_shape import TipShape
-from scara_kinetostatic.effects.transmission_error import TransmissionError
 from scara_kinetostatic.errors import ParameterError, expect
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
@@ -55,14 +52,14 @@ BUILT_IN: tuple[type[Effect], ...] = (
     joints.EncoderGain,
     joints.JointCoupling,
     joints.CablePull,
-    TransmissionError,
+    joints.TransmissionError,
     joints.JointHardening,
     joints.JointHysteresis,
-    JointSlip,
-    LoadFriction,
+    joints.JointSlip,
+    joints.LoadFriction,
     robot.AnisotropicGripper,
     robot.AnisotropicBacklash,
-    TipShape,
+    robot.TipShape,
     robot.LinkBending,
     robot.BaseCompliance,
     robot.BaseTilt,
@@ -80,7 +77,6 @@ BUILT_IN: tuple[type[Effect], ...] = (
 )
 """The catalogue of this package."""
 _EXPECTED = 'expected a class derived from Effect or a function from a cell to effects'
-_LOG = logging.getLogger('scara_kinetostatic')
 _LARGEST = 0.1
 """Shift of a typical effect, m or rad, beyond which it forgets that a touch may be one to come."""
 _registered: list[Factory | type[Effect]] = []
@@ -204,7 +200,8 @@ def _as_factory(offered: object) -> Factory | None:
 @cache
 def _warn(where: str, problem: str) -> None:
     """One line, once per process."""
-    _LOG.warning('%s', ' '.join(f'{where} cannot be used: {problem}; it is left out'.split()))
+    text = f'{where} cannot be used: {problem}; it is left out'
+    logging.getLogger('scara_kinetostatic').warning('%s', ' '.join(text.split()))
 
 
 def _package(point: EntryPoint) -> str:

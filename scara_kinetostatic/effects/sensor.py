@@ -70,7 +70,6 @@ class SensorNonlinearity(SensorEffect):
     )
     identified_by = 'touches at many force levels, from very small to large, at many places'
     plot_variable = 'magnitude'
-    diverges_with_alias = True
 
     def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
         return np.asarray(values[0] * (np.hypot(force[:, 0], force[:, 1])[:, None] * force))

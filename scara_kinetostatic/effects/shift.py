@@ -107,7 +107,6 @@ class Stepped(_Texts, Effect):
     grid_parameter = 'moment'
     is_stepwise = True
     force_dependence = ForceDependence.NONE
-    diverges_with_alias = True
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, SensorEffect, combined
+from scara_kinetostatic.effects.base import Effect, LinearEffect, SensorEffect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import ArmClass, Cell
@@ -62,14 +62,14 @@ TYPICAL: Mapping[str, tuple[float | tuple[float, ...], str]] = MappingProxyType(
 Conventions, orders of magnitude: where more is known it is declared."""
 CLASSES = MappingProxyType({ArmClass.INDUSTRIAL: 1.0, ArmClass.DESKTOP: 5.0, ArmClass.PRINTED: 25.0})
 """Classes of arms, and by what factor their typical sizes are larger; a convention."""
-_PART = 50.0
-"""The typical size of an effect that is not in the table is this part of its largest plausible one."""
 
 
 def typical_size(effect: Effect, parameter: int, arm: ArmClass = ArmClass.INDUSTRIAL) -> float:
-    """Of one parameter of an effect on a class of arms, in its unit."""
+    """Of one parameter of an effect on a class of arms, in its unit; a fiftieth of the largest plausible one where the
+    table has none.
+    """
     known = TYPICAL.get(effect.label) or TYPICAL.get(effect.name)
-    size = known[0] if known else effect.parameters[parameter].scale / _PART
+    size = known[0] if known else effect.parameters[parameter].scale / 50.0
     return CLASSES[arm] * (size[parameter] if isinstance(size, tuple) else size)
 
 
@@ -116,7 +116,7 @@ def columns_of(effect: Effect, at: TouchState) -> list[Column]:
 
 
 @dataclass(frozen=True)
-class Undetected(Effect):
+class Undetected(LinearEffect):
     """All columns of undetected effects of the robot that depend alike on the force, as parameters.
 
     Attributes:
@@ -135,9 +135,7 @@ class Undetected(Effect):
     identified_by = 'more touches'
     plot_variable = 'angle'
     is_physical = False
-    is_linear = True
     is_undetected = True
-    is_smooth = True
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
@@ -170,14 +168,9 @@ class Undetected(Effect):
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         """None where their values are zero."""
-        if not values.any():
-            return Shift()
-        parts = self.derivative(at, values)
-        return Shift(
-            combined([part.joints for part in parts], values), combined([part.place for part in parts], values)
-        )
+        return super().shift(at, values) if values.any() else Shift()
 
-    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         return derivatives(self._parsed, at)
 
 

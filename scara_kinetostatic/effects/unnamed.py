@@ -69,7 +69,6 @@ class Unnamed(LinearEffect):
     confounded_with = 'anything that depends on the same variable'
     identified_by = 'touches in which this variable changes while all others stay'
     plot_variable = 'angle'
-    diverges_with_alias = True
     is_physical = False
 
     @classmethod

@@ -32,12 +32,12 @@ from scara_kinetostatic.model.tip import (
     tip_under_load,
 )
 
-_UNFIT = 'the calibration is unfit for use; its calibration.json says why (assessment.reasons)'
-_OPEN = {
+_RESERVATIONS = {
+    'unfit': 'the calibration is unfit for use; its calibration.json says why (assessment.reasons)',
     'ambiguous': 'effects that the touches do not distinguish: one is taken, the uncertainty does not cover the others',
     'unexplained': 'the calibration has a model error of unknown cause; the uncertainty does not cover it',
 }
-"""What is to be known of a calibration by its verdict."""
+"""What is to be known of a calibration by its grade and its verdict."""
 
 
 class UsedRange(NamedTuple):
@@ -155,8 +155,7 @@ class CalibratedArm:
     @property
     def reservations(self) -> tuple[str, ...]:
         """What is to be known before the calibration is used, one sentence each: it is unfit, its model incomplete."""
-        found = (_UNFIT if self.grade == 'unfit' else '', _OPEN.get(self.verdict, ''))
-        return tuple(filter(None, found))
+        return tuple(_RESERVATIONS[word] for word in (self.grade, self.verdict) if word in _RESERVATIONS)
 
     @property
     def nominal(self) -> ExtendedModel:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,6 +14,7 @@ Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 _Array = TypeVar('_Array', bound=NDArray[Any])
+T = TypeVar('T')
 
 
 def rms(values: Floats) -> float:
@@ -30,6 +31,24 @@ def correlated_samples(parts: Sequence[Floats]) -> float:
         return 1.0
     end = int(np.argmax(products <= 0)) or len(products)
     return float(1.0 + 2.0 * (products[1:end] / products[0]).sum())
+
+
+EVERY = slice(None)
+"""All touches: nothing is copied."""
+
+
+def pick(item: T, which: Any) -> T:
+    """Some touches, by a mask, a slice or positions, of an array, or of a tuple of such; anything else stays."""
+    return item if which is EVERY else over_arrays(lambda array: array[which], item)
+
+
+def over_arrays(change: Callable[..., Any], *items: Any) -> Any:
+    """A function of arrays applied to tuples of such, part by part; anything else stays."""
+    first = items[0]
+    if not isinstance(first, tuple):
+        return change(*items) if isinstance(first, np.ndarray) else first
+    parts = [over_arrays(change, *same) for same in zip(*items, strict=True)]
+    return type(first)(*parts) if hasattr(first, '_fields') else tuple(parts)
 
 
 def read_only(array: _Array) -> _Array:
@@ -55,3 +74,9 @@ def unit_vectors(angles: Floats) -> Complexes:
 def as_complex(vectors: Floats) -> Complexes:
     """Vectors (n, 2) as complex numbers (n,)."""
     return np.ascontiguousarray(vectors).view(complex)[:, 0]
+
+
+def along_and_across(vectors: Floats, force: Floats) -> Floats:
+    """Components of vectors (n, 2) along and across forces (n, 2)."""
+    along = force / np.hypot(force[:, 0], force[:, 1])[:, None]
+    return pairs(as_complex(vectors) * as_complex(along).conj())

@@ -104,19 +104,9 @@ class Noise(NamedTuple):
         """Standard deviation of a component of a force of some magnitude, rms over the axes, N."""
         return float(np.hypot(self.force_rms, self.growth * magnitude)) if self.growth else self.force_rms
 
-    def scaled(self, factor: float) -> Noise:
-        """All of it times a factor."""
-        grown = None if self.force_relative is None else factor * self.force_relative
-        return Noise(_scaled(self.joint, factor), _scaled(self.force, factor), grown)
-
     def with_rms(self, joint: float, force: float) -> Noise:
         """The same ratios of the axes and the same growth, with other levels."""
         return Noise(_with_rms(self.joint, joint), _with_rms(self.force, force), self.force_relative)
-
-    @property
-    def in_pairs(self) -> Noise:
-        """The same with levels of both axes as a tuple, where they were given as a list or an array."""
-        return self._replace(joint=_level(self.joint), force=_level(self.force))
 
     def check(self) -> None:
         """Whether it can be that of a measurement.
@@ -142,10 +132,6 @@ class ForceCovariance(NamedTuple):
     along: Floats | float
     crossed: Floats | float
     across: Floats | float
-
-    def side(self, side: int) -> tuple[Floats | float, Floats | float]:
-        """One column: 0 for along the force, 1 for across it."""
-        return (self.along, self.crossed) if side == 0 else (self.crossed, self.across)
 
 
 def force_covariance(noise: Noise, force: Floats) -> ForceCovariance:
@@ -188,15 +174,11 @@ def _rms(level: Level) -> float:
     return float(np.sqrt((first**2 + second**2) / 2)) if first != second else first
 
 
-def _scaled(level: Level, factor: float) -> Level:
-    return factor * level if isinstance(level, (int, float)) else (factor * level[0], factor * level[1])
-
-
 def _with_rms(level: Level, rms: float) -> Level:
     if isinstance(level, (int, float)):
         return rms
-    before = _rms(level)
-    return level if before == rms else rms if before == 0 else _scaled(level, rms / before)
+    factor = rms / _rms(level)
+    return factor * level[0], factor * level[1]
 
 
 class SensorFrame(str, Enum):
@@ -358,10 +340,6 @@ class Region(NamedTuple):
         """Whether places, (…, 2), m, are inside, (…)."""
         low, high = (self.x_min, self.y_min), (self.x_max, self.y_max)
         return np.asarray(((places >= low) & (places <= high)).all(axis=-1))
-
-    def out_of_reach(self) -> ParameterError:
-        """The error that no place in it is within reach."""
-        return ParameterError('region', 'no place in it is within reach of the arm', 'give x and y limits in m')
 
 
 HELD_WITHIN = 1e-3
@@ -536,15 +514,11 @@ class Cell:
 
     def __post_init__(self) -> None:
         plates = {plate.name for plate in self.plates}
-        for plate in self.plates:
-            _check_uncertainty(f'{plate.name}: center_std', plate.center_std)
-            _check_uncertainty(f'{plate.name}: angle_std', plate.angle_std)
-        for disc in self.discs:
-            _check_uncertainty(f'{disc.name}: center_std', disc.center_std)
-            _check_uncertainty(f'{disc.name}: radius_std', disc.radius_std)
-            _check_uncertainty(f'{disc.name}: angle_std', disc.angle_std)
-            if disc.plate and disc.plate not in plates:
-                raise ParameterError(f'{disc.name}: plate', f'no plate {disc.plate!r} in the cell', 'add it to plates')
+        for item in (*self.plates, *self.discs):
+            for name in ('center_std', 'radius_std', 'angle_std'):
+                _check_uncertainty(f'{item.name}: {name}', getattr(item, name, 0.0))
+            if not isinstance(item, Plate) and item.plate and item.plate not in plates:
+                raise ParameterError(f'{item.name}: plate', f'no plate {item.plate!r} in the cell', 'add it to plates')
         held = [name for name in self.uncertainty.nominal if name not in self.nominal.names]
         if held:
             reason = 'without gravity there is no such parameter'
@@ -560,7 +534,8 @@ class Cell:
                 raise ParameterError(outline.name, *problem)
         if self.noise is not None:
             self.noise.check()
-            object.__setattr__(self, 'noise', self.noise.in_pairs)
+            levels = _level(self.noise.joint), _level(self.noise.force)
+            object.__setattr__(self, 'noise', Noise(*levels, self.noise.force_relative))
 
     def in_turn(self, joints: Floats) -> Floats:
         """The same joint angles, (…, 2), rad: those beyond the limits in the turn about the middle of these."""

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs, pick
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
@@ -72,12 +72,7 @@ class ContactProblem(NamedTuple):
 
     def select(self, which: Mask | Indices) -> ContactProblem:
         """The touches that a mask or an array of positions picks."""
-        metadata = None if self.metadata is None else self.metadata.select(which)
-        off_normal = None if self.off_normal is None else self.off_normal[which]
-        edges = None if self.edges is None else self.edges.select(which)
-        return ContactProblem(
-            self.joints[which], self.centers[which], self.radii[which], self.gripper, metadata, off_normal, edges
-        )
+        return pick(self, which)
 
     def inward(self, tips: Floats) -> Floats:
         """Vectors along which forces without friction act on the object, (n, 2), for tips (n, 2), m."""
@@ -117,7 +112,7 @@ class ContactProblem(NamedTuple):
         return self._replace(joints=self.joints - joints, centers=self.centers - place, off_normal=None, edges=edges)
 
 
-def _shifts_by_force(model: ExtendedModel, contact_problem: ContactProblem, state: State, arm: Arm) -> Iterator[Shift]:
+def _shifts_by_force(model: ExtendedModel, problem: ContactProblem, state: State, arm: Arm) -> Iterator[Shift]:
     """The derivatives of δ and d by f, then by φ, by central differences; nothing where no effect depends on it."""
     by_magnitude = 1e-4 * np.maximum(np.abs(state.magnitude), 1.0)  # as a part of the force, of 1 N at least
     same = arm if arm.skew is None else None
@@ -129,16 +124,14 @@ def _shifts_by_force(model: ExtendedModel, contact_problem: ContactProblem, stat
             yield Shift()
             continue
         up, down = (
-            contact_problem.touch_state(
-                model.parameters, state._replace(**{part: getattr(state, part) + change}), known
-            )
+            problem.touch_state(model.parameters, state._replace(**{part: getattr(state, part) + change}), known)
             for change in (step, -step)
         )
         yield model.difference(up, down, 2 * step[:, None], least)
 
 
 def extended_equations(
-    model: ExtendedModel, contact_problem: ContactProblem, state: State, arm: Arm | None = None
+    model: ExtendedModel, problem: ContactProblem, state: State, arm: Arm | None = None
 ) -> Equations:
     """`touch_equations` of an extended model.
 
@@ -146,18 +139,18 @@ def extended_equations(
 
     Args:
         model: the model; without effects the equations are those of the base model.
-        contact_problem: the touches.
+        problem: the touches.
         state: where to evaluate.
         arm: the arm at the state, where it is known.
     """
-    p, gripper = model.parameters, contact_problem.gripper
+    p, gripper = model.parameters, problem.gripper
     if not model.effects:
-        return touch_equations(p, *contact_problem[:3], state, gripper, arm, contact_problem.edges)
+        return touch_equations(p, *problem[:3], state, gripper, arm, problem.edges)
     arm = view_arm(p, *state[:4], gripper) if arm is None else arm
-    at = contact_problem.touch_state(p, state, arm)
-    shifted = contact_problem.shifted_by(*model.shift(at))
+    at = problem.touch_state(p, state, arm)
+    shifted = problem.shifted_by(*model.shift(at))
     e = touch_equations(p, *shifted[:3], state, gripper, arm, shifted.edges)
-    shifts = tuple(_shifts_by_force(model, contact_problem, state, arm))
+    shifts = tuple(_shifts_by_force(model, problem, state, arm))
     turns = (0.0 if shift.joints is None else shift.joints.T * e.rows.on for shift in shifts)
     row_f, row_d = (row + turn for row, turn in zip(e.rows_by, turns, strict=True))
     h_f, h_d = (h + as_complex(shift_column(shift, e)) for h, shift in zip(e.h_by, shifts, strict=True))
@@ -174,12 +167,10 @@ def shift_column(shift: Shift, equations: Equations) -> Floats:
     return pairs(out)
 
 
-def all_derivatives(
-    model: ExtendedModel, contact_problem: ContactProblem, state: State, equations: Equations
-) -> Floats:
+def all_derivatives(model: ExtendedModel, problem: ContactProblem, state: State, equations: Equations) -> Floats:
     """∂h/∂L̄ of n touches, f and φ held, and by the parameters of the effects behind, (n, 2, 12 + k)."""
     at = equations.touch_state
-    base = parameter_derivative(model.parameters, state, equations, contact_problem.gripper)
+    base = parameter_derivative(model.parameters, state, equations, problem.gripper)
     if at is None:
         return base
     for name, shift in model.shift_by_robot(at).items():
@@ -197,18 +188,18 @@ def off_normal_derivative(model: ExtendedModel, equations: Equations) -> Floats:
 
 
 def solve_links(
-    model: ExtendedModel, contact_problem: ContactProblem, state: State, frozen: bool = False, again: bool = False
+    model: ExtendedModel, problem: ContactProblem, state: State, frozen: bool = False, again: bool = False
 ) -> tuple[State, Arm]:
     """Link angles and modes that go with a force: one Newton step, and with `again` a second one where it changes them.
 
     Returns:
         The state, and the arm there.
     """
-    p, gripper, first = model.parameters, contact_problem.gripper, state
+    p, gripper, first = model.parameters, problem.gripper, state
     arm = view_arm(p, *state[:4], gripper)
     for _ in range(1 + again):
         flanks = state
-        state, arm = step_links(p, contact_problem.shifted(model, state, arm).joints, state, gripper, frozen, arm)
+        state, arm = step_links(p, problem.shifted(model, state, arm).joints, state, gripper, frozen, arm)
         state = keep_flanks(p, state, flanks, arm)
         if not model.effects and (frozen or ((state.mode1 == first.mode1) & (state.mode2 == first.mode2)).all()):
             break
@@ -219,27 +210,26 @@ _TURN_LIMIT = 0.5
 """Largest turn of the force in one step, rad."""
 
 
-def solve_state(model: ExtendedModel, contact_problem: ContactProblem) -> tuple[State, Mask]:
+def solve_state(model: ExtendedModel, problem: ContactProblem) -> tuple[State, Mask]:
     """Solve the equations of n touches, tension allowed.
 
     Returns:
         The state and whether it is solved, (n,); what is not solved is left free, with f = 0.
     """
-    c = contact_problem
-    start = state = free_state(model.parameters, c.joints, c.centers, c.edges)
+    start = state = free_state(model.parameters, problem.joints, problem.centers, problem.edges)
     with np.errstate(all='ignore'):
         arm: Arm | None = None
         # with effects more steps: their derivatives over Q* are left out, so that the last digits come one by one
         for _ in range(25 if model.effects else 12):
-            e = extended_equations(model, contact_problem, state, arm)
+            e = extended_equations(model, problem, state, arm)
             solved = _obeys(e, model, state)
             if solved.all():
                 return _newton_step(e, state), solved
             state = _newton_step(e, state)
-            arm = view_arm(model.parameters, *state[:4], contact_problem.gripper)
-            state = next_modes(model.parameters, contact_problem.shifted(model, state, arm).joints, state, arm)
-        todo = ~_is_solved(model, contact_problem, state)
-        part, done = _solve_by_modes(model, contact_problem.select(todo))
+            arm = view_arm(model.parameters, *state[:4], problem.gripper)
+            state = next_modes(model.parameters, problem.shifted(model, state, arm).joints, state, arm)
+        todo = ~_is_solved(model, problem, state)
+        part, done = _solve_by_modes(model, problem.select(todo))
     solved = ~todo
     solved[todo] = done
     return start.replace_where(solved, _put(state, todo, part)), solved
@@ -253,9 +243,9 @@ def _newton_step(e: Equations, state: State) -> State:
     return move_links(e, state, change_f, change_d)
 
 
-def _is_solved(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> Mask:
+def _is_solved(model: ExtendedModel, problem: ContactProblem, state: State) -> Mask:
     """Whether the state obeys equations and modes, (n,)."""
-    return _obeys(extended_equations(model, contact_problem, state), model, state)
+    return _obeys(extended_equations(model, problem, state), model, state)
 
 
 def _obeys(e: Equations, model: ExtendedModel, state: State) -> Mask:
@@ -266,30 +256,27 @@ def _obeys(e: Equations, model: ExtendedModel, state: State) -> Mask:
 
 
 def _solve_by_modes(
-    model: ExtendedModel, contact_problem: ContactProblem, warm_start: Floats | None = None
+    model: ExtendedModel, problem: ContactProblem, warm_start: Floats | None = None
 ) -> tuple[State, Mask]:
     """Solve in each combination of modes, all at once; keep the first consistent one, or the one nearest to a force."""
-    n, (mode1, mode2) = len(contact_problem.joints), np.array(list(product((-1.0, 1.0, 0.0), repeat=2))).T
+    n, (mode1, mode2) = len(problem.joints), np.array(list(product((-1.0, 1.0, 0.0), repeat=2))).T
     every = np.tile(np.arange(n), len(mode1))
-    c = contact_problem
-    start = free_state(model.parameters, c.joints, c.centers, c.edges)
-    state = start.select(every)._replace(mode1=np.repeat(mode1, n), mode2=np.repeat(mode2, n))
-    contact_problem = contact_problem.select(every)
+    start = free_state(model.parameters, problem.joints, problem.centers, problem.edges)
+    state = pick(start, every)._replace(mode1=np.repeat(mode1, n), mode2=np.repeat(mode2, n))
+    problem = problem.select(every)
     for _ in range(9):
-        state = _newton_step(extended_equations(model, contact_problem, state), state)
+        state = _newton_step(extended_equations(model, problem, state), state)
     away = np.zeros(len(every)) if warm_start is None else _distance(state, warm_start[every])
-    away = np.where(_is_solved(model, contact_problem, state), away, np.inf).reshape(len(mode1), n)
+    away = np.where(_is_solved(model, problem, state), away, np.inf).reshape(len(mode1), n)
     best = np.argmin(away, axis=0)
     solved = away[best, np.arange(n)] < np.inf
-    return start.replace_where(solved, state.select(best * n + np.arange(n))), solved
+    return start.replace_where(solved, pick(state, best * n + np.arange(n))), solved
 
 
-def nearest_equilibrium(
-    model: ExtendedModel, contact_problem: ContactProblem, state: State, warm_start: Floats
-) -> State:
+def nearest_equilibrium(model: ExtendedModel, problem: ContactProblem, state: State, warm_start: Floats) -> State:
     """Where a joint could rest on either flank, the equilibrium nearest to a force."""
-    p, radii = model.parameters, contact_problem.radii
-    arm = view_arm(p, *state[:4], contact_problem.gripper)
+    p, radii = model.parameters, problem.radii
+    arm = view_arm(p, *state[:4], problem.gripper)
     # joints that swing through all their backlash slide the tip along the disc, which also turns the force
     b = np.abs(arm.reach.real)
     slide = ((np.abs(p.joint_backlashes) + np.abs(p.joint_compliances * state.magnitude) * b) * b).sum(axis=0)
@@ -301,9 +288,9 @@ def nearest_equilibrium(
     if not toggles.any():
         return state
     with np.errstate(all='ignore'):
-        other, found = _solve_by_modes(model, contact_problem.select(toggles), warm_start[toggles])
+        other, found = _solve_by_modes(model, problem.select(toggles), warm_start[toggles])
         closer = found & (_distance(other, warm_start[toggles]) < _distance(state, warm_start)[toggles])
-    return _put(state, toggles, state.select(toggles).replace_where(closer, other))
+    return _put(state, toggles, pick(state, toggles).replace_where(closer, other))
 
 
 def _distance(state: State, force: Floats) -> Floats:
@@ -316,10 +303,6 @@ def _put(state: State, where: Mask, part: State) -> State:
     for whole, new in zip(out, part, strict=True):
         whole[where] = new
     return out
-
-
-_NEGATIVE_BACKLASH = 1e-3
-"""How far outside the disc the rigid tip may be for a force to be possible at all, m."""
 
 
 class Contact(NamedTuple):
@@ -378,70 +361,63 @@ def contact(
     """
     model = as_model(model)
     parameters = model.parameters
-    contact_problem = _contact_problem(model, joints, centers, radii, gripper, metadata)
-    contact_problem = contact_problem._replace(off_normal=off_normal)
-    contact_problem = contact_problem._replace(edges=Edges.of(tangents, contact_problem.radii))
-    state, solved = solve_state(model, contact_problem)
+    problem = _problem(model, joints, centers, radii, gripper, metadata, tangents)._replace(off_normal=off_normal)
+    state, solved = solve_state(model, problem)
     if warm_start is not None:
-        state = nearest_equilibrium(model, contact_problem, state, np.asarray(warm_start))
+        state = nearest_equilibrium(model, problem, state, np.asarray(warm_start))
     if not tension:
-        shifted = contact_problem.shifted(model, state)
+        shifted = problem.shifted(model, state)
         free = free_state(parameters, shifted.joints, shifted.centers, shifted.edges)
         touching = solved & (state.magnitude > 0)
-        if contact_problem.gripper.sign is GripperSign.PHYSICAL:
+        if problem.gripper.sign is GripperSign.PHYSICAL:
             touching &= _reaches(parameters, free, shifted)
         zero = free
         if not parameters.has_gravity:
             zero = free._replace(mode1=np.zeros_like(free.mode1), mode2=np.zeros_like(free.mode2))
         state = zero.replace_where(touching, state)
-    return _as_contact(model, contact_problem, state, solved)
+    discs = problem.centers
+    if model.effects:
+        discs = discs - model.object_shift(problem.touch_state(parameters, state))
+    unit = np.stack([np.cos(state.direction), np.sin(state.direction)], axis=-1)
+    links = np.stack([state.link1, state.link2], axis=-1)
+    rigid = forward(parameters, links)
+    surface = discs - problem.radii[:, None] * unit
+    if problem.edges is not None:
+        tangent = pairs(problem.edges.tangent)
+        surface = surface + ((rigid - surface) * tangent).sum(axis=1)[:, None] * tangent
+    tip = np.where((state.magnitude != 0)[:, None], surface, rigid)
+    return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
 
 
-def _contact_problem(
+def _problem(
     model: ExtendedModel,
     joints: ArrayLike,
     centers: ArrayLike,
     radii: ArrayLike,
     gripper: Gripper | GripperSign,
     metadata: TouchMetadata | None,
+    tangents: Floats | None,
 ) -> ContactProblem:
     joints = np.atleast_2d(np.asarray(joints, dtype=float))
     centers = np.broadcast_to(np.asarray(centers, dtype=float), joints.shape)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
     if metadata is None and model.effects:
         metadata = TouchMetadata.plain(len(joints))
-    return ContactProblem(joints, centers, radii, as_gripper(gripper), metadata)
+    edges = Edges.of(tangents, radii)
+    return ContactProblem(joints, centers, radii, as_gripper(gripper), metadata, edges=edges)
 
 
-def _reaches(parameters: Parameters, free: State, contact_problem: ContactProblem) -> Mask:
+def _reaches(parameters: Parameters, free: State, problem: ContactProblem) -> Mask:
     """Whether the rigid tip H(L, Q) is inside the object, (n,): only then can there be a force (section 4.2).
 
-    `_NEGATIVE_BACKLASH` allows for backlashes that noise has made negative.
+    A millimetre outside allows for backlashes that noise has made negative.
     """
     tip = forward(parameters, np.stack([free.link1, free.link2], axis=-1))
-    c, radii = contact_problem, contact_problem.radii
-    if c.edges is None:
-        return np.hypot(tip[:, 0] - c.centers[:, 0], tip[:, 1] - c.centers[:, 1]) < radii + _NEGATIVE_BACKLASH
-    off, outward = as_complex(tip - c.centers), -1j * c.edges.tangent
-    away = np.where(c.edges.tangent == 0, np.abs(off) * c.edges.sense, (off * outward.conj()).real)
-    return np.asarray(away < radii + _NEGATIVE_BACKLASH)
-
-
-def _as_contact(model: ExtendedModel, contact_problem: ContactProblem, state: State, solved: Mask) -> Contact:
-    discs = contact_problem.centers
-    if model.effects:
-        at = contact_problem.touch_state(model.parameters, state)
-        discs = discs - model.object_shift(at)
-    unit = np.stack([np.cos(state.direction), np.sin(state.direction)], axis=-1)
-    links = np.stack([state.link1, state.link2], axis=-1)
-    rigid = forward(model.parameters, links)
-    loaded = (state.magnitude != 0)[:, None]
-    surface = discs - contact_problem.radii[:, None] * unit
-    if contact_problem.edges is not None:
-        tangent = pairs(contact_problem.edges.tangent)
-        surface = surface + ((rigid - surface) * tangent).sum(axis=1)[:, None] * tangent
-    tip = np.where(loaded, surface, rigid)
-    return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
+    off, edges = as_complex(tip - problem.centers), problem.edges
+    away = np.abs(off)
+    if edges is not None:
+        away = np.where(edges.tangent == 0, away * edges.sense, (off * 1j * edges.tangent.conj()).real)
+    return np.asarray(away < problem.radii + 1e-3)
 
 
 class ContactDerivatives(NamedTuple):
@@ -479,14 +455,13 @@ def contact_derivatives(
         tangents: as in `contact`.
     """
     model, state = as_model(model), found.state
-    contact_problem = _contact_problem(model, joints, centers, radii, gripper, metadata)
-    contact_problem = contact_problem._replace(edges=Edges.of(tangents, contact_problem.radii))
+    problem = _problem(model, joints, centers, radii, gripper, metadata, tangents)
     loaded = (state.magnitude != 0).astype(float)
     state = state._replace(
         mode1=np.where(loaded == 0, 1, state.mode1), mode2=np.where(loaded == 0, 1, state.mode2)
     )  # an unloaded touch has derivative zero; any flank keeps the algebra regular
-    e = extended_equations(model, contact_problem, state)
-    h_l = all_derivatives(model, contact_problem, state, e)
+    e = extended_equations(model, problem, state)
+    h_l = all_derivatives(model, problem, state, e)
     (h_f, h_d), n = e.h_by, e.rows.arm.normal
     with np.errstate(divide='ignore', invalid='ignore'):
         det = (h_f.conj() * h_d).imag

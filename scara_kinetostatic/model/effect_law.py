@@ -19,7 +19,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, pick
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet, torque_phasors
@@ -89,8 +89,7 @@ class TouchMetadata(NamedTuple):
 
     def select(self, which: Mask | Indices | slice) -> TouchMetadata:
         """The touches that a mask, a slice or an array of positions picks."""
-        parts = {name: part[which] for name, part in self._asdict().items() if name != 'frame' and part is not None}
-        return self._replace(**parts)
+        return pick(self, which)
 
 
 class TouchState(NamedTuple):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.arrays import Floats, as_complex, pairs
+from scara_kinetostatic.model.arrays import Floats, along_and_across
 from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -153,6 +153,11 @@ class ExtendedModel:
         """Standard deviation of the off-normal angle of the force, rad; 0 where no effect has one."""
         return max((effect.off_normal_std for effect in self.effects), default=0.0)
 
+    @cached_property
+    def has_sensor_error(self) -> bool:
+        """Whether any effect is an error of the sensor."""
+        return any(effect.sensor_error(np.ones((1, 2)), values) is not None for effect, values in self.pairs)
+
     @property
     def force_dependence(self) -> ForceDependence:
         """What of the force the shift of any effect depends on."""
@@ -202,12 +207,8 @@ class ExtendedModel:
         for name in dict.fromkeys(name for effect in self.effects for name in effect.scaled_by):
             value = getattr(at.parameters, name)
             scaled = [pair for pair in self.pairs if name in pair[0].scaled_by]
-            up, down = (
-                _sum_of_shifts(
-                    at._replace(parameters=at.parameters.replace(**{name: value + sign * _ROBOT_STEP})), scaled
-                )
-                for sign in (1, -1)
-            )
+            changed = (at.parameters.replace(**{name: value + step}) for step in (_ROBOT_STEP, -_ROBOT_STEP))
+            up, down = (_sum_of_shifts(at._replace(parameters=p), scaled) for p in changed)
             found[name] = _per_step(up, down, 2 * _ROBOT_STEP)
         return found
 
@@ -234,11 +235,6 @@ def as_model(model: ExtendedModel | Parameters) -> ExtendedModel:
     return model if isinstance(model, ExtendedModel) else ExtendedModel(model)
 
 
-def has_sensor_error(model: ExtendedModel) -> bool:
-    """Whether any effect of a model is an error of the sensor."""
-    return any(effect.sensor_error(np.ones((1, 2)), values) is not None for effect, values in model.pairs)
-
-
 def reported_force(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None = None) -> Floats:
     """F + e(F) for true forces (n, 2) in the sensor's frame, N; `metadata` is that of the touches."""
     parts = (effect.sensor_error(force, values, metadata) for effect, values in model.pairs)
@@ -250,7 +246,7 @@ def true_force(model: ExtendedModel, reported: Floats, metadata: TouchMetadata |
 
     By Newton's method, whose derivative stays for as long as the error falls fast.
     """
-    if not has_sensor_error(model):
+    if not model.has_sensor_error:
         return reported
     force, most = reported, np.abs(reported).max(initial=0.0)
     inverse, before = None, np.inf
@@ -270,23 +266,11 @@ def true_force(model: ExtendedModel, reported: Floats, metadata: TouchMetadata |
         return np.where(np.abs(off) <= 1e-9 * most, force, np.nan)
 
 
-def true_force_derivative(
-    model: ExtendedModel, reported: Floats, true: Floats, metadata: TouchMetadata | None = None
-) -> Floats:
-    """∂F/∂(reported F) at reported forces (n, 2) and the true ones behind them, (n, 2), N.
-
-    Both are in components along and across the force itself, (n, 2, 2).
-    """
-    matrix = _true_by_reported(model, true, metadata)
-    x, y = (reported / np.hypot(reported[:, 0], reported[:, 1])[:, None]).T
-    columns = [_times(matrix, np.array([x, y]).T), _times(matrix, np.array([-y, x]).T)]
-    return np.stack([along_and_across(column, true) for column in columns], axis=-1)
-
-
-def sensor_error_columns(
-    model: ExtendedModel, reported: Floats, true: Floats, by_reported: Floats, metadata: TouchMetadata | None = None
-) -> Floats:
-    """The derivatives of h by the parameters of the effects through the sensor error, (n, 2, k).
+def sensor_derivatives(
+    model: ExtendedModel, reported: Floats, true: Floats, by_true: Floats, metadata: TouchMetadata | None = None
+) -> tuple[Floats, Floats]:
+    """Derivatives of h by the reported force, (n, 2, 2), and by the parameters of the effects through the sensor error,
+    (n, 2, k).
 
     The true force behind a reported one changes by -∂F/∂(reported F) ∂e.
 
@@ -294,22 +278,19 @@ def sensor_error_columns(
         model: with k parameters of effects.
         reported: forces, (n, 2), N.
         true: those behind them, (n, 2), N.
-        by_reported: ∂h by the reported force, along and across it, (n, 2, 2).
+        by_true: ∂h by the true force, along and across it, (n, 2, 2); that by the reported one likewise.
         metadata: of the touches.
     """
-    columns = np.zeros((len(true), 2, len(model.effect_scales)))
-    first = 0
+    matrix = _true_by_reported(model, true, metadata)
+    x, y = (reported / np.hypot(reported[:, 0], reported[:, 1])[:, None]).T
+    units = np.array([x, y]).T, np.array([-y, x]).T
+    by_reported = by_true @ np.stack([along_and_across(_times(matrix, unit), true) for unit in units], axis=-1)
+    columns, first = np.zeros((len(true), 2, len(model.effect_scales))), 0
     for effect, values in model.pairs:
         for k, error in enumerate(effect.sensor_error_derivative(true, values, metadata), first):
             columns[:, :, k] = -_times(by_reported, along_and_across(error, reported))
         first += len(values)
-    return columns
-
-
-def along_and_across(vectors: Floats, force: Floats) -> Floats:
-    """Components of vectors (n, 2) along and across forces (n, 2)."""
-    along = force / np.hypot(force[:, 0], force[:, 1])[:, None]
-    return pairs(as_complex(vectors) * as_complex(along).conj())
+    return by_reported, columns
 
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:

@@ -23,7 +23,7 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_obje
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_model import ExtendedModel, has_sensor_error
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.tip import (
     SIGN_KNOWN,
     Force,
@@ -116,7 +116,7 @@ class OnlineArm:
         self._law, self._p = self.predictor.law, self.predictor.law.model.parameters
         self._spread = arm.spread
         self._covariance, self._covariance_at = np.full((3, 3), nan), (nan,) * 7
-        exact = self.arm.sensor == (0.0, 0.0) and not has_sensor_error(self._law.model)
+        exact = self.arm.sensor == (0.0, 0.0) and not self._law.model.has_sensor_error
         self._is_sensor_exact = exact and arm.cell.sensor.frame is SensorFrame.BASE
         self._levels = self.arm.noise.force_rms, self.arm.noise.growth
         self._held = (0.0, 0.0)
@@ -169,7 +169,7 @@ class OnlineArm:
         laws = [self._named, self._undetected] if self._is_outdated(joints, load, force) else [self._named]
         if any(law.model.acting.effects for law in laws):
             for _ in range(_PASSES):
-                state, change = self._update(laws, joints, load, force, metadata)
+                state, change = self._update(laws, joints, load, force, metadata or TouchMetadata.plain(1))
                 first, second, load, rows, solved = self._links(joints, first, second, force)
                 # change of what effects add after which one more solution is enough, rad and m; it depends on itself
                 # weakly
@@ -219,16 +219,10 @@ class OnlineArm:
         return first, second, load, rows, False
 
     def _update(
-        self,
-        laws: Sequence[Law],
-        joints: tuple[float, float],
-        load: Loading,
-        force: Force,
-        metadata: TouchMetadata | None,
+        self, laws: Sequence[Law], joints: tuple[float, float], load: Loading, force: Force, metadata: TouchMetadata
     ) -> tuple[TouchState, float]:
         """Works out what effects add at a pose; the pose as they take it, and by what that differs from before."""
-        known = TouchMetadata.plain(1) if metadata is None else metadata
-        state = self._law.touch_state(np.array([joints]), load, force, known)
+        state = self._law.touch_state(np.array([joints]), load, force, metadata)
         for law in laws:
             self._shifts[id(law)] = np.concatenate(law.shift(state, np.array([force.place])), axis=1)[0]
         one, two, three, four = np.sum(list(self._shifts.values()), axis=0).tolist()

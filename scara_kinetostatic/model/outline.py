@@ -27,6 +27,8 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
 EDGE_RADIUS = 0.05
 """Radius of the disc that slides along a straight edge, m: weighs the direction of the force in the equations as the
 disc of that size does; the solution does not depend on it."""
+PER_ANGLE = 0.1
+"""What an angle between force and normal counts beside a distance while the place is the nominal one, m/rad."""
 _CORNER_SHARE = 0.25
 """Part of the places along an outline that belongs to its corners, by the angles through which they turn."""
 _FROM_END = 5e-4
@@ -173,6 +175,17 @@ class Surfaces(NamedTuple):
         within = seen.real >= np.abs(seen) * half.real
         of_arc = np.where(within, over, np.minimum(*ends))
         return np.where(edge, np.abs(off - reach - along * tangent), of_arc)
+
+    def nearest(self, size: Floats, disc: Indices) -> Indices:
+        """The surface of each touch's object, by its number (n,), with the smallest of sizes (n, E)."""
+        return np.argmin(np.where(self.object == disc[:, None], size, np.inf), axis=1)
+
+    def settled(self, tips: Floats, normals: Floats, disc: Indices) -> Indices:
+        """Numbers of the touched surfaces, (n,), by tips and directions of the forces in a fit, (n, 2).
+
+        What an angle between force and normal counts beside a distance is 1e-3 m/rad.
+        """
+        return self.nearest(self.distances(tips) + 1e-3 * self.beside(normals), disc)
 
     def gaps(self, tips: Floats) -> Floats:
         """Distances of places (n, 2), m, from the whole line or circle of each surface, outside positive, (n, E), m."""

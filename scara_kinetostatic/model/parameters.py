@@ -26,23 +26,19 @@ _TABLE = (
     ('g_ee', 'm', 'backlash of the gripper, half the gap'),
     ('g1', 'rad', 'backlash of joint 1, half the gap'),
     ('g2', 'rad', 'backlash of joint 2, half the gap'),
-)
-_MOMENTS = (
     ('s1', 'kg m', 'static moment about joint 1, with joint 2 and beyond at the elbow'),
     ('s2', 'kg m', 'static moment about joint 2'),
 )
-NAMES = tuple(name for name, *_ in _TABLE)
-MOMENTS = tuple(name for name, *_ in _MOMENTS)
-"""The further parameters of an arm that gravity loads in its plane."""
-UNITS = {name: unit for name, unit, _ in _TABLE + _MOMENTS}
-DESCRIPTIONS = {name: description for name, _, description in _TABLE + _MOMENTS}
+NAMES, MOMENTS = tuple(name for name, *_ in _TABLE[:12]), tuple(name for name, *_ in _TABLE[12:])
+"""Those of every arm, and the further ones of an arm that gravity loads in its plane."""
+UNITS = {name: unit for name, unit, _ in _TABLE}
+DESCRIPTIONS = {name: description for name, _, description in _TABLE}
 _LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0, 'kg m': 1e4}
 """Largest plausible size of a number by its unit."""
 LEVEL = (0.0, 0.0)
 """Gravity in the plane of an arm that does not stand upright."""
 MOST_GRAVITY = 25.0
 """m/s², about that of Jupiter: no arm has to hold more."""
-_HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
 X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
 
 
@@ -51,7 +47,8 @@ def implausible_size(value: float, unit: str) -> tuple[str, str] | None:
     if abs(value) <= _LARGEST.get(unit, inf):
         return None
     problem = f'expected at most {_LARGEST[unit]:.4g} {unit} in size, got {value!r}'
-    return problem, _HINT.get(unit, 'give it in SI units')
+    hints = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
+    return problem, hints.get(unit, 'give it in SI units')
 
 
 def quantity(value: float, unit: str) -> str:

@@ -80,26 +80,22 @@ class TouchSet:
 
     def __post_init__(self) -> None:
         n = len(self.joints)
+        numbers, pairs = np.arange(n), np.zeros((n, 2))
         defaults = {
-            'time': np.arange(n, dtype=float),
-            'index': np.arange(n),
-            'approach': np.zeros((n, 2)),
-            'press': np.zeros((n, 2)),
-            'joint_scatter': np.zeros((n, 2)),
-            'force_scatter': np.zeros((n, 2)),
-            'samples': np.ones(n, dtype=np.intp),
+            **dict.fromkeys(('joints', 'force', 'approach', 'press', 'joint_scatter', 'force_scatter'), pairs),
+            **dict.fromkeys(('disc', 'posture', 'recording'), 0 * numbers),
+            'time': numbers.astype(float),
+            'index': numbers,
+            'samples': np.ones_like(numbers),
             'history': np.empty((n, 0, 4)),
-            'recording': np.zeros(n, dtype=np.intp),
-            'order': np.arange(n) if self.index is None else self.index,
-            'surface': np.full(n, -1),
+            'order': numbers,
+            'surface': np.full_like(numbers, -1),
         }
         for item in fields(self):
-            value = getattr(self, item.name)
-            value = defaults[item.name] if value is None else value
-            pair = item.name in ('joints', 'force', 'approach', 'press', 'joint_scatter', 'force_scatter')
-            whole = item.name in ('disc', 'posture', 'index', 'samples', 'recording', 'order', 'surface')
-            array = np.array(value, dtype=np.intp if whole else float)
-            expected: tuple[int, ...] = (n, 2) if pair else (n,)
+            value, default = getattr(self, item.name), defaults[item.name]
+            if value is None:
+                value = self.index if item.name == 'order' else default
+            array, expected = np.array(value, dtype=default.dtype), default.shape
             if item.name == 'history':
                 expected = (n, array.shape[1] if array.ndim == 3 else 0, 4)
             if array.shape != expected:

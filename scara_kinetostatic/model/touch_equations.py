@@ -137,10 +137,6 @@ class State(NamedTuple):
     mode1: Floats
     mode2: Floats
 
-    def select(self, which: Mask | Indices) -> State:
-        """The touches that a mask or an array of positions picks."""
-        return State(*(part[which] for part in self))
-
     def replace_where(self, where: Mask, other: State) -> State:
         """Another state's touches where a mask is true, this one's elsewhere; both of n touches."""
         return State(*(np.where(where, new, old) for new, old in zip(other, self, strict=True)))
@@ -249,10 +245,6 @@ class Edges(NamedTuple):
         if tangents is None:
             return None
         return cls(as_complex(tangents), np.zeros(len(tangents), dtype=complex), np.sign(radii))
-
-    def select(self, which: Mask | Indices) -> Edges:
-        """Those of the touches that a mask or an array of positions picks."""
-        return Edges(self.tangent[which], self.aside[which], self.sense[which])
 
     def shifted(self, place: Complexes) -> Edges:
         """The same with a displacement d, (n,), m."""

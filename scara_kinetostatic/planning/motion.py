@@ -29,14 +29,10 @@ from scara_kinetostatic.model.outline import Outline, inside
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, LIMIT_MARGIN, REACH_MARGIN
 
-_STEP = 0.01
-"""Distance of places at which the limits are checked along a move, m."""
 _AROUND = 10
 """Points around a disc or a corner."""
 _RAYS = 24
 """Directions in which the arm may be straightened."""
-_CHANGE = 0.3
-"""What a change of posture costs, in metres of travel."""
 
 
 class Edges(NamedTuple):
@@ -219,7 +215,7 @@ class Space:
         """Whether both joints keep their limits, in one turn, on straight moves to places b, (n,)."""
         if not len(b):
             return np.zeros(0, dtype=bool)
-        count = max(3, int(np.ceil(np.hypot(*(b - a.tip).T).max() / _STEP)) + 1)
+        count = max(3, int(np.ceil(np.hypot(*(b - a.tip).T).max() / 0.01)) + 1)  # checked every centimetre
         part = np.linspace(0.0, 1.0, count)[:, None, None]
         places = (a.tip + part * (b - a.tip)).reshape(-1, 2)
         joints = self.joints(Poses(places, np.tile(a.posture, count))).reshape(count, -1, 2)
@@ -280,7 +276,7 @@ class Roadmap:
             self._connect(self._costs, i, j, self.via)
         ray = np.arange(self._rays)
         ray = ray[self._stands[ray] & self._stands[ray + n]]
-        self._costs[ray, ray + n] = self._costs[ray + n, ray] = _CHANGE
+        self._costs[ray, ray + n] = self._costs[ray + n, ray] = 0.3  # what a change of posture costs, m of travel
 
     def _connect(self, costs: Floats, i: Indices, j: Indices, every: Poses) -> None:
         """Enters the length of the moves between poses i and j that may be made."""

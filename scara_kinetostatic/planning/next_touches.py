@@ -47,11 +47,19 @@ from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, press_
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.planning.candidates import CandidateTouches, candidate_plan, declared_rows, prepare_candidates
+from scara_kinetostatic.planning.candidates import (
+    MOST_TOUCHES,
+    CandidateTouches,
+    candidate_plan,
+    declared_rows,
+    improve,
+    largest_variance,
+    prepare_candidates,
+    variance_with_each,
+)
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
 from scara_kinetostatic.planning.optimal_design import contributions
 from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan, tip_in_use
-from scara_kinetostatic.planning.search import MOST_TOUCHES, improve, largest_variance, variance_with_each
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
 
@@ -65,18 +73,8 @@ _UNDECIDED = 0.9
 """Variance of what is suspected that touches leave, over that before them, above which they decide nothing; in
 simulated cells a dozen touches left 0.5 to 0.8 of it.
 """
-_PER_DISC = 24
-"""Points around a disc that are candidates."""
-_LEAST_GAIN = 0.01
-"""Smallest decrease of the variance for which a touch is exchanged."""
-_CALIBRATED = 3e-3
-"""Clearance beside three standard deviations of tip and discs where the arm is calibrated, m."""
-_DOUBT = 1e-3
-"""How far before its place a contact may come beside them, m."""
 _SLIPS = 0.2
 """Part of a radius by which a press may drag the tip aside, beyond the end of an edge."""
-_SAME_PLACE = np.deg2rad(10)
-"""Nearer to a place that was given up nothing is touched, rad."""
 
 
 class Uncertainty(NamedTuple):
@@ -112,8 +110,7 @@ class Uncertainty(NamedTuple):
 
 def known_or_infinite(worst: float | None, undetermined: float) -> float:
     """The largest expanded uncertainty of the tip, m; infinite where it is not determined all over the region."""
-    found = float('inf') if worst is None or undetermined > 0 else worst
-    return found if found < float('inf') else float('inf')  # not a number neither
+    return worst if worst is not None and undetermined <= 0 and worst < np.inf else np.inf  # not a number neither
 
 
 def undetected_part(of_tip: Mapping[str, float]) -> float:
@@ -188,11 +185,8 @@ class Planner:
         own = [effect for effect in self.arm.effects if isinstance(effect, Effect)]
         declared = Robot.of(cell).declared
         known = {effect.label for effect in own} | set(declared.places if declared else ())
-        undecided = [
-            effect
-            for effect in catalogue(cell)
-            if effect.is_physical and not effect.is_stepwise and effect.label not in known
-        ]
+        lasting = (effect for effect in catalogue(cell) if effect.is_physical and not effect.is_stepwise)
+        undecided = [effect for effect in lasting if effect.label not in known]
         effects = (*own, *undecided)
         values = list(model.with_effects(effects).effect_values)
         sizes = [np.abs(effect.typical) + np.abs(found) for effect, found in zip(own, values, strict=False)]
@@ -211,12 +205,12 @@ class Planner:
         """Which of the values are sizes of effects that are suspected."""
         effects = self.robot.effects
         doubt = [_is_size(effect) & (effect.label in self.suspected) for effect in effects]
-        return len(self.robot.names) + np.flatnonzero(np.concatenate([*doubt, np.zeros(0, dtype=bool)]))
+        return len(self.robot.parameters.names) + np.flatnonzero(np.concatenate([*doubt, np.zeros(0, dtype=bool)]))
 
     @cached_property
     def _values(self) -> int:
         """Number of the values of the arm's model, without undetected effects."""
-        return len(self.robot.names) + sum(len(effect.parameters) for effect in self.arm.effects)
+        return len(self.robot.parameters.names) + sum(len(effect.parameters) for effect in self.arm.effects)
 
     @cached_property
     def _tip(self) -> Tip:
@@ -230,9 +224,11 @@ class Planner:
 
     @cached_property
     def space(self) -> Space:
-        """Where the tip may be: it keeps the clearance of the cell until the model is good enough to keep less."""
+        """Where the tip may be: it keeps the clearance of the cell until the model is good enough to keep less, 3 mm
+        beside three standard deviations of tip and discs.
+        """
         cell = self.arm.cell
-        return Space(cell, self.arm.model.parameters, min(cell.touch.clearance, _CALIBRATED + self._off))
+        return Space(cell, self.arm.model.parameters, min(cell.touch.clearance, 3e-3 + self._off))
 
     @property
     def _off(self) -> float:
@@ -241,8 +237,10 @@ class Planner:
 
     @property
     def doubt(self) -> float:
-        """How far before its place a contact may come, m: half of what is searched, less where the arm is known."""
-        return min(0.5 * self.arm.cell.touch.search, _DOUBT + self._off)
+        """How far before its place a contact may come, m: half of what is searched; where the arm is known, a
+        millimetre beside three standard deviations of tip and discs.
+        """
+        return min(0.5 * self.arm.cell.touch.search, 1e-3 + self._off)
 
     @cached_property
     def roadmap(self) -> Roadmap:
@@ -270,11 +268,9 @@ class Planner:
         joined = np.zeros(len(plan), dtype=bool)
         joined[good] = self.roadmap.largest_part(start.select(good))
         one, two = cell.joint_names
-        near = f'an object, the base or the end of the reach is within {1e3 * self.space.clearance:.1f} mm'
-        strong = (1 + plan.preload) * plan.force > cell.touch.max_force
         left = np.zeros(len(plan), dtype=bool)
         for disc, angle, posture in self.given_up:
-            near_by = np.abs(wrap(plan.angle - angle)) < _SAME_PLACE
+            near_by = np.abs(wrap(plan.angle - angle)) < np.deg2rad(10)  # nearer nothing is touched
             left |= (plan.disc == disc) & (plan.posture == posture) & near_by
         slipped = np.zeros(len(plan), dtype=bool)
         surface, part = cell.surfaces.places(plan.disc[both], plan.angle[both])
@@ -286,18 +282,18 @@ class Planner:
             room = np.where(touched.is_edge, to_end, np.abs(touched.radii))
             has_corners = np.array([isinstance(disc, Outline) for disc in cell.discs])[plan.disc[both]]
             corner[both] = has_corners & (room < cell.touch.search)
-        cases = [strong, left, ~stands[:, 1], ~stands[:, 0] | ~moves, ~clear, slipped, corner, ~joined]
-        texts = [
-            'beyond touch.max_force',
-            'given up',
-            f'beyond the limits of {two}',
-            f'beyond the limits of {one}',
-            near,
-            'the press would drag the tip off it',
-            'a corner is nearer than touch.search, and the arm is not yet calibrated',
-            'no way leads there',
-        ]
-        return [str(text) for text in np.select(cases, texts, '')]
+        within = f'within {1e3 * self.space.clearance:.1f} mm'
+        cases = {
+            'beyond touch.max_force': (1 + plan.preload) * plan.force > cell.touch.max_force,
+            'given up': left,
+            f'beyond the limits of {two}': ~stands[:, 1],
+            f'beyond the limits of {one}': ~stands[:, 0] | ~moves,
+            f'an object, the base or the end of the reach is {within}': ~clear,
+            'the press would drag the tip off it': slipped,
+            'a corner is nearer than touch.search, and the arm is not yet calibrated': corner,
+            'no way leads there': ~joined,
+        }
+        return [str(text) for text in np.select(list(cases.values()), list(cases), '')]
 
     def _dragged(self, plan: Plan) -> tuple[Floats, Floats]:
         """Where the rigid tip is under the largest force, (n, 2), m, and how far aside, (n,), m."""
@@ -325,7 +321,7 @@ class Planner:
 
         low, high = cell.touch.force
         levels = np.unique(np.linspace(low, high, 3)).tolist()
-        every = candidate_plan(self.robot, levels, per_disc=_PER_DISC, preload=PRELOAD, keep=keep)
+        every = candidate_plan(self.robot, levels, per_disc=24, preload=PRELOAD, keep=keep)
         if not len(every):
             why = ', '.join(f'{many} {text}' for text, many in Counter(found).most_common())
             remedy = 'correct the limits, the obstacles, the clearance or the places of the discs'
@@ -493,4 +489,4 @@ def _best(candidates: CandidateTouches, number: int) -> list[int]:
         values = variance_with_each(candidates, chosen)
         values[chosen] = np.inf
         chosen.append(int(np.argmin(values)))
-    return improve(candidates, chosen, least_gain=_LEAST_GAIN)
+    return improve(candidates, chosen, least_gain=0.01)

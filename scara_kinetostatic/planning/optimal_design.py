@@ -29,13 +29,19 @@ from scara_kinetostatic.model.cell import Disc, Plate
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.planning.candidates import (
+    FEWEST_TOUCHES,
     MOST_HELD_OUT,
     MOST_LEVERAGE,
+    MOST_TOUCHES,
     PER_DISC,
     CandidateTouches,
+    LowerBound,
+    best_set,
     candidate_plan,
+    find_lower_bound,
     held_out_ratio,
     prepare_candidates,
+    without_each,
 )
 from scara_kinetostatic.planning.prediction import (
     Prediction,
@@ -49,18 +55,8 @@ from scara_kinetostatic.planning.prediction import (
     reach,
     tip_std,
 )
-from scara_kinetostatic.planning.search import (
-    FEWEST_TOUCHES,
-    MOST_TOUCHES,
-    LowerBound,
-    best_set,
-    find_lower_bound,
-    without_each,
-)
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan
 
-USUAL_ACCURACY = 1e-5
-"""Largest standard deviation of the tip where none is required, m."""
 _ABOVE_LIMIT = 1.1
 """Accuracy over the limit that can be reached with a reasonable number of touches: more could gain a tenth."""
 Progress = Callable[[str, float], None]
@@ -73,7 +69,7 @@ class Requirements:
 
     Attributes:
         accuracy: largest standard deviation of the tip over the workspace, m; None: half the tolerance of the cell,
-            which holds for k = 2; without one `USUAL_ACCURACY`, or a tenth more than the declared uncertainties leave.
+            which holds for k = 2; without one 10 µm, or a tenth more than the declared uncertainties leave.
         levels: force levels to choose from, N.
         postures: elbow postures to choose from, +1 and -1.
         per_disc: points around a disc to choose from.
@@ -246,9 +242,13 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     every = candidate_plan(robot, q.levels, q.postures, q.per_disc)
     very_many = predict(robot, every, MOST_TOUCHES)
     lowest = 0.0 if robot.declared is None else tip_std(task.tip, very_many).largest
-    _check_determined(task, very_many)
+    if not np.isfinite(tip_std(task.tip, very_many).largest):
+        remedy = 'add a second disc: touches of one disc do not determine the rotation of the robot about its centre'
+        if len(robot.cell.discs) > 1:
+            remedy = 'choose more force levels, the load among them, or move the discs apart'
+        raise UnsupportedDataError('the candidate touches do not determine the tip, however many are made', remedy)
     tolerance = robot.cell.tolerance
-    accuracy = q.accuracy or (tolerance / 2 if tolerance else max(USUAL_ACCURACY, _ABOVE_LIMIT * lowest))
+    accuracy = q.accuracy or (tolerance / 2 if tolerance else max(1e-5, _ABOVE_LIMIT * lowest))
     candidates = prepare_candidates(robot, every, _coarse_tip(task))
     bound = find_lower_bound(candidates, accuracy)
     if robot.declared and bound.variance(MOST_TOUCHES) > accuracy**2:
@@ -275,16 +275,6 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
         least_possible=lowest,
         in_base_frame=tip_std(task.tip, predict(in_base, plan)).largest if plate else None,
     )
-
-
-def _check_determined(task: _Task, prediction: Prediction) -> None:
-    """Whether all candidates together determine the tip."""
-    if np.isfinite(tip_std(task.tip, prediction).largest):
-        return
-    remedy = 'add a second disc: touches of one disc do not determine the rotation of the robot about its centre'
-    if len(task.robot.cell.discs) > 1:
-        remedy = 'choose more force levels, the load among them, or move the discs apart'
-    raise UnsupportedDataError('the candidate touches do not determine the tip, however many are made', remedy)
 
 
 def _coarse_tip(task: _Task) -> Tip:
@@ -365,7 +355,10 @@ def _smallest_set(
             number += max(1, number // 40)
             continue
         plan = _mixed(candidates.plan.select(np.array(chosen)))
-        reached = _after_a_loss(task, plan, rank)
+        prediction, reached = predict(task.robot, plan), np.inf  # of a set that does not check itself
+        checks = prediction.rank >= rank and prediction.leverage.max() <= MOST_LEVERAGE
+        if checks and held_out_ratio(task.robot, plan) <= MOST_HELD_OUT:
+            reached = float(without_each(task.robot, plan, task.tip).max())
         if reached <= accuracy:
             return plan, {fewer: value for fewer, value in tried.items() if fewer < number}
         tried[number] = min(reached, tried.get(number, np.inf))
@@ -381,18 +374,6 @@ def _smallest_set(
         f'touches reaches it{least}',
         'ask for a larger standard deviation, repeat touches, or move the discs',
     )
-
-
-def _after_a_loss(task: _Task, plan: Plan, rank: int) -> float:
-    """Largest standard deviation of the tip over the full workspace after the worst loss, m.
-
-    Infinite where the rank is too low, and of a set that does not check itself.
-    """
-    prediction = predict(task.robot, plan)
-    too_low = prediction.rank < rank or prediction.leverage.max() > MOST_LEVERAGE
-    if too_low or held_out_ratio(task.robot, plan) > MOST_HELD_OUT:
-        return float('inf')
-    return float(without_each(task.robot, plan, task.tip).max())
 
 
 def _mixed(plan: Plan) -> Plan:

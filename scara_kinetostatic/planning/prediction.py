@@ -103,11 +103,6 @@ class Robot:
         return ExtendedModel(self.parameters, self.effects, self.effect_values)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Those of L̄: twelve, or fourteen under gravity."""
-        return self.parameters.names
-
-    @property
     def scales(self) -> Floats:
         """Plausible ranges of L̄, (12,), or (14,) under gravity."""
         return scales_of(ExtendedModel(self.parameters))
@@ -236,36 +231,31 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         UnsupportedDataError: the robot cannot reach a touch.
     """
     observations, point, _ = exact_plan(robot, plan)
-    count, declared = len(robot.names), robot.declared
+    count, declared = len(robot.parameters.names), robot.declared
     parameters = np.arange(count)
     unidentifiable = unidentifiable_directions(observations, point, parameters, robot.noise)
     subspace = Subspace.of_free(point.model, parameters, robot.scales).without(unidentifiable)
     lifted, prior = subspace.with_errors(len(point.errors)), ActivePrior.of(observations, subspace)
     root = np.sqrt(1.0 if number is None else number / len(plan))
-    system = least_squares.compress(
-        root * point.whitened.jacobian,
-        point.whitened.residual,
-        basis=lifted,
-        prior=None if prior is None else prior.system(point),
-    )
+    w, known = point.whitened, None if prior is None else prior.system(point)
+    system = least_squares.compress(root * w.jacobian, w.residual, basis=lifted, prior=known)
     covariance = lifted @ least_squares.covariance(system) @ lifted.T
     own = covariance[:count, :count]
-    groups = group_names(unidentifiable, parameters, scales=robot.scales, names=robot.names)
+    groups = group_names(unidentifiable, parameters, ExtendedModel(robot.parameters))
     std = np.sqrt(np.diag(own))
-    std[[name in {member for group in groups for member in group} for name in robot.names]] = np.nan
+    std[[name in {member for group in groups for member in group} for name in robot.parameters.names]] = np.nan
     by_source = []
     if declared is not None:  # C Pᵀ P C by the rows of the prior of each source
         moved = covariance[:count] @ declared.prior.rows(count).T
         by_source = [(source, moved[:, rows] @ moved[:, rows].T) for source, rows in declared.prior.by_source()]
-    jacobian = point.whitened.jacobian
-    hat = np.einsum('nik,kl,njl->nij', jacobian, covariance, jacobian, optimize=True)
+    hat = np.einsum('nik,kl,njl->nij', w.jacobian, covariance, w.jacobian, optimize=True)
     return Prediction(
         touches=number or len(plan),
         covariance=own,
         std=std,
         motions=robot.scales[:, None] * unidentifiable,
         confounded=groups,
-        condition=condition_number(root * (point.whitened.derivative @ subspace.basis)),
+        condition=condition_number(root * (w.derivative @ subspace.basis)),
         leverage=np.linalg.eigvalsh(hat)[:, -1],
         by_source=tuple(by_source),
     )
@@ -348,13 +338,7 @@ def make_workspace(robot: Robot, radii: int = 8, angles: int = 36) -> Workspace:
 
 def free_tip(robot: Robot, workspace: Workspace) -> Tip:
     """The free tip: T = ∂H/∂L̄, or, where gravity loads the joints, that of the tip under it."""
-    p = robot.parameters
-    if p.has_gravity:
-        free = np.zeros_like(workspace.places)
-        derivative = loaded_tip_by_parameters(p, workspace.places, free, workspace.posture, robot.cell.gripper_sign)
-        return Tip(derivative[:, None], workspace.area)
-    derivative = kinematics.forward_by_parameters(p, kinematics.inverse(p, workspace.places, workspace.posture))
-    return Tip(derivative[:, None], workspace.area)
+    return loaded_tip(robot, workspace, 0.0, 1)
 
 
 def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int = 8) -> Tip:

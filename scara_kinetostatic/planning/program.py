@@ -24,8 +24,6 @@ from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 
 CONTACT = 0.1
 """Force at which an approach ends, as a part of the force of the touch."""
-_PRESS = 0.7
-"""Duration of a press, as far as the speed towards a contact allows it, s."""
 
 
 class Step(NamedTuple):
@@ -50,22 +48,6 @@ class Step(NamedTuple):
     until: float | None = None
 
 
-class Poised(NamedTuple):
-    """The joint angles of touches, (n, 2) each, rad.
-
-    Attributes:
-        approach: where the approach begins.
-        deep: as far as a contact is sought.
-        hold: under the force.
-        peak: under that of the preload.
-    """
-
-    approach: Floats
-    deep: Floats
-    hold: Floats
-    peak: Floats
-
-
 def joint_angles(planner: Planner, poses: Poses, force: Floats | None = None) -> Floats:
     """Q for places of the tip under forces (n, 2), N, or none, by the planner's arm, (n, 2), rad."""
     load = np.zeros(poses.tip.shape) if force is None else force
@@ -73,28 +55,20 @@ def joint_angles(planner: Planner, poses: Poses, force: Floats | None = None) ->
     return planner.space.in_turn(found)
 
 
-def poised(planner: Planner, planned: PlannedTouches) -> Poised:
-    """The joint angles of planned touches."""
-    plan, cell = planned.plan, planner.arm.cell
-    contact, press = Poses(plan.contact(cell), plan.posture), -plan.force[:, None] * plan.normal(cell)
-    deep = Poses(contact.tip - cell.touch.search * plan.normal(cell), plan.posture)
-    return Poised(
-        joint_angles(planner, planned.approach),
-        joint_angles(planner, deep),
-        joint_angles(planner, contact, press),
-        joint_angles(planner, contact, (1 + plan.preload[:, None]) * press),
-    )
-
-
 def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
     """Every step, in order; where nobody knows where the robot stands, its first way is one straight travel."""
-    cell, plan, at = planner.arm.cell, planned.plan, poised(planner, planned)
+    cell, plan = planner.arm.cell, planned.plan
     motion, lift = cell.touch, cell.lift
     up, down = (None, None) if lift is None else (lift.up, lift.down)
-    contact = plan.contact(cell)
+    contact, press = plan.contact(cell), -plan.force[:, None] * plan.normal(cell)
     deep = contact - motion.search * plan.normal(cell)
-    depth = np.hypot(*(forward(planner.arm.model.parameters, at.hold) - contact).T)
-    speed = np.clip(depth / _PRESS, motion.contact_speed / 20, motion.contact_speed)
+    at_start, at_deep = joint_angles(planner, planned.approach), joint_angles(planner, Poses(deep, plan.posture))
+    at_hold, at_peak = (
+        joint_angles(planner, Poses(contact, plan.posture), force)
+        for force in (press, (1 + plan.preload[:, None]) * press)
+    )
+    depth = np.hypot(*(forward(planner.arm.model.parameters, at_hold) - contact).T)
+    speed = np.clip(depth / 0.7, motion.contact_speed / 20, motion.contact_speed)  # a press takes 0.7 s, or longer
 
     origins = [0 if min(planned.order) else None, *planned.order]
 
@@ -110,22 +84,22 @@ def program(planner: Planner, planned: PlannedTouches) -> list[Step]:
             for tip, joints in zip(way.tip, joint_angles(planner, way), strict=True):
                 yield Step(number, 'travel', tip, joints, up, motion.speed)
             if lift is not None:
-                yield Step(number, 'travel', here, at.approach[k], down, motion.speed)
-            yield Step(number, 'approach', deep[k], at.deep[k], down, motion.contact_speed, CONTACT * force)
+                yield Step(number, 'travel', here, at_start[k], down, motion.speed)
+            yield Step(number, 'approach', deep[k], at_deep[k], down, motion.contact_speed, CONTACT * force)
             if plan.preload[k] > 0:
                 peak = (1 + float(plan.preload[k])) * force
-                yield Step(number, 'press', contact[k], at.peak[k], down, float(speed[k]), peak)
-            yield Step(number, 'press', contact[k], at.hold[k], down, float(speed[k]), force)
-            yield Step(number, 'hold', contact[k], at.hold[k], down, 0.0)
-            yield Step(number, 'retract', here, at.approach[k], down, motion.contact_speed)
+                yield Step(number, 'press', contact[k], at_peak[k], down, float(speed[k]), peak)
+            yield Step(number, 'press', contact[k], at_hold[k], down, float(speed[k]), force)
+            yield Step(number, 'hold', contact[k], at_hold[k], down, 0.0)
+            yield Step(number, 'retract', here, at_start[k], down, motion.contact_speed)
 
     return list(steps())
 
 
 def next_files(planner: Planner, planned: PlannedTouches) -> dict[str, str]:
     """The text of each file by its name."""
-    plan, cell, at = planned.plan, planner.arm.cell, poised(planner, planned)
-    contact, steps = plan.contact(cell), program(planner, planned)
+    plan, cell, steps = planned.plan, planner.arm.cell, program(planner, planned)
+    hold, start = (np.array([step.joints for step in steps if step.kind == kind]) for kind in ('hold', 'retract'))
 
     def pairs(names: str, values: Floats) -> dict[str, list[str]]:
         return {
@@ -138,10 +112,10 @@ def next_files(planner: Planner, planned: PlannedTouches) -> dict[str, str]:
         'elbow': [POSTURE_NAMES[int(side)] for side in plan.posture],
         'angle_deg': [f'{angle:.3f}' for angle in np.degrees(plan.angle)],
         'force_N': [f'{force:g}' for force in plan.force],
-        **pairs('x_m y_m', contact),
+        **pairs('x_m y_m', plan.contact(cell)),
         **pairs('approach_x_m approach_y_m', planned.approach.tip),
-        **pairs('q1_rad q2_rad', cell.readings(at.hold)),
-        **pairs('approach_q1_rad approach_q2_rad', cell.readings(at.approach)),
+        **pairs('q1_rad q2_rad', cell.readings(hold)),
+        **pairs('approach_q1_rad approach_q2_rad', cell.readings(start)),
         'reason': [csv_cell(reason) for reason in planned.reasons],
     }
     moves = {

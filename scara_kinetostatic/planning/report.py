@@ -1,4 +1,7 @@
-"""The optimal design as JSON, for the terminal and as a page."""
+"""The optimal design as JSON, for the terminal and as a page, with its figures.
+
+These are the accuracy by the number of touches, the set, maps of the tip and of one more disc.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,16 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle
+from matplotlib.ticker import FixedLocator, NullLocator
 
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
-from scara_kinetostatic.planning import figures
+from scara_kinetostatic.planning.candidates import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design, Row
-from scara_kinetostatic.planning.search import MOST_TOUCHES
+from scara_kinetostatic.planning.prediction import free_tip, loaded_tip, make_workspace, tip_std
 from scara_kinetostatic.report import (
     NOT_DETERMINED,
     Block,
@@ -25,9 +33,119 @@ from scara_kinetostatic.report import (
     as_page,
     json_text,
 )
-from scara_kinetostatic.report.figure import COLOURS, mark
+from scara_kinetostatic.report import figure as draw
+from scara_kinetostatic.report.figure import COLOURS, FAINT, INK, MICRO, PAPER, SERIES, WARN, in_mm, mark
 from scara_kinetostatic.report.quantities import SCALES, count, micrometres
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
+
+WIDTH, HALF = 920.0, 450.0
+_TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
+
+
+def number_picture(design: Design) -> Markup:
+    """Largest standard deviation of the tip over the number of touches: best, even, and the lower bound."""
+    figure, (axes,) = draw.new_figure(WIDTH, 360)
+    c, target = design.curve, MICRO * design.accuracy
+    curves = (
+        ('evenly distributed', c.even, {'color': SERIES[1], 'ls': (0, (5, 2.5))}),
+        ('best set found', c.chosen, {'color': SERIES[0], 'marker': 'o'}),
+        ('lower bound', c.bound, {'color': INK, 'ls': (0, (1, 2))}),
+    )
+    for label, values, look in curves:
+        axes.plot(c.number, MICRO * values, label=label, lw=1.4, **look)
+    axes.axhline(target, color=WARN, lw=1.0, label='required')
+    best = (len(design.plan), MICRO * design.tip_std.largest)
+    axes.plot(*best, 'o', ms=11, mfc='none', mec=WARN, mew=1.6)
+    axes.annotate('recommended', best, (9, 7), textcoords='offset points', color=WARN)
+    axes.set(xscale='log', yscale='log', xlabel='touches', ylabel='largest std of the tip  [µm]')
+    for axis, ticks in ((axes.xaxis, c.number.tolist()), (axes.yaxis, _TICKS)):
+        axis.set_major_locator(FixedLocator(list(ticks)))
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter(lambda value, _: f'{value:g}')
+    axes.legend(frameon=False)
+    return draw.as_svg(figure, 'number', 'largest standard deviation of the tip over the number of touches')
+
+
+_BY_SIZE = 'viridis_r'
+
+
+def tip_picture(design: Design) -> Markup:
+    """The standard deviation of the tip over the workspace after the recommended set, posture by posture."""
+    figure, axes = draw.new_figure(WIDTH, 430, columns=2, sharey=True)
+    robot, q = design.robot, design.requirements
+    workspace = make_workspace(robot, radii=24, angles=120)
+    tip = loaded_tip(robot, workspace, q.load) if q.under_load else free_tip(robot, workspace)
+    places = MICRO * tip_std(tip, design.row.prediction).places
+    low, high = float(places.min()), float(places.max())
+    every = np.full(workspace.mask.shape, np.nan)
+    every[workspace.mask] = places
+    for k, name in enumerate(('posture left', 'posture right')):
+        angle = np.append(workspace.angles, 2 * np.pi)
+        x, y = (workspace.radii[:, None] * turn(angle) for turn in (np.cos, np.sin))
+        base = (robot.cell.nominal.x0, robot.cell.nominal.y0)
+        values = np.concatenate([every[k], every[k][:, :1]], axis=1)
+        drawn = axes[k].pcolormesh(
+            x + base[0], y + base[1], np.ma.masked_invalid(values), shading='gouraud', cmap=_BY_SIZE, vmin=low,
+            vmax=high, rasterized=True,
+        )  # fmt: skip
+        _discs(axes[k], robot.cell)
+        axes[k].set(aspect='equal', xlabel='x  [mm]', title=name)
+        in_mm(axes[k])
+        axes[k].grid(visible=False)
+        axes[k].plot(*base, 'o', ms=6, mfc=PAPER, mec=INK)
+    axes[0].set(ylabel='y  [mm]')
+    figure.colorbar(drawn, ax=axes, label='std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
+    return draw.as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
+
+
+def plan_picture(design: Design) -> Markup:
+    """The chosen touches from above: arrows as long as the forces, filled heads for the left posture."""
+    figure, (axes,) = draw.new_figure(HALF, 400)
+    cell, plan = design.robot.cell, design.plan
+    contact, normal = plan.contact(cell), plan.normal(cell)
+    for number, disc in enumerate(cell.discs):
+        look = mark(number)
+        draw.draw_object(axes, disc, look.colour, filled=True)
+        axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK).set_parse_math(False)
+        for k in np.flatnonzero(plan.disc == number):
+            aside = 0.005 * plan.posture[k] * np.array([-normal[k, 1], normal[k, 0]])
+            head = contact[k] + aside
+            tail = head + 0.16 * plan.force[k] / plan.force.max() * normal[k]  # m, of the largest force
+            axes.plot(*np.stack([head, tail]).T, color=look.colour, lw=1.1, alpha=0.8)
+            fill = look.colour if plan.posture[k] > 0 else PAPER
+            axes.plot(*head, look.shape, ms=5.5, mfc=fill, mec=look.colour, mew=1.2, zorder=3)
+    base = (cell.nominal.x0, cell.nominal.y0)
+    axes.plot(*base, 'o', ms=7, mfc=PAPER, mec=INK, mew=1.4)
+    axes.annotate('base', base, (-9, 4), ha='right', textcoords='offset points', color=FAINT)
+    axes.set(aspect='equal', xlabel='x  [mm]', ylabel='y  [mm]')
+    in_mm(axes)
+    return draw.as_svg(figure, 'recommended', 'the chosen touches from above')
+
+
+def additional_disc_picture(design: Design) -> Markup:
+    """Largest standard deviation of the tip by the place of one additional disc."""
+    figure, (axes,) = draw.new_figure(HALF, 400)
+    m, cell = design.additional_disc, design.robot.cell
+    shown = MICRO * np.ma.masked_invalid(m.largest)
+    drawn = axes.pcolormesh(m.x, m.y, shown, shading='nearest', cmap=_BY_SIZE, rasterized=True)
+    _discs(axes, cell)
+    best = m.best
+    if best is not None:
+        axes.add_patch(Circle(best[:2], m.radius, fill=False, edgecolor=SERIES[1], lw=2.0))
+        axes.plot(*best[:2], '+', ms=9, color=SERIES[1], mew=2)
+    axes.plot(cell.nominal.x0, cell.nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
+    axes.set(aspect='equal', xlabel='x of its centre  [mm]', ylabel='y  [mm]')
+    in_mm(axes)
+    axes.grid(visible=False)
+    figure.colorbar(drawn, ax=axes, label='largest std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
+    return draw.as_svg(
+        figure, 'additional_disc', 'largest standard deviation of the tip by the place of one additional disc'
+    )
+
+
+def _discs(axes: Axes, cell: Cell) -> None:
+    for disc in cell.discs:
+        draw.draw_object(axes, disc, INK, width=1.1)
 
 
 def design_document(design: Design) -> dict[str, Any]:
@@ -198,7 +316,7 @@ def parameter_table(design: Design) -> Table:
     rows = [design.row, design.tables['levels'][-1]]
     heading = ('standard deviation', 'unit', 'recommended', f'{design.requirements.number} evenly distributed')
     body = []
-    for k, name in enumerate(design.robot.names):
+    for k, name in enumerate(design.robot.parameters.names):
         unit, per_si = SCALES[name]
         values = (row.prediction.std[k] * per_si for row in rows)
         body.append((name, unit, *(f'{value:.3g}' if math.isfinite(value) else 'not determined' for value in values)))
@@ -232,14 +350,14 @@ def number_table(design: Design) -> Table:
 
 def factor_tables(design: Design) -> list[Table]:
     """The tables of what the accuracy depends on, one row per prediction."""
+
+    def cells(row: Row) -> tuple[str, ...]:
+        p, tips = row.prediction, (row.free.largest, row.free.rms, row.loaded.largest, row.loaded.rms)
+        return (row.label, str(p.rank), f'{p.condition:.3g}', *map(micrometres, tips))
+
     titles = {'levels': 'Force levels', 'postures': 'Postures of the elbow', 'discs': 'Discs touched'}
     heading, units = ('rank', 'condition', 'tip', 'rms', 'loaded', 'rms'), ('',) * 3 + ('µm',) * 4
-    return [Table((titles[name], *heading), units, tuple(map(_cells, rows))) for name, rows in design.tables.items()]
-
-
-def _cells(row: Row) -> tuple[str, ...]:
-    p, tips = row.prediction, (row.free.largest, row.free.rms, row.loaded.largest, row.loaded.rms)
-    return (row.label, str(p.rank), f'{p.condition:.3g}', *map(micrometres, tips))
+    return [Table((titles[name], *heading), units, tuple(map(cells, rows))) for name, rows in design.tables.items()]
 
 
 def design_report(design: Design) -> Report:
@@ -249,9 +367,9 @@ def design_report(design: Design) -> Report:
         f'{q.number} touches evenly distributed over all candidates: standard deviation of the tip, largest and rms '
         f'over workspace and postures, free and under {q.load:g} N in any direction; {NOT_DETERMINED}: not determined.'
     )
-    number = Figure(partial(figures.number_picture, design), 'Dotted: lower bound for every set.')
+    number = Figure(partial(number_picture, design), 'Dotted: lower bound for every set.')
     place = Figure(
-        partial(figures.additional_disc_picture, design),
+        partial(additional_disc_picture, design),
         'Largest standard deviation of the tip by the place of an additional disc; orange: the best place.',
     )
     return Report(
@@ -278,9 +396,7 @@ def _touches(design: Design) -> tuple[Block, ...]:
     marks = [(mark(number), disc.name) for number, disc in enumerate(design.robot.cell.discs)]
     return (
         Legend((*((m.sign, COLOURS[m.colour], name) for m, name in marks), ('', '', 'hollow: posture right'))),
-        Figure(
-            partial(figures.plan_picture, design), 'From above; the length of a shaft is proportional to the force.'
-        ),
+        Figure(partial(plan_picture, design), 'From above; the length of a shaft is proportional to the force.'),
         plan_table(design),
         Note(
             'In the order of plan.yaml. Every other touch of a disc and posture is pressed 30 % beyond its force and '
@@ -288,7 +404,7 @@ def _touches(design: Design) -> tuple[Block, ...]:
             'touch’s measurement that its own fitted value follows; at 100 % no other touch checks it, and an error in '
             'it is not detected.'
         ),
-        Figure(partial(figures.tip_picture, design), 'Predicted standard deviation of the tip after a calibration.'),
+        Figure(partial(tip_picture, design), 'Predicted standard deviation of the tip after a calibration.'),
     )
 
 

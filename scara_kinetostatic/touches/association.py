@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn, rotate
+from scara_kinetostatic.model.outline import PER_ANGLE
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.surfaces import PER_ANGLE
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def random_poses(count: int) -> Poses:
 
 def test_twelve_directions_of_the_force_hold_the_worst_of_all(measured: Calibration) -> None:
     area = workspace(measured)
-    joints, posture, force = (each.reshape(area.places, 13, -1)[::40] for each in area.poses)
+    joints, posture, force = (each.reshape(len(area.touched), 13, -1)[::40] for each in area.poses)
     assert not force[:, 0].any()
     angles = np.linspace(0, 2 * np.pi, 360, endpoint=False)
     every = np.hypot(*force[0, 1]) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)

@@ -11,8 +11,7 @@ from calibration.studies import CELL, EXACT
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.effects.joint_slip import JointSlip, LoadFriction
-from scara_kinetostatic.effects.joints import JointHysteresis
+from scara_kinetostatic.effects.joints import JointHysteresis, JointSlip, LoadFriction
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -120,6 +119,6 @@ def test_one_preload_does_not_tell_its_parameters_from_compliance():
 def test_a_step_beyond_the_largest_friction_is_sent_back():
     at = np.linspace(-9.0, 9.0, 7)
     slip, history = LoadFriction.of(0), np.column_stack([1.5 * at, 1.3 * at])
-    inside, beyond = (slip._slipped(history, at, slip._folded(value)[0]).value for value in (0.5, -0.5))
+    inside, beyond = (slip._slipped(history, at, slip._folded(value)[0])[0] for value in (0.5, -0.5))
     np.testing.assert_array_equal(inside, beyond)
     assert slip._folded(2 * LARGEST_RATIO - 0.5) == (pytest.approx(0.5), -1.0)

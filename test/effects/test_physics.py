@@ -25,9 +25,9 @@ from scara_kinetostatic.effects.robot import (
     BaseTilt,
     LinkBending,
     LinkGrowth,
+    TipShape,
 )
 from scara_kinetostatic.effects.sensor import SensorBias, SensorRotation
-from scara_kinetostatic.effects.tip_shape import TipShape
 from scara_kinetostatic.effects.variables import STICKING, slide
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata

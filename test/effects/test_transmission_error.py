@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effects.scenes import random_scene
 
-from scara_kinetostatic.effects.transmission_error import HIGHEST, LOWEST, TransmissionError, frequencies
+from scara_kinetostatic.effects.joints import HIGHEST, LOWEST, TransmissionError, frequencies
 from scara_kinetostatic.model.effect_law import TouchState
 
 

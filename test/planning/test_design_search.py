@@ -14,23 +14,21 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.planning.candidates import (
     MOST_LEVERAGE,
     TOUCHES_PER_DISC,
+    best_set,
     candidate_plan,
+    find_lower_bound,
+    improve,
+    largest_variance,
     least_on_discs,
     leverage_with_each,
     leverages,
     pack,
     prepare_candidates,
-)
-from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
-from scara_kinetostatic.planning.prediction import Robot, exact_plan, free_tip, make_workspace, predict, tip_std
-from scara_kinetostatic.planning.search import (
-    best_set,
-    find_lower_bound,
-    improve,
-    largest_variance,
     variance_with_each,
     without_each,
 )
+from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
+from scara_kinetostatic.planning.prediction import Robot, exact_plan, free_tip, make_workspace, predict, tip_std
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 NOISE = Noise(joint=1e-5, force=0.3)

@@ -15,17 +15,17 @@ from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.model.cell import PAPER_CELL, Disc, Lift, Region, Uncertainty
+from scara_kinetostatic.model.cell import PAPER_CELL, Disc, Lift, Noise, Region, Uncertainty
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.planning.candidates import largest_variance
 from scara_kinetostatic.planning.motion import Edges, Poses, Space, shortest_order
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.prediction import Robot, tip_in_use
 from scara_kinetostatic.planning.program import joint_angles, program
-from scara_kinetostatic.planning.search import largest_variance
 from scara_kinetostatic.running.campaign import clear_start
 from scara_kinetostatic.simulation.plan import LIMIT_MARGIN
 from scara_kinetostatic.simulation.plan_file import load_plan
@@ -145,7 +145,7 @@ def test_the_steps_of_every_touch_are_in_order(lift):
 def test_the_tip_reaches_the_disc_under_the_force_as_the_model_has_it():
     planner = planner_of(CELL)
     planned = planner.accurate(6)
-    touches = simulate_touches(CELL, CELL.nominal, planned.plan, replace(PAPER_CELL).noise.scaled(0.0))
+    touches = simulate_touches(CELL, CELL.nominal, planned.plan, Noise(0.0, 0.0))
     holds = [step.joints for step in program(planner, planned) if step.kind == 'hold']
     np.testing.assert_allclose(wrap(holds - touches.joints), 0, atol=1e-6)
 

@@ -7,7 +7,7 @@ from calibration.studies import CELL, EXACT
 
 from scara_kinetostatic.calibration.fit_point import force_residual
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.effects.joints import JointSlip
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.play_operator import play_operator

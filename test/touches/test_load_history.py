@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from touches.scenes import CELL, START, Scene
 
-from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.effects.joints import JointSlip
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import jacobian
