@@ -22,14 +22,14 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, McapRecord, Message, Schema, Statistics
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scara_kinetostatic.bags.budget import Budget, unpack
-from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Topic, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Source, Topic, ros2_type, ros_topic
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
@@ -40,27 +40,20 @@ _ENTRY = 16
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OSError, RuntimeError, ValueError)
 
 
-class McapFile:
-    """Reads an MCAP file with messages of ROS 2; a `Source`.
+class McapFile(Source):
+    """Reads an MCAP file with messages of ROS 2.
 
     Attributes:
         cut_off: that of the warnings which says that the file ends amid its data; empty where it does not.
     """
 
     def __init__(self, path: Path, budget: Budget) -> None:
-        self.path = path
-        self._budget = budget
+        super().__init__(path, budget)
         self.cut_off = ''
-        self.warnings: list[str] = []
         self._limit = path.stat().st_size
         self._schemas: dict[int, str] = {}
-        self._channels: dict[int, Topic] = {}
         self._read: Counter[str] = Counter()
         self._statistics: Statistics | None = None
-
-    def topics(self) -> list[Topic]:
-        """Every topic of the file."""
-        return list(dict.fromkeys(self._channels.values()))
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, chunk by chunk."""
@@ -72,7 +65,7 @@ class McapFile:
                 yield batch
         counts = self._statistics.channel_message_counts if self._statistics and not self.warnings else {}
         for topic in wanted if counts else ():
-            expected = sum(counts.get(key, 0) for key, channel in self._channels.items() if channel.name == topic)
+            expected = sum(counts.get(key, 0) for key, channel in self._topics.items() if channel.name == topic)
             if expected != self._read[topic]:
                 self.warnings.append(
                     f'{self.path.name}: its index states {expected} messages of {topic}, read were {self._read[topic]}'
@@ -98,23 +91,19 @@ class McapFile:
     def _by_index(self, stream: IO[bytes], summary: Summary, wanted: Collection[str]) -> Iterator[Batch]:
         self._statistics = summary.statistics
         self._define([*summary.schemas.values(), *summary.channels.values()])
-        ids = {key for key, topic in self._channels.items() if topic.name in wanted}
+        ids = {key for key, topic in self._topics.items() if topic.name in wanted}
         for index in sorted(summary.chunk_indexes, key=lambda item: item.chunk_start_offset):
             if not index.message_index_offsets or not ids.isdisjoint(index.message_index_offsets):
-                yield from self._indexed_chunk(stream, index, wanted)
-
-    def _indexed_chunk(self, stream: IO[bytes], index: ChunkIndex, wanted: Collection[str]) -> Iterator[Batch]:
-        offset = index.chunk_start_offset
-        try:
-            stream.seek(offset)
-            records = ReadDataStream(stream)
-            if records.read1() != Opcode.CHUNK or records.read8() > self._limit:
-                raise ValueError('no chunk at the place in the index')
-            chunk = Chunk.read(records)
-        except _DAMAGE as error:
-            self._damaged(offset, error)
-            return
-        yield from self._chunk(chunk, offset, wanted)
+                try:
+                    stream.seek(index.chunk_start_offset)
+                    records = ReadDataStream(stream)
+                    if records.read1() != Opcode.CHUNK or records.read8() > self._limit:
+                        raise ValueError('no chunk at the place in the index')
+                    chunk = Chunk.read(records)
+                except _DAMAGE as error:
+                    self._damaged(index.chunk_start_offset, error)
+                    continue
+                yield from self._chunk(chunk, index.chunk_start_offset, wanted)
 
     def _from_start(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
         loose: dict[Topic, tuple[list[int], list[bytes]]] = {}
@@ -124,7 +113,7 @@ class McapFile:
         try:
             for record in reader.records:
                 if isinstance(record, Message):
-                    topic = self._channels.get(record.channel_id)
+                    topic = self._topics.get(record.channel_id)
                     if topic is not None and topic.name in wanted:
                         times, payloads = loose.setdefault(topic, ([], []))
                         times.append(record.log_time)
@@ -166,7 +155,7 @@ class McapFile:
             return
         places: dict[Topic, list[int]] = {}
         for key, found in starts.items():
-            topic = self._channels.get(key)
+            topic = self._topics.get(key)
             if topic is not None and topic.name in wanted:
                 places.setdefault(topic, []).extend(found)
         buffer = np.frombuffer(data, np.uint8)
@@ -180,7 +169,7 @@ class McapFile:
                 self._schemas[record.id] = ros2_type(record.name)
             else:
                 msgtype = self._schemas.get(record.schema_id, 'unknown')
-                self._channels[record.id] = Topic(ros_topic(record.topic), msgtype, record.message_encoding)
+                self._topics[record.id] = Topic(ros_topic(record.topic), msgtype, record.message_encoding)
 
     def _damaged(self, offset: int, error: Exception) -> None:
         reason = str(error) or type(error).__name__

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,20 +108,30 @@ def batched(topic: Topic, portions: Iterable[tuple[Sequence[int], Sequence[bytes
         yield Batch.from_payloads(topic, times, payloads)
 
 
-class Source(Protocol):
+class Source:
     """A recording, of whatever form.
 
+    Args:
+        path: the file or folder.
+        budget: of the recording.
+
     Attributes:
+        path: as given.
         warnings: what is damaged and how it was dealt with; complete once `batches` is exhausted.
     """
 
-    warnings: list[str]
+    def __init__(self, path: Path, budget: Budget) -> None:
+        self.path, self._budget = path, budget
+        self.warnings: list[str] = []
+        self._topics: dict[Any, Topic] = {}
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, in the order of their recording, within each topic."""
+        raise NotImplementedError
 
     def topics(self) -> list[Topic]:
         """Every topic of the recording, complete once `batches` is exhausted."""
+        return list(dict.fromkeys(self._topics.values()))
 
 
 @contextmanager

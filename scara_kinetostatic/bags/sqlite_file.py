@@ -5,10 +5,17 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing
-from pathlib import Path
 
-from scara_kinetostatic.bags.budget import Budget
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Topic, batched, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import (
+    LARGEST_MESSAGE,
+    PORTION,
+    Batches,
+    Source,
+    Topic,
+    batched,
+    ros2_type,
+    ros_topic,
+)
 from scara_kinetostatic.errors import RecordingError
 
 _LARGEST_CHECKED = 1 << 30
@@ -17,21 +24,11 @@ _STEPS, _STEPS_PER_RECORD = 1_000_000, 100
 """Steps of SQLite after which they are charged, and how many cost a record; a row that is skipped needs 8."""
 
 
-class SqliteFile:
-    """Reads the two tables that every version of the storage has; a `Source`.
+class SqliteFile(Source):
+    """Reads the two tables that every version of the storage has.
 
     Of a database that is damaged in the middle, the messages before the damage are read, with a warning.
     """
-
-    def __init__(self, path: Path, budget: Budget) -> None:
-        self.path = path
-        self._budget = budget
-        self.warnings: list[str] = []
-        self._topics: dict[int, Topic] = {}
-
-    def topics(self) -> list[Topic]:
-        """Every topic of the file."""
-        return list(self._topics.values())
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, in the order of their arrival."""

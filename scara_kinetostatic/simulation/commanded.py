@@ -1,8 +1,8 @@
 """A cell that obeys commanded motions: drives, contact, sensors. No ROS, and no clock but that of its caller.
 
 `Plant` has the drives and the sensors; what the robot meets is a `Body`: `ModelBody`, which is A(Q, L̄) (9) (11) with
-the effects of the robot, or the physics engine (`simulation.mujoco.commanded`). All is quasi-static: at every moment
-the motors stand at Q, and arm and force are in the equilibrium that follows from the one before.
+the effects of the robot, or the physics engine (`simulation.mujoco.engine.EngineBody`). All is quasi-static: at every
+moment the motors stand at Q, and arm and force are in the equilibrium that follows from the one before.
 
 **Drives.** A motion is taken as `joint_trajectory_controller` of ros2_control with `interpolate_from_desired_state`
 takes it: it replaces the former one, begins where the setpoint is, and is linear between its points, or, where they
@@ -264,18 +264,18 @@ class ModelBody:
         q = np.array([self.joints])
         if self.model.effects:
             history = np.array([self._history]) if self._history else None
-            approach, press = (
-                np.array([[getattr(movement, name) for movement in self._movements]]) for name in ('approach', 'press')
-            )
+            approach = np.array([[movement.approach for movement in self._movements]])
+            press = np.array([[movement.press for movement in self._movements]])
             self._metadata = TouchMetadata(
                 np.array([circle.number]), np.array([self._time]), approach, posture(self.model.parameters, q), press,
                 history, order=np.array([self.contacts]), surface=np.array([circle.surface]),
             )  # fmt: skip
         warm_start = np.array([self.force]) if self.touched else None
         center = np.array([[circle.x, circle.y]])
+        tangents = np.array([circle.tangent or (0.0, 0.0)]) if self._objects else None
         found = contact(
             self.model, q, center, np.array([circle.radius]), self.cell.gripper, warm_start=warm_start,
-            metadata=self._metadata, tangents=self._tangents(circle),
+            metadata=self._metadata, tangents=tangents,
         )  # fmt: skip
         if found.solved[0]:
             self.force = float(found.force[0, 0]), float(found.force[0, 1])
@@ -286,11 +286,6 @@ class ModelBody:
             x, y = -_CRASH * circle.gap * out / np.hypot(*out)
             self.force = float(x), float(y)
         self.touched = circle.name if any(self.force) else ''
-
-    def _tangents(self, circle: Circle) -> Floats | None:
-        if not self._objects:
-            return None
-        return np.array([circle.tangent or (0.0, 0.0)])
 
     def _remember(self) -> None:
         """The turning points of the load, which joints with memory keep."""
@@ -600,11 +595,9 @@ class Plant:
         s, body, noise = self.sensors, self.body, self._random.standard_normal(4).tolist()
         joints: tuple[float, ...] | None = None
         if self.fault is not Fault.SILENT_JOINTS:
-            error = [
-                level * self._error[k] + s.joint_noise * noise[k] for k, level in enumerate(self._noise.joint_levels)
-            ]
-            angles = np.array([body.joints[0] + error[0], body.joints[1] + error[1]])
-            read = [*self.cell.readings(angles).tolist(), *self._position[2:]]
+            levels = self._noise.joint_levels
+            angles = [body.joints[k] + (levels[k] * self._error[k] + s.joint_noise * noise[k]) for k in (0, 1)]
+            read = [*self.cell.readings(np.array(angles)).tolist(), *self._position[2:]]
             joints = tuple(round(each / s.resolution) * s.resolution if s.resolution else each for each in read)
         wrench: tuple[float, float] | None = None
         if self.fault is not Fault.SILENT_WRENCH:

@@ -25,7 +25,7 @@ from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, check_numbers
-from scara_kinetostatic.simulation.trajectory import CellState, Phase, PlannedLoads, Timing, Trajectory, load_histories
+from scara_kinetostatic.simulation.trajectory import CellState, Phase, Timing, Trajectory, load_histories
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 TYPICAL_NOISE = Noise(joint=1e-5, force=0.3)
@@ -300,7 +300,7 @@ def simulate_touches(
     peak_force = reported_force(
         cell, truth, trajectory.peak_joints, trajectory.peak_force, errors, beyond, trajectory.metadata
     )
-    loads = PlannedLoads(trajectory.peak_joints + joint_errors, peak_force, joints, force)
+    peaks, holds = np.hstack([trajectory.peak_joints + joint_errors, peak_force]), np.hstack([joints, force])
     return TouchSet(
         joints=joints,
         force=force,
@@ -309,7 +309,7 @@ def simulate_touches(
         time=trajectory.hold_time,
         approach=trajectory.metadata.approach,
         press=trajectory.metadata.press,
-        history=load_histories(loads, plan.preload > 0, cell.nominal, cell.sensor.frame).hold,
+        history=load_histories(peaks, holds, plan.preload > 0, cell.nominal, cell.sensor.frame).hold,
     )
 
 

@@ -79,11 +79,6 @@ SLOW = Pace(
 """So that the approach has the speed of its last millimetres throughout."""
 
 
-def pace_of(scene: Scene) -> Pace:
-    """That of a scene."""
-    return SLOW if scene.quasi_static else USUAL
-
-
 class SimulatedMotion(NamedTuple):
     """The motion, tick by tick, and at the end of each hold.
 
@@ -141,7 +136,7 @@ class TouchController:
     """
 
     def __init__(self, scene: Scene, cell: Cell, plan: Plan, timing: Timing | None = None) -> None:
-        self._pace = pace_of(scene)
+        self._pace = SLOW if scene.quasi_static else USUAL
         self.plan, self.timing = plan, timing or self._pace.timing
         if not len(plan):
             raise UnsupportedDataError('the plan holds no touch', 'plan at least one')
@@ -163,7 +158,7 @@ class TouchController:
         holds, begins, links, speed = [], [], [], []
         for touch in range(len(self.plan)):
             self._touch = touch
-            self._travel(self._paths[self._touch, 0])
+            self._travel(self._paths[touch, 0])
             begins.append(self._lower())
             self._approach_and_press()
             self._rest(Phase.HOLD, self.timing.hold)

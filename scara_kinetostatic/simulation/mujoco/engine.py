@@ -1,4 +1,4 @@
-"""Scenes, robots in the engine with their effects; and the engine, which integrates them."""
+"""Scenes, robots in the engine with their effects; the engine, which integrates them; the body of a commanded cell."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
-from scara_kinetostatic.errors import InputError, ParameterError
+from scara_kinetostatic.errors import CellError, InputError, ParameterError
 from scara_kinetostatic.files.template import render
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Disc
+from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
+from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
-from scara_kinetostatic.simulation.outline import Arc, Edge, Outline, polygon
+from scara_kinetostatic.simulation.outline import Arc, Outline, polygon
 from scara_kinetostatic.simulation.plan import check_numbers
 
 if TYPE_CHECKING:
@@ -295,7 +296,7 @@ def _geoms(outline: Outline) -> dict[int, Markup]:
                 found[number] = 'cylinder', (a, SETTINGS.disc_height), piece.center, 0.0
             elif a > 0:
                 found[number] = 'ellipsoid', (a, b, SETTINGS.object_height), piece.center, piece.rotation
-        elif isinstance(piece, Edge):
+        else:
             begin, end = np.array(piece.begin), np.array(piece.end)
             length = np.hypot(*(end - begin))
             along = (end - begin) / length
@@ -450,3 +451,51 @@ class Engine:
             on_second = contact.frame.reshape(3, 3).T @ wrench[:3]
             total += on_second if contact.geom[0] == self._ball else -on_second
         return total[:2]
+
+
+class EngineBody:
+    """A `simulation.commanded.Body`.
+
+    Args:
+        scene: the robot and its discs as they truly are.
+        cell: with the discs.
+
+    Attributes:
+        joints: angles of the motors, rad.
+        force: of the tip on what it touches, base frame, N.
+        touched: name of the disc, empty in free motion.
+
+    Raises:
+        InputError: MuJoCo is not installed, or the cell has obstacles.
+    """
+
+    tick = TICK
+
+    def __init__(self, scene: Scene, cell: Cell) -> None:
+        load_engine()
+        if cell.obstacles:
+            raise CellError('obstacles', 'the physics engine has discs only', 'leave them out')
+        self._scene, self._cell = scene, cell
+        self.begin((0.0, 0.0), 1.0)
+
+    def begin(self, joints: tuple[float, float], lift: float) -> None:
+        """Stands at motor angles, rad, with the lift at a part of its way up."""
+        self._engine = Engine(self._scene, self._cell, np.array(joints), lift=LIFT * lift, smooth=True)
+        self.joints, self.force, self.touched = joints, (0.0, 0.0), ''
+
+    def advance(self, time: float, joints: tuple[float, float], lift: float) -> None:
+        """On to a time, s, in whole ticks; the motors are then commanded to be at `joints`, rad."""
+        engine = self._engine
+        engine.command(np.array(joints), LIFT * lift)
+        while engine.data.time < time - 0.5 * TICK:
+            engine.advance()
+        (q1, q2), (x, y) = engine.joints.tolist(), engine.force().tolist()
+        self.joints, self.force, self.touched = (q1, q2), (x, y), ''
+        if x or y:
+            near = int(self._cell.surfaces.distances(engine.tip[None])[0].argmin())
+            self.touched = self._cell.discs[int(self._cell.surfaces.object[near])].name
+
+    def sensed(self, share: float) -> Floats:
+        """The force in the frame of the sensor; a tool frame is that of the engine's own link 2."""
+        turn = self._engine.link2_angle if self._cell.sensor.frame is SensorFrame.TOOL else 0.0
+        return rotate(np.array(self.force), -turn)
