@@ -28,8 +28,7 @@ from rosbags.typesys.store import Typestore
 from scara_kinetostatic.bags.messages import JOINT_STATE, LARGEST_MESSAGE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.touches.clock import Samples
-from scara_kinetostatic.touches.joint_parts import JointParts, UnjoinedError
-from scara_kinetostatic.touches.streams import FixedTransform
+from scara_kinetostatic.touches.streams import FixedTransform, JointParts, UnjoinedError
 
 _LARGEST_VALUE = 1e9
 """Larger values, and those that are not finite, are dropped, rad or N."""

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
-from scara_kinetostatic.files.template import render
+from scara_kinetostatic.files.escaping import render
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.plane import BASE_FRAME as BASE_FRAME

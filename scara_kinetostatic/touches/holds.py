@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.report.quantities import rounded_down
-from scara_kinetostatic.touches.contacts import Contacts
+from scara_kinetostatic.touches.contacts import Contacts, Tare, tare_before
 from scara_kinetostatic.touches.signals import Signals, Topic, median, robust_mean, runs, steps_of_mean, white_noise
-from scara_kinetostatic.touches.tare import Tare, tare_before
 
 _BEGIN_OMITTED, _END_OMITTED = 0.25, 0.1
 """Parts of a hold, less half of `SETTINGS.shortest_hold`, that are not averaged: at first the force may creep."""

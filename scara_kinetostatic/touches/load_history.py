@@ -25,9 +25,9 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.kinematics import jacobian
 from scara_kinetostatic.model.touch import remembered, torques_of
+from scara_kinetostatic.touches.contacts import Tare
 from scara_kinetostatic.touches.holds import Hold, TouchCandidate
 from scara_kinetostatic.touches.signals import SMOOTHING, Signals, Topic, median_of_three, moving_mean
-from scara_kinetostatic.touches.tare import Tare
 
 SMALLEST_REVERSAL = 5e-6
 """A movement back by less than this is not a reversal, rad."""

@@ -17,10 +17,10 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files import escaping
 from scara_kinetostatic.files.cell_file import turned_limits
+from scara_kinetostatic.files.escaping import render
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
 from scara_kinetostatic.files.export.into_urdf import corrected_origins, origins_yaml, with_origins
 from scara_kinetostatic.files.robot_urdf import Robot, read_bytes
-from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf, place_of_arm
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import GripperSign
