@@ -33,8 +33,6 @@ from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batc
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
-_MESSAGE_HEAD = 9 + 22
-"""Bytes before the payload of a message: opcode, length; channel, sequence, log time, publish time."""
 _ENTRY = 16
 """Bytes of an index, a schema or a channel that cost as much as a record."""
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OSError, RuntimeError, ValueError)
@@ -161,7 +159,8 @@ class McapFile(Source):
         buffer = np.frombuffer(data, np.uint8)
         for topic, found in places.items():
             at = np.sort(np.array(found, dtype=np.int64))
-            yield Batch(topic, _integers(buffer, at + 15), buffer, at + _MESSAGE_HEAD, _integers(buffer, at + 1) - 22)
+            # opcode (1), length (8); channel (2), sequence (4), log time (8), publish time (8), payload
+            yield Batch(topic, _integers(buffer, at + 15), buffer, at + 31, _integers(buffer, at + 1) - 22)
 
     def _define(self, records: Iterable[Schema | Channel]) -> None:
         for record in records:

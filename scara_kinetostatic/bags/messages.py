@@ -65,13 +65,8 @@ class Batch(NamedTuple):
     def from_payloads(cls, topic: Topic, log_time: Sequence[int], payloads: Sequence[bytes]) -> Batch:
         """From payloads that lie apart."""
         length = np.fromiter(map(len, payloads), np.int64, len(payloads))
-        return cls(
-            topic,
-            np.array(log_time, dtype=np.int64),
-            np.frombuffer(b''.join(payloads), np.uint8),
-            np.cumsum(length) - length,
-            length,
-        )
+        times, buffer = np.array(log_time, dtype=np.int64), np.frombuffer(b''.join(payloads), np.uint8)
+        return cls(topic, times, buffer, np.cumsum(length) - length, length)
 
     def payload(self, index: int) -> bytes:
         """The bytes of one message."""

@@ -174,12 +174,12 @@ def robot_cell(
         sensor=one_line(sensor or tip),
         parallel=parallel,
         has_weight=has_weight,
-        known=_flow({'nominal': known}),
+        known=dump_yaml({'nominal': known}, flow=True),
         mounted=mounted,
-        names=_flow(list(joints)),
-        plane=_flow(plane),
-        limits=_flow({name: _limits(robot.joints[name]) for name in joints}),
-        held=_flow(held) if held else '',
+        names=dump_yaml(list(joints), flow=True),
+        plane=dump_yaml(plane, flow=True),
+        limits=dump_yaml({name: _limits(robot.joints[name]) for name in joints}, flow=True),
+        held=dump_yaml(held, flow=True) if held else '',
     )
     read_cell(yaml.safe_load(text), f'the cell of {robot.where}', may_be_empty=True)  # whoever reads it finds it right
     return text, notes
@@ -250,7 +250,8 @@ def _mounting(robot: Robot, sensor: str, joints: tuple[str, str], held: Mapping[
     seen = robot.frame(sensor, held)[:3, :3].T @ link2  # axes of link 2 in the sensor, as columns
     if seen[2, 2] > 1 - 1e-9:
         return f'rotation: {_rounded([-np.arctan2(seen[1, 0], seen[0, 0])])[0]}'
-    return f'axes: {_flow({"x": list(_rounded(seen[:, 0])), "y": list(_rounded(seen[:, 1]))})}'
+    axes = {name: list(_rounded(seen[:, k])) for k, name in enumerate('xy')}
+    return f'axes: {dump_yaml(axes, flow=True)}'
 
 
 def _parallel(robot: Robot, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm) -> str:
@@ -267,7 +268,3 @@ def _parallel(robot: Robot, joints: tuple[str, str], held: Mapping[str, float], 
         f'{degrees(arm.tilt):.3g} degrees off parallel: the tip leaves the plane by up to {leaves}, and is up to '
         f'{misses} off the model in it'
     )
-
-
-def _flow(value: Any) -> str:
-    return dump_yaml(value, flow=True).removesuffix('\n')

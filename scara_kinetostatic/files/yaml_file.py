@@ -138,11 +138,11 @@ _Dumper.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9]
 
 
 def dump_yaml(tree: Any, flow: bool = False) -> str:
-    """Plain values as YAML, in braces and brackets on one line if `flow`."""
+    """Plain values as YAML, in braces and brackets on one line, without its end, if `flow`."""
     text: str = yaml.dump(
         tree, Dumper=_Dumper, default_flow_style=flow, width=math.inf, sort_keys=False, allow_unicode=True
     )
-    return text
+    return text.removesuffix('\n').removesuffix('\n...') if flow else text
 
 
 def parse_strings(text: str) -> Any:

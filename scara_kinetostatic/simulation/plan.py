@@ -174,21 +174,19 @@ def default_plan(
     """
     if per_disc < 1 or not len(levels) or not len(postures):
         raise ParameterError('plan', 'expected at least one point per disc, one force level and one posture')
-    step, disc, side = (
-        axis.ravel()
-        for axis in np.meshgrid(
-            np.arange(per_disc), np.arange(len(cell.discs)), np.arange(len(postures)), indexing='ij'
-        )
-    )
+    counts = per_disc, len(cell.discs), len(postures)
+    step, disc, side = (axis.ravel() for axis in np.indices(counts))
     point = step * _stride(per_disc) % per_disc
     # on an outline half a step on: a place where an edge begins is of no use
     half = np.array([0.5 * isinstance(item, Outline) for item in cell.discs])
+    # in turn around every disc, and alike often with each of the levels
+    turn = point + disc + (side if len(levels) % 2 else point // len(levels))
     plan = Plan(
         disc=disc,
         angle=2.0 * np.pi * (point + half[disc]) / per_disc,
         posture=np.array(postures)[side],
         force=np.array(levels, dtype=float)[(point + disc + side) % len(levels)],
-        preload=np.where(_every_other(point, disc, side, len(levels)), preload, 0.0),
+        preload=np.where(turn % 2 == 1, preload, 0.0),
     )
     tips = [plan.contact(cell) + distance * plan.normal(cell) for distance in (0.0, CLEARANCE)]
     poses = inverse(cell.nominal, tips, plan.posture)
@@ -223,12 +221,6 @@ def within_reach(cell: Cell, plan: Plan) -> Mask:
                 apart[inside(boundary(surfaces), tip) & ~own, number] = -np.inf
         reachable &= apart.min(axis=1) > CLEARANCE / 2
     return reachable
-
-
-def _every_other(point: Index, disc: Index, side: Index, levels: int) -> Mask:
-    """True and False in turn around every disc, alike often with each of the levels that are taken in turn, too."""
-    turn = point + disc + (side if levels % 2 else point // levels)
-    return np.asarray(turn % 2 == 1)
 
 
 def _stride(count: int) -> int:

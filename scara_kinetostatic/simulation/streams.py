@@ -103,43 +103,6 @@ class SensorModel:
             return joint_errors, force_errors
         return joint_errors, rotate(force_errors, sensor_angle)
 
-    def read_joints(self, state: CellState, errors: Floats, random: np.random.Generator) -> Floats:
-        """Joint angles as the encoders report them, (k, 2), rad.
-
-        Args:
-            state: the cell at the k stamps.
-            errors: of each touch, (m, 2), rad; they change from touch to touch during the travel.
-            random: source of the white noise.
-        """
-        before = np.where((state.phase == Phase.TRAVEL) & (state.touch > 0), state.touch - 1, state.touch)
-        share = np.where(state.phase == Phase.TRAVEL, state.progress, 1.0)[:, None]
-        error = (1.0 - share) * errors[before] + share * errors[state.touch]
-        read = state.joints + error + self.joint_noise * random.standard_normal(error.shape)
-        return np.round(read / self.resolution) * self.resolution if self.resolution else read
-
-    def read_force(
-        self,
-        cell: Cell,
-        truth: ExtendedModel | Parameters,
-        state: CellState,
-        errors: Floats,
-        random: np.random.Generator,
-    ) -> Floats:
-        """Forces as the sensor reports them: its frame, its sign, its zero, (k, 2), N.
-
-        Args:
-            cell: frame and sign of the sensor.
-            truth: its theta1 and theta2 place the tool frame; its effects may be errors of the sensor.
-            state: the cell at the k stamps.
-            errors: of each touch in the hold, base frame, (m, 2), N.
-            random: source of the white noise.
-        """
-        error = state.relative_force[:, None] * errors[state.touch]
-        touch = TouchMetadata.plain(len(error))._replace(order=state.touch)
-        reported = reported_force(cell, truth, state.joints, state.force, error, state.relative_force, touch)
-        reported *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-        return reported + self.bias + self.force_noise * random.standard_normal(reported.shape)
-
     def stamps(self, duration: float, rate: float, offset: float, random: np.random.Generator) -> NDArray[np.int64]:
         """Stamps of one topic from `offset` to `duration`, increasing, (k,), ns since the start."""
         count = max(2, int(np.floor((duration - offset) * rate)) + 1)
@@ -262,9 +225,19 @@ def recorded(
     joint_stamps = sensors.stamps(duration, sensors.joint_rate, 0.0, random)
     wrench_stamps = sensors.stamps(duration, sensors.wrench_rate, sensors.offset, random)
     state, joint_errors, _ = at(1e-9 * joint_stamps.astype(np.float64))
-    position = sensors.read_joints(state, joint_errors, random)
+    # the errors of the joints change from touch to touch during the travel
+    before = np.where((state.phase == Phase.TRAVEL) & (state.touch > 0), state.touch - 1, state.touch)
+    share = np.where(state.phase == Phase.TRAVEL, state.progress, 1.0)[:, None]
+    error = (1.0 - share) * joint_errors[before] + share * joint_errors[state.touch]
+    position = state.joints + error + sensors.joint_noise * random.standard_normal(error.shape)
+    if sensors.resolution:
+        position = np.round(position / sensors.resolution) * sensors.resolution
     state, _, force_errors = at(1e-9 * wrench_stamps.astype(np.float64))
-    force = sensors.read_force(cell, truth, state, force_errors, random)
+    error = state.relative_force[:, None] * force_errors[state.touch]
+    touch = TouchMetadata.plain(len(error))._replace(order=state.touch)
+    force = reported_force(cell, truth, state.joints, state.force, error, state.relative_force, touch)
+    force *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+    force = force + sensors.bias + sensors.force_noise * random.standard_normal(force.shape)
     return Streams(source, JointStream(joint_stamps + start, position), WrenchStream(wrench_stamps + start, force))
 
 

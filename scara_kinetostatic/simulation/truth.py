@@ -90,16 +90,13 @@ def with_effects(truth: ExtendedModel | Parameters, effects: Iterable[TrueEffect
     Raises:
         ParameterError: the robot would have an effect twice.
     """
-    model, added = as_model(truth), tuple(effects)
-    labels = [effect.label for effect in model.effects] + [item.effect.label for item in added]
+    model = as_model(truth)
+    both = [*zip(model.effects, model.effect_values, strict=True), *effects]
+    labels = [effect.label for effect, _ in both]
     for label in labels:
         if labels.count(label) > 1:
             raise ParameterError(f'effect {label!r}', 'is given twice', 'give it once')
-    return ExtendedModel(
-        model.parameters,
-        (*model.effects, *(item.effect for item in added)),
-        (*model.effect_values, *(item.values for item in added)),
-    )
+    return ExtendedModel(model.parameters, tuple(one for one, _ in both), tuple(values for _, values in both))
 
 
 def truth_named(what: str, cell: Cell) -> ExtendedModel:

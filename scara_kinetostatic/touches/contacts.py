@@ -105,9 +105,7 @@ class Contacts(NamedTuple):
 
     def select(self, which: NDArray[np.bool_]) -> Contacts:
         """The contacts where a mask, (m,), is true."""
-        return self._replace(
-            begin=self.begin[which], end=self.end[which], peak=self.peak[which], travel=self.travel[which]
-        )
+        return self._replace(**{name: getattr(self, name)[which] for name in self._fields[:4]})
 
 
 def find_contacts(signals: Signals, zero: Floats | None = None, longest_smoothing: float = SMOOTHING) -> Contacts:

@@ -100,21 +100,15 @@ class Signals(NamedTuple):
 
     def stretch(self, begin: float, end: float) -> Signals:
         """The part from `begin` (included) to `end` (not included), s; a topic may have no samples there."""
-        joints, wrench, filtered = (
-            topic._replace(time=topic.time[part], value=topic.value[part])
-            for topic in (self.joints, self.wrench, self.filtered)
-            for part in (topic.stretch(begin, end),)
-        )
+        parts = [(topic, topic.stretch(begin, end)) for topic in (self.joints, self.wrench, self.filtered)]
+        joints, wrench, filtered = (t._replace(time=t.time[part], value=t.value[part]) for t, part in parts)
         return self._replace(joints=joints, wrench=wrench, filtered=filtered)
 
     @property
     def window(self) -> float:
         """Time over which neighbouring means are taken, s: short, but with enough samples of either topic."""
-        return max(
-            SETTINGS.shortest_window,
-            SETTINGS.window_periods * self.joints.period,
-            SETTINGS.window_periods * self.wrench.period,
-        )
+        longest = max(self.joints.period, self.wrench.period)
+        return max(SETTINGS.shortest_window, SETTINGS.window_periods * longest)
 
 
 def as_signals(streams: Streams, cell: Cell) -> Signals | None:

@@ -189,7 +189,7 @@ def test_the_header_gives_the_tip_and_the_joint_angles(
 
 def test_the_corrections_bring_the_nominal_arm_to_the_place(coupled: CalibratedArm) -> None:
     arm = replace(coupled, model=ExtendedModel(PAPER_ACTUAL))
-    text = correction_file(arm, facts(arm, 'csv').lines, Grid(0.2, (0.0, 30.0))).text
+    text = correction_file(arm, facts(arm, 'csv').lines, Grid(0.2, (0.0, 30.0)))[0]
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
     assert {row['elbow'] for row in rows} == {'left', 'right'} and len(rows) > 100
 

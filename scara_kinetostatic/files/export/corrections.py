@@ -53,20 +53,8 @@ class _Table(NamedTuple):
     status: NDArray[Any]
 
 
-class CorrectionFile(NamedTuple):
-    """A correction table.
-
-    Attributes:
-        text: CSV.
-        notes: what a reader must know of it, one sentence each.
-    """
-
-    text: str
-    notes: tuple[str, ...]
-
-
-def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> CorrectionFile:
-    """The correction table as CSV: what to add to the joint angles of the nominal arm.
+def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> tuple[str, list[str]]:
+    """The correction table as CSV: what to add to the joint angles of the nominal arm; and what to know of it.
 
     A row has the place of the tip, the force, the elbow, the joint angles by the nominal rigid arm, the correction of
     each, the error of the tip without it, and the standard uncertainty of the tip along the force, in the worst
@@ -102,19 +90,11 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> Corr
         'x_m,y_m,fx_N,fy_N,elbow,q1_nominal_rad,q2_nominal_rad,dq1_rad,dq2_rad,miss_m,std_normal_m,status',
     ]
     rows = (_row(row) for table in tables for row in _rows(arm.cell, table, places, forces))
-    return CorrectionFile(
-        '\n'.join([*lines, *rows]) + '\n',
-        tuple(filter(None, (f'places {step:g} m apart; {between}', _beyond(arm, grid)))),
-    )
-
-
-def _beyond(arm: CalibratedArm, grid: Grid) -> str:
-    """That a force is not one of those that were touched with; empty where all are."""
-    low, high = arm.used.lowest_force, arm.used.highest_force
-    beyond = [f'{size:g}' for size in grid.forces if size > high or 0 < size < low]
-    if not beyond:
-        return ''
-    return f'{", ".join(beyond)} N is outside of the forces of the calibration, {low:.3g} to {high:.3g} N: extrapolated'
+    notes, low, high = [f'places {step:g} m apart; {between}'], arm.used.lowest_force, arm.used.highest_force
+    if beyond := [f'{size:g}' for size in grid.forces if size > high or 0 < size < low]:
+        touched = f'the forces of the calibration, {low:.3g} to {high:.3g} N'
+        notes.append(f'{", ".join(beyond)} N is outside of {touched}: extrapolated')
+    return '\n'.join([*lines, *rows]) + '\n', notes
 
 
 def _row(values: tuple[object, ...]) -> str:
