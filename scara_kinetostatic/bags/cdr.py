@@ -26,7 +26,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from scara_kinetostatic.bags.messages import JOINT_STATE, LARGEST_MESSAGE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.touches.clock import Samples
 from scara_kinetostatic.touches.streams import FixedTransform, JointParts, UnjoinedError
 
@@ -199,7 +199,7 @@ class Decoder:
         times = np.array([times for *times, _ in found], dtype=np.int64).reshape(-1, 2)
         return Samples(times[:, 0], times[:, 1], values)
 
-    def _same_layout(self, batch: Batch) -> Iterator[tuple[Fields, NDArray[np.uint8], NDArray[np.intp]]]:
+    def _same_layout(self, batch: Batch) -> Iterator[tuple[Fields, NDArray[np.uint8], Indices]]:
         """Messages that share a layout, as a matrix of bytes, with their places in the batch."""
         plausible = (batch.length >= 20) & (batch.length <= LARGEST_MESSAGE)
         where = np.flatnonzero(plausible)

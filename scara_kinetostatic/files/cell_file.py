@@ -270,8 +270,7 @@ def _nominal(top: Section, robot: Section) -> Parameters:
 
 def _joint_names(robot: Section) -> tuple[str, str]:
     names = robot.data.get('joint_names', ['joint1', 'joint2'])
-    two = isinstance(names, list) and len(names) == 2
-    if not two:
+    if not isinstance(names, list) or len(names) != 2:
         raise robot.error('joint_names', f'expected the two names of q1 and q2 in JointState, got {shown(names)}')
     entries = robot.entries('joint_names', {'q1': names[0], 'q2': names[1]})
     names = [entries.word('q1'), entries.word('q2')]

@@ -135,7 +135,8 @@ class Table:
         wrong: dict[str, str] = {}
         for index, heading in enumerate(self.heading):
             word, unit = split_heading(heading)
-            column = next((each for each in columns if not each.units and _key(heading) in each.words), None)
+            key = re.sub(r'\s+', '_', heading.lower())
+            column = next((each for each in columns if not each.units and key in each.words), None)
             column = column or next((each for each in columns if each.units and word.lower() in each.words), None)
             if column is None:
                 continue
@@ -252,10 +253,6 @@ def split_heading(heading: str) -> tuple[str, str]:
     if match is None:  # pragma: no cover - the pattern matches every text on one line
         return heading, ''
     return match['word'].strip(), (match['square'] or match['round'] or match['plain'] or '').strip()
-
-
-def _key(heading: str) -> str:
-    return re.sub(r'\s+', '_', heading.lower())
 
 
 def _factor(column: Column, unit: str) -> float | None:

@@ -13,16 +13,13 @@ from math import gcd
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import CellError, ParameterError
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.kinetostatics import drag
 from scara_kinetostatic.model.outline import Outline, boundary, inside
-
-Index = NDArray[np.intp]
 
 REACH_MARGIN = 0.03
 """Distance of the tip from the stretched and from the folded arm, m: the true arm may be shorter."""
@@ -78,9 +75,9 @@ class Plan:
             a preload below 0 or above `LARGEST_PRELOAD`.
     """
 
-    disc: Index
+    disc: Indices
     angle: Floats
-    posture: Index
+    posture: Indices
     force: Floats
     preload: Floats = None  # type: ignore[assignment]
 
@@ -105,7 +102,7 @@ class Plan:
     def __len__(self) -> int:
         return len(self.disc)
 
-    def surface(self, cell: Cell) -> Index:
+    def surface(self, cell: Cell) -> Indices:
         """Number of the touched edge or arc among `Cell.surfaces`, (m,)."""
         return cell.surfaces.places(self.disc, self.angle)[0] if cell.has_outlines else self.disc
 
@@ -136,7 +133,7 @@ class Plan:
         """
         return drag(self.angle, self.posture)
 
-    def select(self, which: Mask | Index) -> Plan:
+    def select(self, which: Mask | Indices) -> Plan:
         """The touches that a mask or an array of positions picks."""
         return Plan(**{item.name: getattr(self, item.name)[which] for item in fields(self)})
 

@@ -28,10 +28,10 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -133,8 +133,6 @@ def load_histories(
     return Histories(*(stacked_histories(stage, holds[:, :2]) for stage in stages))
 
 
-Index = NDArray[np.intp]
-
 LIGHT_FORCE = 0.05
 """The light force, over that of the hold."""
 FORCE_TOLERANCE = 1e-3
@@ -161,8 +159,8 @@ class CellState(NamedTuple):
 
     joints: Floats
     force: Floats
-    touch: Index
-    phase: Index
+    touch: Indices
+    phase: Indices
     progress: Floats
     relative_force: Floats
 
@@ -261,7 +259,7 @@ class Trajectory:
         self.metadata = self.metadata._replace(history=self.histories.hold)
 
     def _contact_at(
-        self, touch: Index, joints: Floats, warm_start: Floats, metadata: TouchMetadata, tension: bool = False
+        self, touch: Indices, joints: Floats, warm_start: Floats, metadata: TouchMetadata, tension: bool = False
     ) -> Contact:
         """A(Q, L̄) at k moments of touches.
 
@@ -285,7 +283,7 @@ class Trajectory:
             metadata=metadata,
         )
 
-    def _force_over_time(self, touch: Index, joints: Floats, warm_start: Floats, phase: Index) -> Floats:
+    def _force_over_time(self, touch: Indices, joints: Floats, warm_start: Floats, phase: Indices) -> Floats:
         """Force on the object at k moments in the order of time, (k, 2), N; zero outside contact.
 
         Where no equilibrium is found the force is interpolated in time.
@@ -375,7 +373,7 @@ class Trajectory:
         torques = inverse_kinetostatics(p, self._contact, force, self.plan.posture, self.cell.gripper)[1]
         return np.asarray(p.p_ee + (np.array([p.p1, p.p2]) * (torques / size[:, None]) ** 2).sum(axis=1))
 
-    def _commanded_tip(self, relative_force: Floats | float, touch: Index | slice = slice(None)) -> Floats:
+    def _commanded_tip(self, relative_force: Floats | float, touch: Indices | slice = slice(None)) -> Floats:
         """Commanded place of the tip of the base model at a relative force, (k, 2), m."""
         first, hold = self._depth[:, touch]
         depth = first + (relative_force - LIGHT_FORCE) / (1.0 - LIGHT_FORCE) * (hold - first)
@@ -413,23 +411,23 @@ class Trajectory:
             relative_force = np.hypot(*force.T) / np.hypot(*self.hold_force[touch].T)
         return CellState(joints, force, touch, phase, progress, relative_force)
 
-    def _contact_possible(self, touch: Index, phase: Index, joints: Floats) -> NDArray[np.bool_]:
+    def _contact_possible(self, touch: Indices, phase: Indices, joints: Floats) -> Mask:
         """Where a force is possible and not known yet, (k,): within 0.5 mm of the contact."""
         displacement = forward(self.truth, joints) - forward(self.truth, self.contact_joints[touch])
         near = np.einsum('ij,ij->i', displacement, self._inward[touch]) > -5e-4
         return np.asarray((phase >= Phase.APPROACH) & (phase != Phase.HOLD) & near)
 
-    def _relative_force(self, touch: Index, phase: Index, progress: Floats) -> Floats:
+    def _relative_force(self, touch: Indices, phase: Indices, progress: Floats) -> Floats:
         """Force over that of the hold, (k,)."""
         beyond = self.plan.preload[touch]
         parts = [progress * (1.0 + beyond), 1.0 + beyond * (1.0 - progress), np.ones_like(progress), 1.0 - progress]
         return np.select([phase == which for which in (Phase.PRESS, Phase.EASE, Phase.HOLD, Phase.RELEASE)], parts, 0.0)
 
-    def _pose(self, tip: Floats, force: Floats, touch: Index | slice = slice(None)) -> Floats:
+    def _pose(self, tip: Floats, force: Floats, touch: Indices | slice = slice(None)) -> Floats:
         """Ḡ in the posture of touches, all or some: Q for places of the tip and forces, (k, 2) each."""
         return inverse_kinetostatics(self.truth, tip, force, self.plan.posture[touch], self.cell.gripper)[0]
 
-    def _loaded_joints(self, touch: Index, relative_force: Floats) -> Floats:
+    def _loaded_joints(self, touch: Indices, relative_force: Floats) -> Floats:
         """Ḡ at a relative force, without a jump of a full turn within the touch."""
         force = np.maximum(relative_force * self.plan.force[touch], FIRST_FORCE)[:, None] * self._inward[touch]
         joints = self._pose(self._commanded_tip(relative_force, touch), force, touch)

@@ -188,11 +188,9 @@ class World(NamedTuple):
         if declared is None or errors is None:
             return cls(described, described, np.zeros(0), {})
         _, first = np.unique(described.surfaces.object, return_index=True)
-        places = zip(
-            described.discs, first, declared.centers(errors)[first], declared.radii(errors)[first], strict=True
-        )
-        discs: list[Disc | Outline] = []
-        for disc, k, (x, y), radius in places:
+        centers, radii, discs = declared.centers(errors), declared.radii(errors), list[Disc | Outline]()
+        for disc, k in zip(described.discs, first, strict=True):
+            (x, y), radius = centers[k], radii[k]
             if isinstance(disc, Outline):
                 angle = float(declared.rotation[k] @ errors)
                 reference = np.array([disc.x, disc.y])

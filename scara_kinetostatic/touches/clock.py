@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.model.arrays import Mask
+from scara_kinetostatic.model.arrays import Floats, Mask
 
 Stamps = NDArray[np.int64]
-Timed = tuple[Stamps, NDArray[np.float64]]
+Timed = tuple[Stamps, Floats]
 """Samples in the order of their stamps, each stamp once: (n,) ns and (n, 2)."""
 BestLags = dict[int, int]
 SECOND = 1_000_000_000
@@ -42,7 +42,7 @@ class Samples(NamedTuple):
 
     stamp: Stamps
     log_time: Stamps
-    values: NDArray[np.float64]
+    values: Floats
 
     def select(self, which: slice | Mask) -> Samples:
         """Some of them."""
@@ -196,7 +196,7 @@ def on_one_clock(
     return found, clock
 
 
-def _in_order(topic: str, stamp: Stamps, values: NDArray[np.float64], warnings: list[str]) -> Timed:
+def _in_order(topic: str, stamp: Stamps, values: Floats, warnings: list[str]) -> Timed:
     if backwards := int(np.sum(np.diff(stamp) < 0)):
         _say(warnings, topic, backwards, 'out of order, sorted')
         order = np.argsort(stamp, kind='stable')

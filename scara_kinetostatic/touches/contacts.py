@@ -11,13 +11,11 @@ of one touch, from the free motion right before its contact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.signals import (
     SMOOTHING,
@@ -44,8 +42,7 @@ AFTER_CONTACT = 0.05
 """Left out after the previous contact, s."""
 
 
-@dataclass(frozen=True)
-class ContactSettings:
+class Settings:
     """What a contact is, and how the zero is found.
 
     Attributes:
@@ -79,9 +76,6 @@ class ContactSettings:
     fewest_samples: int = 5
 
 
-SETTINGS = ContactSettings()
-
-
 class Contacts(NamedTuple):
     """The contacts of a recording.
 
@@ -103,7 +97,7 @@ class Contacts(NamedTuple):
     threshold: float
     smoothing: float
 
-    def select(self, which: NDArray[np.bool_]) -> Contacts:
+    def select(self, which: Mask) -> Contacts:
         """The contacts where a mask, (m,), is true."""
         return self._replace(**{name: getattr(self, name)[which] for name in self._fields[:4]})
 
@@ -118,17 +112,17 @@ def find_contacts(signals: Signals, zero: Floats | None = None, longest_smoothin
     """
     wrench, noise = signals.wrench, white_noise(signals.wrench.value)
     shortest, longest = (2 * round(0.5 * time / wrench.period) + 1 for time in (SMOOTHING, longest_smoothing))
-    needed = 2 * round(0.5 * (SETTINGS.contact_sigmas * noise / CONTACT_FORCE) ** 2) + 1
+    needed = 2 * round(0.5 * (Settings.contact_sigmas * noise / CONTACT_FORCE) ** 2) + 1
     width = int(np.clip(needed, shortest, longest))
     smooth = moving_mean(signals.filtered.value, width)
     smooth -= coarse_tare(signals) if zero is None else zero
     deviation = np.hypot(smooth[:, 0], smooth[:, 1])
-    on = max(CONTACT_FORCE, SETTINGS.contact_sigmas * noise / float(np.sqrt(width)))
+    on = max(CONTACT_FORCE, Settings.contact_sigmas * noise / float(np.sqrt(width)))
     first, last = runs(_with_hysteresis(deviation, on, END_RATIO * on))
     begin, end = wrench.time[first], wrench.time[last]
-    apart = begin[1:] - end[:-1] >= SETTINGS.longest_bounce
+    apart = begin[1:] - end[:-1] >= Settings.longest_bounce
     begin, end = begin[np.append(True, apart)[: len(begin)]], end[np.append(apart, True)[: len(end)]]
-    lasting = end - begin > max(SETTINGS.shortest_contact, (width + 1) * wrench.period)
+    lasting = end - begin > max(Settings.shortest_contact, (width + 1) * wrench.period)
     begin, end = begin[lasting], end[lasting]
     peak = [deviation[wrench.stretch(b, e)].max() for b, e in zip(begin, end, strict=True)]
     inside = [signals.joints.value[signals.joints.stretch(b, e)] for b, e in zip(begin, end, strict=True)]
@@ -137,11 +131,11 @@ def find_contacts(signals: Signals, zero: Floats | None = None, longest_smoothin
     return Contacts(begin, end, np.array(peak), np.array(travel), int(np.sum(~lasting)), on, smoothing)
 
 
-def _with_hysteresis(deviation: Floats, on: float, off: float) -> NDArray[np.bool_]:
+def _with_hysteresis(deviation: Floats, on: float, off: float) -> Mask:
     """Whether each sample is in contact, (n,): from where the deviation exceeds `on` to where it falls below `off`."""
     decided = np.where(deviation > on, 1, np.where(deviation < off, -1, 0)).astype(np.int8)
     latest = np.where(decided != 0, np.arange(len(decided)), 0)
-    contact: NDArray[np.bool_] = decided[np.maximum.accumulate(latest)] > 0
+    contact: Mask = decided[np.maximum.accumulate(latest)] > 0
     return contact
 
 
@@ -173,8 +167,8 @@ def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | s
     Returns:
         The zero; why there is none where the free motion before the contact is too short, or sampled too slowly.
     """
-    wrench, fewest = signals.wrench, SETTINGS.fewest_samples
-    earliest = max(previous_end + AFTER_CONTACT, begin - SETTINGS.longest_free)
+    wrench, fewest = signals.wrench, Settings.fewest_samples
+    earliest = max(previous_end + AFTER_CONTACT, begin - Settings.longest_free)
     free = wrench.stretch(earliest, begin)
     time, force = wrench.time[free], wrench.value[free]
     lasting = begin - (float(time[0]) if len(time) >= fewest else max(earliest, float(wrench.time[0])))
@@ -186,7 +180,7 @@ def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | s
         return f'{wrench.name} is sampled too slowly: {samples} in the {lasting:.2f} s of free motion before it'
     noise = white_noise(force)
     contact = _first_contact(time, signals.filtered.value[free], noise, wrench.period)
-    before = time < contact - SETTINGS.before_contact
+    before = time < contact - Settings.before_contact
     if np.sum(before) < 3:
         before = np.arange(len(time)) < 3
     steps, _ = steps_of_mean(signals.filtered, time[before], signals.window)
@@ -199,7 +193,7 @@ def _first_contact(time: Floats, force: Floats, noise: float, period: float) -> 
     """Time after which the force stays away from the median of the free samples, s; in their later half."""
     width = 2 * round(0.5 * SMOOTHING / period) + 1
     smooth = moving_mean(force - median(force), width)
-    limit = max(SETTINGS.smallest_deviation, SETTINGS.onset_sigmas * noise / np.sqrt(width))
+    limit = max(Settings.smallest_deviation, Settings.onset_sigmas * noise / np.sqrt(width))
     at_zero = np.flatnonzero(np.hypot(smooth[:, 0], smooth[:, 1]) < limit)
     latest = max(int(at_zero[-1]) if len(at_zero) else 0, len(time) // 2)
     return float(time[latest])
@@ -209,9 +203,9 @@ def coarse_tare(signals: Signals) -> Floats:
     """The zero of the force sensor at every wrench sample, (n, 2), N, in its frame and sign."""
     wrench = signals.wrench
     time, force, travel = _grid_means(signals.joints, signals.filtered)
-    block = (time // SETTINGS.block).astype(np.intp)
+    block = (time // Settings.block).astype(np.intp)
     whole = _weighted_mode(force, travel)
-    enough = SETTINGS.least_share * travel.sum() / (block[-1] + 1)
+    enough = Settings.least_share * travel.sum() / (block[-1] + 1)
     centers, zeros = [], []
     for first, last in zip(*_equal_runs(block), strict=True):
         part = slice(first, last + 1)
@@ -226,7 +220,7 @@ def coarse_tare(signals: Signals) -> Floats:
 
 def _grid_means(joints: Topic, wrench: Topic) -> tuple[Floats, Floats, Floats]:
     """Time (k,), s, mean force (k, 2), N, and joint travel (k,), rad, of every interval with force samples."""
-    size = max(SETTINGS.grid, 2.5 * wrench.period)
+    size = max(Settings.grid, 2.5 * wrench.period)
     first, last = _equal_runs((wrench.time // size).astype(np.intp))
     count = (last - first + 1)[:, None]
     force = np.add.reduceat(wrench.value, first, axis=0) / count
@@ -235,7 +229,7 @@ def _grid_means(joints: Topic, wrench: Topic) -> tuple[Floats, Floats, Floats]:
         np.column_stack([np.interp(time + side * size, joints.time, column) for column in joints.value.T])
         for side in (-0.5, 0.5)
     )
-    return time, force, np.minimum(np.abs(end - begin).sum(axis=1), SETTINGS.largest_weight)
+    return time, force, np.minimum(np.abs(end - begin).sum(axis=1), Settings.largest_weight)
 
 
 def _weighted_mode(values: Floats, weight: Floats) -> Floats:
@@ -269,7 +263,7 @@ def _weighted_mode(values: Floats, weight: Floats) -> Floats:
     return mode
 
 
-def _equal_runs(labels: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _equal_runs(labels: Indices) -> tuple[Indices, Indices]:
     """First and last index of every run of equal labels."""
     change = np.flatnonzero(np.diff(labels))
     return np.append(0, change + 1), np.append(change, len(labels) - 1)

@@ -49,11 +49,11 @@ class JointStream:
     """
 
     stamp: NDArray[np.int64]
-    position: NDArray[np.float64]
-    others: NDArray[np.float64] | None = None
+    position: Floats
+    others: Floats | None = None
 
     @classmethod
-    def of(cls, stamp: NDArray[np.int64], values: NDArray[np.float64]) -> JointStream:
+    def of(cls, stamp: NDArray[np.int64], values: Floats) -> JointStream:
         """From rows of q1, q2 and the other joints, (n, 2 + h)."""
         return cls(stamp, values[:, :2], values[:, 2:])
 
@@ -78,7 +78,7 @@ class WrenchStream:
     """
 
     stamp: NDArray[np.int64]
-    force: NDArray[np.float64]
+    force: Floats
 
 
 @dataclass(frozen=True)

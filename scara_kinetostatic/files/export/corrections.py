@@ -89,16 +89,12 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> tupl
         f'# Places {step:g} m apart; {between}.',
         'x_m,y_m,fx_N,fy_N,elbow,q1_nominal_rad,q2_nominal_rad,dq1_rad,dq2_rad,miss_m,std_normal_m,status',
     ]
-    rows = (_row(row) for table in tables for row in _rows(arm.cell, table, places, forces))
+    rows = (row for table in tables for row in _rows(arm.cell, table, places, forces))
     notes, low, high = [f'places {step:g} m apart; {between}'], arm.used.lowest_force, arm.used.highest_force
     if beyond := [f'{size:g}' for size in grid.forces if size > high or 0 < size < low]:
         touched = f'the forces of the calibration, {low:.3g} to {high:.3g} N'
         notes.append(f'{", ".join(beyond)} N is outside of {touched}: extrapolated')
     return '\n'.join([*lines, *rows]) + '\n', notes
-
-
-def _row(values: tuple[object, ...]) -> str:
-    return ','.join(value if isinstance(value, str) else f'{value:.10g}' for value in values)
 
 
 def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> _Table:
@@ -112,16 +108,14 @@ def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> 
     return _Table(posture, (found.joints - change).reshape(-1, count, 2), change.reshape(-1, count, 2), *per_force)
 
 
-def _rows(cell: Cell, table: _Table, places: Floats, forces: Floats) -> Iterator[tuple[object, ...]]:
+def _rows(cell: Cell, table: _Table, places: Floats, forces: Floats) -> Iterator[str]:
     nominal, change = cell.readings(table.nominal), cell.readings(table.change)
     for k, j in np.argwhere(np.isfinite(table.change).all(axis=2)).tolist():
-        std = table.std[k, j]
+        std = table.std[k, j] if np.isfinite(table.std[k, j]) else ''
+        angles = *nominal[k, j].tolist(), *change[k, j].tolist()
         elbow = 'left' if table.posture > 0 else 'right'
-        yield (
-            *places[k].tolist(), *forces[j].tolist(), elbow, *nominal[k, j].tolist(),
-            *change[k, j].tolist(), float(table.miss[k, j]), float(std) if np.isfinite(std) else '',
-            str(table.status[k, j]),
-        )  # fmt: skip
+        row = (*places[k].tolist(), *forces[j].tolist(), elbow, *angles, table.miss[k, j], std, table.status[k, j])
+        yield ','.join(value if isinstance(value, str) else f'{value:.10g}' for value in row)
 
 
 def _errors_between(arm: CalibratedArm, step: float, cells: Indices, forces: Floats, tables: list[_Table]) -> Floats:

@@ -101,10 +101,10 @@ class Scene:
     @property
     def centers(self) -> tuple[Pair, Pair]:
         """Centres of mass of the links, each in its frame, m: in the middle; upright those of the static moments."""
-        p, (m1, m2), quill = self.parameters, self.masses, SETTINGS.small_mass
+        p, (m1, m2), quill = self.parameters, self.masses, Settings.small_mass
         if not p.has_gravity:
             return (0.5 * p.l1, 0.0), (0.5 * p.l2, 0.0)
-        c1 = (rect(p.s1, p.phi1) - (SETTINGS.elbow_mass + m2 + quill) * p.l1) / m1
+        c1 = (rect(p.s1, p.phi1) - (Settings.elbow_mass + m2 + quill) * p.l1) / m1
         c2 = (rect(p.s2, p.phi2) - quill * p.l2) / m2
         return (c1.real, c1.imag), (c2.real, c2.imag)
 
@@ -161,8 +161,7 @@ LIGHT_ARM, LIGHT_TIP = 0.1, 0.3
 the contacts stay closed with this time step."""
 
 
-@dataclass(frozen=True)
-class EngineSettings:
+class Settings:
     """Size, stiffness and mass of what the robot consists of.
 
     Attributes:
@@ -206,9 +205,6 @@ class EngineSettings:
     friction_hardness: float = 1e3
 
 
-SETTINGS = EngineSettings()
-
-
 def _tip_radius(cell: Cell) -> float:
     """Radius of the ball at the tip, m: the discs are smaller by it than the radii in the cell."""
     if cell.has_outlines:
@@ -232,7 +228,7 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
         Path(__file__).with_name('scene.xml.j2'),
         row=_row,
         sqrt=math.sqrt,
-        settings=SETTINGS,
+        settings=Settings,
         timestep=TIMESTEP,
         hard=HARD,
         scene=scene,
@@ -244,7 +240,7 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
         light=LIGHT_ARM if light else 1.0,
         light_tip=LIGHT_TIP if light else 1.0,
         backlash_inertia=BACKLASH_INERTIA,
-        backlash_damping=SETTINGS.light_backlash_damping if light else BACKLASH_DAMPING,
+        backlash_damping=Settings.light_backlash_damping if light else BACKLASH_DAMPING,
         tip_radius=tip,
         discs=[
             {
@@ -293,15 +289,15 @@ def _geoms(outline: Outline) -> dict[int, Markup]:
         if isinstance(piece, Arc):
             a, b = piece.semi_axes
             if a == b > 0:
-                found[number] = 'cylinder', (a, SETTINGS.disc_height), piece.center, 0.0
+                found[number] = 'cylinder', (a, Settings.disc_height), piece.center, 0.0
             elif a > 0:
-                found[number] = 'ellipsoid', (a, b, SETTINGS.object_height), piece.center, piece.rotation
+                found[number] = 'ellipsoid', (a, b, Settings.object_height), piece.center, piece.rotation
         else:
             begin, end = np.array(piece.begin), np.array(piece.end)
             length = np.hypot(*(end - begin))
             along = (end - begin) / length
-            middle = (begin + end) / 2 + SETTINGS.slab / 2 * np.array([-along[1], along[0]])
-            size = length / 2, SETTINGS.slab / 2, SETTINGS.disc_height
+            middle = (begin + end) / 2 + Settings.slab / 2 * np.array([-along[1], along[0]])
+            size = length / 2, Settings.slab / 2, Settings.disc_height
             found[number] = 'box', size, middle, np.arctan2(along[1], along[0])
     return {
         number: Markup(f'type="{kind}" size="{_row(size)}" pos="{_row(place)} 0.0" euler="0.0 0.0 {turn}"')
@@ -371,7 +367,7 @@ class Engine:
             [self.model.joint(name).qposadr[0] for name in names if name in {f'{part}{n}' for part in parts}]
             for n in (1, 2)
         ]
-        self.model.dof_invweight0[self.model.dof_frictionloss > 0] /= SETTINGS.friction_hardness
+        self.model.dof_invweight0[self.model.dof_frictionloss > 0] /= Settings.friction_hardness
         self._frame = self.model.body('quill').id
         self.data.qpos[self._motors] = joints
         self.data.qpos[self.model.joint('lift').qposadr[0]] = lift
@@ -393,12 +389,12 @@ class Engine:
         """
         inverse_mass = self.model.body_invweight0[self.model.geom('ball').bodyid[0], 0]
         if outline is not None:
-            stiffness = SETTINGS.sliding_stiffness * inverse_mass * (1.0 - SETTINGS.sliding_impedance)
+            stiffness = Settings.sliding_stiffness * inverse_mass * (1.0 - Settings.sliding_impedance)
             object_geoms = self.model.geom_bodyid == self.model.body('object').id
-            self.model.geom_solref[object_geoms] = (-stiffness, -SETTINGS.sliding_time * stiffness)
+            self.model.geom_solref[object_geoms] = (-stiffness, -Settings.sliding_time * stiffness)
             return
         if self._smooth and scene.contact_friction and not scene.padded:  # R / A = (1 - d)/d, k = 1/(2 timesteps)²
-            softness = 1.0 / ((2.0 * TIMESTEP) ** 2 * SETTINGS.sliding_stiffness * inverse_mass)
+            softness = 1.0 / ((2.0 * TIMESTEP) ** 2 * Settings.sliding_stiffness * inverse_mass)
             self.model.geom_solimp[self.model.geom_contype > 0, :2] = 1.0 / (1.0 + softness)
         for number in scene.padded_discs(cell):
             damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * PAD_FULL
