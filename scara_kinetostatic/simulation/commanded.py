@@ -41,13 +41,13 @@ from scara_kinetostatic.model.cell import (
 )
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.outline import Outline, Surfaces
-from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import remembered, torques_of
 from scara_kinetostatic.simulation.plan import check_numbers
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, reported_force
+from scara_kinetostatic.simulation.trajectory import Robot
 from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL
 
 FULL = 10.0
@@ -205,7 +205,7 @@ class ModelBody:
 
     tick = 0.004
 
-    def __init__(self, cell: Cell, truth: ExtendedModel | Parameters) -> None:
+    def __init__(self, cell: Cell, truth: Robot) -> None:
         self.cell, self.model = cell, as_model(truth)
         self._discs = [
             (k, disc.name, disc.x, disc.y, disc.radius) for k, disc in enumerate(cell.discs) if isinstance(disc, Disc)

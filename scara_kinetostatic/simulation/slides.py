@@ -17,14 +17,13 @@ import numpy as np
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.outline import Outline, Track
 from scara_kinetostatic.simulation.plan import check_numbers
 from scara_kinetostatic.simulation.streams import START, Sensed, SensorModel, recorded, sensor_angle
-from scara_kinetostatic.simulation.trajectory import CellState, Phase, minimum_jerk
+from scara_kinetostatic.simulation.trajectory import CellState, Phase, Robot, minimum_jerk
 from scara_kinetostatic.touches.streams import Streams
 
 
@@ -143,12 +142,7 @@ class SlidingMotion:
     """
 
     def __init__(
-        self,
-        cell: Cell,
-        truth: ExtendedModel | Parameters,
-        slides: tuple[Slide, ...],
-        timing: SlideTiming | None = None,
-        seed: int = 0,
+        self, cell: Cell, truth: Robot, slides: tuple[Slide, ...], timing: SlideTiming | None = None, seed: int = 0
     ) -> None:
         if not slides:
             raise UnsupportedDataError('there is no slide', 'plan at least one')
@@ -288,7 +282,7 @@ class SlowNoise:
 
 def simulate_slides(
     cell: Cell,
-    truth: ExtendedModel | Parameters,
+    truth: Robot,
     slides: Sequence[Slide],
     *,
     timing: SlideTiming | None = None,

@@ -20,12 +20,12 @@ from scara_kinetostatic.model import extended_model
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, check_numbers
-from scara_kinetostatic.simulation.trajectory import CellState, Phase, Timing, Trajectory, load_histories
+from scara_kinetostatic.simulation.trajectory import CellState, Phase, Robot, Timing, Trajectory, load_histories
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 TYPICAL_NOISE = Noise(joint=1e-5, force=0.3)
@@ -128,7 +128,7 @@ def sensor_angle(cell: Cell, truth: Parameters, joints: Floats) -> Floats | None
 
 def reported_force(
     cell: Cell,
-    truth: ExtendedModel | Parameters,
+    truth: Robot,
     joints: Floats,
     force: Floats,
     error: Floats,
@@ -165,7 +165,7 @@ Sensed = tuple[CellState, Floats, Floats]
 
 def simulate_streams(
     cell: Cell,
-    truth: ExtendedModel | Parameters,
+    truth: Robot,
     plan: Plan,
     *,
     timing: Timing | None = None,
@@ -202,7 +202,7 @@ def simulate_streams(
 def recorded(
     source: str,
     cell: Cell,
-    truth: ExtendedModel | Parameters,
+    truth: Robot,
     sensors: SensorModel,
     duration: float,
     at: Callable[[Floats], Sensed],
@@ -241,9 +241,7 @@ def recorded(
     return Streams(source, JointStream(joint_stamps + start, position), WrenchStream(wrench_stamps + start, force))
 
 
-def simulate_touches(
-    cell: Cell, truth: ExtendedModel | Parameters, plan: Plan, noise: Noise | None = None, seed: int = 0
-) -> TouchSet:
+def simulate_touches(cell: Cell, truth: Robot, plan: Plan, noise: Noise | None = None, seed: int = 0) -> TouchSet:
     """The touches of a plan without streams: Ḡ, the effects of the robot, and the noise of one touch.
 
     The same seed gives the same noise of the touches as in `simulate_streams`.
@@ -287,7 +285,7 @@ def simulate_touches(
 
 
 def _touch_errors(
-    sensors: SensorModel, cell: Cell, truth: ExtendedModel | Parameters, trajectory: Trajectory, seed: int
+    sensors: SensorModel, cell: Cell, truth: Robot, trajectory: Trajectory, seed: int
 ) -> tuple[Floats, Floats]:
     """The errors of each touch of a trajectory, base frame, (n, 2) each, rad and N."""
     joints, force = trajectory.hold_joints, trajectory.hold_force

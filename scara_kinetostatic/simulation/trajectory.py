@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,6 +43,8 @@ from scara_kinetostatic.model.touch import padded_history, remembered, stacked_h
 from scara_kinetostatic.simulation.plan import CLEARANCE, Plan, check_numbers
 from scara_kinetostatic.touches.load_history import last_movement
 
+Robot: TypeAlias = ExtendedModel | Parameters
+"""A simulated robot: its parameters, or the model with its effects."""
 Phase = IntEnum('Phase', 'TRAVEL PAUSE APPROACH PRESS EASE HOLD RELEASE RETRACT', start=0)
 """Of a touch."""
 
@@ -191,12 +193,7 @@ class Trajectory:
     """
 
     def __init__(
-        self,
-        cell: Cell,
-        truth: ExtendedModel | Parameters,
-        plan: Plan,
-        timing: Timing | None = None,
-        repeated: bool = False,
+        self, cell: Cell, truth: Robot, plan: Plan, timing: Timing | None = None, repeated: bool = False
     ) -> None:
         self.cell, self.plan, self.timing, self._repeated = cell, plan, timing or Timing(), repeated
         self.model = as_model(truth)
