@@ -19,6 +19,7 @@ from typing import Any
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.yaml_file import (
+    ANY,
     NOT_NEGATIVE,
     POSITIVE,
     Section,
@@ -254,7 +255,7 @@ def _nominal(top: Section, robot: Section) -> Parameters:
     section = robot.section('nominal', NAMES)
     limits = dict.fromkeys(('l1', 'l2'), POSITIVE)
     limits |= dict.fromkeys(('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'), NOT_NEGATIVE)
-    values = {name: section.number(name, UNITS[name], limits.get(name, Within())) for name in NAMES}
+    values = {name: section.number(name, UNITS[name], limits.get(name, ANY)) for name in NAMES}
     given = top.data.get('gravity') is not None
     gx, gy = top.vector('gravity', ('x', 'y'), 'm/s²') if given else (0.0, 0.0)
     if (gx * gx + gy * gy) ** 0.5 > MOST_GRAVITY:
@@ -334,10 +335,10 @@ def _limits(robot: Section, names: tuple[str, str]) -> Limits | None:
 
 
 def _interval(
-    section: Section, key: str, labels: tuple[str, str], unit: str = '', within: Within | None = None
+    section: Section, key: str, labels: tuple[str, str], unit: str = '', within: Within = ANY
 ) -> tuple[float, float]:
     """Two numbers, the smaller one first."""
-    low, high = section.vector(key, labels, unit, within or Within())
+    low, high = section.vector(key, labels, unit, within)
     if low >= high:
         raise section.error(key, f'expected the {labels[0]} first, got {shown([low, high])}')
     return low, high

@@ -344,6 +344,8 @@ class Fault(str, Enum):
     """All readings come 0.3 s late."""
 
 
+_Rows = Sequence[Sequence[float]]
+"""Of joints, one value each."""
 _CREEP = 0.05
 """Speed at which a joint creeps off, rad/s or m/s."""
 _FREE_FORCE = 30.0
@@ -458,11 +460,7 @@ class Plant:
         return max(0.0, self._motion[0][-1] - self._elapsed) if self._motion else 0.0
 
     def command(
-        self,
-        names: Sequence[str],
-        times: Sequence[float],
-        positions: Sequence[Sequence[float]],
-        velocities: Sequence[Sequence[float]] | None = None,
+        self, names: Sequence[str], times: Sequence[float], positions: _Rows, velocities: _Rows | None = None
     ) -> None:
         """Takes a motion in place of the former one.
 
@@ -487,15 +485,13 @@ class Plant:
         self._elapsed = 0.0
         self._motion = [0.0, *times], [list(self._setpoint), *points], rates
 
-    def _ordered(self, names: Sequence[str], rows: Sequence[Sequence[float]]) -> list[list[float]]:
+    def _ordered(self, names: Sequence[str], rows: _Rows) -> list[list[float]]:
         """Readings or rates of the joints, as the arm has them, in the order of its names."""
         order = [list(names).index(name) for name in self.names]
         found = [[float(row[k]) for k in order] for row in rows]
         return [[*self.cell.angles(np.array(row[:2])).tolist(), *row[2:]] for row in found]
 
-    def _checked(
-        self, names: Sequence[str], times: Sequence[float], positions: Sequence[Sequence[float]]
-    ) -> list[list[float]]:
+    def _checked(self, names: Sequence[str], times: Sequence[float], positions: _Rows) -> list[list[float]]:
         """The points in the order of `names`."""
         where = 'trajectory refused'
         if self.stopped:

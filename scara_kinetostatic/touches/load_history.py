@@ -153,13 +153,7 @@ class _ContactLoad:
     """
 
     def __init__(
-        self,
-        signals: Signals,
-        joints: Floats,
-        contact: tuple[float, float],
-        tare: Tare,
-        holds: Sequence[Hold],
-        cell: Cell,
+        self, signals: Signals, joints: Floats, contact: tuple[float, float], tare: Tare, holds: list[Hold], cell: Cell
     ) -> None:
         wrench, half = signals.filtered, round(0.5 * SMOOTHING / signals.filtered.period)
         inside = wrench.stretch(contact[0], np.nextafter(contact[1], np.inf))

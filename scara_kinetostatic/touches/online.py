@@ -117,7 +117,7 @@ class StreamPair:
         self._topics, self._time_offset = topics, time_offset
         self.joints, self.wrench = self.buffers = SampleBuffer(most, 2 + others), SampleBuffer(most)
         self.problem, self.is_refused, self._has_stepped = '', False, False
-        self._best: tuple[BestLags, BestLags] = ({}, {})
+        self._best: BestLags = ({}, {})
 
     def restart(self) -> None:
         """Drops all samples; what is known of the clocks stays."""
