@@ -65,9 +65,8 @@ class McapFile(Source):
         for topic in wanted if counts else ():
             expected = sum(counts.get(key, 0) for key, channel in self._topics.items() if channel.name == topic)
             if expected != self._read[topic]:
-                self.warnings.append(
-                    f'{self.path.name}: its index states {expected} messages of {topic}, read were {self._read[topic]}'
-                )
+                stated = f'its index states {expected} messages of {topic}, read were {self._read[topic]}'
+                self.warnings.append(f'{self.path.name}: {stated}')
 
     def _summary(self, stream: IO[bytes]) -> Summary | None:
         """The index at the end of the file; None if it cannot be used."""
@@ -129,10 +128,8 @@ class McapFile(Source):
         except CRCValidationError:
             self.warnings.append(f'{self.path.name}: damaged somewhere: the checksum of its data does not match')
         except _DAMAGE:
-            self.warnings.append(
-                f'{self.path.name} ends early, after {offset} bytes (writer killed, or copy not complete): '
-                'read up to there'
-            )
+            why = '(writer killed, or copy not complete)'
+            self.warnings.append(f'{self.path.name} ends early, after {offset} bytes {why}: read up to there')
             self.cut_off = '' if ended else self.warnings[-1]
         for topic, messages in loose.items():
             yield Batch.from_payloads(topic, *messages)

@@ -145,9 +145,8 @@ def reading(path: str | Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = (error.strerror if isinstance(error, OSError) else str(error)) or type(error).__name__
-        raise RecordingError(
-            path, f'cannot be read: {printable(reason[:200])}', 'check the file, or record it again'
-        ) from error
+        problem = f'cannot be read: {printable(reason[:200])}'
+        raise RecordingError(path, problem, 'check the file, or record it again') from error
 
 
 def printable(text: str) -> str:

@@ -331,7 +331,6 @@ def other_descriptions(cell: Cell, paths: Sequence[Path], option: str, without: 
             recorded = embedded_cell(path)
             keys = [] if recorded is None else [k for k in different_parts(cell, recorded) if k not in without]
             if keys:
-                sentences.append(
-                    f'{path} contains another cell description ({", ".join(keys)}); that of {option} is used'
-                )
+                other = f'{path} contains another cell description ({", ".join(keys)})'
+                sentences.append(f'{other}; that of {option} is used')
     return sentences

@@ -115,6 +115,5 @@ class Ros1File(Source):
         count += len(times)
         expected = sum(item.msgcount for item in connections)
         if count != expected and not self.warnings:
-            self.warnings.append(
-                f'{self.path.name}: its index states {expected} messages of {topic.name}, read were {count}'
-            )
+            stated = f'its index states {expected} messages of {topic.name}, read were {count}'
+            self.warnings.append(f'{self.path.name}: {stated}')

@@ -190,12 +190,11 @@ class BagFolder(Source):
         last = _NUMBERED.match(self._files[-1].name) if self._files else None
         if last is None:
             return []
-        matches = [(file, _NUMBERED.match(file.name)) for file in self._entries if file not in self._files]
-        following = [
-            file
-            for file, match in matches
-            if match and match['stem'] == last['stem'] and int(match['number']) > int(last['number'])
-        ]
+        following = []
+        for file in (file for file in self._entries if file not in self._files):
+            match = _NUMBERED.match(file.name)
+            if match and match['stem'] == last['stem'] and int(match['number']) > int(last['number']):
+                following.append(file)
         return sorted(following, key=_natural)
 
     def _no_recording(self) -> RecordingError:

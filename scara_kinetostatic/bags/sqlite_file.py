@@ -105,12 +105,11 @@ class SqliteFile(Source):
     ) -> Iterator[tuple[list[int], list[bytes]]]:
         """The times and payloads of a topic's messages, some at a time."""
         data = f'CASE WHEN length(data) <= {LARGEST_MESSAGE} THEN data END'
+        query = f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id'
         cursor: sqlite3.Cursor | None = None
         while True:
             try:
-                cursor = cursor or database.execute(
-                    f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id', (key,)
-                )
+                cursor = cursor or database.execute(query, (key,))
                 rows = cursor.fetchmany(PORTION)
             except sqlite3.DatabaseError as error:
                 self._budget.charge(0)

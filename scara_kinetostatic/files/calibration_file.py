@@ -328,9 +328,8 @@ def stored_covariance(rows: Any, size: int) -> Floats:
         raise ValueError('the covariance is not symmetric, or correlates what is fixed')
     smallest = np.linalg.eigvalsh(found / np.where(limit > 0, limit, 1.0))[0] if size else 0.0
     if smallest < -rounding:
-        raise ValueError(
-            f'the covariance is not positive semidefinite: the correlation has an eigenvalue {smallest:.2g}'
-        )
+        problem = f'the correlation has an eigenvalue {smallest:.2g}'
+        raise ValueError(f'the covariance is not positive semidefinite: {problem}')
     return found
 
 

@@ -162,9 +162,8 @@ class Table:
             return RecordingError(self.source, f'the column {heading!r} has {got}', remedy)
         got = ', '.join(filter(None, self.heading))[:200]
         names = ','.join(each.headings[0] for each in columns if each.required)
-        return RecordingError(
-            self.source, f'there is no column {column.headings[0]!r}, got {got}', f'name them {names}'
-        )
+        problem = f'there is no column {column.headings[0]!r}, got {got}'
+        return RecordingError(self.source, problem, f'name them {names}')
 
     def unused(self, places: Mapping[str, Place]) -> list[str]:
         """A note on the columns that are not read; none where there are none."""

@@ -83,10 +83,8 @@ def planar_arm(robot: Robot, joints: tuple[str, str], tip: str, held: Mapping[st
         problem = f'the axes of {joints[0]} and {joints[1]} are {degrees(tilt):.3g} degrees from parallel'
         raise robot.error(problem, 'choose two parallel joints; --at sets the joints between')
     axes, normal = _axes_of_plane(a1)
-    p1, p2 = (
-        frame[:3, 3] + a * (normal @ (end - frame[:3, 3])) / (normal @ a)
-        for frame, a in zip(frames, (a1, a2), strict=True)
-    )
+    lines = [(frame[:3, 3], a) for frame, a in zip(frames, (a1, a2), strict=True)]
+    p1, p2 = (at + a * (normal @ (end - at)) / (normal @ a) for at, a in lines)
     e1, e2 = complex(*(axes @ (p2 - p1))), complex(*(axes @ (end - p2)))
     for link, problem in ((e1, 'the axes of both joints are one'), (e2, 'the tip is on the axis of joint 2')):
         if abs(link) < _LEAST:
@@ -264,7 +262,5 @@ def _parallel(robot: Robot, joints: tuple[str, str], held: Mapping[str, float], 
     places = arm.plane.in_plane(np.array([robot.frame(arm.plane.tip, each)[:3, 3] for each in positions]))
     off = np.hypot(*(places[:, :2] - forward(arm.nominal, readings * arm.direction)).T).max()
     leaves, misses = quantity(float(np.abs(places[:, 2]).max()), 'm'), f'{1e6 * off:.2g} µm'
-    return (
-        f'{degrees(arm.tilt):.3g} degrees off parallel: the tip leaves the plane by up to {leaves}, and is up to '
-        f'{misses} off the model in it'
-    )
+    cost = f'the tip leaves the plane by up to {leaves}, and is up to {misses} off the model in it'
+    return f'{degrees(arm.tilt):.3g} degrees off parallel: {cost}'

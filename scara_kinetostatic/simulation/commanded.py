@@ -28,17 +28,7 @@ import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import (
-    PAPER_CELL,
-    Cell,
-    Disc,
-    EffectSizes,
-    Lift,
-    Region,
-    SensorSign,
-    SizeMode,
-    Uncertainty,
-)
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, EffectSizes, Lift, Region, SensorSign, SizeMode, Uncertainty
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import as_model
@@ -207,14 +197,14 @@ class ModelBody:
 
     def __init__(self, cell: Cell, truth: Robot) -> None:
         self.cell, self.model = cell, as_model(truth)
-        self._discs = [
-            (k, disc.name, disc.x, disc.y, disc.radius) for k, disc in enumerate(cell.discs) if isinstance(disc, Disc)
-        ]
-        self._objects = [
-            (k, disc.name, disc.is_closed, int(np.argmax(own)), cell.surfaces.select(own))
-            for k, disc, own in ((k, disc, cell.surfaces.object == k) for k, disc in enumerate(cell.discs))
-            if isinstance(disc, Outline)
-        ]
+        self._discs, self._objects = [], []
+        for k, disc in enumerate(cell.discs):
+            own = cell.surfaces.object == k
+            if isinstance(disc, Outline):
+                surfaces = cell.surfaces.select(own)
+                self._objects.append((k, disc.name, disc.is_closed, int(np.argmax(own)), surfaces))
+            else:
+                self._discs.append((k, disc.name, disc.x, disc.y, disc.radius))
         self._outlines = [np.array(outline, dtype=float) for outline in cell.obstacles]
         self.begin((0.0, 0.0), 0.0)
 

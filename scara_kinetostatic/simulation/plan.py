@@ -190,11 +190,9 @@ def default_plan(
     reachable = within_reach(cell, plan) & cell.can_take(poses, LIMIT_MARGIN).all(axis=0)
     for number, described in enumerate(cell.discs):
         if not np.any(reachable & (plan.disc == number)):
-            raise CellError(
-                f'objects: {described.name}',
-                f'no point of the disc is within reach with a margin of {REACH_MARGIN * 1e3:.0f} mm',
-                'move the disc, or correct its centre and radius, the link lengths or robot.limits',
-            )
+            problem = f'no point of the disc is within reach with a margin of {REACH_MARGIN * 1e3:.0f} mm'
+            remedy = 'move the disc, or correct its centre and radius, the link lengths or robot.limits'
+            raise CellError(f'objects: {described.name}', problem, remedy)
     return plan.select(reachable)
 
 

@@ -238,11 +238,10 @@ class SlidingMotion:
         poses = [self._poses(number, point + distance * normal, -slide.force * normal) for distance in distances]
         lost = ~self.cell.can_take(np.array(poses)).all(axis=0)
         if lost.any():
-            raise UnsupportedDataError(
-                f'slide {number}: the simulated robot does not reach it around ({point[lost][0][0]:.3f}, '
-                f'{point[lost][0][1]:.3f}) m',
-                'place the object elsewhere, slide along a part of it, or correct robot.limits',
-            )
+            x, y = point[lost][0]
+            problem = f'slide {number}: the simulated robot does not reach it around ({x:.3f}, {y:.3f}) m'
+            remedy = 'place the object elsewhere, slide along a part of it, or correct robot.limits'
+            raise UnsupportedDataError(problem, remedy)
         path = np.unwrap(poses[0], axis=0)
         if np.abs(np.diff(path, axis=0)).max() > 0.5:
             raise ParameterError(f'slide {number}', 'it passes a stretched or folded arm', 'place the object elsewhere')

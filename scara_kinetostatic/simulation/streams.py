@@ -262,16 +262,12 @@ def simulate_touches(cell: Cell, truth: Robot, plan: Plan, noise: Noise | None =
     trajectory = Trajectory(cell, truth, plan)
     sensors = SensorModel(touch_noise=noise)
     joint_errors, force_errors = _touch_errors(sensors, cell, truth, trajectory, seed)
-    joints = trajectory.hold_joints + joint_errors
-    force = reported_force(
-        cell, truth, trajectory.hold_joints, trajectory.hold_force, force_errors, metadata=trajectory.metadata
-    )
-    beyond = np.hypot(*trajectory.peak_force.T) / np.hypot(*trajectory.hold_force.T)
+    t, joints = trajectory, trajectory.hold_joints + joint_errors
+    force = reported_force(cell, truth, t.hold_joints, t.hold_force, force_errors, metadata=t.metadata)
+    beyond = np.hypot(*t.peak_force.T) / np.hypot(*t.hold_force.T)
     errors = beyond[:, None] * force_errors
-    peak_force = reported_force(
-        cell, truth, trajectory.peak_joints, trajectory.peak_force, errors, beyond, trajectory.metadata
-    )
-    peaks, holds = np.hstack([trajectory.peak_joints + joint_errors, peak_force]), np.hstack([joints, force])
+    peak_force = reported_force(cell, truth, t.peak_joints, t.peak_force, errors, beyond, t.metadata)
+    peaks, holds = np.hstack([t.peak_joints + joint_errors, peak_force]), np.hstack([joints, force])
     return TouchSet(
         joints=joints,
         force=force,

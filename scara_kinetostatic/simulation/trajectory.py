@@ -245,9 +245,8 @@ class Trajectory:
             self.peak_force, self.hold_force = self._peak_forces(), self._hold_forces()
             if np.abs(before - (self.peak_force, self.hold_force)).max() < 1e-9:
                 return
-        raise UnsupportedDataError(
-            'the forces of the touches and the loads before them do not come to agree', 'simulate smaller effects'
-        )
+        problem = 'the forces of the touches and the loads before them do not come to agree'
+        raise UnsupportedDataError(problem, 'simulate smaller effects')
 
     def _take_histories(self) -> None:
         """The load before the stages of each touch, by the joints and forces as they are now."""
@@ -352,11 +351,9 @@ class Trajectory:
             first = int(np.argmax(off))
             name = self.cell.discs[self.plan.disc[first]].name
             got = f'it comes to {found.magnitude[first]:.3g} N' if found.solved[first] else 'there is no equilibrium'
-            raise UnsupportedDataError(
-                f'the simulated robot cannot hold touch {first} of the plan, on {name!r}, '
-                f'under {self.plan.force[first]:g} N: {got}',
-                'leave the touch out, or simulate smaller effects',
-            )
+            touch = f'touch {first} of the plan, on {name!r}, under {self.plan.force[first]:g} N'
+            remedy = 'leave the touch out, or simulate smaller effects'
+            raise UnsupportedDataError(f'the simulated robot cannot hold {touch}: {got}', remedy)
         return found.force
 
     def _metadata(self) -> TouchMetadata:
@@ -440,10 +437,9 @@ class Trajectory:
         lost = np.flatnonzero(~np.isfinite(poses).all(axis=1))
         if len(lost):
             name = self.cell.discs[self.plan.disc[lost[0]]].name
-            raise UnsupportedDataError(
-                f'the simulated robot cannot reach touch {lost[0]} of the plan, on {name!r}',
-                'leave the touch out, move the disc, or simulate a robot closer to the nominal one',
-            )
+            problem = f'the simulated robot cannot reach touch {lost[0]} of the plan, on {name!r}'
+            remedy = 'leave the touch out, move the disc, or simulate a robot closer to the nominal one'
+            raise UnsupportedDataError(problem, remedy)
 
     def _schedule(self) -> tuple[Floats, float]:
         """Starts of all phases and the end of the trajectory."""

@@ -140,9 +140,8 @@ def load_truth(path: str | Path, cell: Cell) -> ExtendedModel:
     top = Section(ParameterError, str(path), '', data, ('parameters',), ('schema', 'seed', 'effects'))
     n, given = cell.nominal, dict(top.section('parameters', cell.nominal.names).data)
     moments = {name: given.pop(name) for name in cell.nominal.names[len(NAMES) :]}
-    parameters = Parameters.from_mapping(given, str(path)).replace(
-        **moments, gravity=n.gravity, phi1=n.phi1, phi2=n.phi2
-    )
+    parameters = Parameters.from_mapping(given, str(path))
+    parameters = parameters.replace(**moments, gravity=n.gravity, phi1=n.phi1, phi2=n.phi2)
     parameters.check_physical(str(path))
     listed = top.items('effects', 'effects', ('name',), ('target', 'parameters')) if data.get('effects') else []
     return with_effects(parameters, (_stored_effect(entry, cell) for entry in listed))

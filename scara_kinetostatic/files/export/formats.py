@@ -172,10 +172,8 @@ def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
     j1, j2 = map(escaping.csv_cell, arm.cell.joint_names)
     lengths = (p.l1, p.l2) if convention == 'standard' else (0.0, p.l1)
     rows = [('base', '', p.x0, p.y0, 0.0, 0.0, 0.0, 0.0)]
-    rows += [
-        ('joint1', j1, 0.0, 0.0, p.theta1, 0.0, lengths[0], 0.0),
-        ('joint2', j2, 0.0, 0.0, p.theta2, 0.0, lengths[1], 0.0),
-    ]
+    rows.append(('joint1', j1, 0.0, 0.0, p.theta1, 0.0, lengths[0], 0.0))
+    rows.append(('joint2', j2, 0.0, 0.0, p.theta2, 0.0, lengths[1], 0.0))
     if convention == 'modified':
         rows.append(('tool', '', p.l2, 0.0, 0.0, 0.0, 0.0, 0.0))
     signs = f'{arm.cell.direction[0]} and {arm.cell.direction[1]}'

@@ -178,9 +178,8 @@ class TouchController:
         poses = inverse(cell.nominal, aims, self.plan.posture[:, None])
         lost = np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2)))
         if len(lost):
-            raise UnsupportedDataError(
-                f'the nominal arm cannot press touch {lost[0]} of the plan', 'leave it out, or move the disc'
-            )
+            problem = f'the nominal arm cannot press touch {lost[0]} of the plan'
+            raise UnsupportedDataError(problem, 'leave it out, or move the disc')
         return poses[:, :1] + wrap(poses - poses[:, :1])
 
     def _tick(self, progress: float = 0.0) -> None:
@@ -225,11 +224,8 @@ class TouchController:
         self._phase, self._depth = Phase.APPROACH, -self.timing.clearance
         while self._force < CONTACT_FORCE:
             passed += TICK
-            self._advance(
-                Settings.slow_speed
-                if self._depth > -Settings.slow_distance
-                else speed * min(1.0, passed / Settings.lift_time)
-            )
+            is_near, fast = self._depth > -Settings.slow_distance, speed * min(1.0, passed / Settings.lift_time)
+            self._advance(Settings.slow_speed if is_near else fast)
         self._rest(Phase.PRESS, REST)
         while self._force < Settings.firm_force:
             self._advance(Settings.creep_speed)
@@ -244,10 +240,9 @@ class TouchController:
     def _advance(self, speed: float) -> None:
         self._depth += speed * TICK
         if self._depth > Settings.largest_depth:
-            raise UnsupportedDataError(
-                f'touch {self._touch} of the plan: no such force {1e3 * Settings.largest_depth:.0f} mm inside the disc',
-                'check the discs, or simulate a stiffer robot',
-            )
+            problem = f'no such force {1e3 * Settings.largest_depth:.0f} mm inside the disc'
+            remedy = 'check the discs, or simulate a stiffer robot'
+            raise UnsupportedDataError(f'touch {self._touch} of the plan: {problem}', remedy)
         self._command = self._at(self._depth)
         self._tick()
 
@@ -259,15 +254,13 @@ class TouchController:
             if missing < FORCE_TOLERANCE * level:
                 return
             if sense > 0 and self._force > force + Settings.firm_force:
-                self._compliance = float(
-                    np.clip((self._depth - depth) / (self._force - force), *Settings.compliance_limits)
-                )
+                compliance = (self._depth - depth) / (self._force - force)
+                self._compliance = float(np.clip(compliance, *Settings.compliance_limits))
             speed = missing * self._compliance / self._pace.control_time
             self._advance(sense * float(np.clip(speed, Settings.slowest_press, self._pace.press)))
-        raise UnsupportedDataError(
-            f'touch {self._touch} of the plan: the force stays at {self._force:.1f} N instead of {level:.1f} N',
-            'simulate a robot with less friction, or a stiffer one',
-        )
+        problem = f'the force stays at {self._force:.1f} N instead of {level:.1f} N'
+        remedy = 'simulate a robot with less friction, or a stiffer one'
+        raise UnsupportedDataError(f'touch {self._touch} of the plan: {problem}', remedy)
 
     def _retract(self) -> None:
         """Retracts and lifts the tip."""

@@ -134,9 +134,8 @@ def expected_parameters(scene: Scene) -> Parameters:
     whole: it is compliance of the slip, not of the joint.
     """
     p = scene.parameters
-    p1, p2 = (
-        0.0 if friction else spring for spring, friction in zip((p.p1, p.p2), scene.winding_friction, strict=True)
-    )
+    springs = zip((p.p1, p.p2), scene.winding_friction, strict=True)
+    p1, p2 = (0.0 if friction else spring for spring, friction in springs)
     return p.replace(p_ee=p.p_ee + 0.5 * sum(scene.base_compliance), p1=p1, p2=p2)
 
 
