@@ -29,7 +29,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scara_kinetostatic.bags.budget import Budget, unpack
-from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Source, Topic, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Source, Topic
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
@@ -162,10 +162,10 @@ class McapFile(Source):
     def _define(self, records: Iterable[Schema | Channel]) -> None:
         for record in records:
             if isinstance(record, Schema):
-                self._schemas[record.id] = ros2_type(record.name)
+                self._schemas[record.id] = record.name
             else:
                 msgtype = self._schemas.get(record.schema_id, 'unknown')
-                self._topics[record.id] = Topic(ros_topic(record.topic), msgtype, record.message_encoding)
+                self._topics[record.id] = Topic.of(record.topic, msgtype, record.message_encoding)
 
     def _damaged(self, offset: int, error: Exception) -> None:
         reason = str(error) or type(error).__name__

@@ -43,6 +43,12 @@ class Topic(NamedTuple):
     msgtype: str
     encoding: str
 
+    @classmethod
+    def of(cls, name: str, msgtype: str, encoding: str) -> Topic:
+        """A topic as a file names it: old ones lack the leading slash, and `msg` in `std_msgs/msg/String`."""
+        parts = printable(msgtype).split('/')
+        return cls(ros_topic(name), f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else msgtype, encoding)
+
 
 class Batch(NamedTuple):
     """Consecutive messages of one topic.
@@ -159,9 +165,3 @@ def printable(text: str) -> str:
 def ros_topic(name: str) -> str:
     """The name of a topic with its leading slash (old recordings lack it)."""
     return '/' + printable(name).lstrip('/')
-
-
-def ros2_type(name: str) -> str:
-    """The name of a type as ROS 2 writes it: `std_msgs/String` becomes `std_msgs/msg/String`."""
-    parts = printable(name).split('/')
-    return f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else name

@@ -13,16 +13,7 @@ from rosbags.rosbag1.reader import Chunk, IndexData, decompressors
 
 from scara_kinetostatic.bags.budget import Budget, unpack
 from scara_kinetostatic.bags.cdr import ros2_types
-from scara_kinetostatic.bags.messages import (
-    LARGEST_MESSAGE,
-    PORTION,
-    Batches,
-    Source,
-    Topic,
-    batched,
-    ros2_type,
-    ros_topic,
-)
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Source, Topic, batched
 from scara_kinetostatic.errors import RecordingError
 
 _HEADER, _FIELD = 64, 4
@@ -76,7 +67,7 @@ class Ros1File(Source):
         try:
             with _BoundedReader(self.path, self._budget) as reader:
                 for item in reader.connections:
-                    self._topics[item.id] = Topic(ros_topic(item.topic), ros2_type(item.msgtype), 'cdr')
+                    self._topics[item.id] = Topic.of(item.topic, item.msgtype, 'cdr')
                 for topic in (topic for topic in self.topics() if topic.name in wanted):
                     connections = [item for item in reader.connections if self._topics[item.id] == topic]
                     yield from batched(topic, self._portions(reader, connections, topic), self._budget)

@@ -6,16 +6,7 @@ import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing
 
-from scara_kinetostatic.bags.messages import (
-    LARGEST_MESSAGE,
-    PORTION,
-    Batches,
-    Source,
-    Topic,
-    batched,
-    ros2_type,
-    ros_topic,
-)
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Source, Topic, batched
 from scara_kinetostatic.errors import RecordingError
 
 _LARGEST_CHECKED = 1 << 30
@@ -93,7 +84,7 @@ class SqliteFile(Source):
         texts = ', '.join(f'substr({name}, 1, 1000)' for name in ('name', 'type', 'serialization_format'))
         for key, name, msgtype, encoding in database.execute(f'SELECT id, {texts} FROM topics ORDER BY id'):
             self._budget.charge(0, 10)
-            self._topics[key] = Topic(ros_topic(str(name)), ros2_type(str(msgtype)), str(encoding))
+            self._topics[key] = Topic.of(str(name), str(msgtype), str(encoding))
 
     def _charge_steps(self) -> bool:
         """Charges what SQLite has done without a row; ends it where nothing is left."""

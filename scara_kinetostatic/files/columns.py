@@ -33,14 +33,7 @@ MAX_ROWS, MAX_CELLS = 200_000, 2_000_000
 MAX_COLUMNS, MAX_HEADING = 1000, 100
 """More columns are refused, and longer headings, which regular expressions take apart."""
 LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
-ANGLE = {
-    'rad': 1.0,
-    'mrad': 1e-3,
-    'urad': 1e-6,
-    'µrad': 1e-6,
-    'μrad': 1e-6,
-    **dict.fromkeys(('deg', '°'), math.pi / 180),
-}
+ANGLE = {'rad': 1.0, 'mrad': 1e-3, 'urad': 1e-6, 'µrad': 1e-6, 'μrad': 1e-6, 'deg': math.pi / 180, '°': math.pi / 180}
 FORCE = {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}
 TORQUE = {'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3}
 TIME = {'s': 1.0, 'ms': 1e-3}
