@@ -22,7 +22,7 @@ from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.simulation.outline import Outline, Track
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import START, Sensed, SensorModel, recorded, sensor_angle
+from scara_kinetostatic.simulation.streams import START, SensorModel, recorded, sensor_angle
 from scara_kinetostatic.simulation.trajectory import CellState, Phase, Robot, minimum_jerk
 from scara_kinetostatic.touches.streams import Streams
 
@@ -312,7 +312,7 @@ def sensed(motion: SlidingMotion, cell: Cell, sensors: SensorModel, seed: int, s
     """What the sensors report of a motion; the other arguments are those of `simulate_slides`."""
     errors = SlowNoise(np.random.default_rng([seed, 0]), 4, motion.timing.variation_time)
 
-    def at(time: Floats) -> Sensed:
+    def at(time: Floats) -> tuple[CellState, Floats, Floats]:
         """The state at times, each instant as the hold of a touch of its own, the force over that of the slide."""
         state, unit = motion.state_at(time), errors.at(time)
         angle = sensor_angle(cell, motion.model.parameters, state.joints)

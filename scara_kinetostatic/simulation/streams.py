@@ -159,8 +159,8 @@ def reported_force(
 
 START = 1_700_000_000_000_000_000
 """Stamp of the start of a simulated recording, ns."""
-Sensed = tuple[CellState, Floats, Floats]
-"""A state, and the errors of joint angles, rad, and of the force, N."""
+Sensed = Callable[[Floats], tuple[CellState, Floats, Floats]]
+"""From times, s, to a state, and the errors of joint angles, rad, and of the force, N."""
 
 
 def simulate_streams(
@@ -193,21 +193,14 @@ def simulate_streams(
     trajectory = Trajectory(cell, truth, plan, timing, repeated)
     joint_errors, force_errors = _touch_errors(sensors, cell, truth, trajectory, seed)
 
-    def at(time: Floats) -> Sensed:
+    def at(time: Floats) -> tuple[CellState, Floats, Floats]:
         return trajectory.state_at(time), joint_errors, force_errors
 
     return recorded('simulation', cell, truth, sensors, trajectory.duration, at, seed, start)
 
 
 def recorded(
-    source: str,
-    cell: Cell,
-    truth: Robot,
-    sensors: SensorModel,
-    duration: float,
-    at: Callable[[Floats], Sensed],
-    seed: int,
-    start: int,
+    source: str, cell: Cell, truth: Robot, sensors: SensorModel, duration: float, at: Sensed, seed: int, start: int
 ) -> Streams:
     """Both streams of any motion as the sensors report them.
 

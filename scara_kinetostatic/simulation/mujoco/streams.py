@@ -15,7 +15,7 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.mujoco.engine import Scene, load_engine
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.simulation.streams import START, Sensed, SensorModel, recorded
+from scara_kinetostatic.simulation.streams import START, SensorModel, recorded
 from scara_kinetostatic.simulation.trajectory import CellState, Timing
 from scara_kinetostatic.touches.streams import Streams
 
@@ -55,25 +55,18 @@ def simulate_streams(
     """
     plan = preload_plan(cell) if plan is None else plan
     motion = TouchController(scene, cell, plan, timing).run()
-    return as_streams(motion, scene, cell, sensors, seed=seed, start=start)
+    return as_streams(motion, scene, cell, sensors or SensorModel(), seed, start)
 
 
 def as_streams(
-    motion: SimulatedMotion,
-    scene: Scene,
-    cell: Cell,
-    sensors: SensorModel | None = None,
-    *,
-    seed: int = 0,
-    start: int = START,
+    motion: SimulatedMotion, scene: Scene, cell: Cell, sensors: SensorModel, seed: int = 0, start: int = START
 ) -> Streams:
     """Both streams of a motion; the arguments are those of `simulate_streams`."""
-    sensors = sensors or SensorModel()
     held = as_sensed(motion, cell)[motion.holds]
     joint_errors, force_errors = sensors.touch_errors(cell, len(held), np.random.default_rng([seed, 0]), held)
     turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `_state_at` has turned the force
 
-    def at(time: Floats) -> Sensed:
+    def at(time: Floats) -> tuple[CellState, Floats, Floats]:
         return _state_at(motion, cell, time), joint_errors, force_errors
 
     duration = float(motion.time[-1])
