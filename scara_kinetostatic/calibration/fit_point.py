@@ -225,25 +225,32 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
         model: the model.
         noise: σ_q and σ_f, the measure of distance.
     """
+    held = observations.with_errors_held()
     with np.errstate(all='ignore'):
-        point = evaluate(observations, model, first_guess(observations, model), noise, COARSE)
-        point = evaluate(observations, model, turn_radial(observations, point), noise)
+        point = evaluate(held, model, first_guess(held, model), noise, COARSE)
+        point = evaluate(held, model, turn_radial(held, point), noise)
         # five rounds suffice for forces along the normal; with off-normal angles some touches need more
-        point, moving = _in_rounds(observations, point, noise, 5)
+        point, moving = _in_rounds(held, point, noise, 5)
         if len(moving):
-            rest, _ = _in_rounds(observations.select(moving), select(point, moving), noise, 15)
+            rest, _ = _in_rounds(held.select(moving), select(point, moving), noise, 15)
             point = replaced(point, moving, rest)
-        return point
+        return point if held is observations else evaluate(observations, model, point.adjusted, noise)
 
 
 def _in_rounds(observations: Observations, point: Point, noise: Noise, rounds: int) -> tuple[Point, Indices]:
-    """Touches adjusted in some rounds, L̄ held, and which of them the last one has still moved."""
-    still, before = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors)), point
+    """Touches adjusted in some rounds at most, L̄ held, and which of them the last one has still moved.
+
+    A round leaves some 1e-4 of the change of the one before.
+    """
+    still, change = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors)), point.distance
     for _ in range(rounds):
-        before, model = point, point.model
+        before, model = point.distance, point.model
         adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
         point = evaluate(observations, model, adjusted, noise, arm=arm)
-    return point, np.flatnonzero(np.abs(point.distance - before.distance) > 1e-3 * (1 + point.distance))
+        change = np.abs(point.distance - before) / (1 + point.distance)
+        if (change < 1e-6).all():
+            break
+    return point, np.flatnonzero(change > 1e-3)
 
 
 def base_force(observations: Observations, model: ExtendedModel) -> Floats:

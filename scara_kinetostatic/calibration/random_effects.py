@@ -69,6 +69,11 @@ class RandomEffects(NamedTuple):
         size, joints, place, sensor = (factor * part for part in (self.size, self.joints, self.place, self.sensor))
         return self._replace(size=size, joints=joints, place=place, sensor=sensor)
 
+    def summed(self, values: Floats) -> RandomEffects:
+        """One column: all with their values (k,)."""
+        joints, place, sensor = ((part @ values)[:, :, None] for part in (self.joints, self.place, self.sensor))
+        return self._replace(columns=self.columns[:1], size=np.ones(1), joints=joints, place=place, sensor=sensor)
+
     def select(self, which: Any) -> RandomEffects:
         """At the touches that a mask, a slice or an array of positions picks."""
         return self._replace(joints=self.joints[which], place=self.place[which], sensor=self.sensor[which])

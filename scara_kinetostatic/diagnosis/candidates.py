@@ -23,12 +23,14 @@ class Candidate(NamedTuple):
         effect: the effect.
         trial: the trial.
         unit: orthonormal basis of what its columns add to those of the base model, (2n, r).
+        independent_part: largest part of a unit column of it that is independent of the base model.
         tried: how many trials the effect has.
     """
 
     effect: Effect
     trial: Trial
     unit: Floats
+    independent_part: float
     tried: int
 
     @property
@@ -72,8 +74,7 @@ class Scan(NamedTuple):
 
     def candidate(self, problem: Problem, k: int) -> Candidate:
         """The effect at one of the trials."""
-        unit, _ = problem.independent_part(self.columns[:, k])
-        return Candidate(self.effect, self.trials[k], unit, self.tried)
+        return Candidate(self.effect, self.trials[k], *problem.independent_part(self.columns[:, k]), self.tried)
 
 
 class CandidateSet(NamedTuple):
@@ -111,21 +112,23 @@ def gather(
         together: whether sets of several effects are compared; else the best trial of each by itself is enough.
     """
     found: list[Candidate] = []
-    unidentifiable, scans = [], []
+    unidentifiable, scans, single = [], [], []
     for effect in effects:
         trials = effect.trials(problem.touch_state, problem.force)
-        if len(trials) > 1:
-            scan = scan_trials(problem, effect, trials, len(trials))
-            if scan.columns.any():
-                scans.append(scan)
-            else:
-                unidentifiable.append(Unidentifiable(effect, scan.independent_part))
+        if len(trials) == 1:
+            single.append((effect, trials[0]))
             continue
-        unit, part = problem.independent_part(*problem.columns_and_noise(effect, trials[0]))
+        scan = scan_trials(problem, effect, trials, len(trials))
+        if scan.columns.any():
+            scans.append(scan)
+        else:
+            unidentifiable.append(Unidentifiable(effect, scan.independent_part))
+    for (effect, trial), columns_and_noise in zip(single, problem.columns_and_noise(single), strict=True):
+        unit, part = problem.independent_part(*columns_and_noise)
         if effect.label in fitted and not effect.is_linear:
             found.append(as_fitted(problem, effect, fitted[effect.label], 1))
         elif unit.shape[1]:
-            found.append(Candidate(effect, trials[0], unit, 1))
+            found.append(Candidate(effect, trial, unit, part, 1))
         else:
             unidentifiable.append(Unidentifiable(effect, part))
     grids = [_Grid(problem, scan) for scan in scans]
@@ -149,7 +152,7 @@ def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> C
     at, reported = problem.touch_state, problem.force
     errors = effect.sensor_error_derivative(reported, values, at.metadata)
     trial = Trial(effect.derivative(at, values), errors, lambda _: values)
-    return Candidate(effect, trial, problem.independent_part(problem.columns(trial))[0], tried)
+    return Candidate(effect, trial, *problem.independent_part(problem.columns(trial)), tried)
 
 
 def explained(problem: Problem, candidate: Candidate) -> float:
@@ -215,13 +218,15 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
     """
     flat = problem.columns(*trials)
     columns = flat.reshape(len(flat), len(trials), -1)
-    along = (problem.base.T @ flat).reshape(-1, *columns.shape[1:])
-    square = np.einsum('ntm,ntm->tm', columns, columns)
-    gram = np.einsum('ntm,ntk->tmk', columns, columns) - np.einsum('rtm,rtk->tmk', along, along)
-    left = (problem.left @ flat).reshape(square.shape)
-    part = np.sqrt(
-        np.clip(np.divide(np.einsum('tmm->tm', gram), square, out=np.zeros_like(square), where=square > 0), 0, 1)
+    gram, along = (
+        part.transpose(1, 2, 0) @ part.transpose(1, 0, 2)
+        for part in (columns, (problem.base.T @ flat).reshape(-1, *columns.shape[1:]))
     )
+    square = np.diagonal(gram, axis1=1, axis2=2)
+    gram = gram - along
+    left = (problem.left @ flat).reshape(square.shape)
+    independent = np.diagonal(gram, axis1=1, axis2=2)
+    part = np.sqrt(np.clip(np.divide(independent, square, out=np.zeros_like(square), where=square > 0), 0, 1))
     if part.shape[1] == 1:
         kept = part > problem.least_independent_part
         columns, gram, left = columns * kept, gram * kept[:, :, None], left * kept

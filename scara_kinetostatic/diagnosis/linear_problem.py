@@ -136,12 +136,14 @@ class Problem(NamedTuple):
         errors = [error for trial in trials for error in trial.sensor_errors or (None,) * len(trial.columns)]
         return self.marginal.apply(self.changes(shifts, errors))
 
-    def columns_and_noise(self, effect: Effect, trial: Trial) -> tuple[Floats, Floats]:
-        """X of an effect's only trial, and its change by one standard deviation of the noise in F̂, (2n, m) each."""
+    def columns_and_noise(self, single: Sequence[tuple[Effect, Trial]]) -> list[tuple[Floats, Floats]]:
+        """Of effects of one trial X, and its change by one standard deviation of the noise in F̂, (2n, m) each."""
         grown = self.force * (self.larger_by_noise.magnitude / self.touch_state.magnitude)[:, None]
-        (changed,) = effect.trials(self.larger_by_noise, grown)
-        columns, with_noise = np.split(self.columns(trial, changed), 2, axis=1)
-        return columns, with_noise - columns
+        changed = [effect.trials(self.larger_by_noise, grown)[0] for effect, _ in single]
+        columns, with_noise = np.split(self.columns(*(trial for _, trial in single), *changed), 2, axis=1)
+        ends = np.cumsum([len(trial.columns) for _, trial in single])
+        parts = (np.split(part, ends, axis=1)[:-1] for part in (columns, with_noise - columns))
+        return list(zip(*parts, strict=True))
 
     def changes(self, shifts: Sequence[Shift], errors: Sequence[Floats | None]) -> Floats:
         """Changes of the whitened misclosures by shifts and errors of the sensor, (2n, k)."""

@@ -412,8 +412,8 @@ def _values(c: Calibration, solved: _Solved) -> tuple[Floats, Floats, Floats]:
 def _shift(c: Calibration, solved: _Solved) -> float:
     """Largest change of a value of the model by a solution, in standard deviations."""
     values, b = _values(c, solved)[0], len(solved.y)
-    lift = _lift(c, solved)
-    std = np.sqrt(np.einsum('ij,jk,ik->i', lift, solved.covariance, lift)[: len(values)])
+    lift = _lift(c, solved)[: len(values)]
+    std = np.sqrt(((lift @ solved.covariance) * lift).sum(axis=1))
     off = np.abs(values - c.model.as_array())
     return float(np.max(off[std > 0] / std[std > 0], initial=0.0)) if b else 0.0
 

@@ -62,7 +62,7 @@ class ScoredSubsets(NamedTuple):
 
     Attributes:
         candidate_set: the candidates.
-        subsets: all sets scored, the best first; the empty one is among them.
+        subsets: the empty set, all of one candidate, and those near the best, the best first.
         credible: those, except the empty one, that the data do not rule out, the best first.
         scale: s², the variance in units of which deviances are counted.
     """
@@ -101,7 +101,7 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
     layers = [scorer.score(sets) for sets in (_NO_MEMBERS, _singles(number), scorer.allowed(pairs))]
     while len(layers[-1].members) and len(layers) <= 4:
         layers.append(scorer.score(scorer.allowed(_grown(layers[-1], number))))
-    scored_subsets = _ranked(problem, candidate_set, layers)
+    scored_subsets = _ranked(problem, candidate_set, layers, scorer.less)
     best = scored_subsets.subsets[0]
     if best.score > scored_subsets.empty.score - CREDIBLE:
         return scored_subsets
@@ -147,14 +147,14 @@ class _SubsetScorer:
         self.penalties = np.array(
             [self._penalty(c, number, 0.0 if c.effect.is_physical else CREDIBLE) for c in candidates]
         )
-        self._less = CREDIBLE + 2 * np.log(number / max(len(labels), 1))
+        self.less = CREDIBLE + 2 * np.log(number / max(len(labels), 1))
 
     def _penalty(self, candidate: Candidate, number: int, more: float) -> float:
         return float(candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)) + more
 
     def _preference(self, sets: Indices) -> Floats:
         """By how much the penalty of each set is smaller, as it is what is declared."""
-        return np.where(self.declared[sets].all(axis=1), self._less, 0.0) if sets.shape[1] == 1 else np.zeros(len(sets))
+        return np.where(self.declared[sets].all(axis=1), self.less, 0.0) if sets.shape[1] == 1 else np.zeros(len(sets))
 
     def without_preference(self, subset: Subset) -> float:
         """The score that a set would have if nothing were declared."""
@@ -275,17 +275,21 @@ def _grown(layer: _Layer, number: int) -> Indices:
     return np.unique(np.sort(np.concatenate([np.repeat(best, number, axis=0), more], axis=1), axis=1), axis=0)
 
 
-def _ranked(problem: Problem, candidate_set: CandidateSet, layers: Sequence[_Layer]) -> ScoredSubsets:
-    """The sets of all layers, scored, the best first."""
+def _ranked(
+    problem: Problem, candidate_set: CandidateSet, layers: Sequence[_Layer], near: float = 0.0
+) -> ScoredSubsets:
+    """The sets of all layers, scored, the best first; of larger ones those whose score is so near to the best."""
     rest, rank, penalty = (np.concatenate([layer[k] for layer in layers]) for k in (1, 2, 3))
+    count = np.repeat(np.arange(len(layers)), [len(layer.members) for layer in layers])
+    first = np.cumsum([0, *(len(layer.members) for layer in layers)])
     scale = _scale(problem, rest, rank)
     deviance = rest / scale if problem.noise_given else problem.freedoms * np.log(np.maximum(rest, 1e-300))
     score = deviance + penalty
     order = np.argsort(score, kind='stable')
-    members = [tuple(each) for layer in layers for each in layer.members.tolist()]
-    sorted_members = [members[k] for k in order.tolist()]
+    order = order[(count[order] < 2) | (score[order] <= score[order[0]] + near)]
+    members = [tuple(layers[count[k]].members[k - first[count[k]]].tolist()) for k in order]
     columns = (values[order].tolist() for values in (rest, penalty, score))
-    subsets = tuple(Subset(*row) for row in zip(sorted_members, *columns, strict=True))
+    subsets = tuple(Subset(*row) for row in zip(members, *columns, strict=True))
     return ScoredSubsets(candidate_set, subsets, (), scale)
 
 
@@ -325,9 +329,8 @@ def score_singles(
         (candidate,) = scored_subsets.members(subset)
         if candidate.effect.label not in found:
             found.add(candidate.effect.label)
-            part = problem.independent_part(problem.columns(candidate.trial))[1]
             gain = scored_subsets.empty.score - subset.score
-            yield candidate, (*significance(problem, candidate), gain, part)
+            yield candidate, (*significance(problem, candidate), gain, candidate.independent_part)
 
 
 def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:

@@ -85,7 +85,7 @@ def penalised(inner: Whitened, weights: Floats) -> tuple[float, Floats, Floats]:
     """
     matrix = np.eye(len(weights)) + weights[:, None] * inner.gram * weights
     factor = linalg.cholesky(matrix, lower=True, check_finite=False)
-    inverse = linalg.lapack.dpotri(factor, lower=1)[0]
+    inverse = linalg.lapack.dpotri(factor, lower=1)[0] if len(factor) else factor
     inverse = inverse + np.tril(inverse, -1).T
     h = weights * inner.projected
     effects = inverse @ h

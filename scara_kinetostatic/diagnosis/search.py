@@ -16,7 +16,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.result import Calibration, held_out_force_error
 from scara_kinetostatic.diagnosis.candidates import (
     Candidate,
     CandidateSet,
@@ -135,13 +135,20 @@ def _fit(
     c: Calibration, known: Sequence[Effect], start: ExtendedModel, most: int = 8, freedoms: float = LIGHT_TAILS
 ) -> MixedModel | None:
     """The mixed model with effects named, of so many linearisations at most; None where there is none, or where it does
-    not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm.
+    not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm. A
+    curve must predict touches that it was not fitted to, as well as the base model does.
     """
     try:
         model = fit_mixed(c, known, start, most, freedoms=freedoms)
     except (np.linalg.LinAlgError, UnsupportedDataError, ParameterError):
         return None
-    return model if model.fit.force_error <= c.force_error + c.noise.force_rms else None
+    fit = model.fit
+    if fit.force_error > c.force_error + c.noise.force_rms:
+        return None
+    if all(effect.is_physical for effect, _, _ in fitted_effects(fit)):
+        return model
+    before = replace(c, used=fit.used)
+    return model if held_out_force_error(fit).force_error <= held_out_force_error(before).force_error else None
 
 
 def _name(member: Candidate) -> tuple[str, float]:

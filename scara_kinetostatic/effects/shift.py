@@ -182,13 +182,15 @@ class Stepped(_Texts, Effect):
         near = moments[max(k - reach, 0) : k + reach + 1]
         return self._at(at, at.force, near[:: 1 + (len(near) - 1) // 13])
 
-    def _weight(self, metadata: TouchMetadata | None, n: int, moment: float) -> Floats:
-        """-1 before the moment and 0 after it, or 0 and 1, (n, 1); touches of unknown order are after it."""
+    def _weight(self, metadata: TouchMetadata | None, n: int, moment: Floats | float) -> Floats:
+        """-1 before a moment and 0 after it, or 0 and 1, (n, 1), of moments (t, 1) each, (t, n, 1); touches of unknown
+        order are after it.
+        """
         order = None if metadata is None else metadata.order
-        before = np.zeros(n) if order is None else (order < moment).astype(float)
-        return (-before if self.acts_before else 1 - before)[:, None]
+        before = ((np.full(n, np.inf) if order is None else order) < moment).astype(float)
+        return np.asarray(-before if self.acts_before else 1 - before)[..., None]
 
-    def _weighted(self, shift: Shift, at: TouchState, moment: float) -> Shift:
+    def _weighted(self, shift: Shift, at: TouchState, moment: Floats | float) -> Shift:
         weight = self._weight(at.metadata, len(at.magnitude), moment)
         return Shift(*(None if part is None else weight * part for part in shift))
 
@@ -209,14 +211,15 @@ class Stepped(_Texts, Effect):
         """A trial for each moment; where there is none, one that cannot be told from the base model."""
         moments = moments if len(moments) else np.array([0.0 if self.acts_before else np.inf])
         still = np.zeros(len(self.effect.parameters))
-        units = self.effect.derivative(at, still)
-        errors = self.effect.sensor_error_derivative(force, still, at.metadata)
+        units = [self._weighted(unit, at, moments[:, None]) for unit in self.effect.derivative(at, still)]
+        weight = self._weight(at.metadata, len(force), moments[:, None])
+        errors = [weight * error for error in self.effect.sensor_error_derivative(force, still, at.metadata)]
         return [
             Trial(
-                tuple(self._weighted(unit, at, moment) for unit in units),
-                tuple(self._weight(at.metadata, len(force), moment) * error for error in errors),
+                tuple(Shift(*(None if part is None else part[k] for part in unit)) for unit in units),
+                tuple(error[k] for error in errors),
                 partial(np.append, values=moment),
                 moment,
             )
-            for moment in moments.tolist()
+            for k, moment in enumerate(moments.tolist())
         ]

@@ -54,16 +54,13 @@ def play_operator(history: Floats, load: Floats, half_width: Floats | float, rat
         Of every load, (n,); of t plays, (t, n).
     """
     width, mu = np.maximum(half_width, 0.0), np.clip(ratio, 0.0, LARGEST_RATIO)
-    value = by_width = by_ratio = np.zeros(np.broadcast_shapes(np.shape(width), np.shape(mu), load.shape))
+    value = sense = np.zeros(np.broadcast_shapes(np.shape(width), np.shape(mu), load.shape))
     for turn in (*history.T, load):
         low, high = play_limits(turn, width, mu)
-        for is_driven, limit, sense in ((value < low, low, -1.0), (value > high, high, 1.0)):
-            # limit (1 - sense μ sign) = turn + sense r
-            slope = sense / (1 - sense * mu * np.sign(limit))
-            by_width = np.where(is_driven, slope, by_width)
-            by_ratio = np.where(is_driven, slope * np.abs(limit), by_ratio)
+        sense = np.where(value < low, -1.0, np.where(value > high, 1.0, sense))
         value = np.minimum(np.maximum(value, low), high)
-    return PlayState(value, by_width, by_ratio)
+    slope = sense / (1 - sense * mu * np.sign(value))  # of the limit that drove it last
+    return PlayState(value, slope, slope * np.abs(value))
 
 
 def play_range(load: Floats, half_width: float, ratio: float = 0.0) -> tuple[Floats, Floats]:

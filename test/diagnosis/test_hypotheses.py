@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 from diagnosis.simulated import CELL, NOISE, UNKNOWN_NOISE, deviations, effect, simulate
 
+from benchmark.diagnosis.cells import SETUPS
+from benchmark.diagnosis.unlisted import UnevenCompliance
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.simulation.streams import simulate_touches
 
 
 def off_normal_fit(off_normal_std: float, seed: int = 3):
@@ -104,3 +109,16 @@ def test_what_is_found_predicts_the_forces():
     found = diagnose(calibration)
     assert found.verdict == 'unexplained'
     assert found.extended is None or found.extended.force_error < 1.1 * calibration.force_error
+
+
+@pytest.mark.parametrize(('joint', 'rate', 'seed'), [(0, 1.2e-5, 0), (1, -1.2136e-5, 1694143591)])
+def test_a_curve_predicts_touches_that_it_was_not_fitted_to(joint, rate, seed):
+    """The compliance of a joint depends on its angle; a curve over the force passes through these touches alone."""
+    setup, law = SETUPS['soft'], UnevenCompliance.of(joint)
+    robot = ExtendedModel(setup.truth, (law,), ((rate,),))
+    calibration = calibrate(simulate_touches(setup.cell, robot, setup.plan, NOISE, seed), setup.cell)
+    found = diagnose(calibration)
+    assert found.verdict == 'unexplained'
+    final = found.extended or found.refitted or calibration
+    before = held_out_force_error(replace(calibration, used=final.used)).force_error
+    assert held_out_force_error(final).force_error < 1.05 * before
