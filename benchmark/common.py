@@ -196,18 +196,18 @@ def normal_error(outline: Outline, points: ArrayLike) -> Floats:
 
     From the nearest of `SAMPLES` places on each piece; what the distance between these leaves is below 1 nm.
     """
-    surface = outline.at(np.arange(len(outline.pieces) * SAMPLES + 1) / SAMPLES * (1 - 1e-15))
+    places, normals = outline.at(np.arange(len(outline.pieces) * SAMPLES + 1) / SAMPLES * (1 - 1e-15))
     points = np.asarray(points, dtype=float)
-    still = ~np.diff(surface.point, axis=0).any(axis=1)
+    still = ~np.diff(places, axis=0).any(axis=1)
     sharp = np.append(still, False) | np.append(False, still)
     sharp[0] |= outline.closed and bool(sharp[-1])
     found = np.empty(len(points))
     for first in range(0, len(points), 512):
         part = points[first : first + 512]
-        apart = part[:, None] - surface.point
+        apart = part[:, None] - places
         nearest = np.einsum('ijk,ijk->ij', apart, apart).argmin(axis=1)
         offset = apart[np.arange(len(part)), nearest]
-        along = np.einsum('ij,ij->i', offset, surface.normal[nearest])
+        along = np.einsum('ij,ij->i', offset, normals[nearest])
         at_corner = np.copysign(np.hypot(*offset.T), along)
         found[first : first + 512] = np.where(sharp[nearest], at_corner, along)
     return found

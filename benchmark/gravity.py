@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 import scara_kinetostatic as sk
+from benchmark.engine_touches import simulate_touches
 from benchmark.urdf import SOURCES, displaced, true_robot, urdf_cell
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import nominal_arm
@@ -22,7 +23,7 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.simulation.mujoco import scene_named
-from scara_kinetostatic.simulation.mujoco.streams import expected_parameters, simulate_touches
+from scara_kinetostatic.simulation.mujoco.streams import expected_parameters
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches as simulate_plan
 

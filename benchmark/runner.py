@@ -44,8 +44,7 @@ from scara_kinetostatic.planning.motion import inside
 from scara_kinetostatic.planning.next_touches import known_or_infinite
 from scara_kinetostatic.running.rehearsal import Rehearsal
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Body, ModelBody, Plant
-from scara_kinetostatic.simulation.mujoco.commanded import EngineBody
-from scara_kinetostatic.simulation.mujoco.engine import Scene
+from scara_kinetostatic.simulation.mujoco.engine import EngineBody, Scene
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 

@@ -57,7 +57,17 @@ ARGUMENTS = {
     'uncertainty': '--count 1 --kind small',
 }
 """Of each benchmark, by its name."""
-SHARED = {'__init__', 'cell_nodes', 'common', 'engine_slides', 'marker_picture', 'smoke', 'svg', 'urdf'}
+SHARED = {
+    '__init__',
+    'cell_nodes',
+    'common',
+    'engine_slides',
+    'engine_touches',
+    'marker_picture',
+    'smoke',
+    'svg',
+    'urdf',
+}
 """Modules that are no benchmarks."""
 
 

@@ -44,8 +44,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import World, parse_effect, with_effects
 from scara_kinetostatic.touches.association import associate
-from scara_kinetostatic.touches.detection import Detection
-from scara_kinetostatic.touches.of_table import press_of
+from scara_kinetostatic.touches.detection import Detection, press_of
 from scara_kinetostatic.touches.streams import Streams
 
 _LOAD = "give one, such as load_cell('cell.yaml')"

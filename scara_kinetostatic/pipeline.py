@@ -25,9 +25,8 @@ from scara_kinetostatic.files.checksum import check_different, recording_checksu
 from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet
-from scara_kinetostatic.touches.detection import Detection, find_touches, order_in_time
+from scara_kinetostatic.touches.detection import Detection, cell_of_files, find_touches, order_in_time, touches_of_table
 from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out, parse_left_out
-from scara_kinetostatic.touches.of_table import cell_of_files, touches_of_table
 
 Progress = Callable[[str, float], None]
 """Called with the step that begins and the part of the work that is done, 0 to 1."""

@@ -26,9 +26,9 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from scara_kinetostatic.bags.messages import JOINT_STATE, LARGEST_MESSAGE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
-from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.touches.joint_parts import JointParts, UnjoinedError
-from scara_kinetostatic.touches.streams import FixedTransform
+from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.touches.clock import Samples
+from scara_kinetostatic.touches.streams import FixedTransform, JointParts, UnjoinedError
 
 _LARGEST_VALUE = 1e9
 """Larger values, and those that are not finite, are dropped, rad or N."""
@@ -119,24 +119,6 @@ def _text(message: bytes, at: int) -> tuple[str, int]:
     return message[begin : begin + size].rstrip(b'\0').decode('utf-8', 'replace'), begin + size
 
 
-class Samples(NamedTuple):
-    """The decoded messages of one topic, in the order of recording.
-
-    Attributes:
-        stamp: header stamps, (n,), ns.
-        log_time: when each was recorded, (n,), ns.
-        values: q1, q2, rad, and other joints, NaN where none was heard of, (n, 2 + h); or fx, fy, (n, 2), N.
-        dropped: number of messages that were of no use, by reason.
-        names: for joint states, the names of all joints in the messages.
-    """
-
-    stamp: NDArray[np.int64]
-    log_time: NDArray[np.int64]
-    values: Floats
-    dropped: Counter[str]
-    names: frozenset[str]
-
-
 class Decoder:
     """Gathers the samples of one topic, batch by batch.
 
@@ -146,14 +128,16 @@ class Decoder:
 
     Attributes:
         frame_ids: of the messages, in the order in which they came.
+        dropped: number of messages that were of no use, by reason; complete after `samples`.
+        names: for joint states, the names of all joints in the messages.
     """
 
     def __init__(self, joint_names: tuple[str, str] | None = None, others: Sequence[str] = ()) -> None:
         self._joint_names, self._wanted = joint_names, (*(joint_names or ()), *others)
         self.frame_ids: list[str] = []
         self._parts: list[tuple[NDArray[Any], ...]] = []
-        self._dropped: Counter[str] = Counter()
-        self._names: set[str] = set()
+        self.dropped: Counter[str] = Counter()
+        self.names: set[str] = set()
 
     def add(self, batch: Batch) -> None:
         """Adds the messages of a batch."""
@@ -182,7 +166,7 @@ class Decoder:
         return np.asarray(np.ptp(np.percentile(some, [1, 99], axis=0), axis=0)) if len(some) else np.zeros(3)
 
     def samples(self, turns: Mapping[str, Floats] | None = None) -> Samples:
-        """Everything decoded so far.
+        """Everything decoded: q1, q2 and other joints, NaN where none was heard of, (n, 2 + h); or fx, fy, (n, 2).
 
         Args:
             turns: of forces by their `frame_id`, (2, 3): f = turn (fx, fy, fz).
@@ -197,33 +181,32 @@ class Decoder:
             values[same] = all_values[same] @ turn.T
         absent = np.isnan(values[:, :2]) & bool(self._joint_names)
         finite = np.all((np.abs(values[:, :2]) < _LARGEST_VALUE) | absent, axis=1)
-        dropped = self._dropped + Counter({'with values that are not finite': int(np.sum(~finite))})
-        found = Samples(stamp[finite], log_time[finite], values[finite], dropped, frozenset(self._names))
+        self.dropped += Counter({'with values that are not finite': int(np.sum(~finite))})
+        found = Samples(stamp[finite], log_time[finite], values[finite])
         missing = np.isnan(found.values)
         return self._joined(found) if (missing != missing[:1]).any() or missing[:, :2].any() else found
 
     def _joined(self, parts: Samples) -> Samples:
         """The samples of messages of which some have only a part of the joints."""
-        join, found, dropped = JointParts(self._wanted), [], parts.dropped.copy()
-        for stamp, received, values in zip(*(column.tolist() for column in parts[:3]), strict=True):
+        join, found = JointParts(self._wanted), []
+        for stamp, received, values in zip(*(column.tolist() for column in parts), strict=True):
             try:
                 sample = join.add(stamp, received, values)
                 found += [sample] if sample else []
             except UnjoinedError as error:
-                dropped[f'where {error}'] += 1
+                self.dropped[f'where {error}'] += 1
         values = np.array([values for *_, values in found]).reshape(-1, len(self._wanted))
         times = np.array([times for *times, _ in found], dtype=np.int64).reshape(-1, 2)
-        return parts._replace(stamp=times[:, 0], log_time=times[:, 1], values=values, dropped=dropped)
+        return Samples(times[:, 0], times[:, 1], values)
 
-    def _same_layout(self, batch: Batch) -> Iterator[tuple[Fields, NDArray[np.uint8], NDArray[np.intp]]]:
+    def _same_layout(self, batch: Batch) -> Iterator[tuple[Fields, NDArray[np.uint8], Indices]]:
         """Messages that share a layout, as a matrix of bytes, with their places in the batch."""
         plausible = (batch.length >= 20) & (batch.length <= LARGEST_MESSAGE)
         where = np.flatnonzero(plausible)
         start = batch.start[where]
         plain = (batch.buffer[start] == 0) & (batch.buffer[start + 1] == 1)
-        self._dropped += Counter(
-            {_INCOMPLETE: int(np.sum(~plausible)), 'in an encoding other than plain CDR': int(np.sum(~plain))}
-        )
+        strange = {_INCOMPLETE: int(np.sum(~plausible)), 'in an encoding other than plain CDR': int(np.sum(~plain))}
+        self.dropped += Counter(strange)
         where = where[plain]
         compared, left = 0, len(where)
         for size in np.unique(batch.length[where]).tolist():
@@ -233,13 +216,13 @@ class Decoder:
             while len(rows):
                 compared += len(rows)
                 if compared > _MOST_COMPARED:
-                    self._dropped['in too many layouts'] += left
+                    self.dropped['in too many layouts'] += left
                     return
                 fields, problem = self._fields(rows[0].tobytes())
                 same = np.all(rows[:, _STRINGS : fields.end] == rows[0, _STRINGS : fields.end], axis=1)
                 left -= int(np.sum(same))
                 if problem:
-                    self._dropped[problem] += int(np.sum(same))
+                    self.dropped[problem] += int(np.sum(same))
                 else:
                     yield fields, rows[same], places[same]
                 rows, places = rows[~same], places[~same]
@@ -251,7 +234,7 @@ class Decoder:
         except ValueError as error:
             return Fields('', (), 0, 0, len(message)), str(error)
         if self._joint_names:
-            self._names.update(fields.names)
+            self.names.update(fields.names)
         if self._joint_names and set(self._wanted).isdisjoint(fields.names):
             return fields, f'without {" and ".join(self._joint_names)}'
         if set(self._joint_names or ()) & set(fields.names[fields.numbers :]):

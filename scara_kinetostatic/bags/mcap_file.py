@@ -22,45 +22,36 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, McapRecord, Message, Schema, Statistics
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scara_kinetostatic.bags.budget import Budget, unpack
-from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Topic, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Source, Topic
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
-_MESSAGE_HEAD = 9 + 22
-"""Bytes before the payload of a message: opcode, length; channel, sequence, log time, publish time."""
 _ENTRY = 16
 """Bytes of an index, a schema or a channel that cost as much as a record."""
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OSError, RuntimeError, ValueError)
 
 
-class McapFile:
-    """Reads an MCAP file with messages of ROS 2; a `Source`.
+class McapFile(Source):
+    """Reads an MCAP file with messages of ROS 2.
 
     Attributes:
         cut_off: that of the warnings which says that the file ends amid its data; empty where it does not.
     """
 
     def __init__(self, path: Path, budget: Budget) -> None:
-        self.path = path
-        self._budget = budget
+        super().__init__(path, budget)
         self.cut_off = ''
-        self.warnings: list[str] = []
         self._limit = path.stat().st_size
         self._schemas: dict[int, str] = {}
-        self._channels: dict[int, Topic] = {}
         self._read: Counter[str] = Counter()
         self._statistics: Statistics | None = None
-
-    def topics(self) -> list[Topic]:
-        """Every topic of the file."""
-        return list(dict.fromkeys(self._channels.values()))
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, chunk by chunk."""
@@ -72,11 +63,10 @@ class McapFile:
                 yield batch
         counts = self._statistics.channel_message_counts if self._statistics and not self.warnings else {}
         for topic in wanted if counts else ():
-            expected = sum(counts.get(key, 0) for key, channel in self._channels.items() if channel.name == topic)
+            expected = sum(counts.get(key, 0) for key, channel in self._topics.items() if channel.name == topic)
             if expected != self._read[topic]:
-                self.warnings.append(
-                    f'{self.path.name}: its index states {expected} messages of {topic}, read were {self._read[topic]}'
-                )
+                stated = f'its index states {expected} messages of {topic}, read were {self._read[topic]}'
+                self.warnings.append(f'{self.path.name}: {stated}')
 
     def _summary(self, stream: IO[bytes]) -> Summary | None:
         """The index at the end of the file; None if it cannot be used."""
@@ -98,23 +88,19 @@ class McapFile:
     def _by_index(self, stream: IO[bytes], summary: Summary, wanted: Collection[str]) -> Iterator[Batch]:
         self._statistics = summary.statistics
         self._define([*summary.schemas.values(), *summary.channels.values()])
-        ids = {key for key, topic in self._channels.items() if topic.name in wanted}
+        ids = {key for key, topic in self._topics.items() if topic.name in wanted}
         for index in sorted(summary.chunk_indexes, key=lambda item: item.chunk_start_offset):
             if not index.message_index_offsets or not ids.isdisjoint(index.message_index_offsets):
-                yield from self._indexed_chunk(stream, index, wanted)
-
-    def _indexed_chunk(self, stream: IO[bytes], index: ChunkIndex, wanted: Collection[str]) -> Iterator[Batch]:
-        offset = index.chunk_start_offset
-        try:
-            stream.seek(offset)
-            records = ReadDataStream(stream)
-            if records.read1() != Opcode.CHUNK or records.read8() > self._limit:
-                raise ValueError('no chunk at the place in the index')
-            chunk = Chunk.read(records)
-        except _DAMAGE as error:
-            self._damaged(offset, error)
-            return
-        yield from self._chunk(chunk, offset, wanted)
+                try:
+                    stream.seek(index.chunk_start_offset)
+                    records = ReadDataStream(stream)
+                    if records.read1() != Opcode.CHUNK or records.read8() > self._limit:
+                        raise ValueError('no chunk at the place in the index')
+                    chunk = Chunk.read(records)
+                except _DAMAGE as error:
+                    self._damaged(index.chunk_start_offset, error)
+                    continue
+                yield from self._chunk(chunk, index.chunk_start_offset, wanted)
 
     def _from_start(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
         loose: dict[Topic, tuple[list[int], list[bytes]]] = {}
@@ -124,7 +110,7 @@ class McapFile:
         try:
             for record in reader.records:
                 if isinstance(record, Message):
-                    topic = self._channels.get(record.channel_id)
+                    topic = self._topics.get(record.channel_id)
                     if topic is not None and topic.name in wanted:
                         times, payloads = loose.setdefault(topic, ([], []))
                         times.append(record.log_time)
@@ -142,10 +128,8 @@ class McapFile:
         except CRCValidationError:
             self.warnings.append(f'{self.path.name}: damaged somewhere: the checksum of its data does not match')
         except _DAMAGE:
-            self.warnings.append(
-                f'{self.path.name} ends early, after {offset} bytes (writer killed, or copy not complete): '
-                'read up to there'
-            )
+            why = '(writer killed, or copy not complete)'
+            self.warnings.append(f'{self.path.name} ends early, after {offset} bytes {why}: read up to there')
             self.cut_off = '' if ended else self.warnings[-1]
         for topic, messages in loose.items():
             yield Batch.from_payloads(topic, *messages)
@@ -166,21 +150,22 @@ class McapFile:
             return
         places: dict[Topic, list[int]] = {}
         for key, found in starts.items():
-            topic = self._channels.get(key)
+            topic = self._topics.get(key)
             if topic is not None and topic.name in wanted:
                 places.setdefault(topic, []).extend(found)
         buffer = np.frombuffer(data, np.uint8)
         for topic, found in places.items():
             at = np.sort(np.array(found, dtype=np.int64))
-            yield Batch(topic, _integers(buffer, at + 15), buffer, at + _MESSAGE_HEAD, _integers(buffer, at + 1) - 22)
+            # opcode (1), length (8); channel (2), sequence (4), log time (8), publish time (8), payload
+            yield Batch(topic, _integers(buffer, at + 15), buffer, at + 31, _integers(buffer, at + 1) - 22)
 
     def _define(self, records: Iterable[Schema | Channel]) -> None:
         for record in records:
             if isinstance(record, Schema):
-                self._schemas[record.id] = ros2_type(record.name)
+                self._schemas[record.id] = record.name
             else:
                 msgtype = self._schemas.get(record.schema_id, 'unknown')
-                self._channels[record.id] = Topic(ros_topic(record.topic), msgtype, record.message_encoding)
+                self._topics[record.id] = Topic.of(record.topic, msgtype, record.message_encoding)
 
     def _damaged(self, offset: int, error: Exception) -> None:
         reason = str(error) or type(error).__name__

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,12 @@ class Topic(NamedTuple):
     msgtype: str
     encoding: str
 
+    @classmethod
+    def of(cls, name: str, msgtype: str, encoding: str) -> Topic:
+        """A topic as a file names it: old ones lack the leading slash, and `msg` in `std_msgs/msg/String`."""
+        parts = printable(msgtype).split('/')
+        return cls(ros_topic(name), f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else msgtype, encoding)
+
 
 class Batch(NamedTuple):
     """Consecutive messages of one topic.
@@ -65,13 +71,8 @@ class Batch(NamedTuple):
     def from_payloads(cls, topic: Topic, log_time: Sequence[int], payloads: Sequence[bytes]) -> Batch:
         """From payloads that lie apart."""
         length = np.fromiter(map(len, payloads), np.int64, len(payloads))
-        return cls(
-            topic,
-            np.array(log_time, dtype=np.int64),
-            np.frombuffer(b''.join(payloads), np.uint8),
-            np.cumsum(length) - length,
-            length,
-        )
+        times, buffer = np.array(log_time, dtype=np.int64), np.frombuffer(b''.join(payloads), np.uint8)
+        return cls(topic, times, buffer, np.cumsum(length) - length, length)
 
     def payload(self, index: int) -> bytes:
         """The bytes of one message."""
@@ -108,20 +109,30 @@ def batched(topic: Topic, portions: Iterable[tuple[Sequence[int], Sequence[bytes
         yield Batch.from_payloads(topic, times, payloads)
 
 
-class Source(Protocol):
+class Source:
     """A recording, of whatever form.
 
+    Args:
+        path: the file or folder.
+        budget: of the recording.
+
     Attributes:
+        path: as given.
         warnings: what is damaged and how it was dealt with; complete once `batches` is exhausted.
     """
 
-    warnings: list[str]
+    def __init__(self, path: Path, budget: Budget) -> None:
+        self.path, self._budget = path, budget
+        self.warnings: list[str] = []
+        self._topics: dict[Any, Topic] = {}
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, in the order of their recording, within each topic."""
+        raise NotImplementedError
 
     def topics(self) -> list[Topic]:
         """Every topic of the recording, complete once `batches` is exhausted."""
+        return list(dict.fromkeys(self._topics.values()))
 
 
 @contextmanager
@@ -140,9 +151,8 @@ def reading(path: str | Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = (error.strerror if isinstance(error, OSError) else str(error)) or type(error).__name__
-        raise RecordingError(
-            path, f'cannot be read: {printable(reason[:200])}', 'check the file, or record it again'
-        ) from error
+        problem = f'cannot be read: {printable(reason[:200])}'
+        raise RecordingError(path, problem, 'check the file, or record it again') from error
 
 
 def printable(text: str) -> str:
@@ -155,9 +165,3 @@ def printable(text: str) -> str:
 def ros_topic(name: str) -> str:
     """The name of a topic with its leading slash (old recordings lack it)."""
     return '/' + printable(name).lstrip('/')
-
-
-def ros2_type(name: str) -> str:
-    """The name of a type as ROS 2 writes it: `std_msgs/String` becomes `std_msgs/msg/String`."""
-    parts = printable(name).split('/')
-    return f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else name

@@ -9,7 +9,7 @@ recording that cannot be used is a `RecordingError` that says what to do.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from itertools import islice
@@ -19,7 +19,7 @@ from typing import NamedTuple
 import zstandard
 
 from scara_kinetostatic.bags.budget import ZSTD_MAGIC, Budget, unpack
-from scara_kinetostatic.bags.cdr import Decoder, Samples, decode_string, decode_transforms
+from scara_kinetostatic.bags.cdr import Decoder, decode_string, decode_transforms
 from scara_kinetostatic.bags.messages import (
     DISCARD_TOPIC,
     JOINT_STATE,
@@ -41,8 +41,7 @@ from scara_kinetostatic.errors import CellError, InputError, RecordingError, one
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
-from scara_kinetostatic.touches import clock
-from scara_kinetostatic.touches.clock import counted
+from scara_kinetostatic.touches.clock import counted, on_one_clock
 from scara_kinetostatic.touches.streams import (
     INTERLEAVED,
     JointStream,
@@ -58,21 +57,15 @@ _JSON = 100
 """Messages on `/tf_static` and of discarded touches cost as much as so many others."""
 
 
-class _Discard(NamedTuple):
-    """A touch that was discarded while recording: a stamp within its hold, and when that was received, ns."""
-
-    stamp: int
-    received: int
-
-
 class _Contents(NamedTuple):
     """What a recording holds of two topics: its source, which then knows all topics; the decoders of the two topics;
-    touches that were discarded while recording; and what the fixed transforms say of the wrenches.
+    of each touch that was discarded while recording a stamp within its hold, and when that was received, ns; and what
+    the fixed transforms say of the wrenches.
     """
 
     source: Source
     decoders: dict[str, Decoder]
-    discarded: list[_Discard]
+    discarded: list[tuple[int, int]]
     frame: WrenchFrame
 
 
@@ -93,7 +86,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         names = cell.sensor.topics
         contents = _read(path, names, cell)
         topics = contents.source.topics()
-        found = _cell_topics(str(path), topics, cell.sensor, lambda: _recorded_sensor(path, topics))
+        found = _cell_topics(path, topics, cell.sensor)
         if found != names:
             names = found
             contents = _read(path, names, cell)
@@ -102,16 +95,15 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         joint_decoder, wrench_decoder = contents.decoders.values()
         streams = {names[0]: joint_decoder.samples(), names[1]: wrench_decoder.samples(turns)}
         warnings = list(contents.source.warnings)
-        for (topic, samples), msgtype in zip(streams.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
-            if len(samples.stamp) == 0:
-                raise _nothing_usable(path, contents.source, topic, msgtype, samples, cell)
-            warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in samples.dropped.items()]
+        for (topic, decoder), msgtype in zip(contents.decoders.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
+            if len(streams[topic].stamp) == 0:
+                raise _nothing_usable(path, contents.source, topic, msgtype, decoder, cell)
+            warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in decoder.dropped.items()]
         if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values[:, :2]):
             warnings.append(f'{names[0]}: {INTERLEAVED}')
         warnings += [f'{names[1]}: {said}' for name in frame_ids if (said := contents.frame.complaint(name))]
-        clocked = [clock.Samples(*samples[:3]) for samples in streams.values()]
-        offset = cell.sensor.time_offset
-        (joints, wrench), valid = clock.on_one_clock(str(path), names, clocked, warnings, offset)
+        samples, offset = list(streams.values()), cell.sensor.time_offset
+        (joints, wrench), valid = on_one_clock(str(path), names, samples, warnings, offset)
         moved = JointStream.of(*joints).moved(cell)
         if moved.any():
             where = cell.moved_joint(joints[1][moved][0, 2:])
@@ -122,7 +114,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
             WrenchStream(*wrench),
             warnings=tuple(map(one_line, warnings)),
             topics=names,
-            discarded=tuple(item.received if valid.by_log_time else item.stamp for item in contents.discarded),
+            discarded=tuple(times[valid.by_log_time] for times in contents.discarded),
             force_ranges=None if turns else wrench_decoder.force_ranges(),
             turned=one_line('; '.join(map(contents.frame.description, turns))),
         )
@@ -173,24 +165,16 @@ def _decompressed(batch: Batch, budget: Budget) -> Iterator[Batch]:
     yield from batched(batch.topic, ((times[part.start : part.stop], [*map(content, part)]) for part in parts), budget)
 
 
-def _discarded(batch: Batch) -> list[_Discard]:
-    """The discarded touches."""
+def _discarded(batch: Batch) -> list[tuple[int, int]]:
+    """The discarded touches, as `_Contents` has them."""
     found = []
     for payload in batch.payloads():
         said = json.loads(decode_string(payload))
-        discard = _Discard(said['stamp'], said.get('received') or said['stamp'])
-        if not all(isinstance(time, int) for time in discard):
+        times = said['stamp'], said.get('received') or said['stamp']
+        if not all(isinstance(time, int) for time in times):
             raise ValueError(f'{DISCARD_TOPIC}: expected times in ns, got {said!r}')
-        found.append(discard)
+        found.append(times)
     return found
-
-
-def _recorded_sensor(path: str | Path, topics: Sequence[Topic]) -> Sensor | None:
-    """The sensor of the cell description in the recording; None where there is none that is valid."""
-    with suppress(CellError):
-        cell = embedded_cell(path) if any(item.name == CELL_TOPIC for item in topics) else None
-        return cell.sensor if cell else None
-    return None
 
 
 def embedded_cell(path: str | Path) -> Cell | None:
@@ -217,34 +201,30 @@ def _embedded(path: str | Path) -> tuple[Cell | None, list[str]]:
 
 
 def _nothing_usable(
-    path: str | Path, source: Source, topic: str, msgtype: str, samples: Samples, cell: Cell
+    path: str | Path, source: Source, topic: str, msgtype: str, decoder: Decoder, cell: Cell
 ) -> RecordingError:
-    """Why a topic gave no samples."""
+    """Why a topic gave no decoder."""
     topics = source.topics()
     here = [item for item in topics if item.name == topic]
-    if source.warnings and not samples.dropped:
+    if source.warnings and not decoder.dropped:
         problem = f'no message of {topic} can be read: {"; ".join(source.warnings[:2])}'
         return RecordingError(path, problem, 'copy the file again, or record again')
     if not here:
-        return _missing(path, topic, msgtype, topics)
+        if not topics:
+            return RecordingError(path, 'the recording has no topics', f'record {topic} ({msgtype})')
+        return RecordingError(path, f'the recording has no topic {topic}', _suggestion(topics, msgtype, topic))
     if all(item.msgtype != msgtype for item in here):
         problem = f'topic {topic} carries {here[0].msgtype}, expected {msgtype}'
         return RecordingError(path, problem, _suggestion(topics, msgtype, topic))
     if all(item.encoding != 'cdr' for item in here):
         return RecordingError(path, f'topic {topic} is serialized as {here[0].encoding!r}, expected cdr', 'convert it')
-    if samples.names and (missing := [name for name in cell.joint_names if name not in samples.names]):
-        problem = f'topic {topic} does not have {" and ".join(missing)}, only {_some(sorted(samples.names))}'
+    if decoder.names and (missing := [name for name in cell.joint_names if name not in decoder.names]):
+        problem = f'topic {topic} does not have {" and ".join(missing)}, only {_some(sorted(decoder.names))}'
         return RecordingError(path, problem, 'put the right names into robot.joint_names of the cell description')
-    if samples.dropped:
-        reasons = ', '.join(f'{number} {why}' for why, number in samples.dropped.most_common())
+    if decoder.dropped:
+        reasons = ', '.join(f'{number} {why}' for why, number in decoder.dropped.most_common())
         return RecordingError(path, f'no message of {topic} can be used: {reasons}', 'check what publishes the topic')
     return RecordingError(path, f'topic {topic} has no messages', 'record while the driver publishes')
-
-
-def _missing(path: str | Path, topic: str, msgtype: str, topics: list[Topic]) -> RecordingError:
-    if not topics:
-        return RecordingError(path, 'the recording has no topics', f'record {topic} ({msgtype})')
-    return RecordingError(path, f'the recording has no topic {topic}', _suggestion(topics, msgtype, topic))
 
 
 def _suggestion(topics: list[Topic], msgtype: str, topic: str) -> str:
@@ -260,9 +240,7 @@ def _some(names: list[str], most: int = 8) -> str:
     return printable(', '.join(names[:most])) + more
 
 
-def _cell_topics(
-    source: str, topics: Sequence[Topic], sensor: Sensor, recorded: Callable[[], Sensor | None]
-) -> tuple[str, str]:
+def _cell_topics(path: str | Path, topics: Sequence[Topic], sensor: Sensor) -> tuple[str, str]:
     """The names of joint states and wrenches in a recording; those in the root namespace where there is nothing better.
 
     A name with a leading slash is taken as it stands. One without was recorded in the namespace of the nodes, which the
@@ -271,10 +249,9 @@ def _cell_topics(
     beside the only two topics of these types.
 
     Args:
-        source: the recording, for messages.
+        path: the recording.
         topics: all its topics.
         sensor: of the cell description.
-        recorded: reads that of the cell description in the recording; None where there is none.
 
     Raises:
         RecordingError: several namespaces have both topics.
@@ -284,14 +261,16 @@ def _cell_topics(
     if len(found) > 1:
         problem = f'several cells: {" and ".join(f"{joints} with {wrench}" for joints, wrench in found[:4])}'
         remedy = 'write the full names of one, with a leading slash, into sensor.joint_states and sensor.wrench'
-        raise RecordingError(source, problem, f'{remedy} of the cell description')
+        raise RecordingError(path, problem, f'{remedy} of the cell description')
     if found:
         return found[0]
     only = [list(dict.fromkeys(names)) for names in here]
-    if any(len(names) != 1 for names in only):
-        return sensor.topics
-    described = recorded()
-    return (only[0][0], only[1][0]) if described and described[:2] == sensor[:2] else sensor.topics
+    if all(len(names) == 1 for names in only) and any(item.name == CELL_TOPIC for item in topics):
+        with suppress(CellError):
+            described = embedded_cell(path)
+            if described and described.sensor[:2] == sensor[:2]:
+                return only[0][0], only[1][0]
+    return sensor.topics
 
 
 def _by_namespace(here: list[list[str]], sensor: Sensor) -> list[tuple[str, str]]:
@@ -352,7 +331,6 @@ def other_descriptions(cell: Cell, paths: Sequence[Path], option: str, without: 
             recorded = embedded_cell(path)
             keys = [] if recorded is None else [k for k in different_parts(cell, recorded) if k not in without]
             if keys:
-                sentences.append(
-                    f'{path} contains another cell description ({", ".join(keys)}); that of {option} is used'
-                )
+                other = f'{path} contains another cell description ({", ".join(keys)})'
+                sentences.append(f'{other}; that of {option} is used')
     return sentences

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from rosbags.interfaces import Connection
@@ -12,7 +13,7 @@ from rosbags.rosbag1.reader import Chunk, IndexData, decompressors
 
 from scara_kinetostatic.bags.budget import Budget, unpack
 from scara_kinetostatic.bags.cdr import ros2_types
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Topic, batched, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Source, Topic, batched
 from scara_kinetostatic.errors import RecordingError
 
 _HEADER, _FIELD = 64, 4
@@ -58,25 +59,15 @@ class _BoundedReader(Reader):
         self._budget.charge(0, (self.bio.tell() - begin) // 12)
 
 
-class Ros1File:
-    """A bag of format 2.0, plain or compressed chunk by chunk; a `Source`."""
-
-    def __init__(self, path: Path, budget: Budget) -> None:
-        self.path = path
-        self._budget = budget
-        self.warnings: list[str] = []
-        self._topics: dict[int, Topic] = {}
-
-    def topics(self) -> list[Topic]:
-        """Every topic of the file."""
-        return list(dict.fromkeys(self._topics.values()))
+class Ros1File(Source):
+    """A bag of format 2.0, plain or compressed chunk by chunk."""
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, in the order of their recording."""
         try:
             with _BoundedReader(self.path, self._budget) as reader:
                 for item in reader.connections:
-                    self._topics[item.id] = Topic(ros_topic(item.topic), ros2_type(item.msgtype), 'cdr')
+                    self._topics[item.id] = Topic.of(item.topic, item.msgtype, 'cdr')
                 for topic in (topic for topic in self.topics() if topic.name in wanted):
                     connections = [item for item in reader.connections if self._topics[item.id] == topic]
                     yield from batched(topic, self._portions(reader, connections, topic), self._budget)
@@ -91,7 +82,6 @@ class Ros1File:
         """The times and payloads of a topic's messages, some at a time; empty where damaged or too large."""
         convert = ros2_types().ros1_to_cdr
         times, payloads, size, count = list[int](), list[bytes](), 0, 0
-        msgtype = topic.msgtype
         places = heapq.merge(*(reader.indexes[item.id] for item in connections))
         try:
             for place, (_, time, payload) in zip(places, reader.messages(connections), strict=False):
@@ -99,13 +89,10 @@ class Ros1File:
                 beside = reader.current_chunk[1].tell() - place.offset - length
                 if beside > _HEADER:
                     self._budget.charge(beside, (beside - _HEADER) // _FIELD)
+                content = b''
                 if length <= LARGEST_MESSAGE:
-                    try:
-                        content = bytes(convert(payload, msgtype))
-                    except Exception:  # rosbags raises whatever the bytes lead to
-                        content = b''
-                else:
-                    content = b''
+                    with suppress(Exception):  # rosbags raises whatever the bytes lead to
+                        content = bytes(convert(payload, topic.msgtype))
                 times.append(time)
                 payloads.append(content)
                 size += length
@@ -119,6 +106,5 @@ class Ros1File:
         count += len(times)
         expected = sum(item.msgcount for item in connections)
         if count != expected and not self.warnings:
-            self.warnings.append(
-                f'{self.path.name}: its index states {expected} messages of {topic.name}, read were {count}'
-            )
+            stated = f'its index states {expected} messages of {topic.name}, read were {count}'
+            self.warnings.append(f'{self.path.name}: {stated}')

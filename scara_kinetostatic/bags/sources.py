@@ -20,7 +20,7 @@ import zstandard
 
 from scara_kinetostatic.bags.budget import ZSTD_MAGIC, Budget, BudgetError
 from scara_kinetostatic.bags.mcap_file import MAGIC, McapFile
-from scara_kinetostatic.bags.messages import Batch, Batches, Source, Topic, reading, ros_topic
+from scara_kinetostatic.bags.messages import Batch, Batches, Source, reading, ros_topic
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.yaml_file import parse_strings
 
@@ -77,59 +77,38 @@ def _open_file(path: Path, budget: Budget) -> Source:
     raise RecordingError(path, 'not a recording', remedy)
 
 
-class _Decompressed:
-    """A file compressed as a whole: decompressed into a temporary file while it is read; a `Source`."""
-
-    def __init__(self, path: Path, budget: Budget) -> None:
-        self.path = path
-        self.warnings: list[str] = []
-        self._budget = budget
-        self._topics: list[Topic] = []
-
-    def topics(self) -> list[Topic]:
-        """Every topic of the file."""
-        return self._topics
+class _Decompressed(Source):
+    """A file compressed as a whole: decompressed into a temporary file while it is read."""
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics."""
         with tempfile.TemporaryDirectory(prefix='scara_kinetostatic_') as folder:
             plain = Path(folder) / self.path.stem
-            self._decompress(plain)
+            with zstandard.open(self.path, 'rb') as packed, plain.open('wb') as unpacked:
+                try:
+                    while part := packed.read(1 << 20):
+                        self._budget.charge(len(part))  # nothing beyond the limit is written
+                        unpacked.write(part)
+                except zstandard.ZstdError as error:
+                    self.warnings.append(f'{self.path.name} ends early ({error}): read up to there')
             try:
                 source = _open_file(plain, self._budget)
                 yield from source.batches(wanted)
             except RecordingError as error:
                 raise type(error)(self.path, f'decompressed: {error.problem}', error.remedy) from error
-            self._topics = source.topics()
+            self._topics |= {topic: topic for topic in source.topics()}
             self.warnings += source.warnings
 
-    def _decompress(self, plain: Path) -> None:
-        """Decompresses the file.
 
-        Raises:
-            BudgetError: it grows beyond the limit; nothing beyond that is written.
-        """
-        with zstandard.open(self.path, 'rb') as packed, plain.open('wb') as unpacked:
-            try:
-                while part := packed.read(1 << 20):
-                    self._budget.charge(len(part))
-                    unpacked.write(part)
-            except zstandard.ZstdError as error:
-                self.warnings.append(f'{self.path.name} ends early ({error}): read up to there')
-
-
-class BagFolder:
-    """Reads the files of a rosbag2 folder in turn; a `Source`.
+class BagFolder(Source):
+    """Reads the files of a rosbag2 folder in turn.
 
     Raises:
         RecordingError: the folder holds no recording.
     """
 
     def __init__(self, path: Path, budget: Budget) -> None:
-        self.path = path
-        self.warnings: list[str] = []
-        self._budget = budget
-        self._topics: list[Topic] = []
+        super().__init__(path, budget)
         self._counts: dict[str, int] = {}
         self._read_counts: Counter[str] = Counter()
         self._cut_off: list[str] = []
@@ -142,10 +121,6 @@ class BagFolder:
             if not self.warnings:
                 self.warnings.append(f'{METADATA} is missing: all files of the folder were read, in order')
         self._files = listed
-
-    def topics(self) -> list[Topic]:
-        """Every topic of the folder."""
-        return list(dict.fromkeys(self._topics))
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of all files in turn, then what left-over files add."""
@@ -173,7 +148,7 @@ class BagFolder:
                 raise
             self.warnings.append(f'{path.name} was skipped: {error.problem}')
             return
-        self._topics += source.topics()
+        self._topics |= {topic: topic for topic in source.topics()}
         self.warnings += source.warnings
         if isinstance(source, McapFile):
             self._cut_off.append(source.cut_off)
@@ -215,12 +190,11 @@ class BagFolder:
         last = _NUMBERED.match(self._files[-1].name) if self._files else None
         if last is None:
             return []
-        matches = [(file, _NUMBERED.match(file.name)) for file in self._entries if file not in self._files]
-        following = [
-            file
-            for file, match in matches
-            if match and match['stem'] == last['stem'] and int(match['number']) > int(last['number'])
-        ]
+        following = []
+        for file in (file for file in self._entries if file not in self._files):
+            match = _NUMBERED.match(file.name)
+            if match and match['stem'] == last['stem'] and int(match['number']) > int(last['number']):
+                following.append(file)
         return sorted(following, key=_natural)
 
     def _no_recording(self) -> RecordingError:

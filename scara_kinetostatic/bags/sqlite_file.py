@@ -5,10 +5,8 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing
-from pathlib import Path
 
-from scara_kinetostatic.bags.budget import Budget
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Topic, batched, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Source, Topic, batched
 from scara_kinetostatic.errors import RecordingError
 
 _LARGEST_CHECKED = 1 << 30
@@ -17,21 +15,11 @@ _STEPS, _STEPS_PER_RECORD = 1_000_000, 100
 """Steps of SQLite after which they are charged, and how many cost a record; a row that is skipped needs 8."""
 
 
-class SqliteFile:
-    """Reads the two tables that every version of the storage has; a `Source`.
+class SqliteFile(Source):
+    """Reads the two tables that every version of the storage has.
 
     Of a database that is damaged in the middle, the messages before the damage are read, with a warning.
     """
-
-    def __init__(self, path: Path, budget: Budget) -> None:
-        self.path = path
-        self._budget = budget
-        self.warnings: list[str] = []
-        self._topics: dict[int, Topic] = {}
-
-    def topics(self) -> list[Topic]:
-        """Every topic of the file."""
-        return list(self._topics.values())
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, in the order of their arrival."""
@@ -96,7 +84,7 @@ class SqliteFile:
         texts = ', '.join(f'substr({name}, 1, 1000)' for name in ('name', 'type', 'serialization_format'))
         for key, name, msgtype, encoding in database.execute(f'SELECT id, {texts} FROM topics ORDER BY id'):
             self._budget.charge(0, 10)
-            self._topics[key] = Topic(ros_topic(str(name)), ros2_type(str(msgtype)), str(encoding))
+            self._topics[key] = Topic.of(str(name), str(msgtype), str(encoding))
 
     def _charge_steps(self) -> bool:
         """Charges what SQLite has done without a row; ends it where nothing is left."""
@@ -108,12 +96,11 @@ class SqliteFile:
     ) -> Iterator[tuple[list[int], list[bytes]]]:
         """The times and payloads of a topic's messages, some at a time."""
         data = f'CASE WHEN length(data) <= {LARGEST_MESSAGE} THEN data END'
+        query = f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id'
         cursor: sqlite3.Cursor | None = None
         while True:
             try:
-                cursor = cursor or database.execute(
-                    f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id', (key,)
-                )
+                cursor = cursor or database.execute(query, (key,))
                 rows = cursor.fetchmany(PORTION)
             except sqlite3.DatabaseError as error:
                 self._budget.charge(0)

@@ -367,12 +367,9 @@ def _write_sqlite(path: Path, topics: Sequence[Channel], messages: Messages, com
         if compress:
             writer.set_compression(rosbag2.CompressionMode.FILE, rosbag2.CompressionFormat.ZSTD)
         with writer:
-            connections = {
-                item.topic: writer.add_connection(
-                    item.topic, item.msgtype, typestore=ros2_types(), offered_qos_profiles=[item.qos]
-                )
-                for item in topics
-            }
+            connections, store = {}, ros2_types()
+            for topic, msgtype, qos in topics:
+                connections[topic] = writer.add_connection(topic, msgtype, typestore=store, offered_qos_profiles=[qos])
             for topic, payload, log_time in messages:
                 writer.write(connections[topic], log_time, payload)
         shutil.move(writer.path, path)

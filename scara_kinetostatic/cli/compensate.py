@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
 def metadata_of(table: PoseTable, sides: Indices, predictor: Predictor) -> TouchMetadata:
     """What effects need to know of the rows."""
     from scara_kinetostatic.model.effect_law import TouchMetadata
-    from scara_kinetostatic.touches.of_table import approach_of
+    from scara_kinetostatic.touches.detection import approach_of
 
     metadata = TouchMetadata.plain(len(table))._replace(posture=sides)
     if table.time is not None:

@@ -41,8 +41,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.bags.sources import open_recording
     from scara_kinetostatic.files.touch_table import is_touch_table
     from scara_kinetostatic.pipeline import touches_of_file
-    from scara_kinetostatic.touches.detection import find_touches
-    from scara_kinetostatic.touches.of_table import in_base_frame
+    from scara_kinetostatic.touches.detection import find_touches, in_base_frame
 
     cell = cell_or_recorded(args.cell, [args.bag])
     warnings: tuple[str, ...] = ()

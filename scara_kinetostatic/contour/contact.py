@@ -15,9 +15,8 @@ import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.touches.contacts import find_contacts
+from scara_kinetostatic.touches.contacts import SHORTEST_FREE, find_contacts, tare_before
 from scara_kinetostatic.touches.signals import SMOOTHING, Signals, moving_mean, white_noise
-from scara_kinetostatic.touches.tare import SHORTEST_FREE, tare_before
 
 LARGEST_ZERO = 2.0
 """A zero that is larger by more than this than another steady force, N, was taken in contact."""

@@ -32,10 +32,9 @@ from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.report.markers import FOUND, TEXT, Primitive, Shape, label, object_markers, places
-from scara_kinetostatic.touches.contacts import find_contacts
+from scara_kinetostatic.touches.contacts import AFTER_CONTACT, find_contacts
 from scara_kinetostatic.touches.online import StreamPair
 from scara_kinetostatic.touches.signals import Signals, as_signals, runs
-from scara_kinetostatic.touches.tare import AFTER_CONTACT
 
 SECOND = 1_000_000_000
 _SOURCE = 'the slide'

@@ -185,21 +185,16 @@ def _kept(folder: Path, names: Mapping[str, str], drafts: Path) -> Iterator[None
             if os.path.lexists(folder / second):
                 raise _exists(folder / second)
             made.append(folder / second)
-            _add_name(folder / name, folder / second, drafts / second)
+            try:
+                os.link(folder / name, folder / second)
+            except OSError:  # a file system without links
+                shutil.copy2(folder / name, drafts / second)
+                (drafts / second).replace(folder / second)
         yield
     except BaseException:
         for path in made:
             path.unlink(missing_ok=True)
         raise
-
-
-def _add_name(path: Path, second: Path, draft: Path) -> None:
-    """A second name by a link; as a copy where the file system has no links."""
-    try:
-        os.link(path, second)
-    except OSError:
-        shutil.copy2(path, draft)
-        draft.replace(second)
 
 
 def _exchange(drafts: Path, folder: Path, names: list[str]) -> None:

@@ -25,7 +25,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import Undetected
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError, ParameterError
-from scara_kinetostatic.files.cell_file import cell_description, read_cell
+from scara_kinetostatic.files.cell_file import OPTIONAL, cell_description, read_cell
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import Floats
@@ -40,19 +40,6 @@ RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 _MAX_BYTES, _MOST_VALUES = 12 << 20, 1_000_000
 """Larger documents are refused; one has up to 1.2 kB for each touch."""
 _REMEDY = 'give the calibration.json that calibrate writes'
-_VERBATIM = (
-    'noise',
-    'plates',
-    'uncertainty',
-    'tolerance',
-    'region',
-    'tip',
-    'identification',
-    'obstacles',
-    'touch',
-    'gravity',
-)
-"""Keys of `cell` that are those of a cell description."""
 
 
 def cell_entry(cell: Cell) -> dict[str, Any]:
@@ -175,22 +162,9 @@ def _load_yaml(path: Path) -> CalibratedArm:
         raise CalibrationFileError(path, problem, 'give the calibration.json beside it, or calibrate again') from error
     if not isinstance(text, str):
         raise CalibrationFileError(path, 'calibration.model is not text', _REMEDY)
-    arm = parse_arm(text, path)
+    arm = read_arm(parse_document(text, path), path)
     _check_agreement(entries.get('calibrated'), 'calibrated', arm.model, path)
     return arm
-
-
-def parse_arm(text: str, where: str | Path) -> CalibratedArm:
-    """The arm of a JSON text.
-
-    Args:
-        text: of `calibration.json`, of `calibration.model`, or of `~/result`.
-        where: the file or topic, for messages.
-
-    Raises:
-        CalibrationFileError: it is no JSON, has another schema, or is damaged.
-    """
-    return read_arm(parse_document(text, where), where)
 
 
 def _grade(grade: object) -> str:
@@ -210,7 +184,7 @@ def is_readable(text: str) -> bool:
 
 
 def parse_document(text: str, where: str | Path) -> Any:
-    """The document of a JSON text, as `parse_arm` takes it.
+    """The document of a JSON text: of `calibration.json`, of `calibration.model`, or of `~/result`.
 
     Raises:
         CalibrationFileError: it is too large, or no JSON.
@@ -309,7 +283,7 @@ def stored_cell(entry: Mapping[str, Any], where: str | Path) -> Cell:
     stated = ('coupling', 'direction', 'plane', 'limits', 'lift', 'hold', 'moments')
     robot |= {key: entry[key] for key in stated if key in entry}
     description = {'robot': robot, 'objects': entry['objects'], 'sensor': entry['sensor'], 'model': model}
-    description |= {key: entry[key] for key in _VERBATIM if entry.get(key)}
+    description |= {key: entry[key] for key in ('noise', *OPTIONAL) if entry.get(key)}
     return read_cell(description, f'{where}: cell', check_layout=False)
 
 
@@ -354,9 +328,8 @@ def stored_covariance(rows: Any, size: int) -> Floats:
         raise ValueError('the covariance is not symmetric, or correlates what is fixed')
     smallest = np.linalg.eigvalsh(found / np.where(limit > 0, limit, 1.0))[0] if size else 0.0
     if smallest < -rounding:
-        raise ValueError(
-            f'the covariance is not positive semidefinite: the correlation has an eigenvalue {smallest:.2g}'
-        )
+        problem = f'the correlation has an eigenvalue {smallest:.2g}'
+        raise ValueError(f'the covariance is not positive semidefinite: {problem}')
     return found
 
 
@@ -397,14 +370,12 @@ def stored_numbers(values: Any, shape: tuple[int, ...]) -> Floats:
     return array
 
 
-_NOT_IN_CATALOGUE = (Unnamed(), OffNormalForce())
-"""What a diagnosis finds beside the catalogue."""
-
-
 def effect_entry(effect: EffectLaw) -> dict[str, Any]:
     """The effect as plain JSON values; what its cell determines, such as a reference, is left out."""
     assert isinstance(effect, Effect)
-    stored = {name: list(value) if isinstance(value, tuple) else value for name, value in _plain_fields(effect).items()}
+    values = {item.name: getattr(effect, item.name) for item in fields(effect)}
+    plain = {name: v for name, v in values.items() if v is None or isinstance(v, (str, int, float, tuple))}
+    stored = {name: list(value) if isinstance(value, tuple) else value for name, value in plain.items()}
     return {'label': effect.label, 'name': effect.name, 'class': type(effect).__name__, 'fields': stored}
 
 
@@ -421,7 +392,7 @@ def read_effect(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> Effe
         ValueError, TypeError, KeyError: the entry is damaged.
     """
     label, stored = str(entry['label']), dict(entry['fields'])
-    others = (*_NOT_IN_CATALOGUE, Undetected(cell=cell))
+    others = (Unnamed(), OffNormalForce(), Undetected(cell=cell))  # what a diagnosis finds beside the catalogue
     for known in (*catalogue(cell), *others):
         if (known.name, type(known).__name__) == (entry['name'], entry['class']):
             effect = replace(known, **_checked(known, stored))
@@ -429,12 +400,6 @@ def read_effect(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> Effe
                 return effect
     problem = f'the effect {label!r} of this calibration is not known here'
     raise CalibrationFileError(where, problem, 'install the package that it comes from, or calibrate again')
-
-
-def _plain_fields(effect: Effect) -> dict[str, Any]:
-    """The fields that JSON can hold, by name."""
-    values = {item.name: getattr(effect, item.name) for item in fields(effect)}
-    return {name: v for name, v in values.items() if v is None or isinstance(v, (str, int, float, tuple))}
 
 
 def _checked(effect: Effect, stored: Mapping[str, Any]) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from typing import Any
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.yaml_file import (
+    ANY,
     NOT_NEGATIVE,
     POSITIVE,
     Section,
@@ -55,19 +56,16 @@ from scara_kinetostatic.model.plane import Plane, axes_problem
 CELL_TOPIC = '/cell_description'
 """Topic of the cell description in a recording, `std_msgs/msg/String`."""
 
+OPTIONAL = ('plates', 'uncertainty', 'tolerance', 'region', 'tip', 'gravity', 'obstacles', 'touch', 'identification')
+"""Keys that may be left out, beside `sensor`, `noise` and `model`."""
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
 
 _COMMON = ('radius', 'force_gain', 'force_rotation')
 """Keys of the section `uncertainty` beside `nominal`."""
-_MOST_PLATES = 16
 _LENGTH = Within(0.0, 2e-3, 'it is in m: 1.5e-5 for 15 µm', unit='m')
 """Standard uncertainties that are accepted: what is known worse than that is not known."""
-_PLATE = _LENGTH._replace(most=0.02)
-"""The same of the place of a plate: it is found by touch."""
 _ANGLE = Within(0.0, 0.2, 'it is in rad: 1.0e-3 for 0.06 deg', unit='rad')
 _PART = Within(0.0, 0.2, 'it is a part of 1: 0.005 for 0.5 %')
-_TURN = Within(-6.3, 6.3, 'it is in rad: 1.5708 for 90 degrees', unit='rad')
-_COUPLING = Within(-2.0, 2.0, 'it is a ratio of angles: 0.2105 for pulleys of 16 and 76 teeth')
 _TOLERANCE = Within(0.0, 5e-3, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')
 """Tolerances of the tip that are accepted: any calibration meets a larger one."""
 
@@ -119,12 +117,11 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
     Raises:
         CellError: the content is not valid.
     """
-    optional = ('sensor', 'noise', 'model', 'plates', 'uncertainty', 'tolerance', 'region', 'tip', 'gravity')
-    top = Section(
-        CellError, str(where), '', data, ('robot', 'objects'), (*optional, 'obstacles', 'touch', 'identification')
-    )
-    robot = top.section('robot', ('nominal',), ('joint_names', 'coupling', 'direction', 'plane', 'moments', *_MOTION))
+    top = Section(CellError, str(where), '', data, ('robot', 'objects'), ('sensor', 'noise', 'model', *OPTIONAL))
+    of_arm = ('joint_names', 'coupling', 'direction', 'plane', 'moments')
+    robot = top.section('robot', ('nominal',), (*of_arm, 'limits', 'lift', 'hold'))
     joint_names, direction = _joint_names(robot), _direction(robot)
+    ratio = Within(-2.0, 2.0, 'it is a ratio of angles: 0.2105 for pulleys of 16 and 76 teeth')
     lift = _lift(robot, joint_names)
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
     plates = _plates(top)
@@ -133,7 +130,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
         nominal=base,
         discs=() if may_be_empty and top.data['objects'] == [] else _discs(top, plates),
         joint_names=joint_names,
-        coupling=robot.optional('coupling', within=_COUPLING) or 0.0,
+        coupling=robot.optional('coupling', within=ratio) or 0.0,
         direction=direction,
         plane=_plane(robot),
         sensor=_sensor(top.section('sensor', (), Sensor._fields)),
@@ -150,7 +147,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
         hold=_hold(robot, (*joint_names, *([lift.joint] if lift else []))),
         obstacles=_obstacles(top),
         touch=_touch(top),
-        identification=_identification(top.section('identification', (), Identification._fields)),
+        identification=_identification(top),
     )
     cell = replace(cell, uncertainty=replace(cell.uncertainty, effects=_effects(top, cell)))
     if check_layout and cell.discs:
@@ -160,92 +157,81 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
 
 def cell_description(cell: Cell) -> dict[str, Any]:
     """The keys of a cell description; what is not stated is left out."""
-    sensor, u = cell.sensor, cell.uncertainty
-    model: dict[str, Any] = {'gripper_sign': cell.gripper_sign.value}
-    if not cell.gripper.isotropic:
-        model['gripper_excess'] = [list(row) for row in cell.gripper_excess]
-    optional = {
-        'gravity': list(cell.nominal.gravity) if cell.nominal.has_gravity else [],
-        'noise': {} if cell.noise is None else cell.noise.as_dict(as_stated=True),
-        'model': model,
-        'plates': [
-            {
-                'name': plate.name,
-                'origin': [plate.x, plate.y],
-                **_stated(center=plate.center_std, angle=plate.angle_std),
-            }
-            for plate in cell.plates
-        ],
-        'uncertainty': {name: getattr(u, name) for name in _COMMON if getattr(u, name)}
-        | ({'nominal': dict(u.nominal)} if u.nominal else {})
-        | ({'effects': _sizes(u.effects)} if u.effects != EffectSizes() else {}),
-        'tolerance': {'tip': cell.tolerance} if cell.tolerance else {},
-        'tip': {'radius': cell.tip_radius} if cell.tip_radius else {},
-        'obstacles': [{'outline': [list(corner) for corner in outline]} for outline in cell.obstacles],
-        'touch': {name: list(v) if isinstance(v, tuple) else v for name, v in cell.touch._asdict().items()}
-        if cell.touch != TouchMotion()
-        else {},
-        'region': {} if cell.region == Region() else {'x': list(cell.region[:2]), 'y': list(cell.region[2:])},
-        'identification': cell.identification.given(),
-    }
-    stated = turned_limits(cell.limits, cell.direction)
-    limits = dict(zip(cell.joint_names, map(list, stated), strict=True)) if stated else {}
-    moments = {name: getattr(cell.nominal, name) for name in cell.nominal.names[len(NAMES) :]}
-    moments |= {name: value for name in _PHI if (value := getattr(cell.nominal, name))}
-    motion = {
-        'coupling': cell.coupling,
-        'direction': list(cell.direction) if cell.direction != (1, 1) else [],
-        'plane': _plane_description(cell.plane),
-        'moments': moments,
-        'limits': limits,
-        'lift': cell.lift._asdict() if cell.lift else {},
-        'hold': dict(cell.hold),
-    }
+    nominal, sensor, u, sizes = cell.nominal, cell.sensor, cell.uncertainty, cell.uncertainty.effects
+    limits = turned_limits(cell.limits, cell.direction) or ()
+    motion = _given(
+        coupling=cell.coupling,
+        direction=list(cell.direction) if cell.direction != (1, 1) else None,
+        plane=_plane_description(cell.plane),
+        moments={name: getattr(nominal, name) for name in nominal.names[len(NAMES) :]}
+        | _given(phi1=nominal.phi1, phi2=nominal.phi2),
+        limits={name: list(pair) for name, pair in zip(cell.joint_names, limits, strict=False)},
+        lift=cell.lift and cell.lift._asdict(),
+        hold=dict(cell.hold),
+    )
+    arm = {} if sizes.arm is EffectSizes().arm else {'arm': sizes.arm.value}
+    stated = {'sizes': sizes.sizes.value, **arm, **sizes.stated} if arm or sizes.stated else sizes.sizes.value
     return {
         'robot': {
             'joint_names': list(cell.joint_names),
-            'nominal': {name: getattr(cell.nominal, name) for name in NAMES},
-        }
-        | {key: value for key, value in motion.items() if value},
-        'objects': [_object_description(disc) | ({'plate': disc.plate} if disc.plate else {}) for disc in cell.discs],
+            'nominal': {name: getattr(nominal, name) for name in NAMES},
+            **motion,
+        },
+        'objects': [_object_description(disc) | _given(plate=disc.plate) for disc in cell.discs],
         'sensor': {
             'joint_states': sensor.joint_states,
             'wrench': sensor.wrench,
             'frame': sensor.frame.value,
             'sign': sensor.sign.value,
             **({} if sensor.time_offset is None else {'time_offset': sensor.time_offset}),
-            **({'rotation': sensor.rotation} if sensor.rotation else {}),
-            **({'axes': dict(zip('xy', map(list, sensor.axes), strict=True))} if sensor.axes else {}),
-            **({'zero_service': sensor.zero_service} if sensor.zero_service else {}),
+            **_given(
+                rotation=sensor.rotation,
+                axes=sensor.axes and dict(zip('xy', map(list, sensor.axes), strict=True)),
+                zero_service=sensor.zero_service,
+            ),
         },
-        **{key: value for key, value in optional.items() if value},
+        **_given(
+            gravity=list(nominal.gravity) if nominal.has_gravity else None,
+            noise=cell.noise and cell.noise.as_dict(as_stated=True),
+            model={'gripper_sign': cell.gripper_sign.value}
+            | ({} if cell.gripper.isotropic else {'gripper_excess': [list(row) for row in cell.gripper_excess]}),
+            plates=[
+                {'name': plate.name, 'origin': [plate.x, plate.y]}
+                | _given(uncertainty=_given(center=plate.center_std, angle=plate.angle_std))
+                for plate in cell.plates
+            ],
+            uncertainty=_given(
+                **{name: getattr(u, name) for name in _COMMON},
+                nominal=dict(u.nominal),
+                effects=stated if sizes != EffectSizes() else None,
+            ),
+            tolerance=_given(tip=cell.tolerance),
+            tip=_given(radius=cell.tip_radius),
+            obstacles=[{'outline': [list(corner) for corner in outline]} for outline in cell.obstacles],
+            touch={name: list(v) if isinstance(v, tuple) else v for name, v in cell.touch._asdict().items()}
+            if cell.touch != TouchMotion()
+            else None,
+            region={'x': list(cell.region[:2]), 'y': list(cell.region[2:])} if cell.region != Region() else None,
+            identification=cell.identification.given(),
+        ),
     }
+
+
+def _given(**values: Any) -> dict[str, Any]:
+    """What is stated: values other than nothing and zero."""
+    return {name: value for name, value in values.items() if value}
 
 
 def _object_description(disc: Disc | Outline) -> dict[str, Any]:
     if isinstance(disc, Outline):
-        optional = {'corner_radius': disc.corner_radius, 'open': disc.is_open}
         return {
             'name': disc.name,
             'outline': [list(corner) for corner in disc.corners],
-            **{key: value for key, value in optional.items() if value},
-            **_stated(center=disc.center_std, angle=disc.angle_std, offset=disc.radius_std),
+            **_given(corner_radius=disc.corner_radius, open=disc.is_open),
+            **_given(uncertainty=_given(center=disc.center_std, angle=disc.angle_std, offset=disc.radius_std)),
         }
-    stated = _stated(center=disc.center_std, radius=disc.radius_std)
+    stated = _given(uncertainty=_given(center=disc.center_std, radius=disc.radius_std))
     return {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius} | stated
-
-
-def _sizes(effects: EffectSizes) -> str | dict[str, Any]:
-    if effects.arm is EffectSizes().arm and not effects.stated:
-        return effects.sizes.value
-    arm = {} if effects.arm is EffectSizes().arm else {'arm': effects.arm.value}
-    return {'sizes': effects.sizes.value, **arm, **effects.stated}
-
-
-def _stated(**stds: float) -> dict[str, Any]:
-    """The key `uncertainty` with what is not exactly known; nothing if all is."""
-    stated = {name: std for name, std in stds.items() if std}
-    return {'uncertainty': stated} if stated else {}
 
 
 def dump_cell(cell: Cell) -> str:
@@ -253,24 +239,23 @@ def dump_cell(cell: Cell) -> str:
     lines = []
     for key, value in cell_description(cell).items():
         if key in ('robot', 'sensor'):
-            lines += [f'{key}:', *(f'  {name}: {_flow(part)}' for name, part in value.items())]
+            lines += [f'{key}:', *(f'  {name}: {dump_yaml(part, flow=True)}' for name, part in value.items())]
         elif key == 'objects':
-            lines += [f'{key}:', *(f'  - {_flow(part)}' for part in value)]
+            lines += [f'{key}:', *(f'  - {dump_yaml(part, flow=True)}' for part in value)]
         else:
-            lines.append(f'{key}: {_flow(value)}')
+            lines.append(f'{key}: {dump_yaml(value, flow=True)}')
     return '\n'.join(lines) + '\n'
 
 
 _PHI = ('phi1', 'phi2')
 """Directions of the centres of mass from those of the links, rad."""
-_MOMENT = Within(-1e4, 1e4, 'it is in kg m: mass times distance from the joint', unit='kg m')
 
 
 def _nominal(top: Section, robot: Section) -> Parameters:
     section = robot.section('nominal', NAMES)
     limits = dict.fromkeys(('l1', 'l2'), POSITIVE)
     limits |= dict.fromkeys(('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'), NOT_NEGATIVE)
-    values = {name: section.number(name, UNITS[name], limits.get(name, Within())) for name in NAMES}
+    values = {name: section.number(name, UNITS[name], limits.get(name, ANY)) for name in NAMES}
     given = top.data.get('gravity') is not None
     gx, gy = top.vector('gravity', ('x', 'y'), 'm/s²') if given else (0.0, 0.0)
     if (gx * gx + gy * gy) ** 0.5 > MOST_GRAVITY:
@@ -279,14 +264,14 @@ def _nominal(top: Section, robot: Section) -> Parameters:
     moments = robot.section('moments', (), (*MOMENTS, *_PHI))
     if moments.data and not (gx or gy):
         raise robot.error('moments', 'without gravity they are no parameters', 'give `gravity` or leave them out')
-    held = {name: moments.number(name, *(('rad',) if name in _PHI else ('kg m', _MOMENT))) for name in moments.data}
+    usual = Within(-1e4, 1e4, 'it is in kg m: mass times distance from the joint', unit='kg m')
+    held = {name: moments.number(name, *(('rad',) if name in _PHI else ('kg m', usual))) for name in moments.data}
     return Parameters.from_mapping(values).replace(**held, gravity=(gx + 0.0, gy + 0.0))
 
 
 def _joint_names(robot: Section) -> tuple[str, str]:
     names = robot.data.get('joint_names', ['joint1', 'joint2'])
-    two = isinstance(names, list) and len(names) == 2
-    if not two:
+    if not isinstance(names, list) or len(names) != 2:
         raise robot.error('joint_names', f'expected the two names of q1 and q2 in JointState, got {shown(names)}')
     entries = robot.entries('joint_names', {'q1': names[0], 'q2': names[1]})
     names = [entries.word('q1'), entries.word('q2')]
@@ -320,9 +305,8 @@ def _plane(robot: Section) -> Plane:
 
 
 def _plane_description(plane: Plane) -> dict[str, Any]:
-    tip = {'tip': plane.tip} if plane.tip else {}
     axes = {name: list(getattr(plane, name)) for name in ('origin', 'x', 'y')}
-    return {'frame': plane.frame, **axes, **tip} if plane.is_stated else {}
+    return {'frame': plane.frame, **axes, **_given(tip=plane.tip)} if plane.is_stated else {}
 
 
 def _axes(section: Section) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -351,10 +335,10 @@ def _limits(robot: Section, names: tuple[str, str]) -> Limits | None:
 
 
 def _interval(
-    section: Section, key: str, labels: tuple[str, str], unit: str = '', within: Within | None = None
+    section: Section, key: str, labels: tuple[str, str], unit: str = '', within: Within = ANY
 ) -> tuple[float, float]:
     """Two numbers, the smaller one first."""
-    low, high = section.vector(key, labels, unit, within or Within())
+    low, high = section.vector(key, labels, unit, within)
     if low >= high:
         raise section.error(key, f'expected the {labels[0]} first, got {shown([low, high])}')
     return low, high
@@ -386,10 +370,8 @@ def _hold(robot: Section, others: tuple[str, ...]) -> dict[str, float]:
 def _obstacles(top: Section) -> tuple[tuple[tuple[float, float], ...], ...]:
     if not top.data.get('obstacles'):
         return ()
-    found = []
-    for section in top.items('obstacles', 'outlines', ('outline',), (), _MOST_OBSTACLES):
-        found.append(_corners(section, 3))
-    return tuple(found)
+    sections = top.items('obstacles', 'outlines', ('outline',), (), _MOST_OBSTACLES)
+    return tuple(_corners(section, 3) for section in sections)
 
 
 def _corners(section: Section, least: int) -> tuple[tuple[float, float], ...]:
@@ -404,8 +386,6 @@ def _corners(section: Section, least: int) -> tuple[tuple[float, float], ...]:
 
 _MOST_OBSTACLES, _MOST_CORNERS = 20, 50
 """Obstacles that are accepted, and corners of each: ways round more take long to plan."""
-_MOTION = ('limits', 'lift', 'hold')
-"""Keys of the section `robot` that say how it may move."""
 _TOUCH = {
     'max_force': Within(0.0, 5e3, positive=True, unit='N'),
     'speed': Within(0.0, 2.0, positive=True, unit='m/s'),
@@ -504,20 +484,22 @@ def _sensor(section: Section) -> Sensor:
             raise section.error(name, f'{CELL_TOPIC} carries the cell description', 'choose another topic')
     if topics['joint_states'].lstrip('/') == topics['wrench'].lstrip('/'):
         raise section.error('wrench', f'both topics are named {topics["wrench"]}', 'they carry different messages')
+    turn = Within(-6.3, 6.3, 'it is in rad: 1.5708 for 90 degrees', unit='rad')
     return Sensor(
         topics['joint_states'],
         topics['wrench'],
         section.choice('frame', default.frame),
         section.choice('sign', default.sign),
         section.optional('time_offset', within=Within(-4e9, 4e9, unit='s')),
-        section.optional('rotation', within=_TURN) or 0.0,
+        section.optional('rotation', within=turn) or 0.0,
         _sensor_axes(section),
         service,
     )
 
 
-def _identification(section: Section) -> Identification:
+def _identification(top: Section) -> Identification:
     """The texts that are given; a number must be in quotes, so that no digit of it is lost."""
+    section = top.section('identification', (), Identification._fields)
     return Identification(**{name: section.word(name) for name in section.data if section.data[name] is not None})
 
 
@@ -525,12 +507,14 @@ def _plates(top: Section) -> tuple[Plate, ...]:
     if top.data.get('plates') is None:
         return ()
     plates: list[Plate] = []
-    for section in top.items('plates', 'plates', ('name', 'origin'), ('uncertainty',), _MOST_PLATES):
+    for section in top.items('plates', 'plates', ('name', 'origin'), ('uncertainty',), most=16):
         name = section.word('name')
         if name in (plate.name for plate in plates):
             raise section.error('name', f'another plate is named {name!r}, too', 'give every plate its own name')
         x, y = section.vector('origin', ('x', 'y'), 'm')
-        plates.append(Plate(name, x, y, *_stds(section, center=_PLATE, angle=_ANGLE)))
+        # the place of a plate is found by touch
+        stds = _stds(section, center=_LENGTH._replace(most=0.02), angle=_ANGLE)
+        plates.append(Plate(name, x, y, *stds))
     return tuple(plates)
 
 
@@ -609,8 +593,3 @@ def _check_layout(cell: Cell, top: Section) -> None:
             raise top.error('objects', f'{problems[0]}: radius seems to be the diameter of every disc', halve)
         remedy += f'; if radius is the diameter of every disc, {halve}'
     raise top.error('objects', problems[0], remedy)
-
-
-def _flow(value: Any) -> str:
-    text = dump_yaml(value, flow=True)
-    return text.removesuffix('\n').removesuffix('\n...')

@@ -13,6 +13,7 @@ Other files in the folder, such as notes or results, do not count. Files are rea
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -28,13 +29,11 @@ def recording_checksum(path: str | Path) -> str:
     path = Path(path)
     if not path.is_dir():
         return _file_checksum(path)
-    files = sorted((file for file in path.iterdir() if _belongs(file)), key=lambda file: file.name.encode())
+    stored = re.compile(r'metadata\.yaml|.+\.(mcap|db3|zstd|part)', re.DOTALL)
+    files = [file for file in path.iterdir() if stored.fullmatch(file.name) and file.is_file()]
+    files.sort(key=lambda file: file.name.encode())
     listing = ''.join(f'{_file_checksum(file)}  ./{file.name}\n' for file in files)
     return hashlib.sha256(listing.encode('utf-8', 'surrogateescape')).hexdigest()
-
-
-def _belongs(file: Path) -> bool:
-    return (file.name == 'metadata.yaml' or file.suffix in ('.mcap', '.db3', '.zstd', '.part')) and file.is_file()
 
 
 def _file_checksum(file: Path) -> str:

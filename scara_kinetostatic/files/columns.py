@@ -33,14 +33,7 @@ MAX_ROWS, MAX_CELLS = 200_000, 2_000_000
 MAX_COLUMNS, MAX_HEADING = 1000, 100
 """More columns are refused, and longer headings, which regular expressions take apart."""
 LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
-ANGLE = {
-    'rad': 1.0,
-    'mrad': 1e-3,
-    'urad': 1e-6,
-    'µrad': 1e-6,
-    'μrad': 1e-6,
-    **dict.fromkeys(('deg', '°'), math.pi / 180),
-}
+ANGLE = {'rad': 1.0, 'mrad': 1e-3, 'urad': 1e-6, 'µrad': 1e-6, 'μrad': 1e-6, 'deg': math.pi / 180, '°': math.pi / 180}
 FORCE = {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}
 TORQUE = {'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3}
 TIME = {'s': 1.0, 'ms': 1e-3}
@@ -135,7 +128,8 @@ class Table:
         wrong: dict[str, str] = {}
         for index, heading in enumerate(self.heading):
             word, unit = split_heading(heading)
-            column = next((each for each in columns if not each.units and _key(heading) in each.words), None)
+            key = re.sub(r'\s+', '_', heading.lower())
+            column = next((each for each in columns if not each.units and key in each.words), None)
             column = column or next((each for each in columns if each.units and word.lower() in each.words), None)
             if column is None:
                 continue
@@ -161,9 +155,8 @@ class Table:
             return RecordingError(self.source, f'the column {heading!r} has {got}', remedy)
         got = ', '.join(filter(None, self.heading))[:200]
         names = ','.join(each.headings[0] for each in columns if each.required)
-        return RecordingError(
-            self.source, f'there is no column {column.headings[0]!r}, got {got}', f'name them {names}'
-        )
+        problem = f'there is no column {column.headings[0]!r}, got {got}'
+        return RecordingError(self.source, problem, f'name them {names}')
 
     def unused(self, places: Mapping[str, Place]) -> list[str]:
         """A note on the columns that are not read; none where there are none."""
@@ -252,10 +245,6 @@ def split_heading(heading: str) -> tuple[str, str]:
     if match is None:  # pragma: no cover - the pattern matches every text on one line
         return heading, ''
     return match['word'].strip(), (match['square'] or match['round'] or match['plain'] or '').strip()
-
-
-def _key(heading: str) -> str:
-    return re.sub(r'\s+', '_', heading.lower())
 
 
 def _factor(column: Column, unit: str) -> float | None:

@@ -1,4 +1,4 @@
-"""Names from files as data in every text that another program reads: one function for each kind of place.
+"""Names from files as data in every text that another program reads: one function for each kind of place, and `render`.
 
 HTML, SVG and the attributes and text of XML are escaped by Jinja's autoescape and by Matplotlib, YAML and JSON by
 their libraries; names on markers are not interpreted. A name is printable and no formula (`Section.word`).
@@ -7,6 +7,8 @@ their libraries; names on markers are not interpreted. A name is printable and n
 from __future__ import annotations
 
 import re
+from pathlib import Path
+from typing import Any
 
 from scara_kinetostatic.errors import one_line
 
@@ -33,3 +35,24 @@ def csv_cell(text: str) -> str:
     ):
         text = "'" + text
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',;"\r\n\t#') else text
+
+
+def render(path: Path, *, escape: bool = True, **values: Any) -> str:
+    """The text of a Jinja template with its values; one that is missing is an error.
+
+    Args:
+        path: the template; it may include others of its folder.
+        escape: whether values are escaped as HTML and XML need it.
+        values: by name.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(path.parent),
+        autoescape=escape,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(path.name).render(**values)

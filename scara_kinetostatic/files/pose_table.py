@@ -81,14 +81,11 @@ class PoseTable:
         """The table with columns of results, (n,) each, behind its own."""
         kept = [place for place, name in enumerate(self.heading) if name not in results]
         heading = [*(csv_cell(self.heading[place]) for place in kept), *results]
-        texts = zip(*([_text(value) for value in column.tolist()] for column in results.values()), strict=True)
+        columns = (column.tolist() for column in results.values())
+        texts = zip(*([repr(v) if isinstance(v, float) else str(v) for v in column] for column in columns), strict=True)
         rows = zip(self.cells, texts, strict=True)
         lines = [','.join((*(csv_cell(cells[place]) for place in kept), *text)) for cells, text in rows]
         return '\n'.join([','.join(heading), *lines, ''])
-
-
-def _text(value: object) -> str:
-    return repr(value) if isinstance(value, float) else str(value)
 
 
 def load_pose_table(path: Path, needed: Sequence[Column]) -> PoseTable:

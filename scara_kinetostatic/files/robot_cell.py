@@ -25,8 +25,8 @@ import yaml
 
 from scara_kinetostatic.errors import one_line
 from scara_kinetostatic.files.cell_file import read_cell
+from scara_kinetostatic.files.escaping import render
 from scara_kinetostatic.files.robot_urdf import Robot, axis_of
-from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.yaml_file import dump_yaml
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward
@@ -83,10 +83,8 @@ def planar_arm(robot: Robot, joints: tuple[str, str], tip: str, held: Mapping[st
         problem = f'the axes of {joints[0]} and {joints[1]} are {degrees(tilt):.3g} degrees from parallel'
         raise robot.error(problem, 'choose two parallel joints; --at sets the joints between')
     axes, normal = _axes_of_plane(a1)
-    p1, p2 = (
-        frame[:3, 3] + a * (normal @ (end - frame[:3, 3])) / (normal @ a)
-        for frame, a in zip(frames, (a1, a2), strict=True)
-    )
+    lines = [(frame[:3, 3], a) for frame, a in zip(frames, (a1, a2), strict=True)]
+    p1, p2 = (at + a * (normal @ (end - at)) / (normal @ a) for at, a in lines)
     e1, e2 = complex(*(axes @ (p2 - p1))), complex(*(axes @ (end - p2)))
     for link, problem in ((e1, 'the axes of both joints are one'), (e2, 'the tip is on the axis of joint 2')):
         if abs(link) < _LEAST:
@@ -174,12 +172,12 @@ def robot_cell(
         sensor=one_line(sensor or tip),
         parallel=parallel,
         has_weight=has_weight,
-        known=_flow({'nominal': known}),
+        known=dump_yaml({'nominal': known}, flow=True),
         mounted=mounted,
-        names=_flow(list(joints)),
-        plane=_flow(plane),
-        limits=_flow({name: _limits(robot.joints[name]) for name in joints}),
-        held=_flow(held) if held else '',
+        names=dump_yaml(list(joints), flow=True),
+        plane=dump_yaml(plane, flow=True),
+        limits=dump_yaml({name: _limits(robot.joints[name]) for name in joints}, flow=True),
+        held=dump_yaml(held, flow=True) if held else '',
     )
     read_cell(yaml.safe_load(text), f'the cell of {robot.where}', may_be_empty=True)  # whoever reads it finds it right
     return text, notes
@@ -250,7 +248,8 @@ def _mounting(robot: Robot, sensor: str, joints: tuple[str, str], held: Mapping[
     seen = robot.frame(sensor, held)[:3, :3].T @ link2  # axes of link 2 in the sensor, as columns
     if seen[2, 2] > 1 - 1e-9:
         return f'rotation: {_rounded([-np.arctan2(seen[1, 0], seen[0, 0])])[0]}'
-    return f'axes: {_flow({"x": list(_rounded(seen[:, 0])), "y": list(_rounded(seen[:, 1]))})}'
+    axes = {name: list(_rounded(seen[:, k])) for k, name in enumerate('xy')}
+    return f'axes: {dump_yaml(axes, flow=True)}'
 
 
 def _parallel(robot: Robot, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm) -> str:
@@ -263,11 +262,5 @@ def _parallel(robot: Robot, joints: tuple[str, str], held: Mapping[str, float], 
     places = arm.plane.in_plane(np.array([robot.frame(arm.plane.tip, each)[:3, 3] for each in positions]))
     off = np.hypot(*(places[:, :2] - forward(arm.nominal, readings * arm.direction)).T).max()
     leaves, misses = quantity(float(np.abs(places[:, 2]).max()), 'm'), f'{1e6 * off:.2g} µm'
-    return (
-        f'{degrees(arm.tilt):.3g} degrees off parallel: the tip leaves the plane by up to {leaves}, and is up to '
-        f'{misses} off the model in it'
-    )
-
-
-def _flow(value: Any) -> str:
-    return dump_yaml(value, flow=True).removesuffix('\n')
+    cost = f'the tip leaves the plane by up to {leaves}, and is up to {misses} off the model in it'
+    return f'{degrees(arm.tilt):.3g} degrees off parallel: {cost}'

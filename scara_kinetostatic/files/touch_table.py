@@ -27,7 +27,6 @@ from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.columns import Column, Table, load_table
 from scara_kinetostatic.model.arrays import Floats
 
-SUFFIX = '.csv'
 EXAMPLE = 'q1_rad,q2_rad,fx_N,fy_N'
 JOINTS = tuple(
     Column(f'{q}_rad', (q,), columns.ANGLE, required=True, largest=30.0, hint=f'name it {q}_deg where it is in degrees')
@@ -68,7 +67,7 @@ class TouchTable(NamedTuple):
 
 def is_touch_table(path: str | Path) -> bool:
     """Whether a path names a table rather than a recording: by its suffix, in any case."""
-    return Path(path).suffix.lower() == SUFFIX and not Path(path).is_dir()
+    return Path(path).suffix.lower() == '.csv' and not Path(path).is_dir()
 
 
 def load_touch_table(path: str | Path) -> TouchTable:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
-from scara_kinetostatic.files.template import render
+from scara_kinetostatic.files.escaping import render
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.plane import BASE_FRAME as BASE_FRAME
@@ -57,27 +57,16 @@ def arm_urdf(name: str, cell: Cell, arms: Sequence[Arm], comment: str = '') -> s
         arms: the joints of the first have these names; those of the others mimic them.
         comment: XML to stand before the robot.
     """
-    described = [
-        {
-            'parameters': arm.parameters,
-            'prefix': arm.prefix,
-            'mimics': number > 0,
-            'radius': 0.03 * (arm.parameters.l1 + arm.parameters.l2),
-            'rgba': ' '.join(f'{part:g}' for part in arm.colour),
-        }
-        for number, arm in enumerate(arms)
-    ]
-    template, head = Path(__file__).with_name('arm.urdf.j2'), Markup(comment)
     return render(
-        template,
+        Path(__file__).with_name('arm.urdf.j2'),
         name=name,
         joints=cell.joint_names,
         back=-cell.coupling,
         axes=cell.direction,
         **place_of_arm(cell),
-        arms=described,
+        arms=arms,
         quarter=pi / 2,
-        comment=head,
+        comment=Markup(comment),
     )
 
 

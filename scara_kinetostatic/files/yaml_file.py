@@ -31,14 +31,13 @@ _MAX_BYTES = 256 * 1024
 """Largest file that a user writes, bytes."""
 _MOST_VALUES, _MOST_STRINGS = 40_000, 400_000
 """Most values and keys in one that a user writes, and in one of a program: the metadata of 10 000 files has 110 000."""
-_MOST_ITEMS = 64
-"""Most objects or other items in a list, where nothing else is said."""
 _MAX_DEPTH = 32
 """Deepest nesting; a cell description has 4 levels, the metadata of a recording 8."""
 _StringLoader = getattr(yaml, 'CBaseLoader', yaml.BaseLoader)
 """Leaves scalars as text; in C where PyYAML has been built with it."""
 
 _Problem = type[InputError]
+_Keys = Iterable[str]
 
 
 class _Loader(yaml.SafeLoader):
@@ -138,11 +137,11 @@ _Dumper.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9]
 
 
 def dump_yaml(tree: Any, flow: bool = False) -> str:
-    """Plain values as YAML, in braces and brackets on one line if `flow`."""
+    """Plain values as YAML, in braces and brackets on one line, without its end, if `flow`."""
     text: str = yaml.dump(
         tree, Dumper=_Dumper, default_flow_style=flow, width=math.inf, sort_keys=False, allow_unicode=True
     )
-    return text
+    return text.removesuffix('\n').removesuffix('\n...') if flow else text
 
 
 def parse_strings(text: str) -> Any:
@@ -215,6 +214,7 @@ class Within(NamedTuple):
 
 POSITIVE = Within(positive=True)
 NOT_NEGATIVE = Within(least=0.0)
+ANY = Within()
 
 
 class Section:
@@ -237,13 +237,7 @@ class Section:
     """
 
     def __init__(
-        self,
-        problem: type[InputError],
-        where: str,
-        key: str,
-        data: Any,
-        required: Iterable[str] = (),
-        optional: Iterable[str] = (),
+        self, problem: _Problem, where: str, key: str, data: Any, required: _Keys = (), optional: _Keys = ()
     ) -> None:
         self._problem, self._where, self._key = problem, where, key
         required, known = tuple(required), (*required, *optional)
@@ -267,7 +261,7 @@ class Section:
         key = self._path(name)
         return self._problem(f'{self._where}: {key}' if key else self._where, problem, remedy)
 
-    def section(self, name: str, required: Iterable[str] = (), optional: Iterable[str] = ()) -> Section:
+    def section(self, name: str, required: _Keys = (), optional: _Keys = ()) -> Section:
         """The mapping under a key; an empty one where it is missing and nothing in it is required."""
         return self._inside(self._path(name), self.data.get(name), required, optional)
 
@@ -275,10 +269,10 @@ class Section:
         self,
         name: str,
         what: str,
-        required: Iterable[str],
-        optional: Iterable[str],
-        most: int = _MOST_ITEMS,
-        other: tuple[Iterable[str], Iterable[str]] | None = None,
+        required: _Keys,
+        optional: _Keys,
+        most: int = 64,
+        other: tuple[_Keys, _Keys] | None = None,
     ) -> list[Section]:
         """The mappings in the list under a key, from one to `most`; `what` names them in the message.
 
@@ -296,7 +290,7 @@ class Section:
             keys = [other if isinstance(item, Mapping) and last in item else (required, optional) for item in items]
         return [self._inside(f'{path}[{k}]', item, *keys[k]) for k, item in enumerate(items)]
 
-    def number(self, name: str, unit: str = '', within: Within = Within()) -> float:  # noqa: B008 - immutable
+    def number(self, name: str, unit: str = '', within: Within = ANY) -> float:
         """A finite number of a plausible size (`implausible_size`), and within its limits."""
         value = self.data[name]
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -310,17 +304,11 @@ class Section:
             raise self.error(name, f'expected {within}, got {value:g}', within.remedy)
         return float(value)
 
-    def optional(self, name: str, unit: str = '', within: Within = Within()) -> float | None:  # noqa: B008 - immutable
+    def optional(self, name: str, unit: str = '', within: Within = ANY) -> float | None:
         """The same; None where the key is missing."""
         return None if self.data.get(name) is None else self.number(name, unit, within)
 
-    def vector(
-        self,
-        name: str,
-        labels: Sequence[str],
-        unit: str = '',
-        within: Within = Within(),  # noqa: B008 - immutable
-    ) -> tuple[float, ...]:
+    def vector(self, name: str, labels: Sequence[str], unit: str = '', within: Within = ANY) -> tuple[float, ...]:
         """A list of as many numbers as there are labels, which name them in messages: `[x, y]`."""
         values = self.data[name]
         if not isinstance(values, list) or len(values) != len(labels):
@@ -353,7 +341,7 @@ class Section:
             raise self.error(name, f'expected {" or ".join(choices)}, got {shown(value)}')
         return type(default)(value)
 
-    def _inside(self, key: str, data: Any, required: Iterable[str], optional: Iterable[str]) -> Section:
+    def _inside(self, key: str, data: Any, required: _Keys, optional: _Keys) -> Section:
         return Section(self._problem, self._where, key, data, required, optional)
 
     def _path(self, name: str) -> str:

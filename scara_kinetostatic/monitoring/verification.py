@@ -30,8 +30,7 @@ from scara_kinetostatic.monitoring.linear import Evidence, Information, Predicti
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm, check_same_recorded
 from scara_kinetostatic.pipeline import gather_touches, recording_of
 from scara_kinetostatic.report.quantities import micrometres
-from scara_kinetostatic.touches.detection import Detection
-from scara_kinetostatic.touches.of_table import cell_of_files
+from scara_kinetostatic.touches.detection import Detection, cell_of_files
 
 LEVEL = 1e-3
 """p-value below which the touches contradict the calibration. Source: of a thousand sound ones, one is refused."""

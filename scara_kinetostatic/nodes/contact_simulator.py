@@ -46,7 +46,7 @@ from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.commanded import Body, Fault, ModelBody, Plant, PlantSettings
 from scara_kinetostatic.simulation.mujoco import SCENES, scene_named
-from scara_kinetostatic.simulation.mujoco.commanded import EngineBody
+from scara_kinetostatic.simulation.mujoco.engine import EngineBody
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
 from scara_kinetostatic.simulation.slides import Slide, simulate_slides

@@ -35,7 +35,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.markers import Primitive, Shape
 from scara_kinetostatic.results.calibration_json import NAME
-from scara_kinetostatic.touches.joint_parts import JointParts, UnjoinedError
+from scara_kinetostatic.touches.streams import JointParts, UnjoinedError
 
 NANOSECONDS = 1_000_000_000
 _PLAIN = b'\0\1'

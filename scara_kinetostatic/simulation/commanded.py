@@ -1,8 +1,8 @@
 """A cell that obeys commanded motions: drives, contact, sensors. No ROS, and no clock but that of its caller.
 
 `Plant` has the drives and the sensors; what the robot meets is a `Body`: `ModelBody`, which is A(Q, L̄) (9) (11) with
-the effects of the robot, or the physics engine (`simulation.mujoco.commanded`). All is quasi-static: at every moment
-the motors stand at Q, and arm and force are in the equilibrium that follows from the one before.
+the effects of the robot, or the physics engine (`simulation.mujoco.engine.EngineBody`). All is quasi-static: at every
+moment the motors stand at Q, and arm and force are in the equilibrium that follows from the one before.
 
 **Drives.** A motion is taken as `joint_trajectory_controller` of ros2_control with `interpolate_from_desired_state`
 takes it: it replaces the former one, begins where the setpoint is, and is linear between its points, or, where they
@@ -28,26 +28,16 @@ import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import (
-    PAPER_CELL,
-    Cell,
-    Disc,
-    EffectSizes,
-    Lift,
-    Region,
-    SensorSign,
-    SizeMode,
-    Uncertainty,
-)
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, EffectSizes, Lift, Region, SensorSign, SizeMode, Uncertainty
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.outline import Outline, Surfaces
-from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import remembered, torques_of
 from scara_kinetostatic.simulation.plan import check_numbers
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, reported_force
+from scara_kinetostatic.simulation.trajectory import Robot
 from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL
 
 FULL = 10.0
@@ -205,16 +195,16 @@ class ModelBody:
 
     tick = 0.004
 
-    def __init__(self, cell: Cell, truth: ExtendedModel | Parameters) -> None:
+    def __init__(self, cell: Cell, truth: Robot) -> None:
         self.cell, self.model = cell, as_model(truth)
-        self._discs = [
-            (k, disc.name, disc.x, disc.y, disc.radius) for k, disc in enumerate(cell.discs) if isinstance(disc, Disc)
-        ]
-        self._objects = [
-            (k, disc.name, disc.is_closed, int(np.argmax(own)), cell.surfaces.select(own))
-            for k, disc, own in ((k, disc, cell.surfaces.object == k) for k, disc in enumerate(cell.discs))
-            if isinstance(disc, Outline)
-        ]
+        self._discs, self._objects = [], []
+        for k, disc in enumerate(cell.discs):
+            own = cell.surfaces.object == k
+            if isinstance(disc, Outline):
+                surfaces = cell.surfaces.select(own)
+                self._objects.append((k, disc.name, disc.is_closed, int(np.argmax(own)), surfaces))
+            else:
+                self._discs.append((k, disc.name, disc.x, disc.y, disc.radius))
         self._outlines = [np.array(outline, dtype=float) for outline in cell.obstacles]
         self.begin((0.0, 0.0), 0.0)
 
@@ -264,18 +254,18 @@ class ModelBody:
         q = np.array([self.joints])
         if self.model.effects:
             history = np.array([self._history]) if self._history else None
-            approach, press = (
-                np.array([[getattr(movement, name) for movement in self._movements]]) for name in ('approach', 'press')
-            )
+            approach = np.array([[movement.approach for movement in self._movements]])
+            press = np.array([[movement.press for movement in self._movements]])
             self._metadata = TouchMetadata(
                 np.array([circle.number]), np.array([self._time]), approach, posture(self.model.parameters, q), press,
                 history, order=np.array([self.contacts]), surface=np.array([circle.surface]),
             )  # fmt: skip
         warm_start = np.array([self.force]) if self.touched else None
         center = np.array([[circle.x, circle.y]])
+        tangents = np.array([circle.tangent or (0.0, 0.0)]) if self._objects else None
         found = contact(
             self.model, q, center, np.array([circle.radius]), self.cell.gripper, warm_start=warm_start,
-            metadata=self._metadata, tangents=self._tangents(circle),
+            metadata=self._metadata, tangents=tangents,
         )  # fmt: skip
         if found.solved[0]:
             self.force = float(found.force[0, 0]), float(found.force[0, 1])
@@ -286,11 +276,6 @@ class ModelBody:
             x, y = -_CRASH * circle.gap * out / np.hypot(*out)
             self.force = float(x), float(y)
         self.touched = circle.name if any(self.force) else ''
-
-    def _tangents(self, circle: Circle) -> Floats | None:
-        if not self._objects:
-            return None
-        return np.array([circle.tangent or (0.0, 0.0)])
 
     def _remember(self) -> None:
         """The turning points of the load, which joints with memory keep."""
@@ -349,6 +334,8 @@ class Fault(str, Enum):
     """All readings come 0.3 s late."""
 
 
+_Rows = Sequence[Sequence[float]]
+"""Of joints, one value each."""
 _CREEP = 0.05
 """Speed at which a joint creeps off, rad/s or m/s."""
 _FREE_FORCE = 30.0
@@ -463,11 +450,7 @@ class Plant:
         return max(0.0, self._motion[0][-1] - self._elapsed) if self._motion else 0.0
 
     def command(
-        self,
-        names: Sequence[str],
-        times: Sequence[float],
-        positions: Sequence[Sequence[float]],
-        velocities: Sequence[Sequence[float]] | None = None,
+        self, names: Sequence[str], times: Sequence[float], positions: _Rows, velocities: _Rows | None = None
     ) -> None:
         """Takes a motion in place of the former one.
 
@@ -492,15 +475,13 @@ class Plant:
         self._elapsed = 0.0
         self._motion = [0.0, *times], [list(self._setpoint), *points], rates
 
-    def _ordered(self, names: Sequence[str], rows: Sequence[Sequence[float]]) -> list[list[float]]:
+    def _ordered(self, names: Sequence[str], rows: _Rows) -> list[list[float]]:
         """Readings or rates of the joints, as the arm has them, in the order of its names."""
         order = [list(names).index(name) for name in self.names]
         found = [[float(row[k]) for k in order] for row in rows]
         return [[*self.cell.angles(np.array(row[:2])).tolist(), *row[2:]] for row in found]
 
-    def _checked(
-        self, names: Sequence[str], times: Sequence[float], positions: Sequence[Sequence[float]]
-    ) -> list[list[float]]:
+    def _checked(self, names: Sequence[str], times: Sequence[float], positions: _Rows) -> list[list[float]]:
         """The points in the order of `names`."""
         where = 'trajectory refused'
         if self.stopped:
@@ -600,11 +581,9 @@ class Plant:
         s, body, noise = self.sensors, self.body, self._random.standard_normal(4).tolist()
         joints: tuple[float, ...] | None = None
         if self.fault is not Fault.SILENT_JOINTS:
-            error = [
-                level * self._error[k] + s.joint_noise * noise[k] for k, level in enumerate(self._noise.joint_levels)
-            ]
-            angles = np.array([body.joints[0] + error[0], body.joints[1] + error[1]])
-            read = [*self.cell.readings(angles).tolist(), *self._position[2:]]
+            levels = self._noise.joint_levels
+            angles = [body.joints[k] + (levels[k] * self._error[k] + s.joint_noise * noise[k]) for k in (0, 1)]
+            read = [*self.cell.readings(np.array(angles)).tolist(), *self._position[2:]]
             joints = tuple(round(each / s.resolution) * s.resolution if s.resolution else each for each in read)
         wrench: tuple[float, float] | None = None
         if self.fault is not Fault.SILENT_WRENCH:

@@ -8,7 +8,7 @@ S = P + r n. At a sharp corner P stays while n turns, so that S moves on an arc 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,25 +18,6 @@ from scara_kinetostatic.model.arrays import Floats
 
 SAMPLES = 4000
 """Places along a piece at which lengths and distances are worked out."""
-
-
-class SurfacePoints(NamedTuple):
-    """Places on the surface of an object.
-
-    Attributes:
-        point: (k, 2), m.
-        normal: outward unit vectors, (k, 2).
-    """
-
-    point: Floats
-    normal: Floats
-
-
-class Piece(Protocol):
-    """A part of an outline."""
-
-    def at(self, part: Floats) -> SurfacePoints:
-        """The places at parts 0 to 1 of it, (k,)."""
 
 
 class Edge(NamedTuple):
@@ -50,11 +31,11 @@ class Edge(NamedTuple):
     begin: tuple[float, float]
     end: tuple[float, float]
 
-    def at(self, part: Floats) -> SurfacePoints:
-        """The places at parts 0 to 1 of it, (k,)."""
+    def at(self, part: Floats) -> tuple[Floats, Floats]:
+        """Places at parts 0 to 1 of it, (k,), and outward unit vectors there: (k, 2) each, m."""
         begin, along = np.array(self.begin), np.subtract(self.end, self.begin)
         normal = np.array([along[1], -along[0]]) / np.hypot(*along)
-        return SurfacePoints(begin + part[:, None] * along, np.broadcast_to(normal, (len(part), 2)))
+        return begin + part[:, None] * along, np.broadcast_to(normal, (len(part), 2))
 
 
 class Arc(NamedTuple):
@@ -74,16 +55,15 @@ class Arc(NamedTuple):
     begin: float
     end: float
 
-    def at(self, part: Floats) -> SurfacePoints:
-        """The places at parts 0 to 1 of it, (k,)."""
+    def at(self, part: Floats) -> tuple[Floats, Floats]:
+        """Places at parts 0 to 1 of it, (k,), and outward unit vectors there: (k, 2) each, m."""
         angle = self.begin + part * (self.end - self.begin)
         c, s, (a, b) = np.cos(angle), np.sin(angle), self.semi_axes
         normal = np.column_stack([c, s] if a == b else [b * c, a * s])
         normal /= np.linalg.norm(normal, axis=1)[:, None]
-        turn = np.array(
-            [[np.cos(self.rotation), np.sin(self.rotation)], [-np.sin(self.rotation), np.cos(self.rotation)]]
-        )
-        return SurfacePoints(np.column_stack([a * c, b * s]) @ turn + self.center, normal @ turn)
+        along = np.cos(self.rotation), np.sin(self.rotation)
+        turn = np.array([along, (-along[1], along[0])])
+        return np.column_stack([a * c, b * s]) @ turn + self.center, normal @ turn
 
 
 @dataclass(frozen=True)
@@ -95,11 +75,14 @@ class Outline:
         closed: whether the last one ends where the first one begins.
     """
 
-    pieces: tuple[Piece, ...]
+    pieces: tuple[Edge | Arc, ...]
     closed: bool
 
-    def at(self, place: Floats) -> SurfacePoints:
-        """The surface at places (k,): number of the piece and the part of it; those of a closed outline repeat."""
+    def at(self, place: Floats) -> tuple[Floats, Floats]:
+        """The surface, (k, 2), m, and its outward unit vectors, (k, 2), at places (k,): number and part of the piece.
+
+        Those of a closed outline repeat.
+        """
         count = len(self.pieces)
         place = np.mod(place, count) if self.closed else np.clip(place, 0.0, count)
         number = np.minimum(place.astype(np.intp), count - 1)
@@ -107,7 +90,7 @@ class Outline:
         for k, piece in enumerate(self.pieces):
             here = number == k
             point[here], normal[here] = piece.at(place[here] - k)
-        return SurfacePoints(point, normal)
+        return point, normal
 
 
 class Track(NamedTuple):
@@ -133,8 +116,8 @@ class Track(NamedTuple):
                 problem = f'a hollow corner of radius {abs(piece.semi_axes[0]):g} m is narrower than the tip'
                 raise ParameterError('outline', problem, f'give it the radius {tip_radius:g} m or more')
         places = np.arange(len(outline.pieces) * SAMPLES + 1) / SAMPLES
-        surface = outline.at(places * (1 - 1e-15))
-        steps = np.diff(surface.point + tip_radius * surface.normal, axis=0)
+        point, normal = outline.at(places * (1 - 1e-15))
+        steps = np.diff(point + tip_radius * normal, axis=0)
         return cls(places, np.append(0.0, np.cumsum(np.hypot(*steps.T))))
 
     @property
@@ -144,9 +127,8 @@ class Track(NamedTuple):
 
     def place(self, travelled: Floats) -> Floats:
         """The places after lengths of the path, (k,), m; a closed outline goes on behind its end."""
-        turns = (
-            np.ceil(travelled / self.length) - 1
-        )  # the end belongs to its turn: that of an open one is not its begin
+        # the end belongs to its turn: that of an open one is not its begin
+        turns = np.ceil(travelled / self.length) - 1
         within = np.interp(travelled - turns * self.length, self.travelled, self.places)
         return np.asarray(turns * self.places[-1] + within)
 
@@ -192,7 +174,7 @@ def polygon(corners: ArrayLike, corner_radius: float = 0.0, closed: bool = True)
     cut = corner_radius * np.tan(np.abs(turns) / 2)
     if np.any(cut + np.roll(cut, 1) > lengths):
         raise ParameterError('outline', f'an edge is too short for corners of radius {corner_radius:g} m')
-    pieces: list[Piece] = []
+    pieces: list[Edge | Arc] = []
     for begin, end, direction, turn, first, last in zip(begins, ends, along, turns, np.roll(cut, 1), cut, strict=True):
         foot = end - last * direction
         pieces.append(Edge(_pair(begin + first * direction), _pair(foot)))

@@ -13,16 +13,13 @@ from math import gcd
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import CellError, ParameterError
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.kinetostatics import drag
 from scara_kinetostatic.model.outline import Outline, boundary, inside
-
-Index = NDArray[np.intp]
 
 REACH_MARGIN = 0.03
 """Distance of the tip from the stretched and from the folded arm, m: the true arm may be shorter."""
@@ -78,9 +75,9 @@ class Plan:
             a preload below 0 or above `LARGEST_PRELOAD`.
     """
 
-    disc: Index
+    disc: Indices
     angle: Floats
-    posture: Index
+    posture: Indices
     force: Floats
     preload: Floats = None  # type: ignore[assignment]
 
@@ -105,7 +102,7 @@ class Plan:
     def __len__(self) -> int:
         return len(self.disc)
 
-    def surface(self, cell: Cell) -> Index:
+    def surface(self, cell: Cell) -> Indices:
         """Number of the touched edge or arc among `Cell.surfaces`, (m,)."""
         return cell.surfaces.places(self.disc, self.angle)[0] if cell.has_outlines else self.disc
 
@@ -136,7 +133,7 @@ class Plan:
         """
         return drag(self.angle, self.posture)
 
-    def select(self, which: Mask | Index) -> Plan:
+    def select(self, which: Mask | Indices) -> Plan:
         """The touches that a mask or an array of positions picks."""
         return Plan(**{item.name: getattr(self, item.name)[which] for item in fields(self)})
 
@@ -174,32 +171,28 @@ def default_plan(
     """
     if per_disc < 1 or not len(levels) or not len(postures):
         raise ParameterError('plan', 'expected at least one point per disc, one force level and one posture')
-    step, disc, side = (
-        axis.ravel()
-        for axis in np.meshgrid(
-            np.arange(per_disc), np.arange(len(cell.discs)), np.arange(len(postures)), indexing='ij'
-        )
-    )
+    counts = per_disc, len(cell.discs), len(postures)
+    step, disc, side = (axis.ravel() for axis in np.indices(counts))
     point = step * _stride(per_disc) % per_disc
     # on an outline half a step on: a place where an edge begins is of no use
     half = np.array([0.5 * isinstance(item, Outline) for item in cell.discs])
+    # in turn around every disc, and alike often with each of the levels
+    turn = point + disc + (side if len(levels) % 2 else point // len(levels))
     plan = Plan(
         disc=disc,
         angle=2.0 * np.pi * (point + half[disc]) / per_disc,
         posture=np.array(postures)[side],
         force=np.array(levels, dtype=float)[(point + disc + side) % len(levels)],
-        preload=np.where(_every_other(point, disc, side, len(levels)), preload, 0.0),
+        preload=np.where(turn % 2 == 1, preload, 0.0),
     )
     tips = [plan.contact(cell) + distance * plan.normal(cell) for distance in (0.0, CLEARANCE)]
     poses = inverse(cell.nominal, tips, plan.posture)
     reachable = within_reach(cell, plan) & cell.can_take(poses, LIMIT_MARGIN).all(axis=0)
     for number, described in enumerate(cell.discs):
         if not np.any(reachable & (plan.disc == number)):
-            raise CellError(
-                f'objects: {described.name}',
-                f'no point of the disc is within reach with a margin of {REACH_MARGIN * 1e3:.0f} mm',
-                'move the disc, or correct its centre and radius, the link lengths or robot.limits',
-            )
+            problem = f'no point of the disc is within reach with a margin of {REACH_MARGIN * 1e3:.0f} mm'
+            remedy = 'move the disc, or correct its centre and radius, the link lengths or robot.limits'
+            raise CellError(f'objects: {described.name}', problem, remedy)
     return plan.select(reachable)
 
 
@@ -223,12 +216,6 @@ def within_reach(cell: Cell, plan: Plan) -> Mask:
                 apart[inside(boundary(surfaces), tip) & ~own, number] = -np.inf
         reachable &= apart.min(axis=1) > CLEARANCE / 2
     return reachable
-
-
-def _every_other(point: Index, disc: Index, side: Index, levels: int) -> Mask:
-    """True and False in turn around every disc, alike often with each of the levels that are taken in turn, too."""
-    turn = point + disc + (side if levels % 2 else point // levels)
-    return np.asarray(turn % 2 == 1)
 
 
 def _stride(count: int) -> int:

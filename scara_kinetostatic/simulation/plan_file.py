@@ -87,11 +87,9 @@ def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan:
     possible = cell.can_take(inverse(cell.nominal, plan.contact(cell), plan.posture))
     lost = np.flatnonzero(~(within_reach(cell, plan) & possible))
     if len(lost):
-        raise PlanError(
-            f'{where}: touch {lost[0]}',
-            f'the arm does not reach it with a margin of {1e3 * REACH_MARGIN:.0f} mm, or another disc stands before it',
-            'choose another angle_deg or posture, or correct robot.limits',
-        )
+        problem = f'the arm does not reach it with a margin of {1e3 * REACH_MARGIN:.0f} mm'
+        remedy = 'choose another angle_deg or posture, or correct robot.limits'
+        raise PlanError(f'{where}: touch {lost[0]}', f'{problem}, or another disc stands before it', remedy)
     return plan
 
 
@@ -125,12 +123,9 @@ def dump_plan(plan: Plan, cell: Cell, remarks: tuple[str, ...] = ()) -> str:
     for disc, angle, posture, force, preload in zip(*columns, strict=True):
         # a string of JSON is one of YAML, whatever the name holds
         name = json.dumps(cell.discs[disc].name, ensure_ascii=False)
-        more = f', preload: {_decimal(preload)}' if preload > 0 else ''
-        side = POSTURE_NAMES[int(posture)]
-        lines.append(
-            f'- {{disc: {name}, angle_deg: {_decimal(np.degrees(angle))}, posture: {side}, '
-            f'force: {_decimal(force)}{more}}}'
-        )
+        values = f'posture: {POSTURE_NAMES[int(posture)]}, force: {_decimal(force)}'
+        values += f', preload: {_decimal(preload)}' if preload > 0 else ''
+        lines.append(f'- {{disc: {name}, angle_deg: {_decimal(np.degrees(angle))}, {values}}}')
     return '\n'.join(lines) + '\n'
 
 

@@ -10,22 +10,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.outline import Outline, Track
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import START, Sensed, SensorModel, recorded, sensor_angle
-from scara_kinetostatic.simulation.trajectory import CellState, Phase, minimum_jerk
+from scara_kinetostatic.simulation.streams import START, SensorModel, recorded, sensor_angle
+from scara_kinetostatic.simulation.trajectory import CellState, Phase, Robot, minimum_jerk
 from scara_kinetostatic.touches.streams import Streams
 
 
@@ -124,18 +122,6 @@ class SlideState(NamedTuple):
     phase: Indices
 
 
-class _Course(NamedTuple):
-    """Where a slide is at k times, before the robot is asked: all (k,), or (k, 2)."""
-
-    point: Floats
-    normal: Floats
-    along: Floats
-    travelled: Floats
-    clearance: Floats
-    normal_force: Floats
-    friction: Floats
-
-
 class SlidingMotion:
     """The motion through several slides.
 
@@ -156,12 +142,7 @@ class SlidingMotion:
     """
 
     def __init__(
-        self,
-        cell: Cell,
-        truth: ExtendedModel | Parameters,
-        slides: tuple[Slide, ...],
-        timing: SlideTiming | None = None,
-        seed: int = 0,
+        self, cell: Cell, truth: Robot, slides: tuple[Slide, ...], timing: SlideTiming | None = None, seed: int = 0
     ) -> None:
         if not slides:
             raise UnsupportedDataError('there is no slide', 'plan at least one')
@@ -173,7 +154,8 @@ class SlidingMotion:
         self._knots = self._schedule()
         self.duration = float(self._knots[-1, -1])
         self._paths = [self._path(number) for number in range(len(slides))]
-        ends = self._free_poses()
+        # joint angles where each slide's travel ends and the next one's begins, (m, 2, 2), rad
+        ends = np.array([self._states(k, knots[[SlidePhase.PAUSE, -1]])[0] for k, knots in enumerate(self._knots[:-1])])
         home = ends[[0, -1], [0, 1]] + (0.25, -0.15)
         self._stations = np.concatenate([home[:1], ends.reshape(-1, 2), home[1:]])
 
@@ -201,23 +183,22 @@ class SlidingMotion:
         joints[travelling] = self._between(slide[travelling], time[travelling])
         for number in range(len(self.slides)):
             here = np.flatnonzero((slide == number) & ~travelling)
-            course = self._course(number, time[here])
-            loaded = course.normal_force > 0
-            pressed = self._force(number, course)
-            tip[here] = course.point + (self.tip_radius + course.clearance)[:, None] * course.normal
-            joints[here] = self._joints(number, tip[here], pressed, course.travelled)
-            force[here[loaded]] = pressed[loaded]
-            surface[here[loaded]] = course.point[loaded]
+            joints[here], tip[here], pressed, point, loaded = self._states(number, time[here])
+            force[here[loaded]], surface[here[loaded]] = pressed[loaded], point[loaded]
         return SlideState(joints, force, tip, surface, slide.clip(max=len(self.slides) - 1), phase)
 
-    def _between(self, slide: NDArray[np.intp], time: Floats) -> Floats:
+    def _between(self, slide: Indices, time: Floats) -> Floats:
         """Joint angles on the way to a slide, (k, 2), rad."""
         begin, end = self._stations[2 * slide], self._stations[2 * slide + 1]
         part = minimum_jerk((time - self._knots[slide, 0]) / self.timing.travel)
         return np.asarray(begin + part[:, None] * (end - begin))
 
-    def _course(self, number: int, time: Floats) -> _Course:
-        """Where a slide is at times within it."""
+    def _states(self, number: int, time: Floats) -> tuple[Floats, Floats, Floats, Floats, Mask]:
+        """Joint angles, rad, tip, m, force, N, and surface, m, at times within a slide, (k, 2) each; where it presses.
+
+        The angles are Ḡ, each joint crossing its backlash within `CROSSING`, near the path of the slide. The force is
+        F = N (-n + μ τ t); 0+ along -n in the free motion.
+        """
         slide, track, t = self.slides[number], self._tracks[number], self.timing
         knots = self._knots[number]
 
@@ -233,27 +214,14 @@ class SlidingMotion:
         point, normal = slide.outline.at(track.place(travelled))
         steady = part(SlidePhase.STICK) - part(SlidePhase.STOP)
         variation = t.force_variation * self._variation[number].at(time)[:, 0].clip(-3, 3)
-        return _Course(
-            point,
-            normal,
-            sense * quarter_turn(normal),
-            travelled,
-            t.clearance * (1.0 - part(SlidePhase.APPROACH) + part(SlidePhase.RETRACT)),
-            slide.force * (part(SlidePhase.PRESS) - part(SlidePhase.RELEASE)) * (1.0 + steady * variation),
-            slide.friction * steady,
-        )
-
-    def _force(self, number: int, course: _Course) -> Floats:
-        """F = N (-n + μ τ t), (k, 2), N; 0+ along -n in the free motion."""
-        size = np.maximum(course.normal_force, FIRST_FORCE)[:, None]
-        return np.asarray(size * (course.friction[:, None] * course.along - course.normal))
-
-    def _joints(self, number: int, tip: Floats, force: Floats, travelled: Floats) -> Floats:
-        """Ḡ, each joint crossing its backlash within `CROSSING`, near the path of the slide, (k, 2), rad."""
-        joints = self._poses(number, tip, force)
+        clearance = t.clearance * (1.0 - part(SlidePhase.APPROACH) + part(SlidePhase.RETRACT))
+        normal_force = slide.force * (part(SlidePhase.PRESS) - part(SlidePhase.RELEASE)) * (1.0 + steady * variation)
+        friction = (slide.friction * steady)[:, None] * (sense * quarter_turn(normal))
+        force = np.maximum(normal_force, FIRST_FORCE)[:, None] * (friction - normal)
+        tip = point + (self.tip_radius + clearance)[:, None] * normal
         places, path = self._paths[number]
         near = np.column_stack([np.interp(travelled, places, column) for column in path.T])
-        return np.asarray(near + wrap(joints - near))
+        return near + wrap(self._poses(number, tip, force) - near), tip, force, point, normal_force > 0
 
     def _poses(self, number: int, tip: Floats, force: Floats) -> Floats:
         p, posture = self.model.parameters, self.slides[number].posture
@@ -270,24 +238,14 @@ class SlidingMotion:
         poses = [self._poses(number, point + distance * normal, -slide.force * normal) for distance in distances]
         lost = ~self.cell.can_take(np.array(poses)).all(axis=0)
         if lost.any():
-            raise UnsupportedDataError(
-                f'slide {number}: the simulated robot does not reach it around ({point[lost][0][0]:.3f}, '
-                f'{point[lost][0][1]:.3f}) m',
-                'place the object elsewhere, slide along a part of it, or correct robot.limits',
-            )
+            x, y = point[lost][0]
+            problem = f'slide {number}: the simulated robot does not reach it around ({x:.3f}, {y:.3f}) m'
+            remedy = 'place the object elsewhere, slide along a part of it, or correct robot.limits'
+            raise UnsupportedDataError(problem, remedy)
         path = np.unwrap(poses[0], axis=0)
         if np.abs(np.diff(path, axis=0)).max() > 0.5:
             raise ParameterError(f'slide {number}', 'it passes a stretched or folded arm', 'place the object elsewhere')
         return travelled, path
-
-    def _free_poses(self) -> Floats:
-        """Joint angles where each slide's travel ends and the next one's begins, (m, 2, 2), rad."""
-        poses = []
-        for number, knots in enumerate(self._knots[:-1]):
-            course = self._course(number, knots[[SlidePhase.PAUSE, -1]])
-            tip = course.point + (self.tip_radius + course.clearance)[:, None] * course.normal
-            poses.append(self._joints(number, tip, self._force(number, course), course.travelled))
-        return np.array(poses)
 
 
 def _distance(time: Floats, span: float, speed: float, start: float) -> Floats:
@@ -321,32 +279,9 @@ class SlowNoise:
         return np.asarray((self._size * waves).sum(axis=1))
 
 
-class Motion(Protocol):
-    """A motion that the sensors report: that of `SlidingMotion`, or of an engine."""
-
-    @property
-    def duration(self) -> float:
-        """S."""
-
-    @property
-    def slides(self) -> tuple[Slide, ...]:
-        """One after the other."""
-
-    @property
-    def model(self) -> ExtendedModel:
-        """The robot."""
-
-    @property
-    def timing(self) -> SlideTiming:
-        """How fast the errors of the sensors change."""
-
-    def state_at(self, time: Floats) -> SlideState:
-        """The state at times in s, (k,)."""
-
-
 def simulate_slides(
     cell: Cell,
-    truth: ExtendedModel | Parameters,
+    truth: Robot,
     slides: Sequence[Slide],
     *,
     timing: SlideTiming | None = None,
@@ -373,25 +308,18 @@ def simulate_slides(
     return sensed(motion, cell, sensors or SensorModel(), seed, start)
 
 
-def sensed(motion: Motion, cell: Cell, sensors: SensorModel, seed: int, start: int = START) -> Streams:
-    """What the sensors report of a motion; the arguments are those of `simulate_slides`."""
+def sensed(motion: SlidingMotion, cell: Cell, sensors: SensorModel, seed: int, start: int = START) -> Streams:
+    """What the sensors report of a motion; the other arguments are those of `simulate_slides`."""
     errors = SlowNoise(np.random.default_rng([seed, 0]), 4, motion.timing.variation_time)
 
-    def at(time: Floats) -> Sensed:
-        """The state at times, each instant as a touch of its own, and its errors."""
+    def at(time: Floats) -> tuple[CellState, Floats, Floats]:
+        """The state at times, each instant as the hold of a touch of its own, the force over that of the slide."""
         state, unit = motion.state_at(time), errors.at(time)
         angle = sensor_angle(cell, motion.model.parameters, state.joints)
-        joint_errors, force_errors = sensors.scaled_errors(cell, unit[:, :2], unit[:, 2:], state.force, angle)
-        return _as_holds(motion, state), joint_errors, force_errors
+        both_errors = sensors.scaled_errors(cell, unit[:, :2], unit[:, 2:], state.force, angle)
+        planned = np.array([slide.force for slide in motion.slides])[state.slide]
+        relative_force = np.minimum(np.hypot(*state.force.T) / planned, 1.0)
+        touch, hold = np.arange(len(planned)), np.full(len(planned), Phase.HOLD)
+        return CellState(state.joints, state.force, touch, hold, np.ones(len(touch)), relative_force), *both_errors
 
     return recorded('simulation', cell, motion.model, sensors, motion.duration, at, seed, start)
-
-
-def _as_holds(motion: Motion, state: SlideState) -> CellState:
-    """The states as those of holds, numbered on; the force over that of the slide."""
-    planned = np.array([slide.force for slide in motion.slides])[state.slide]
-    relative_force = np.minimum(np.hypot(*state.force.T) / planned, 1.0)
-    touch = np.arange(len(planned))
-    return CellState(
-        state.joints, state.force, touch, np.full_like(touch, Phase.HOLD), np.ones(len(touch)), relative_force
-    )

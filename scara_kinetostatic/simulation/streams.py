@@ -20,12 +20,12 @@ from scara_kinetostatic.model import extended_model
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, check_numbers
-from scara_kinetostatic.simulation.trajectory import CellState, Phase, PlannedLoads, Timing, Trajectory, load_histories
+from scara_kinetostatic.simulation.trajectory import CellState, Phase, Robot, Timing, Trajectory, load_histories
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 TYPICAL_NOISE = Noise(joint=1e-5, force=0.3)
@@ -103,43 +103,6 @@ class SensorModel:
             return joint_errors, force_errors
         return joint_errors, rotate(force_errors, sensor_angle)
 
-    def read_joints(self, state: CellState, errors: Floats, random: np.random.Generator) -> Floats:
-        """Joint angles as the encoders report them, (k, 2), rad.
-
-        Args:
-            state: the cell at the k stamps.
-            errors: of each touch, (m, 2), rad; they change from touch to touch during the travel.
-            random: source of the white noise.
-        """
-        before = np.where((state.phase == Phase.TRAVEL) & (state.touch > 0), state.touch - 1, state.touch)
-        share = np.where(state.phase == Phase.TRAVEL, state.progress, 1.0)[:, None]
-        error = (1.0 - share) * errors[before] + share * errors[state.touch]
-        read = state.joints + error + self.joint_noise * random.standard_normal(error.shape)
-        return np.round(read / self.resolution) * self.resolution if self.resolution else read
-
-    def read_force(
-        self,
-        cell: Cell,
-        truth: ExtendedModel | Parameters,
-        state: CellState,
-        errors: Floats,
-        random: np.random.Generator,
-    ) -> Floats:
-        """Forces as the sensor reports them: its frame, its sign, its zero, (k, 2), N.
-
-        Args:
-            cell: frame and sign of the sensor.
-            truth: its theta1 and theta2 place the tool frame; its effects may be errors of the sensor.
-            state: the cell at the k stamps.
-            errors: of each touch in the hold, base frame, (m, 2), N.
-            random: source of the white noise.
-        """
-        error = state.relative_force[:, None] * errors[state.touch]
-        touch = TouchMetadata.plain(len(error))._replace(order=state.touch)
-        reported = reported_force(cell, truth, state.joints, state.force, error, state.relative_force, touch)
-        reported *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-        return reported + self.bias + self.force_noise * random.standard_normal(reported.shape)
-
     def stamps(self, duration: float, rate: float, offset: float, random: np.random.Generator) -> NDArray[np.int64]:
         """Stamps of one topic from `offset` to `duration`, increasing, (k,), ns since the start."""
         count = max(2, int(np.floor((duration - offset) * rate)) + 1)
@@ -165,7 +128,7 @@ def sensor_angle(cell: Cell, truth: Parameters, joints: Floats) -> Floats | None
 
 def reported_force(
     cell: Cell,
-    truth: ExtendedModel | Parameters,
+    truth: Robot,
     joints: Floats,
     force: Floats,
     error: Floats,
@@ -196,13 +159,13 @@ def reported_force(
 
 START = 1_700_000_000_000_000_000
 """Stamp of the start of a simulated recording, ns."""
-Sensed = tuple[CellState, Floats, Floats]
-"""A state, and the errors of joint angles, rad, and of the force, N."""
+Sensed = Callable[[Floats], tuple[CellState, Floats, Floats]]
+"""From times, s, to a state, and the errors of joint angles, rad, and of the force, N."""
 
 
 def simulate_streams(
     cell: Cell,
-    truth: ExtendedModel | Parameters,
+    truth: Robot,
     plan: Plan,
     *,
     timing: Timing | None = None,
@@ -230,21 +193,14 @@ def simulate_streams(
     trajectory = Trajectory(cell, truth, plan, timing, repeated)
     joint_errors, force_errors = _touch_errors(sensors, cell, truth, trajectory, seed)
 
-    def at(time: Floats) -> Sensed:
+    def at(time: Floats) -> tuple[CellState, Floats, Floats]:
         return trajectory.state_at(time), joint_errors, force_errors
 
     return recorded('simulation', cell, truth, sensors, trajectory.duration, at, seed, start)
 
 
 def recorded(
-    source: str,
-    cell: Cell,
-    truth: ExtendedModel | Parameters,
-    sensors: SensorModel,
-    duration: float,
-    at: Callable[[Floats], Sensed],
-    seed: int,
-    start: int,
+    source: str, cell: Cell, truth: Robot, sensors: SensorModel, duration: float, at: Sensed, seed: int, start: int
 ) -> Streams:
     """Both streams of any motion as the sensors report them.
 
@@ -262,15 +218,23 @@ def recorded(
     joint_stamps = sensors.stamps(duration, sensors.joint_rate, 0.0, random)
     wrench_stamps = sensors.stamps(duration, sensors.wrench_rate, sensors.offset, random)
     state, joint_errors, _ = at(1e-9 * joint_stamps.astype(np.float64))
-    position = sensors.read_joints(state, joint_errors, random)
+    # the errors of the joints change from touch to touch during the travel
+    before = np.where((state.phase == Phase.TRAVEL) & (state.touch > 0), state.touch - 1, state.touch)
+    share = np.where(state.phase == Phase.TRAVEL, state.progress, 1.0)[:, None]
+    error = (1.0 - share) * joint_errors[before] + share * joint_errors[state.touch]
+    position = state.joints + error + sensors.joint_noise * random.standard_normal(error.shape)
+    if sensors.resolution:
+        position = np.round(position / sensors.resolution) * sensors.resolution
     state, _, force_errors = at(1e-9 * wrench_stamps.astype(np.float64))
-    force = sensors.read_force(cell, truth, state, force_errors, random)
+    error = state.relative_force[:, None] * force_errors[state.touch]
+    touch = TouchMetadata.plain(len(error))._replace(order=state.touch)
+    force = reported_force(cell, truth, state.joints, state.force, error, state.relative_force, touch)
+    force *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+    force = force + sensors.bias + sensors.force_noise * random.standard_normal(force.shape)
     return Streams(source, JointStream(joint_stamps + start, position), WrenchStream(wrench_stamps + start, force))
 
 
-def simulate_touches(
-    cell: Cell, truth: ExtendedModel | Parameters, plan: Plan, noise: Noise | None = None, seed: int = 0
-) -> TouchSet:
+def simulate_touches(cell: Cell, truth: Robot, plan: Plan, noise: Noise | None = None, seed: int = 0) -> TouchSet:
     """The touches of a plan without streams: Ḡ, the effects of the robot, and the noise of one touch.
 
     The same seed gives the same noise of the touches as in `simulate_streams`.
@@ -291,16 +255,12 @@ def simulate_touches(
     trajectory = Trajectory(cell, truth, plan)
     sensors = SensorModel(touch_noise=noise)
     joint_errors, force_errors = _touch_errors(sensors, cell, truth, trajectory, seed)
-    joints = trajectory.hold_joints + joint_errors
-    force = reported_force(
-        cell, truth, trajectory.hold_joints, trajectory.hold_force, force_errors, metadata=trajectory.metadata
-    )
-    beyond = np.hypot(*trajectory.peak_force.T) / np.hypot(*trajectory.hold_force.T)
+    t, joints = trajectory, trajectory.hold_joints + joint_errors
+    force = reported_force(cell, truth, t.hold_joints, t.hold_force, force_errors, metadata=t.metadata)
+    beyond = np.hypot(*t.peak_force.T) / np.hypot(*t.hold_force.T)
     errors = beyond[:, None] * force_errors
-    peak_force = reported_force(
-        cell, truth, trajectory.peak_joints, trajectory.peak_force, errors, beyond, trajectory.metadata
-    )
-    loads = PlannedLoads(trajectory.peak_joints + joint_errors, peak_force, joints, force)
+    peak_force = reported_force(cell, truth, t.peak_joints, t.peak_force, errors, beyond, t.metadata)
+    peaks, holds = np.hstack([t.peak_joints + joint_errors, peak_force]), np.hstack([joints, force])
     return TouchSet(
         joints=joints,
         force=force,
@@ -309,12 +269,12 @@ def simulate_touches(
         time=trajectory.hold_time,
         approach=trajectory.metadata.approach,
         press=trajectory.metadata.press,
-        history=load_histories(loads, plan.preload > 0, cell.nominal, cell.sensor.frame).hold,
+        history=load_histories(peaks, holds, plan.preload > 0, cell.nominal, cell.sensor.frame).hold,
     )
 
 
 def _touch_errors(
-    sensors: SensorModel, cell: Cell, truth: ExtendedModel | Parameters, trajectory: Trajectory, seed: int
+    sensors: SensorModel, cell: Cell, truth: Robot, trajectory: Trajectory, seed: int
 ) -> tuple[Floats, Floats]:
     """The errors of each touch of a trajectory, base frame, (n, 2) each, rad and N."""
     joints, force = trajectory.hold_joints, trajectory.hold_force

@@ -12,7 +12,7 @@ phase lasts no time.
 
 The effects of a robot with effects (`ExtendedModel`) are simulated: the joint angles are
 commanded as above, deeper or less deep so that the force of the hold comes about, and the force at any time is
-A(Q(t), L̄) with the effects; see `ContactForces`. What joints with memory keep goes from touch to touch along the
+A(Q(t), L̄) with the effects. What joints with memory keep goes from touch to touch along the
 whole plan, with preloads, unloading and the free motion between touches; see `load_history`.
 
 The simulated controller uses the base model: it commands Ḡ(S, F) without effects. The force that results is
@@ -23,17 +23,15 @@ hold, and is linear in the force between them and beyond.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
-from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -45,6 +43,8 @@ from scara_kinetostatic.model.touch import padded_history, remembered, stacked_h
 from scara_kinetostatic.simulation.plan import CLEARANCE, Plan, check_numbers
 from scara_kinetostatic.touches.load_history import last_movement
 
+Robot: TypeAlias = ExtendedModel | Parameters
+"""A simulated robot: its parameters, or the model with its effects."""
 Phase = IntEnum('Phase', 'TRAVEL PAUSE APPROACH PRESS EASE HOLD RELEASE RETRACT', start=0)
 """Of a touch."""
 
@@ -89,22 +89,6 @@ def minimum_jerk(part: Floats) -> Floats:
     return part**3 * (10.0 + part * (6.0 * part - 15.0))
 
 
-class PlannedLoads(NamedTuple):
-    """Peak and hold of m touches; (m, 2) each.
-
-    Attributes:
-        peak_joints: Q under the largest force, rad.
-        peak_force: that force, N.
-        hold_joints: Q in the hold, rad.
-        hold_force: F in the hold, N.
-    """
-
-    peak_joints: Floats
-    peak_force: Floats
-    hold_joints: Floats
-    hold_force: Floats
-
-
 class Histories(NamedTuple):
     """Histories at three stages of every touch, (m, K, 4) each, as in `TouchSet.history`.
 
@@ -120,7 +104,8 @@ class Histories(NamedTuple):
 
 
 def load_histories(
-    loads: PlannedLoads,
+    peaks: Floats,
+    holds: Floats,
     has_preload: Mask,
     parameters: Parameters,
     frame: SensorFrame = SensorFrame.BASE,
@@ -129,14 +114,13 @@ def load_histories(
     """The histories of the touches of a plan.
 
     Args:
-        loads: peaks and holds in the order of time.
+        peaks: Q, rad, and F, N, under the largest force of each touch in the order of time, (m, 4).
+        holds: the same in the hold.
         has_preload: whether the peak is beyond the hold, (m,).
         parameters: L̄, which tells the torques that a memory keeps.
         frame: that of the forces.
         repeated: whether the joints come from another pass through the same plan instead of the relaxed state.
     """
-    peaks = np.concatenate([loads.peak_joints, loads.peak_force], axis=1)
-    holds = np.concatenate([loads.hold_joints, loads.hold_force], axis=1)
     points = np.stack([peaks, holds, holds * (1, 1, 0, 0)], axis=1).reshape(-1, 4)
     torques = [(first, second) for first, second in torques_of(parameters, points, frame).tolist()]
     stages: tuple[list[Floats], ...] = ([], [], [])
@@ -148,163 +132,13 @@ def load_histories(
             if place % 3 or has_preload[place // 3]:
                 memory.append(place)
                 memory = [memory[k] for k in remembered([torques[one] for one in memory])]
-    return Histories(*(stacked_histories(stage, loads.hold_joints) for stage in stages))
+    return Histories(*(stacked_histories(stage, holds[:, :2]) for stage in stages))
 
-
-Index = NDArray[np.intp]
 
 LIGHT_FORCE = 0.05
 """The light force, over that of the hold."""
 FORCE_TOLERANCE = 1e-3
 """Relative error of the force at which the iteration for a depth ends."""
-
-
-@dataclass(frozen=True)
-class ContactForces:
-    """The contact forces of the touches of a plan.
-
-    Attributes:
-        cell: discs, gripper.
-        truth: the simulated robot.
-        plan: the m touches.
-        metadata: what effects need to know of each touch in its hold besides.
-        histories: the load before each stage of the touches, where it is known.
-    """
-
-    cell: Cell
-    truth: ExtendedModel
-    plan: Plan
-    metadata: TouchMetadata
-    histories: Histories | None = None
-
-    def contact(
-        self,
-        touch: Index,
-        joints: Floats,
-        warm_start: Floats,
-        tension: bool = False,
-        metadata: TouchMetadata | None = None,
-    ) -> Contact:
-        """A(Q, L̄) at k moments of touches.
-
-        Args:
-            touch: number of the touch, (k,).
-            joints: commanded Q, (k, 2), rad.
-            warm_start: of several equilibria, the one nearest to this force is taken, (k, 2), N.
-            tension: as in `model.contact.contact`.
-            metadata: of the moments; None: those of the holds.
-        """
-        surface, surfaces = self.plan.surface(self.cell)[touch], self.cell.surfaces
-        return contact(
-            self.truth,
-            joints,
-            surfaces.centers[surface],
-            surfaces.radii[surface],
-            self.cell.gripper,
-            tangents=surfaces.tangents[surface] if self.cell.has_outlines else None,
-            tension=tension,
-            warm_start=warm_start,
-            metadata=self.metadata.select(touch) if metadata is None else metadata,
-        )
-
-    def force_over_time(self, touch: Index, joints: Floats, warm_start: Floats, phase: Index) -> Floats:
-        """Force on the object at k moments in the order of time, (k, 2), N; zero outside contact.
-
-        Where no equilibrium is found the force is interpolated in time.
-        """
-        metadata = self.metadata.select(touch)
-        if self.histories is not None:
-            stages = [part[touch] for part in self.histories]
-            longest = max(part.shape[1] for part in stages)
-            stages = [padded_history(part, joints, longest) for part in stages]
-            before, after = (phase < Phase.EASE)[:, None, None], (phase > Phase.HOLD)[:, None, None]
-            metadata = metadata._replace(history=np.where(before, stages[0], np.where(after, stages[2], stages[1])))
-        found = self.contact(touch, joints, warm_start, metadata=metadata)
-        force, at = found.force.copy(), np.arange(len(touch))
-        if not found.solved.all() and found.solved.any():
-            for axis in (0, 1):
-                force[:, axis] = np.interp(at, at[found.solved], force[found.solved, axis])
-        return force
-
-    def command_depths(
-        self,
-        command: Callable[[Floats], Floats],
-        relative_force: float,
-        compliance: Floats,
-        start: Floats | None = None,
-    ) -> Floats:
-        """Depths at which the force is reached, beyond those of the base model, (m,), m; by the secant method.
-
-        Args:
-            command: from depths (m,), m, to the Q commanded under the level, (m, 2), rad.
-            relative_force: part of the force of the hold that is wanted.
-            compliance: depth per force of the robot without effects, (m,), m/N.
-            start: first depths, (m,), m.
-        """
-        wanted = relative_force * self.plan.force
-        warm_start = -wanted[:, None] * self.plan.normal(self.cell)
-        depth = np.zeros(len(self.plan)) if start is None else start.copy()
-        slope, todo = compliance.copy(), np.arange(len(self.plan))
-        before = np.full((2, len(self.plan)), np.nan)
-        for _ in range(30):
-            force = self.contact(todo, command(depth)[todo], warm_start[todo], tension=True).magnitude
-            off = np.abs(wanted[todo] - force) > FORCE_TOLERANCE * wanted[todo]
-            todo, force = todo[off], force[off]
-            if not len(todo):
-                break
-            step, rise = depth[todo] - before[0, todo], force - before[1, todo]
-            known = np.abs(rise) > 1e-9  # false in the first pass
-            bounds = compliance[todo] / 20.0, compliance[todo] * 20.0  # at most so much softer or stiffer
-            slope[todo[known]] = np.clip(step / np.where(known, rise, 1.0), *bounds)[known]
-            before[:, todo] = depth[todo], force
-            depth[todo] += np.clip(slope[todo] * (wanted[todo] - force), -2e-3, 2e-3)
-        return depth
-
-    def peak_force(self, joints: Floats, histories: Histories) -> Floats:
-        """Largest force on the object in each touch, (m, 2), N, for its joints (m, 2), rad.
-
-        The planned one where no equilibrium is found.
-        """
-        beyond = (1.0 + self.plan.preload) * self.plan.force
-        every, planned = np.arange(len(self.plan)), -beyond[:, None] * self.plan.normal(self.cell)
-        found = self.contact(every, joints, planned, metadata=self.metadata._replace(history=histories.press))
-        return np.where(found.solved[:, None], found.force, planned)
-
-    def with_histories(self, histories: Histories) -> ContactForces:
-        """The same touches with other loads before them."""
-        return replace(self, metadata=self.metadata._replace(history=histories.hold), histories=histories)
-
-    def in_hold(self, joints: Floats) -> Contact:
-        """A(Q, L̄) in each hold, for its joints (m, 2), rad."""
-        return self.contact(np.arange(len(self.plan)), joints, -self.plan.force[:, None] * self.plan.normal(self.cell))
-
-    def off_plan(self, found: Contact, tolerance: float = 0.02) -> Mask:
-        """Which touches have no equilibrium, or not the force that is planned but for a relative error, (m,)."""
-        return ~(np.abs(found.magnitude - self.plan.force) <= tolerance * self.plan.force) | ~found.solved
-
-    def hold_force(self, joints: Floats) -> Floats:
-        """Force on the object in each hold, (m, 2), N.
-
-        Args:
-            joints: Q in each hold, (m, 2), rad.
-
-        Raises:
-            UnsupportedDataError: a touch has no equilibrium, or not the force that is planned.
-        """
-        found = self.in_hold(joints)
-        is_smooth = all(effect.is_smooth for effect in self.truth.effects)
-        # at kinks the commanded joints need not settle; the force is that of the joints as commanded
-        off = self.off_plan(found) if is_smooth else self.off_plan(found, 0.1)
-        if off.any():
-            first = int(np.argmax(off))
-            name = self.cell.discs[self.plan.disc[first]].name
-            got = f'it comes to {found.magnitude[first]:.3g} N' if found.solved[first] else 'there is no equilibrium'
-            raise UnsupportedDataError(
-                f'the simulated robot cannot hold touch {first} of the plan, on {name!r}, '
-                f'under {self.plan.force[first]:g} N: {got}',
-                'leave the touch out, or simulate smaller effects',
-            )
-        return found.force
 
 
 FIRST_FORCE = 1e-6
@@ -327,8 +161,8 @@ class CellState(NamedTuple):
 
     joints: Floats
     force: Floats
-    touch: NDArray[np.intp]
-    phase: NDArray[np.intp]
+    touch: Indices
+    phase: Indices
     progress: Floats
     relative_force: Floats
 
@@ -359,14 +193,9 @@ class Trajectory:
     """
 
     def __init__(
-        self,
-        cell: Cell,
-        truth: ExtendedModel | Parameters,
-        plan: Plan,
-        timing: Timing | None = None,
-        repeated: bool = False,
+        self, cell: Cell, truth: Robot, plan: Plan, timing: Timing | None = None, repeated: bool = False
     ) -> None:
-        self.cell, self.plan, self.timing, self.repeated = cell, plan, timing or Timing(), repeated
+        self.cell, self.plan, self.timing, self._repeated = cell, plan, timing or Timing(), repeated
         self.model = as_model(truth)
         self.truth = self.model.parameters
         if not len(plan):
@@ -376,7 +205,6 @@ class Trajectory:
         self.hold_force = plan.force[:, None] * self._inward
         self.peak_force = (1.0 + plan.preload)[:, None] * self.hold_force
         self._depth = np.zeros((2, len(plan)))
-        self._contact_forces: ContactForces | None = None
         self._solve_poses()
         self._start_and_end = self.free_joints[[0, -1]] + (0.25, -0.15)
         self.knots, self.duration = self._schedule()
@@ -396,44 +224,137 @@ class Trajectory:
     def _include_effects(self) -> None:
         """The forces with effects. The metadata are those of the path without effects, then corrected.
 
-        Once, or until the holds have their forces with the histories that the touches make.
+        Once, or until the holds have their forces with the histories that the touches make. The commanded joints then
+        stay, and forces and histories come to agree.
         """
-        planned = self.hold_force
         for number in range(_MOST_PASSES):
             self.metadata = self._metadata()
-            histories = self.histories()
-            self.metadata = self.metadata._replace(history=histories.hold)
-            contact_forces = ContactForces(self.cell, self.model, self.plan, self.metadata)
-            compliance = self._normal_compliance(planned)
+            self._take_histories()
+            compliance = self._normal_compliance(self.hold_force)
             for row, relative_force in enumerate((LIGHT_FORCE, 1.0)):
-                command = partial(self._commanded_joints, relative_force * planned)
-                self._depth[row] = contact_forces.command_depths(command, relative_force, compliance, self._depth[row])
+                self._depth[row] = self._command_depths(relative_force, compliance, self._depth[row])
             self._solve_poses()
-            self.peak_force = contact_forces.peak_force(self.peak_joints, histories)
-            contact_forces = contact_forces.with_histories(self.histories())
-            if number and not contact_forces.off_plan(contact_forces.in_hold(self.hold_joints)).any():
+            self.peak_force = self._peak_forces()
+            self._take_histories()
+            if number and not self._off_plan(self._in_hold()).any():
                 break
-        self.hold_force = contact_forces.hold_force(self.hold_joints)
-        self._contact_forces = self._with_consistent_histories(contact_forces)
-
-    def _with_consistent_histories(self, contact_forces: ContactForces) -> ContactForces:
-        """The contact forces with the histories that they make themselves; the commanded joints stay."""
+        self.hold_force = self._hold_forces()
         for _ in range(_MOST_PASSES):
-            histories, before = self.histories(), np.stack([self.peak_force, self.hold_force])
-            contact_forces = contact_forces.with_histories(histories)
-            self.peak_force = contact_forces.peak_force(self.peak_joints, histories)
-            self.hold_force = contact_forces.hold_force(self.hold_joints)
+            before = np.stack([self.peak_force, self.hold_force])
+            self._take_histories()
+            self.peak_force, self.hold_force = self._peak_forces(), self._hold_forces()
             if np.abs(before - (self.peak_force, self.hold_force)).max() < 1e-9:
-                self.metadata = contact_forces.metadata
-                return contact_forces
-        raise UnsupportedDataError(
-            'the forces of the touches and the loads before them do not come to agree', 'simulate smaller effects'
+                return
+        problem = 'the forces of the touches and the loads before them do not come to agree'
+        raise UnsupportedDataError(problem, 'simulate smaller effects')
+
+    def _take_histories(self) -> None:
+        """The load before the stages of each touch, by the joints and forces as they are now."""
+        peaks, holds = np.hstack([self.peak_joints, self.peak_force]), np.hstack([self.hold_joints, self.hold_force])
+        self.histories = load_histories(peaks, holds, self.plan.preload > 0, self.truth, repeated=self._repeated)
+        self.metadata = self.metadata._replace(history=self.histories.hold)
+
+    def _contact_at(
+        self, touch: Indices, joints: Floats, warm_start: Floats, metadata: TouchMetadata, tension: bool = False
+    ) -> Contact:
+        """A(Q, L̄) at k moments of touches.
+
+        Args:
+            touch: number of the touch, (k,).
+            joints: commanded Q, (k, 2), rad.
+            warm_start: of several equilibria, the one nearest to this force is taken, (k, 2), N.
+            metadata: of the moments.
+            tension: as in `model.contact.contact`.
+        """
+        surface, surfaces = self.plan.surface(self.cell)[touch], self.cell.surfaces
+        return contact(
+            self.model,
+            joints,
+            surfaces.centers[surface],
+            surfaces.radii[surface],
+            self.cell.gripper,
+            tangents=surfaces.tangents[surface] if self.cell.has_outlines else None,
+            tension=tension,
+            warm_start=warm_start,
+            metadata=metadata,
         )
 
-    def histories(self) -> Histories:
-        """The load before the stages of each touch, true values."""
-        loads = PlannedLoads(self.peak_joints, self.peak_force, self.hold_joints, self.hold_force)
-        return load_histories(loads, self.plan.preload > 0, self.truth, repeated=self.repeated)
+    def _force_over_time(self, touch: Indices, joints: Floats, warm_start: Floats, phase: Indices) -> Floats:
+        """Force on the object at k moments in the order of time, (k, 2), N; zero outside contact.
+
+        Where no equilibrium is found the force is interpolated in time.
+        """
+        stages = [part[touch] for part in self.histories]
+        longest = max(part.shape[1] for part in stages)
+        stages = [padded_history(part, joints, longest) for part in stages]
+        before, after = (phase < Phase.EASE)[:, None, None], (phase > Phase.HOLD)[:, None, None]
+        history = np.where(before, stages[0], np.where(after, stages[2], stages[1]))
+        found = self._contact_at(touch, joints, warm_start, self.metadata.select(touch)._replace(history=history))
+        force, at = found.force.copy(), np.arange(len(touch))
+        if not found.solved.all() and found.solved.any():
+            for axis in (0, 1):
+                force[:, axis] = np.interp(at, at[found.solved], force[found.solved, axis])
+        return force
+
+    def _command_depths(self, relative_force: float, compliance: Floats, start: Floats) -> Floats:
+        """Depths at which the force is reached, beyond those of the base model, (m,), m; by the secant method.
+
+        Args:
+            relative_force: part of the force of the hold that is wanted.
+            compliance: depth per force of the robot without effects, (m,), m/N.
+            start: first depths, (m,), m.
+        """
+        wanted, planned = relative_force * self.plan.force, relative_force * self.hold_force
+        depth, slope, todo = start.copy(), compliance.copy(), np.arange(len(self.plan))
+        before = np.full((2, len(self.plan)), np.nan)
+        for _ in range(30):
+            joints = self._pose(self._contact + depth[:, None] * self._inward, planned)[todo]
+            force = self._contact_at(todo, joints, planned[todo], self.metadata.select(todo), tension=True).magnitude
+            off = np.abs(wanted[todo] - force) > FORCE_TOLERANCE * wanted[todo]
+            todo, force = todo[off], force[off]
+            if not len(todo):
+                break
+            step, rise = depth[todo] - before[0, todo], force - before[1, todo]
+            known = np.abs(rise) > 1e-9  # false in the first pass
+            bounds = compliance[todo] / 20.0, compliance[todo] * 20.0  # at most so much softer or stiffer
+            slope[todo[known]] = np.clip(step / np.where(known, rise, 1.0), *bounds)[known]
+            before[:, todo] = depth[todo], force
+            depth[todo] += np.clip(slope[todo] * (wanted[todo] - force), -2e-3, 2e-3)
+        return depth
+
+    def _peak_forces(self) -> Floats:
+        """Largest force on the object in each touch, (m, 2), N; the planned one where no equilibrium is found."""
+        planned = ((1.0 + self.plan.preload) * self.plan.force)[:, None] * self._inward
+        before = self.metadata._replace(history=self.histories.press)
+        found = self._contact_at(np.arange(len(self.plan)), self.peak_joints, planned, before)
+        return np.where(found.solved[:, None], found.force, planned)
+
+    def _in_hold(self) -> Contact:
+        """A(Q, L̄) in each hold."""
+        planned = self.plan.force[:, None] * self._inward
+        return self._contact_at(np.arange(len(self.plan)), self.hold_joints, planned, self.metadata)
+
+    def _off_plan(self, found: Contact, tolerance: float = 0.02) -> Mask:
+        """Which touches have no equilibrium, or not the force that is planned but for a relative error, (m,)."""
+        return ~(np.abs(found.magnitude - self.plan.force) <= tolerance * self.plan.force) | ~found.solved
+
+    def _hold_forces(self) -> Floats:
+        """Force on the object in each hold, (m, 2), N.
+
+        Raises:
+            UnsupportedDataError: a touch has no equilibrium, or not the force that is planned.
+        """
+        found = self._in_hold()
+        # at kinks the commanded joints need not settle; the force is that of the joints as commanded
+        off = self._off_plan(found, 0.02 if all(effect.is_smooth for effect in self.model.effects) else 0.1)
+        if off.any():
+            first = int(np.argmax(off))
+            name = self.cell.discs[self.plan.disc[first]].name
+            got = f'it comes to {found.magnitude[first]:.3g} N' if found.solved[first] else 'there is no equilibrium'
+            touch = f'touch {first} of the plan, on {name!r}, under {self.plan.force[first]:g} N'
+            remedy = 'leave the touch out, or simulate smaller effects'
+            raise UnsupportedDataError(f'the simulated robot cannot hold {touch}: {got}', remedy)
+        return found.force
 
     def _metadata(self) -> TouchMetadata:
         approach, press = (last_movement(path, self.hold_joints) for path in (self.path, self.path[1:]))
@@ -446,11 +367,7 @@ class Trajectory:
         torques = inverse_kinetostatics(p, self._contact, force, self.plan.posture, self.cell.gripper)[1]
         return np.asarray(p.p_ee + (np.array([p.p1, p.p2]) * (torques / size[:, None]) ** 2).sum(axis=1))
 
-    def _commanded_joints(self, force: Floats, depth: Floats) -> Floats:
-        """Ḡ of the base model for a tip commanded deeper, (m, 2), rad."""
-        return self._pose(self._contact + depth[:, None] * self._inward, force)
-
-    def _commanded_tip(self, relative_force: Floats | float, touch: NDArray[np.intp] | slice = slice(None)) -> Floats:
+    def _commanded_tip(self, relative_force: Floats | float, touch: Indices | slice = slice(None)) -> Floats:
         """Commanded place of the tip of the base model at a relative force, (k, 2), m."""
         first, hold = self._depth[:, touch]
         depth = first + (relative_force - LIGHT_FORCE) / (1.0 - LIGHT_FORCE) * (hold - first)
@@ -466,20 +383,8 @@ class Trajectory:
         """Joint angles before each hold: free, first contact, peak, (3, m, 2), rad."""
         return np.stack([self.free_joints, self.contact_joints, self.peak_joints])
 
-    def at(self, time: ArrayLike) -> tuple[Floats, Floats]:
-        """Joint angles and force at any times.
-
-        Args:
-            time: since the start, (k,), s; before the start and past the end the arm rests.
-
-        Returns:
-            Q, (k, 2), rad, and F on the object in the base frame, (k, 2), N.
-        """
-        state_at = self.state_at(time)
-        return state_at.joints, state_at.force
-
     def state_at(self, time: ArrayLike) -> CellState:
-        """The state of the cell at any times, as for `at`."""
+        """The state of the cell at times since the start, (k,), s; before it and past the end the arm rests."""
         time = np.clip(np.atleast_1d(np.asarray(time, dtype=float)), 0.0, self.duration)
         starts = np.append(self.knots.ravel(), self.knots[-1, Phase.RETRACT] + self.timing.retract)
         ends = np.append(starts[1:], self.duration)
@@ -494,37 +399,32 @@ class Trajectory:
         force = relative_force[:, None] * self.hold_force[touch]
         loaded = np.flatnonzero((phase >= Phase.PRESS) & (phase <= Phase.RELEASE) & ~returning)
         joints[loaded] = self._loaded_joints(touch[loaded], relative_force[loaded])
-        if self._contact_forces is not None:
+        if self.model.effects:
             close = np.flatnonzero(self._contact_possible(touch, phase, joints))
-            moments = touch[close], joints[close], force[close], phase[close]
-            force[close] = self._contact_forces.force_over_time(*moments)
+            force[close] = self._force_over_time(touch[close], joints[close], force[close], phase[close])
             relative_force = np.hypot(*force.T) / np.hypot(*self.hold_force[touch].T)
         return CellState(joints, force, touch, phase, progress, relative_force)
 
-    def _contact_possible(self, touch: NDArray[np.intp], phase: NDArray[np.intp], joints: Floats) -> NDArray[np.bool_]:
+    def _contact_possible(self, touch: Indices, phase: Indices, joints: Floats) -> Mask:
         """Where a force is possible and not known yet, (k,): within 0.5 mm of the contact."""
         displacement = forward(self.truth, joints) - forward(self.truth, self.contact_joints[touch])
         near = np.einsum('ij,ij->i', displacement, self._inward[touch]) > -5e-4
         return np.asarray((phase >= Phase.APPROACH) & (phase != Phase.HOLD) & near)
 
-    def _relative_force(self, touch: NDArray[np.intp], phase: NDArray[np.intp], progress: Floats) -> Floats:
+    def _relative_force(self, touch: Indices, phase: Indices, progress: Floats) -> Floats:
         """Force over that of the hold, (k,)."""
         beyond = self.plan.preload[touch]
         parts = [progress * (1.0 + beyond), 1.0 + beyond * (1.0 - progress), np.ones_like(progress), 1.0 - progress]
         return np.select([phase == which for which in (Phase.PRESS, Phase.EASE, Phase.HOLD, Phase.RELEASE)], parts, 0.0)
 
-    def _pose(self, tip: Floats, force: Floats) -> Floats:
-        """Ḡ of one pose per touch."""
-        return self._inverse(np.arange(len(self.plan)), tip, force)
-
-    def _inverse(self, touch: NDArray[np.intp], tip: Floats, force: Floats) -> Floats:
-        """Ḡ in the posture of each touch: Q for places of the tip and forces, (k, 2) each."""
+    def _pose(self, tip: Floats, force: Floats, touch: Indices | slice = slice(None)) -> Floats:
+        """Ḡ in the posture of touches, all or some: Q for places of the tip and forces, (k, 2) each."""
         return inverse_kinetostatics(self.truth, tip, force, self.plan.posture[touch], self.cell.gripper)[0]
 
-    def _loaded_joints(self, touch: NDArray[np.intp], relative_force: Floats) -> Floats:
+    def _loaded_joints(self, touch: Indices, relative_force: Floats) -> Floats:
         """Ḡ at a relative force, without a jump of a full turn within the touch."""
         force = np.maximum(relative_force * self.plan.force[touch], FIRST_FORCE)[:, None] * self._inward[touch]
-        joints = self._inverse(touch, self._commanded_tip(relative_force, touch), force)
+        joints = self._pose(self._commanded_tip(relative_force, touch), force, touch)
         hold = self.hold_joints[touch]
         turned = np.abs(joints - hold) > np.pi
         return np.where(turned, hold + wrap(joints - hold), joints)
@@ -537,10 +437,9 @@ class Trajectory:
         lost = np.flatnonzero(~np.isfinite(poses).all(axis=1))
         if len(lost):
             name = self.cell.discs[self.plan.disc[lost[0]]].name
-            raise UnsupportedDataError(
-                f'the simulated robot cannot reach touch {lost[0]} of the plan, on {name!r}',
-                'leave the touch out, move the disc, or simulate a robot closer to the nominal one',
-            )
+            problem = f'the simulated robot cannot reach touch {lost[0]} of the plan, on {name!r}'
+            remedy = 'leave the touch out, move the disc, or simulate a robot closer to the nominal one'
+            raise UnsupportedDataError(problem, remedy)
 
     def _schedule(self) -> tuple[Floats, float]:
         """Starts of all phases and the end of the trajectory."""

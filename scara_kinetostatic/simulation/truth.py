@@ -90,16 +90,13 @@ def with_effects(truth: ExtendedModel | Parameters, effects: Iterable[TrueEffect
     Raises:
         ParameterError: the robot would have an effect twice.
     """
-    model, added = as_model(truth), tuple(effects)
-    labels = [effect.label for effect in model.effects] + [item.effect.label for item in added]
+    model = as_model(truth)
+    both = [*zip(model.effects, model.effect_values, strict=True), *effects]
+    labels = [effect.label for effect, _ in both]
     for label in labels:
         if labels.count(label) > 1:
             raise ParameterError(f'effect {label!r}', 'is given twice', 'give it once')
-    return ExtendedModel(
-        model.parameters,
-        (*model.effects, *(item.effect for item in added)),
-        (*model.effect_values, *(item.values for item in added)),
-    )
+    return ExtendedModel(model.parameters, tuple(one for one, _ in both), tuple(values for _, values in both))
 
 
 def truth_named(what: str, cell: Cell) -> ExtendedModel:
@@ -143,9 +140,8 @@ def load_truth(path: str | Path, cell: Cell) -> ExtendedModel:
     top = Section(ParameterError, str(path), '', data, ('parameters',), ('schema', 'seed', 'effects'))
     n, given = cell.nominal, dict(top.section('parameters', cell.nominal.names).data)
     moments = {name: given.pop(name) for name in cell.nominal.names[len(NAMES) :]}
-    parameters = Parameters.from_mapping(given, str(path)).replace(
-        **moments, gravity=n.gravity, phi1=n.phi1, phi2=n.phi2
-    )
+    parameters = Parameters.from_mapping(given, str(path))
+    parameters = parameters.replace(**moments, gravity=n.gravity, phi1=n.phi1, phi2=n.phi2)
     parameters.check_physical(str(path))
     listed = top.items('effects', 'effects', ('name',), ('target', 'parameters')) if data.get('effects') else []
     return with_effects(parameters, (_stored_effect(entry, cell) for entry in listed))
@@ -191,11 +187,9 @@ class World(NamedTuple):
         if declared is None or errors is None:
             return cls(described, described, np.zeros(0), {})
         _, first = np.unique(described.surfaces.object, return_index=True)
-        places = zip(
-            described.discs, first, declared.centers(errors)[first], declared.radii(errors)[first], strict=True
-        )
-        discs: list[Disc | Outline] = []
-        for disc, k, (x, y), radius in places:
+        centers, radii, discs = declared.centers(errors), declared.radii(errors), list[Disc | Outline]()
+        for disc, k in zip(described.discs, first, strict=True):
+            (x, y), radius = centers[k], radii[k]
             if isinstance(disc, Outline):
                 angle = float(declared.rotation[k] @ errors)
                 reference = np.array([disc.x, disc.y])

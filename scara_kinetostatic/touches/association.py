@@ -13,21 +13,18 @@ disc from an unknown object.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn, rotate
 from scara_kinetostatic.model.outline import PER_ANGLE
 from scara_kinetostatic.model.parameters import Parameters
 
 
-@dataclass(frozen=True)
-class AssociationSettings:
+class Settings:
     """What belongs to a disc.
 
     Attributes:
@@ -54,25 +51,22 @@ class AssociationSettings:
     largest_friction_angle: float = 0.35
 
 
-SETTINGS = AssociationSettings()
-
-
 class Association(NamedTuple):
     """Discs and postures of n touches.
 
     Attributes:
         disc: index of the nearest disc, (n,).
         posture: +1 or -1, (n,).
-        miss: |m| of that disc, less what an oblique force explains (`SETTINGS.largest_friction_angle`), (n,), m.
+        miss: |m| of that disc, less what an oblique force explains (`Settings.largest_friction_angle`), (n,), m.
         known: whether the touch belongs to the disc, (n,).
         both: whether it is in an inner corner, into which the tip does not reach, (n,).
     """
 
-    disc: NDArray[np.intp]
-    posture: NDArray[np.intp]
+    disc: Indices
+    posture: Indices
     miss: Floats
-    known: NDArray[np.bool_]
-    both: NDArray[np.bool_]
+    known: Mask
+    both: Mask
 
     def reason(self, number: int, cell: Cell) -> str:
         """Why a touch that is not known is rejected."""
@@ -92,14 +86,14 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
     """
     fitted, used = _fit_geometry(joints, force, cell), cell.nominal
     disc, miss = _nearest_disc(cell.nominal, joints, force, cell)
-    known = miss <= SETTINGS.largest_miss_nominal
-    if len(joints) >= SETTINGS.fewest_for_fit:
+    known = miss <= Settings.largest_miss_nominal
+    if len(joints) >= Settings.fewest_for_fit:
         fitted_disc, fitted_miss = _nearest_disc(fitted, joints, force, cell)
-        close = fitted_miss <= SETTINGS.largest_miss_fitted
-        if np.sum(close) >= max(SETTINGS.fewest_for_fit, len(joints) / 2):
+        close = fitted_miss <= Settings.largest_miss_fitted
+        if np.sum(close) >= max(Settings.fewest_for_fit, len(joints) / 2):
             disc, miss, used = fitted_disc, fitted_miss, fitted
-            known = miss <= max(SETTINGS.largest_miss_fitted, SETTINGS.miss_medians * float(np.median(miss)))
-    both = cell.surfaces.touch_both(forward(used, joints), SETTINGS.inner_corner)
+            known = miss <= max(Settings.largest_miss_fitted, Settings.miss_medians * float(np.median(miss)))
+    both = cell.surfaces.touch_both(forward(used, joints), Settings.inner_corner)
     return Association(disc, posture(cell.nominal, joints), miss, known, both)
 
 
@@ -114,7 +108,7 @@ def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -
     return forward(parameters, joints)[:, None] - place, unit
 
 
-def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[NDArray[np.intp], Floats]:
+def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[Indices, Floats]:
     """The disc with the smallest miss, (n,), and that miss less what an oblique force explains, (n,), m."""
     misses, unit = _misses(parameters, joints, force, cell)
     surface = np.argmin(np.linalg.norm(misses, axis=2), axis=1)
@@ -122,16 +116,16 @@ def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: C
     radial = np.sum(miss * unit, axis=1)
     tangential = np.abs(np.sum(miss * quarter_turn(unit), axis=1))
     lever = np.where(cell.surfaces.halves < np.pi, PER_ANGLE, cell.surfaces.radii)[surface]
-    miss = np.hypot(radial, np.maximum(tangential - SETTINGS.largest_friction_angle * lever, 0.0))
+    miss = np.hypot(radial, np.maximum(tangential - Settings.largest_friction_angle * lever, 0.0))
     return cell.surfaces.object[surface], miss
 
 
-def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) -> Parameters:
+def _fit_geometry(joints: Floats, force: Floats, cell: Cell) -> Parameters:
     """Parameters with the geometry fitted to the misses of the nearest discs."""
     nominal = cell.nominal.as_array()
-    prior = np.array([SETTINGS.length_prior, SETTINGS.angle_prior])[[0, 0, 1, 0, 1, 0]]  # x0, y0, θ1, l1, θ2, l2
+    prior = np.array([Settings.length_prior, Settings.angle_prior])[[0, 0, 1, 0, 1, 0]]  # x0, y0, θ1, l1, θ2, l2
     change = np.zeros(6)
-    for _ in range(rounds):
+    for _ in range(8):
         parameters = cell.nominal.with_array(nominal + np.append(change, np.zeros(len(nominal) - 6)))
         misses, unit = _misses(parameters, joints, force, cell)
         disc = np.argmin(np.linalg.norm(misses, axis=2), axis=1)
@@ -144,9 +138,9 @@ def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) ->
             along = cell.surfaces.tangents[disc]
             jacobian -= along[:, :, None] * np.einsum('ni,nij->nj', along, jacobian)[:, None]
         size = np.linalg.norm(miss, axis=1)
-        weight = 1.0 / np.sqrt(1.0 + (size / max(4 * SETTINGS.miss_sigma, float(np.median(size)))) ** 2)
-        rows = (weight / SETTINGS.miss_sigma)[:, None, None] * jacobian * prior
-        right = (weight / SETTINGS.miss_sigma)[:, None] * (np.einsum('nij,j->ni', jacobian, change) - miss)
+        weight = 1.0 / np.sqrt(1.0 + (size / max(4 * Settings.miss_sigma, float(np.median(size)))) ** 2)
+        rows = (weight / Settings.miss_sigma)[:, None, None] * jacobian * prior
+        right = (weight / Settings.miss_sigma)[:, None] * (np.einsum('nij,j->ni', jacobian, change) - miss)
         system = np.vstack([rows.reshape(-1, 6), np.eye(6)])
         change = prior * np.linalg.lstsq(system, np.append(right.ravel(), np.zeros(6)), rcond=None)[0]
     return cell.nominal.with_array(nominal + np.append(change, np.zeros(len(nominal) - 6)))

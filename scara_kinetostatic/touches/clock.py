@@ -20,12 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.model.arrays import Mask
+from scara_kinetostatic.model.arrays import Floats, Mask
 
 Stamps = NDArray[np.int64]
-Timed = tuple[Stamps, NDArray[np.float64]]
+Timed = tuple[Stamps, Floats]
 """Samples in the order of their stamps, each stamp once: (n,) ns and (n, 2)."""
-BestLags = dict[int, int]
+BestLags = tuple[dict[int, int], dict[int, int]]
+"""Of both topics, the largest lag by the second of the recording time, ns."""
 SECOND = 1_000_000_000
 TOLERANCE = SECOND // 4
 """A smaller difference of the clocks or step of one stays, ns: holds last longer."""
@@ -42,7 +43,7 @@ class Samples(NamedTuple):
 
     stamp: Stamps
     log_time: Stamps
-    values: NDArray[np.float64]
+    values: Floats
 
     def select(self, which: slice | Mask) -> Samples:
         """Some of them."""
@@ -99,11 +100,7 @@ def _check_steps(source: str, topics: Sequence[str], samples: Sequence[Samples],
 
 
 def _common_clock(
-    source: str,
-    topics: Sequence[str],
-    samples: Sequence[Samples],
-    time_offset: float | None,
-    best: tuple[BestLags, BestLags],
+    source: str, topics: Sequence[str], samples: Sequence[Samples], time_offset: float | None, best: BestLags
 ) -> Clock:
     """The clock that is valid for samples without stray stamps; the rest as for `on_one_clock`."""
     stated = round(SECOND * (time_offset or 0.0))
@@ -121,9 +118,7 @@ def _common_clock(
     return Clock(False, stated) if time_offset is not None else _compared(source, topics, samples, best)
 
 
-def _compared(
-    source: str, topics: Sequence[str], samples: Sequence[Samples], best_lags: tuple[BestLags, BestLags]
-) -> Clock:
+def _compared(source: str, topics: Sequence[str], samples: Sequence[Samples], best_lags: BestLags) -> Clock:
     """The clock of the stamps, by the best lags of both topics in each second that has both."""
     for known, topic in zip(best_lags, samples, strict=True):
         _note_lags(known, topic)
@@ -153,7 +148,7 @@ def _compared(
     return Clock(False, -best, f'{what}: the stamps of {topics[1]} were shifted', is_sure)
 
 
-def _note_lags(best: BestLags, samples: Samples) -> None:
+def _note_lags(best: dict[int, int], samples: Samples) -> None:
     """Takes the largest lag in each second of the recording time."""
     second = np.maximum.accumulate(samples.log_time) // SECOND
     first = np.append(0, np.flatnonzero(np.diff(second)) + 1)
@@ -168,7 +163,7 @@ def on_one_clock(
     samples: Sequence[Samples],
     warnings: list[str],
     time_offset: float | None,
-    best: tuple[BestLags, BestLags] | None = None,
+    best: BestLags | None = None,
 ) -> tuple[list[Timed], Clock]:
     """Joint angles and forces sorted by time on one clock, the first of equal stamps only, and which clock that is.
 
@@ -196,7 +191,7 @@ def on_one_clock(
     return found, clock
 
 
-def _in_order(topic: str, stamp: Stamps, values: NDArray[np.float64], warnings: list[str]) -> Timed:
+def _in_order(topic: str, stamp: Stamps, values: Floats, warnings: list[str]) -> Timed:
     if backwards := int(np.sum(np.diff(stamp) < 0)):
         _say(warnings, topic, backwards, 'out of order, sorted')
         order = np.argsort(stamp, kind='stable')

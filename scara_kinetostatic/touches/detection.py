@@ -3,7 +3,7 @@
 In turn: `contacts` (and the force zero before each), `holds` (joints at rest, force steady; reasons to reject one),
 `association` (the touched disc), `load_history` (the movement and the load before the hold).
 Every hold is one touch, accepted or rejected; every contact without a hold is one rejected touch. The collector's
-count (`online`) and the calibration of a recording use this same code.
+count (`online`) and the calibration of a recording use this same code. `touches_of_table` gives the touches of a table.
 """
 
 from __future__ import annotations
@@ -11,13 +11,16 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.model.arrays import Indices
-from scara_kinetostatic.model.cell import Cell, SensorSign
-from scara_kinetostatic.model.touch import Rejection, TouchSet, stacked_histories
+from scara_kinetostatic.errors import InputError, RecordingError
+from scara_kinetostatic.files.touch_table import TouchTable
+from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.touch import Rejection, TouchSet, order_of_time, stacked_histories
 from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.contacts import CONTACT_FORCE, find_contacts
 from scara_kinetostatic.touches.holds import Defect, TouchCandidate, find_candidates
@@ -281,3 +284,70 @@ def order_in_time(parts: Sequence[Detection]) -> Indices | None:
     order = np.argsort(begins, kind='stable')
     known = bool(np.all(begins > 0) and np.all(ends[order[:-1]] <= begins[order[1:]]))
     return order if known else None
+
+
+def in_base_frame(cell: Cell) -> Cell:
+    """The cell with a sensor that reports the force on the object in the base frame, as tables hold it."""
+    return replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE, sign=SensorSign.ON_OBJECT))
+
+
+def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
+    """The touches of a table, rejected where no object of the cell is there.
+
+    Args:
+        table: the table.
+        cell: nominal parameters and discs.
+
+    Raises:
+        RecordingError: a row names an object that the cell does not have.
+    """
+    cell, joints, approach = in_base_frame(cell), cell.angles(table.joints), approach_of(table.approach, cell)
+    names = [disc.name for disc in cell.discs]
+    for line, name in zip(table.lines, table.objects, strict=True):
+        if name and name not in names:
+            problem = f'line {line}: the cell has no object {name!r}'
+            raise RecordingError(table.source, problem, f'its objects are {", ".join(names)}')
+    association = associate(joints, table.force, cell)
+    named = np.array([bool(name) for name in table.objects])
+    given = np.array([names.index(name) if name else 0 for name in table.objects], dtype=np.intp)
+    disc, known = np.where(named, given, association.disc), named | association.known
+    touches = TouchSet(
+        joints=joints,
+        force=table.force,
+        disc=disc,
+        posture=posture(cell.nominal, joints),
+        time=table.time,
+        approach=approach,
+        press=press_of(approach),
+        order=order_of_time(table.time),
+    )
+    found = Detection.of(touches)
+    episodes = tuple(
+        one if known[one.index] else replace(one, reason=association.reason(one.index, cell), kind='no object')
+        for one in found.episodes
+    )
+    return replace(found, episodes=episodes, warnings=table.notes)
+
+
+def approach_of(readings: Floats, cell: Cell) -> Floats:
+    """The last movements of the angles of a coupled arm; of senses, ±1, alone that of joint 2 is taken as it is."""
+    return cell.angles(readings) if press_of(readings).any() else cell.in_sense(readings)
+
+
+def press_of(approach: Floats) -> Floats:
+    """The part of the last movements that is in contact: all of it, or 0, unknown, if they are only senses, ±1."""
+    return np.zeros_like(approach) if np.isin(np.abs(approach), (0.0, 1.0)).all() else approach
+
+
+def cell_of_files(cell: Cell, tables: Sequence[str | Path], recordings: Sequence[str | Path]) -> Cell:
+    """The cell as the sensor of these files sees it: the forces of tables are those on the object in the base frame.
+
+    Raises:
+        InputError: there are tables, and recordings of a sensor that turns with link 2.
+    """
+    if not tables or (recordings and cell.sensor.frame is SensorFrame.BASE):
+        return cell
+    if recordings:
+        problem = f'a table has its forces in the base frame, {recordings[0]} in the tool frame'
+        raise InputError(tables[0], problem, 'calibrate the tables and the recordings separately')
+    return in_base_frame(cell)

@@ -11,24 +11,20 @@ the contact is in equilibrium throughout.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.report.quantities import rounded_down
-from scara_kinetostatic.touches.contacts import Contacts
+from scara_kinetostatic.touches.contacts import Contacts, Tare, tare_before
 from scara_kinetostatic.touches.signals import Signals, Topic, median, robust_mean, runs, steps_of_mean, white_noise
-from scara_kinetostatic.touches.tare import Tare, tare_before
 
 _BEGIN_OMITTED, _END_OMITTED = 0.25, 0.1
-"""Parts of a hold, less half of `SETTINGS.shortest_hold`, that are not averaged: at first the force may creep."""
+"""Parts of a hold, less half of `Settings.shortest_hold`, that are not averaged: at first the force may creep."""
 
 
-@dataclass(frozen=True)
-class HoldSettings:
+class Settings:
     """What a hold is, and why one is rejected.
 
     Attributes:
@@ -96,9 +92,6 @@ class HoldSettings:
     fewest_samples: int = 10
 
 
-SETTINGS = HoldSettings()
-
-
 class Hold(NamedTuple):
     """An interval of a contact with the joints at rest and a steady force.
 
@@ -144,7 +137,7 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
         begin: time of the first sample that is clearly in contact, s.
         end: time of the last sample of the contact, s.
     """
-    joints, wrench, window, s = signals.joints, signals.filtered, signals.window, SETTINGS
+    joints, wrench, window, s = signals.joints, signals.filtered, signals.window, Settings
     time = wrench.time[wrench.stretch(tare.contact, end)]
     if len(time) < 2:
         return [], _too_short(0.0)
@@ -187,7 +180,7 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> tuple[
 
 
 def _too_short(lasting: float, how: str = 'at rest for') -> Defect:
-    expected = f'expected {SETTINGS.shortest_hold} s at rest'
+    expected = f'expected {Settings.shortest_hold} s at rest'
     return Defect('short hold', f'hold too short: {how} {rounded_down(lasting)} s, {expected}')
 
 
@@ -196,15 +189,13 @@ def _step_std(noise: float, topic: Topic, window: float) -> float:
     return noise * float(np.sqrt(2.0 * topic.period / window))
 
 
-def _holds_of_contact(
-    signals: Signals, tare: Tare, time: Floats, is_hold: NDArray[np.bool_], noise: float
-) -> list[Hold]:
+def _holds_of_contact(signals: Signals, tare: Tare, time: Floats, is_hold: Mask, noise: float) -> list[Hold]:
     """The holds of any length, each joined to the previous one where both are the same."""
     found: list[Hold] = []
     window = signals.window
     for first, last in zip(*runs(is_hold), strict=True):
         begin, end = float(time[first]), float(time[last])
-        if end - begin + 2 * window < min(SETTINGS.shortest_searched, 3 * window):
+        if end - begin + 2 * window < min(Settings.shortest_searched, 3 * window):
             continue
         inner = _inner(begin, end, window)
         hold = _hold(signals, tare, np.array([inner]), begin - window, end + window)
@@ -216,12 +207,12 @@ def _holds_of_contact(
             hold = _hold(signals, tare, both, before.begin, hold.end) or hold
         found.append(hold)
     longest = max((hold.duration for hold in found), default=0.0)
-    return [hold for hold in found if hold.duration >= min(3 * window, SETTINGS.peak * longest)]
+    return [hold for hold in found if hold.duration >= min(3 * window, Settings.peak * longest)]
 
 
 def _inner(begin: float, end: float, window: float) -> tuple[float, float]:
     """The interval to average, from the first to the last steady sample of a hold: (begin, end), s."""
-    extra = end - begin - SETTINGS.shortest_hold / 2
+    extra = end - begin - Settings.shortest_hold / 2
     if extra > 0:
         return begin + _BEGIN_OMITTED * extra, end - _END_OMITTED * extra
     more = min(-0.5 * extra, window)
@@ -238,9 +229,9 @@ def _hold(signals: Signals, tare: Tare, intervals: Floats, begin: float, end: fl
 
 def _same_hold(one: Hold, other: Hold, noise: float) -> bool:
     """Whether two holds have the same force and joint angles."""
-    limit = max(SETTINGS.sigmas * noise / 3.0, SETTINGS.same_force * float(np.hypot(*one.force)))
+    limit = max(Settings.sigmas * noise / 3.0, Settings.same_force * float(np.hypot(*one.force)))
     same_force = np.hypot(*(one.force - other.force)) <= limit
-    return bool(same_force and np.abs(one.joints - other.joints).max() <= SETTINGS.same_joint)
+    return bool(same_force and np.abs(one.joints - other.joints).max() <= Settings.same_joint)
 
 
 class TouchCandidate(NamedTuple):
@@ -262,8 +253,8 @@ class TouchCandidate(NamedTuple):
 def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCandidate], int]:
     """Every hold of every contact, and every contact without a hold, in the order of time.
 
-    Contacts without a hold, with far less force than any hold (`SETTINGS.weak_force`) and while the joints move far
-    (`SETTINGS.weak_travel`), are left out: the force comes from the acceleration of the arm.
+    Contacts without a hold, with far less force than any hold (`Settings.weak_force`) and while the joints move far
+    (`Settings.weak_travel`), are left out: the force comes from the acceleration of the arm.
 
     Args:
         signals: the recording.
@@ -275,8 +266,8 @@ def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCan
     found = _all_candidates(signals, contacts)
     loads = [float(np.hypot(*c.hold.force)) for c in found if c.hold is not None and not c.defect]
     held = [c.contact[1] for c in found if c.hold is not None]
-    weak = contacts.peak < SETTINGS.weak_force * min(loads, default=0.0)
-    weak &= ~np.isin(contacts.end, held) & (contacts.travel > SETTINGS.weak_travel)
+    weak = contacts.peak < Settings.weak_force * min(loads, default=0.0)
+    weak &= ~np.isin(contacts.end, held) & (contacts.travel > Settings.weak_travel)
     return (_all_candidates(signals, contacts.select(~weak)) if weak.any() else found), int(weak.sum())
 
 
@@ -320,7 +311,7 @@ def _gap(signals: Signals, begin: float, end: float) -> Defect | None:
 def _slow_change(signals: Signals, tare: Tare, hold: Hold) -> Defect | None:
     """What changes slowly during a hold; None if nothing does."""
     joints, force = signals.joints.during(hold.intervals), signals.wrench.during(hold.intervals)
-    load, noise, s = float(np.hypot(*hold.force)), max(tare.noise, white_noise(force)), SETTINGS
+    load, noise, s = float(np.hypot(*hold.force)), max(tare.noise, white_noise(force)), Settings
     scatter, wide = float(hold.force_scatter.max()), float(hold.joint_scatter.max())
     slide, drift = _drift(joints), _drift(force)
     if slide > s.largest_slide:
@@ -344,14 +335,14 @@ def _frozen(signals: Signals, tare: Tare, hold: Hold) -> Defect | None:
 
     The readings of joints at rest may be equal to the last bit, but they change while the arm presses.
     """
-    force, fewest = signals.wrench.during(hold.intervals), SETTINGS.fewest_frozen
+    force, fewest = signals.wrench.during(hold.intervals), Settings.fewest_frozen
     free = signals.wrench.value[signals.wrench.stretch(tare.contact - 1.0, tare.contact)]
     still = ~np.any(np.diff(force, axis=0), axis=0) & (np.mean(np.diff(free, axis=0) != 0, axis=0) > 0.5)
     for axis, name in enumerate('xy'):
         if len(force) > fewest and still[axis]:
             readings = f'{len(force)} samples of f{name} = {force[0, axis]:.6g} N'
             return Defect('frozen', f'the force reading is frozen or saturated: {readings}')
-    joints = signals.joints.value[signals.joints.stretch(tare.contact - SETTINGS.motion_before, hold.end)]
+    joints = signals.joints.value[signals.joints.stretch(tare.contact - Settings.motion_before, hold.end)]
     if len(joints) > fewest and not np.any(np.diff(joints, axis=0)):
         readings = f'{len(joints)} samples of {joints[0, 0]:.6g}, {joints[0, 1]:.6g} rad'
         return Defect('frozen', f'the joint readings are frozen: {readings}')

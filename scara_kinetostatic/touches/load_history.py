@@ -19,15 +19,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.polynomial import polyfit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.kinematics import jacobian
 from scara_kinetostatic.model.touch import remembered, torques_of
+from scara_kinetostatic.touches.contacts import Tare
 from scara_kinetostatic.touches.holds import Hold, TouchCandidate
 from scara_kinetostatic.touches.signals import SMOOTHING, Signals, Topic, median_of_three, moving_mean
-from scara_kinetostatic.touches.tare import Tare
 
 SMALLEST_REVERSAL = 5e-6
 """A movement back by less than this is not a reversal, rad."""
@@ -99,7 +99,7 @@ def _free_pose(time: Floats, value: Floats, contact: int, least: float) -> int:
     earlier = np.flatnonzero(later < len(time))
     later = later[earlier]
     moved = np.abs(value[later] - value[earlier]).max(axis=1)
-    rests: NDArray[np.bool_] = moved <= 1e-3 * (time[later] - time[earlier]) + least
+    rests: Mask = moved <= 1e-3 * (time[later] - time[earlier]) + least
     clear = np.abs(value[later] - value[-1]).max(axis=1) > max(2e-3, least)
     free = later[rests & clear]
     return int(free[-1]) if len(free) else 0
@@ -153,13 +153,7 @@ class _ContactLoad:
     """
 
     def __init__(
-        self,
-        signals: Signals,
-        joints: Floats,
-        contact: tuple[float, float],
-        tare: Tare,
-        holds: Sequence[Hold],
-        cell: Cell,
+        self, signals: Signals, joints: Floats, contact: tuple[float, float], tare: Tare, holds: list[Hold], cell: Cell
     ) -> None:
         wrench, half = signals.filtered, round(0.5 * SMOOTHING / signals.filtered.period)
         inside = wrench.stretch(contact[0], np.nextafter(contact[1], np.inf))
@@ -214,17 +208,14 @@ class _ContactLoad:
         off = np.flatnonzero((np.abs(self.torque - self.torque[at]) > self._least).any(axis=1))
         first = int(off[off < at].max(initial=-1)) + 1
         end = int(off[off > at].min(initial=len(self.time)))
-        value = _top(self._value[first:end]).tolist()
+        # in the middle of samples in even steps, by a parabola; the mean of less than five
+        near = self._value[first:end]
+        top = near.mean(axis=0) if len(near) < 5 else polyfit(np.linspace(-1.0, 1.0, len(near)), near, 2)[0]
+        value = top.tolist()
         stamp = self._start + round(1e9 * float(self.time[at]))
         turn = Turn(stamp, tuple(value[:4]), (value[4], value[5]))
         self._ranges.append((first, end, turn))
         return turn
-
-
-def _top(values: Floats) -> Floats:
-    """Value in the middle of samples (n, m) in even steps, by a parabola; the mean of less than five, (m,)."""
-    n = len(values)
-    return np.asarray(values.mean(axis=0) if n < 5 else polyfit(np.linspace(-1.0, 1.0, n), values, 2)[0])
 
 
 def nested_extremes(path: ArrayLike, least: float = 0.0) -> list[int]:

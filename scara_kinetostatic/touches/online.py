@@ -20,12 +20,11 @@ from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.clock import SECOND, BestLags, ClockStepError, Samples, on_one_clock
-from scara_kinetostatic.touches.contacts import CONTACT_FORCE, END_RATIO
+from scara_kinetostatic.touches.contacts import CONTACT_FORCE, END_RATIO, coarse_tare
 from scara_kinetostatic.touches.detection import Detection, find_touches, no_touches
 from scara_kinetostatic.touches.load_history import LoadMemory
 from scara_kinetostatic.touches.signals import SMOOTHING, as_signals, median_of_three, moving_mean
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
-from scara_kinetostatic.touches.tare import coarse_tare
 
 _CLEAR = SECOND // 7
 """A contact is over when the force has been back at its zero for so long, ns."""
@@ -118,7 +117,7 @@ class StreamPair:
         self._topics, self._time_offset = topics, time_offset
         self.joints, self.wrench = self.buffers = SampleBuffer(most, 2 + others), SampleBuffer(most)
         self.problem, self.is_refused, self._has_stepped = '', False, False
-        self._best: tuple[BestLags, BestLags] = ({}, {})
+        self._best: BestLags = ({}, {})
 
     def restart(self) -> None:
         """Drops all samples; what is known of the clocks stays."""

@@ -6,13 +6,11 @@ them, so that their rates need not agree.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.streams import Streams
 
@@ -20,8 +18,7 @@ SMOOTHING = 0.03
 """Length of the moving mean of force and joint angles, s."""
 
 
-@dataclass(frozen=True)
-class SignalSettings:
+class Settings:
     """Gaps, windows and outliers.
 
     Attributes:
@@ -38,9 +35,6 @@ class SignalSettings:
     shortest_window: float = 0.03
     window_periods: float = 2.5
     outlier_spreads: float = 4.0
-
-
-SETTINGS = SignalSettings()
 
 
 class Topic(NamedTuple):
@@ -61,7 +55,7 @@ class Topic(NamedTuple):
     @property
     def gap_limit(self) -> float:
         """Longest pause within a touch, s."""
-        return max(SETTINGS.shortest_gap, SETTINGS.gap_periods * self.period)
+        return max(Settings.shortest_gap, Settings.gap_periods * self.period)
 
     def stretch(self, begin: float, end: float) -> slice:
         """The samples from `begin` (included) to `end` (not included), s."""
@@ -100,21 +94,15 @@ class Signals(NamedTuple):
 
     def stretch(self, begin: float, end: float) -> Signals:
         """The part from `begin` (included) to `end` (not included), s; a topic may have no samples there."""
-        joints, wrench, filtered = (
-            topic._replace(time=topic.time[part], value=topic.value[part])
-            for topic in (self.joints, self.wrench, self.filtered)
-            for part in (topic.stretch(begin, end),)
-        )
+        parts = [(topic, topic.stretch(begin, end)) for topic in (self.joints, self.wrench, self.filtered)]
+        joints, wrench, filtered = (t._replace(time=t.time[part], value=t.value[part]) for t, part in parts)
         return self._replace(joints=joints, wrench=wrench, filtered=filtered)
 
     @property
     def window(self) -> float:
         """Time over which neighbouring means are taken, s: short, but with enough samples of either topic."""
-        return max(
-            SETTINGS.shortest_window,
-            SETTINGS.window_periods * self.joints.period,
-            SETTINGS.window_periods * self.wrench.period,
-        )
+        longest = max(self.joints.period, self.wrench.period)
+        return max(Settings.shortest_window, Settings.window_periods * longest)
 
 
 def as_signals(streams: Streams, cell: Cell) -> Signals | None:
@@ -236,14 +224,14 @@ def white_noise(values: Floats) -> float:
 
 
 def robust_mean(values: Floats) -> tuple[Floats, Floats]:
-    """Mean and standard deviation, (2,) each, of samples (n, 2) without outliers (`SETTINGS.outlier_spreads`)."""
+    """Mean and standard deviation, (2,) each, of samples (n, 2) without outliers (`Settings.outlier_spreads`)."""
     ordered, last = np.sort(values, axis=0), len(values) - 1
     center = ordered[last // 2]
     spread = ordered[round(0.84 * last)] - ordered[round(0.16 * last)]
     if not spread.all():
         spread = np.where(spread > 0, spread, ordered[round(0.975 * last)] - ordered[round(0.025 * last)])
     off = values - center
-    off[np.abs(off) > np.where(spread > 0, SETTINGS.outlier_spreads * spread, np.inf)] = np.nan
+    off[np.abs(off) > np.where(spread > 0, Settings.outlier_spreads * spread, np.inf)] = np.nan
     kept = np.isfinite(off)
     count, off = kept.sum(axis=0), np.where(kept, off, 0.0)
     mean = off.sum(axis=0) / count
@@ -251,7 +239,7 @@ def robust_mean(values: Floats) -> tuple[Floats, Floats]:
     return center + mean, scatter
 
 
-def runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def runs(mask: Mask) -> tuple[Indices, Indices]:
     """First and last index of every run of True."""
     edges = np.diff(np.concatenate([[0], mask.view(np.int8), [0]]))
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1

@@ -18,7 +18,7 @@ from scara_kinetostatic.files.pose_table import STATES, load_pose_table
 from scara_kinetostatic.files.touch_table import load_touch_table
 from scara_kinetostatic.interface import compensate
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
-from scara_kinetostatic.touches.of_table import touches_of_table
+from scara_kinetostatic.touches.detection import touches_of_table
 
 POSES = """\
 x_m,y_m,fx_N,fy_N,elbow,id

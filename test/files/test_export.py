@@ -189,7 +189,7 @@ def test_the_header_gives_the_tip_and_the_joint_angles(
 
 def test_the_corrections_bring_the_nominal_arm_to_the_place(coupled: CalibratedArm) -> None:
     arm = replace(coupled, model=ExtendedModel(PAPER_ACTUAL))
-    text = correction_file(arm, facts(arm, 'csv').lines, Grid(0.2, (0.0, 30.0))).text
+    text = correction_file(arm, facts(arm, 'csv').lines, Grid(0.2, (0.0, 30.0)))[0]
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
     assert {row['elbow'] for row in rows} == {'left', 'right'} and len(rows) > 100
 
@@ -209,8 +209,8 @@ def test_the_corrections_bring_the_nominal_arm_to_the_place(coupled: CalibratedA
 
 
 def test_the_error_between_the_places_of_a_correction_table_is_stated(arm: CalibratedArm) -> None:
-    made = correction_file(arm, facts(arm, 'csv').lines, Grid(0.1, (20.0,)))
-    rows = list(csv.DictReader(line for line in made.text.splitlines() if not line.startswith('#')))
+    text, notes = correction_file(arm, facts(arm, 'csv').lines, Grid(0.1, (20.0,)))
+    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
     found: dict[tuple[float, ...], np.ndarray] = {}
     for row in rows:
         where = tuple(round(float(row[name]), 6) for name in ('x_m', 'y_m', 'fx_N', 'fy_N'))
@@ -227,12 +227,12 @@ def test_the_error_between_the_places_of_a_correction_table_is_stated(arm: Calib
             tip = Predictor(arm).locate(joints, np.array([[fx, fy]])).position
             errors.append(float(np.linalg.norm(tip - middle)))
     assert len(errors) > 100
-    stated, _ = made.notes[0].split(' mm where the arm')
+    stated, _ = notes[0].split(' mm where the arm')
     largest = 1e-3 * float(stated.rsplit(' ', 1)[1])
     assert largest >= 0.99 * max(errors) > 1e-5
-    assert f'# P{made.notes[0][1:]}.' in made.text
-    assert len(made.notes) == 1
-    beyond = correction_file(arm, facts(arm, 'csv').lines, Grid(0.2, (500.0,))).notes[1]
+    assert f'# P{notes[0][1:]}.' in text
+    assert len(notes) == 1
+    beyond = correction_file(arm, facts(arm, 'csv').lines, Grid(0.2, (500.0,)))[1][1]
     assert '500 N is outside of the forces of the calibration' in beyond
 
 
@@ -276,7 +276,7 @@ def test_limits_bound_corrections_and_what_a_rigid_arm_leaves_out(arm: Calibrate
     limits = ((-0.5, 2.0), (-1.5, 2.2))
     limited = replace(arm, cell=replace(arm.cell, limits=limits))
     grid = Grid(0.05, (30.0,))
-    every, some = (list(csv.DictReader(_rows(correction_file(one, (), grid).text))) for one in (arm, limited))
+    every, some = (list(csv.DictReader(_rows(correction_file(one, (), grid)[0]))) for one in (arm, limited))
     kept = []
     for row in every:
         pose = np.array([float(row[f'q{k}_nominal_rad']) + float(row[f'dq{k}_rad']) for k in (1, 2)])
@@ -302,7 +302,7 @@ def test_the_corrections_command_angles_within_the_limits(
     arm: CalibratedArm, limits: tuple[tuple[float, float], tuple[float, float]]
 ) -> None:
     limited = replace(arm, cell=replace(arm.cell, limits=limits, coupling=0.2))
-    rows = list(csv.DictReader(_rows(correction_file(limited, (), Grid(0.05, (0.0, 30.0))).text)))
+    rows = list(csv.DictReader(_rows(correction_file(limited, (), Grid(0.05, (0.0, 30.0)))[0])))
     both = [
         [[float(row[f'{name}{k}{end}_rad']) for k in (1, 2)] for row in rows]
         for name, end in (('q', '_nominal'), ('dq', ''))

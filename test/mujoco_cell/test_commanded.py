@@ -15,7 +15,7 @@ from scara_kinetostatic.model.kinetostatics import drag, inverse_kinetostatics, 
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.commanded import Plant, PlantSettings, Reading
 from scara_kinetostatic.simulation.mujoco import scene_named
-from scara_kinetostatic.simulation.mujoco.commanded import EngineBody
+from scara_kinetostatic.simulation.mujoco.engine import EngineBody
 from scara_kinetostatic.simulation.streams import SensorModel
 
 CELL = replace(PAPER_CELL, lift=Lift('z', 0.02, 0.0))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mujoco_cell.conftest import CELL
 
+from benchmark.engine_touches import as_touches, with_noise
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
@@ -18,7 +19,6 @@ from scara_kinetostatic.model.kinetostatics import joint_torques
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.mujoco.engine import SCENES, Engine, Scene, scene_named
-from scara_kinetostatic.simulation.mujoco.streams import as_touches, with_noise
 from scara_kinetostatic.simulation.plan import Plan
 
 Play = Callable[[str], SimulatedMotion]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mujoco_cell.conftest import BRISK, CELL
 
+from benchmark.engine_touches import as_touches, with_noise
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Noise
@@ -13,7 +14,6 @@ from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco.controller import TouchController
 from scara_kinetostatic.simulation.mujoco.engine import SCENES, build
-from scara_kinetostatic.simulation.mujoco.streams import as_touches, with_noise
 from scara_kinetostatic.simulation.plan import default_plan
 
 BLOCK = Outline('block', ((-0.03, 0.34), (0.07, 0.34), (0.07, 0.44), (-0.03, 0.44)), 0.003)

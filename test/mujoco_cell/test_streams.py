@@ -13,12 +13,13 @@ from mujoco_cell.conftest import CELL
 from mujoco_cell.engine_recordings import ALL, BAGS, SENSORS, EngineRecording
 from mujoco_cell.engine_recordings import TRUTH as TRUTHS
 
+from benchmark.engine_touches import simulate_touches
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.cli import mujoco
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.mujoco import simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.mujoco import simulate_streams
 from scara_kinetostatic.simulation.mujoco.engine import SCENES, scene_named
 from scara_kinetostatic.simulation.mujoco.streams import preload_plan, truth_of_scene
 from scara_kinetostatic.simulation.plan import Plan

@@ -52,7 +52,7 @@ def test_motion_is_continuous_and_rises_steadily(sign, plan):
 
 def test_holds_are_as_planned():
     motion = Trajectory(CELL, PAPER_ACTUAL, PLAN)
-    joints, force = motion.at(motion.hold_time)
+    joints, force = motion.state_at(motion.hold_time)[:2]
     np.testing.assert_allclose(np.linalg.norm(force, axis=1), PLAN.force, rtol=1e-12)
     np.testing.assert_array_equal(joints, motion.hold_joints)
     np.testing.assert_array_equal(posture(PAPER_ACTUAL, joints), PLAN.posture)
@@ -154,7 +154,7 @@ def test_frame_and_sign(frame, sign):
     expected = reference.wrench.force - (0.7, -0.4)
     if frame is SensorFrame.TOOL:
         motion = Trajectory(CELL, PAPER_MEASURED, SMALL)
-        q, _ = motion.at(1e-9 * (reference.wrench.stamp - START))
+        q = motion.state_at(1e-9 * (reference.wrench.stamp - START)).joints
         expected = rotate(expected, -(q.sum(axis=1) + PAPER_MEASURED.theta1 + PAPER_MEASURED.theta2))
     np.testing.assert_allclose(force, -expected if sign is SensorSign.ON_ROBOT else expected, atol=1e-9)
 

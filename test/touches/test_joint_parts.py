@@ -7,7 +7,7 @@ from math import isnan, nan
 import numpy as np
 import pytest
 
-from scara_kinetostatic.touches.joint_parts import JointParts, UnjoinedError
+from scara_kinetostatic.touches.streams import JointParts, UnjoinedError
 
 NAMES = ('joint1', 'joint2')
 MS = 1_000_000

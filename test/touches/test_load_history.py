@@ -45,7 +45,7 @@ def true_states(cell, truth, plan):
     """The same from the load of the simulated robot, a thousand times per second."""
     trajectory = Trajectory(cell, truth, plan)
     time = np.arange(0.0, trajectory.duration, 1e-3)
-    joints, force = trajectory.at(time)
+    joints, force = trajectory.state_at(time)[:2]
     torque = np.einsum('nij,ni->nj', jacobian(cell.nominal, joints), force)
     ends = np.searchsorted(time, trajectory.hold_time)
     torque = torque[np.append(True, np.any(np.diff(torque, axis=0), axis=1))]  # the free motion once

@@ -53,20 +53,8 @@ class _Table(NamedTuple):
     status: NDArray[Any]
 
 
-class CorrectionFile(NamedTuple):
-    """A correction table.
-
-    Attributes:
-        text: CSV.
-        notes: what a reader must know of it, one sentence each.
-    """
-
-    text: str
-    notes: tuple[str, ...]
-
-
-def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> CorrectionFile:
-    """The correction table as CSV: what to add to the joint angles of the nominal arm.
+def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> tuple[str, list[str]]:
+    """The correction table as CSV: what to add to the joint angles of the nominal arm; and what to know of it.
 
     A row has the place of the tip, the force, the elbow, the joint angles by the nominal rigid arm, the correction of
     each, the error of the tip without it, and the standard uncertainty of the tip along the force, in the worst
@@ -101,24 +89,12 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> Corr
         f'# Places {step:g} m apart; {between}.',
         'x_m,y_m,fx_N,fy_N,elbow,q1_nominal_rad,q2_nominal_rad,dq1_rad,dq2_rad,miss_m,std_normal_m,status',
     ]
-    rows = (_row(row) for table in tables for row in _rows(arm.cell, table, places, forces))
-    return CorrectionFile(
-        '\n'.join([*lines, *rows]) + '\n',
-        tuple(filter(None, (f'places {step:g} m apart; {between}', _beyond(arm, grid)))),
-    )
-
-
-def _beyond(arm: CalibratedArm, grid: Grid) -> str:
-    """That a force is not one of those that were touched with; empty where all are."""
-    low, high = arm.used.lowest_force, arm.used.highest_force
-    beyond = [f'{size:g}' for size in grid.forces if size > high or 0 < size < low]
-    if not beyond:
-        return ''
-    return f'{", ".join(beyond)} N is outside of the forces of the calibration, {low:.3g} to {high:.3g} N: extrapolated'
-
-
-def _row(values: tuple[object, ...]) -> str:
-    return ','.join(value if isinstance(value, str) else f'{value:.10g}' for value in values)
+    rows = (row for table in tables for row in _rows(arm.cell, table, places, forces))
+    notes, low, high = [f'places {step:g} m apart; {between}'], arm.used.lowest_force, arm.used.highest_force
+    if beyond := [f'{size:g}' for size in grid.forces if size > high or 0 < size < low]:
+        touched = f'the forces of the calibration, {low:.3g} to {high:.3g} N'
+        notes.append(f'{", ".join(beyond)} N is outside of {touched}: extrapolated')
+    return '\n'.join([*lines, *rows]) + '\n', notes
 
 
 def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> _Table:
@@ -132,16 +108,14 @@ def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> 
     return _Table(posture, (found.joints - change).reshape(-1, count, 2), change.reshape(-1, count, 2), *per_force)
 
 
-def _rows(cell: Cell, table: _Table, places: Floats, forces: Floats) -> Iterator[tuple[object, ...]]:
+def _rows(cell: Cell, table: _Table, places: Floats, forces: Floats) -> Iterator[str]:
     nominal, change = cell.readings(table.nominal), cell.readings(table.change)
     for k, j in np.argwhere(np.isfinite(table.change).all(axis=2)).tolist():
-        std = table.std[k, j]
+        std = table.std[k, j] if np.isfinite(table.std[k, j]) else ''
+        angles = *nominal[k, j].tolist(), *change[k, j].tolist()
         elbow = 'left' if table.posture > 0 else 'right'
-        yield (
-            *places[k].tolist(), *forces[j].tolist(), elbow, *nominal[k, j].tolist(),
-            *change[k, j].tolist(), float(table.miss[k, j]), float(std) if np.isfinite(std) else '',
-            str(table.status[k, j]),
-        )  # fmt: skip
+        row = (*places[k].tolist(), *forces[j].tolist(), elbow, *angles, table.miss[k, j], std, table.status[k, j])
+        yield ','.join(value if isinstance(value, str) else f'{value:.10g}' for value in row)
 
 
 def _errors_between(arm: CalibratedArm, step: float, cells: Indices, forces: Floats, tables: list[_Table]) -> Floats:

@@ -17,10 +17,10 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files import escaping
 from scara_kinetostatic.files.cell_file import turned_limits
+from scara_kinetostatic.files.escaping import render
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
 from scara_kinetostatic.files.export.into_urdf import corrected_origins, origins_yaml, with_origins
 from scara_kinetostatic.files.robot_urdf import Robot, read_bytes
-from scara_kinetostatic.files.template import render
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf, place_of_arm
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import GripperSign
@@ -172,10 +172,8 @@ def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
     j1, j2 = map(escaping.csv_cell, arm.cell.joint_names)
     lengths = (p.l1, p.l2) if convention == 'standard' else (0.0, p.l1)
     rows = [('base', '', p.x0, p.y0, 0.0, 0.0, 0.0, 0.0)]
-    rows += [
-        ('joint1', j1, 0.0, 0.0, p.theta1, 0.0, lengths[0], 0.0),
-        ('joint2', j2, 0.0, 0.0, p.theta2, 0.0, lengths[1], 0.0),
-    ]
+    rows.append(('joint1', j1, 0.0, 0.0, p.theta1, 0.0, lengths[0], 0.0))
+    rows.append(('joint2', j2, 0.0, 0.0, p.theta2, 0.0, lengths[1], 0.0))
     if convention == 'modified':
         rows.append(('tool', '', p.l2, 0.0, 0.0, 0.0, 0.0, 0.0))
     signs = f'{arm.cell.direction[0]} and {arm.cell.direction[1]}'

@@ -8,6 +8,6 @@ imported when the engine starts.
 from __future__ import annotations
 
 from scara_kinetostatic.simulation.mujoco.engine import SCENES, Scene, scene_named
-from scara_kinetostatic.simulation.mujoco.streams import simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.mujoco.streams import simulate_streams
 
-__all__ = ['SCENES', 'Scene', 'scene_named', 'simulate_streams', 'simulate_touches']
+__all__ = ['SCENES', 'Scene', 'scene_named', 'simulate_streams']

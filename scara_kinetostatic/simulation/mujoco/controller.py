@@ -7,14 +7,12 @@ harder first and then eased down, so that the joints reach the force from the ot
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse, wrap
 from scara_kinetostatic.simulation.mujoco.engine import LIFT, TICK, Engine, Scene
@@ -23,8 +21,7 @@ from scara_kinetostatic.simulation.trajectory import Phase, Timing, minimum_jerk
 from scara_kinetostatic.touches.load_history import last_movement
 
 
-@dataclass(frozen=True)
-class ControllerSettings:
+class Settings:
     """The simulated controller.
 
     Attributes:
@@ -53,9 +50,6 @@ class ControllerSettings:
     lift_time: float = 0.1
 
 
-SETTINGS = ControllerSettings()
-
-
 class Pace(NamedTuple):
     """Durations and speeds.
 
@@ -77,11 +71,6 @@ SLOW = Pace(
     Timing(travel=1.5, approach=1.8, release=0.5, retract=0.5, speed=1.0), press=0.005, control_time=0.15, peak=0.1
 )
 """So that the approach has the speed of its last millimetres throughout."""
-
-
-def pace_of(scene: Scene) -> Pace:
-    """That of a scene."""
-    return SLOW if scene.quasi_static else USUAL
 
 
 class SimulatedMotion(NamedTuple):
@@ -106,10 +95,10 @@ class SimulatedMotion(NamedTuple):
     joints: Floats
     force: Floats
     link2_angle: Floats
-    touch: NDArray[np.intp]
-    phase: NDArray[np.intp]
+    touch: Indices
+    phase: Indices
     progress: Floats
-    holds: NDArray[np.intp]
+    holds: Indices
     approach: Floats
     press: Floats
     links: Floats
@@ -141,17 +130,17 @@ class TouchController:
     """
 
     def __init__(self, scene: Scene, cell: Cell, plan: Plan, timing: Timing | None = None) -> None:
-        self._pace = pace_of(scene)
+        self._pace = SLOW if scene.quasi_static else USUAL
         self.plan, self.timing = plan, timing or self._pace.timing
         if not len(plan):
             raise UnsupportedDataError('the plan holds no touch', 'plan at least one')
-        self._depths = np.linspace(-self.timing.clearance, SETTINGS.largest_depth, SETTINGS.depths)
+        self._depths = np.linspace(-self.timing.clearance, Settings.largest_depth, Settings.depths)
         self._paths = self._motor_paths(cell)
         self._home = self._paths[[0, -1], 0] + (0.25, -0.15)
         self.engine = Engine(scene, cell, self._home[0])
         self._command, self._depth, self._lift = self._home[0], 0.0, LIFT
         self._touch, self._phase = 0, Phase.TRAVEL
-        self._force, self._first, self._compliance = 0.0, (0.0, 0.0), SETTINGS.compliance_limits[0]
+        self._force, self._first, self._compliance = 0.0, (0.0, 0.0), Settings.compliance_limits[0]
         self._ticks: list[tuple[Floats, Floats, float, int, int, float]] = []
 
     def run(self) -> SimulatedMotion:
@@ -163,7 +152,7 @@ class TouchController:
         holds, begins, links, speed = [], [], [], []
         for touch in range(len(self.plan)):
             self._touch = touch
-            self._travel(self._paths[self._touch, 0])
+            self._travel(self._paths[touch, 0])
             begins.append(self._lower())
             self._approach_and_press()
             self._rest(Phase.HOLD, self.timing.hold)
@@ -184,14 +173,13 @@ class TouchController:
         return SimulatedMotion(time, joints, force, angle, number, phase, progress, *ends)
 
     def _motor_paths(self, cell: Cell) -> Floats:
-        """Motor angles for the depths of each touch by the nominal arm, (m, SETTINGS.depths, 2), rad."""
+        """Motor angles for the depths of each touch by the nominal arm, (m, Settings.depths, 2), rad."""
         aims = self.plan.contact(cell)[:, None] - self._depths[:, None] * self.plan.normal(cell)[:, None]
         poses = inverse(cell.nominal, aims, self.plan.posture[:, None])
         lost = np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2)))
         if len(lost):
-            raise UnsupportedDataError(
-                f'the nominal arm cannot press touch {lost[0]} of the plan', 'leave it out, or move the disc'
-            )
+            problem = f'the nominal arm cannot press touch {lost[0]} of the plan'
+            raise UnsupportedDataError(problem, 'leave it out, or move the disc')
         return poses[:, :1] + wrap(poses - poses[:, :1])
 
     def _tick(self, progress: float = 0.0) -> None:
@@ -214,7 +202,7 @@ class TouchController:
 
     def _raise(self, lift: float) -> None:
         start = self._lift
-        for part in _minimum_jerk_steps(SETTINGS.lift_time):
+        for part in _minimum_jerk_steps(Settings.lift_time):
             self._lift = start + part * (lift - start)
             self._tick()
 
@@ -236,15 +224,12 @@ class TouchController:
         self._phase, self._depth = Phase.APPROACH, -self.timing.clearance
         while self._force < CONTACT_FORCE:
             passed += TICK
-            self._advance(
-                SETTINGS.slow_speed
-                if self._depth > -SETTINGS.slow_distance
-                else speed * min(1.0, passed / SETTINGS.lift_time)
-            )
+            is_near, fast = self._depth > -Settings.slow_distance, speed * min(1.0, passed / Settings.lift_time)
+            self._advance(Settings.slow_speed if is_near else fast)
         self._rest(Phase.PRESS, REST)
-        while self._force < SETTINGS.firm_force:
-            self._advance(SETTINGS.creep_speed)
-        self._first, self._compliance = (self._depth, self._force), SETTINGS.compliance_limits[0]
+        while self._force < Settings.firm_force:
+            self._advance(Settings.creep_speed)
+        self._first, self._compliance = (self._depth, self._force), Settings.compliance_limits[0]
         level, beyond = float(self.plan.force[self._touch]), float(self.plan.preload[self._touch])
         self._press((1.0 + beyond) * level)
         if beyond:
@@ -254,31 +239,28 @@ class TouchController:
 
     def _advance(self, speed: float) -> None:
         self._depth += speed * TICK
-        if self._depth > SETTINGS.largest_depth:
-            raise UnsupportedDataError(
-                f'touch {self._touch} of the plan: no such force {1e3 * SETTINGS.largest_depth:.0f} mm inside the disc',
-                'check the discs, or simulate a stiffer robot',
-            )
+        if self._depth > Settings.largest_depth:
+            problem = f'no such force {1e3 * Settings.largest_depth:.0f} mm inside the disc'
+            remedy = 'check the discs, or simulate a stiffer robot'
+            raise UnsupportedDataError(f'touch {self._touch} of the plan: {problem}', remedy)
         self._command = self._at(self._depth)
         self._tick()
 
     def _press(self, level: float) -> None:
         """Moves the commanded point, in one sense only, until the force reaches a level."""
         sense, (depth, force) = np.sign(level - self._force), self._first
-        for _ in range(round(SETTINGS.longest_press / TICK)):
+        for _ in range(round(Settings.longest_press / TICK)):
             missing = sense * (level - self._force)
             if missing < FORCE_TOLERANCE * level:
                 return
-            if sense > 0 and self._force > force + SETTINGS.firm_force:
-                self._compliance = float(
-                    np.clip((self._depth - depth) / (self._force - force), *SETTINGS.compliance_limits)
-                )
+            if sense > 0 and self._force > force + Settings.firm_force:
+                compliance = (self._depth - depth) / (self._force - force)
+                self._compliance = float(np.clip(compliance, *Settings.compliance_limits))
             speed = missing * self._compliance / self._pace.control_time
-            self._advance(sense * float(np.clip(speed, SETTINGS.slowest_press, self._pace.press)))
-        raise UnsupportedDataError(
-            f'touch {self._touch} of the plan: the force stays at {self._force:.1f} N instead of {level:.1f} N',
-            'simulate a robot with less friction, or a stiffer one',
-        )
+            self._advance(sense * float(np.clip(speed, Settings.slowest_press, self._pace.press)))
+        problem = f'the force stays at {self._force:.1f} N instead of {level:.1f} N'
+        remedy = 'simulate a robot with less friction, or a stiffer one'
+        raise UnsupportedDataError(f'touch {self._touch} of the plan: {problem}', remedy)
 
     def _retract(self) -> None:
         """Retracts and lifts the tip."""

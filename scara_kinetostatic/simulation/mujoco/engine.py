@@ -1,4 +1,4 @@
-"""Scenes, robots in the engine with their effects; and the engine, which integrates them."""
+"""Scenes, robots in the engine with their effects; the engine, which integrates them; the body of a commanded cell."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
-from scara_kinetostatic.errors import InputError, ParameterError
-from scara_kinetostatic.files.template import render
+from scara_kinetostatic.errors import CellError, InputError, ParameterError
+from scara_kinetostatic.files.escaping import render
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Disc
+from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
+from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
-from scara_kinetostatic.simulation.outline import Arc, Edge, Outline, polygon
+from scara_kinetostatic.simulation.outline import Arc, Outline, polygon
 from scara_kinetostatic.simulation.plan import check_numbers
 
 if TYPE_CHECKING:
@@ -100,10 +101,10 @@ class Scene:
     @property
     def centers(self) -> tuple[Pair, Pair]:
         """Centres of mass of the links, each in its frame, m: in the middle; upright those of the static moments."""
-        p, (m1, m2), quill = self.parameters, self.masses, SETTINGS.small_mass
+        p, (m1, m2), quill = self.parameters, self.masses, Settings.small_mass
         if not p.has_gravity:
             return (0.5 * p.l1, 0.0), (0.5 * p.l2, 0.0)
-        c1 = (rect(p.s1, p.phi1) - (SETTINGS.elbow_mass + m2 + quill) * p.l1) / m1
+        c1 = (rect(p.s1, p.phi1) - (Settings.elbow_mass + m2 + quill) * p.l1) / m1
         c2 = (rect(p.s2, p.phi2) - quill * p.l2) / m2
         return (c1.real, c1.imag), (c2.real, c2.imag)
 
@@ -160,8 +161,7 @@ LIGHT_ARM, LIGHT_TIP = 0.1, 0.3
 the contacts stay closed with this time step."""
 
 
-@dataclass(frozen=True)
-class EngineSettings:
+class Settings:
     """Size, stiffness and mass of what the robot consists of.
 
     Attributes:
@@ -205,9 +205,6 @@ class EngineSettings:
     friction_hardness: float = 1e3
 
 
-SETTINGS = EngineSettings()
-
-
 def _tip_radius(cell: Cell) -> float:
     """Radius of the ball at the tip, m: the discs are smaller by it than the radii in the cell."""
     if cell.has_outlines:
@@ -231,7 +228,7 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
         Path(__file__).with_name('scene.xml.j2'),
         row=_row,
         sqrt=math.sqrt,
-        settings=SETTINGS,
+        settings=Settings,
         timestep=TIMESTEP,
         hard=HARD,
         scene=scene,
@@ -243,7 +240,7 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
         light=LIGHT_ARM if light else 1.0,
         light_tip=LIGHT_TIP if light else 1.0,
         backlash_inertia=BACKLASH_INERTIA,
-        backlash_damping=SETTINGS.light_backlash_damping if light else BACKLASH_DAMPING,
+        backlash_damping=Settings.light_backlash_damping if light else BACKLASH_DAMPING,
         tip_radius=tip,
         discs=[
             {
@@ -292,15 +289,15 @@ def _geoms(outline: Outline) -> dict[int, Markup]:
         if isinstance(piece, Arc):
             a, b = piece.semi_axes
             if a == b > 0:
-                found[number] = 'cylinder', (a, SETTINGS.disc_height), piece.center, 0.0
+                found[number] = 'cylinder', (a, Settings.disc_height), piece.center, 0.0
             elif a > 0:
-                found[number] = 'ellipsoid', (a, b, SETTINGS.object_height), piece.center, piece.rotation
-        elif isinstance(piece, Edge):
+                found[number] = 'ellipsoid', (a, b, Settings.object_height), piece.center, piece.rotation
+        else:
             begin, end = np.array(piece.begin), np.array(piece.end)
             length = np.hypot(*(end - begin))
             along = (end - begin) / length
-            middle = (begin + end) / 2 + SETTINGS.slab / 2 * np.array([-along[1], along[0]])
-            size = length / 2, SETTINGS.slab / 2, SETTINGS.disc_height
+            middle = (begin + end) / 2 + Settings.slab / 2 * np.array([-along[1], along[0]])
+            size = length / 2, Settings.slab / 2, Settings.disc_height
             found[number] = 'box', size, middle, np.arctan2(along[1], along[0])
     return {
         number: Markup(f'type="{kind}" size="{_row(size)}" pos="{_row(place)} 0.0" euler="0.0 0.0 {turn}"')
@@ -370,7 +367,7 @@ class Engine:
             [self.model.joint(name).qposadr[0] for name in names if name in {f'{part}{n}' for part in parts}]
             for n in (1, 2)
         ]
-        self.model.dof_invweight0[self.model.dof_frictionloss > 0] /= SETTINGS.friction_hardness
+        self.model.dof_invweight0[self.model.dof_frictionloss > 0] /= Settings.friction_hardness
         self._frame = self.model.body('quill').id
         self.data.qpos[self._motors] = joints
         self.data.qpos[self.model.joint('lift').qposadr[0]] = lift
@@ -392,12 +389,12 @@ class Engine:
         """
         inverse_mass = self.model.body_invweight0[self.model.geom('ball').bodyid[0], 0]
         if outline is not None:
-            stiffness = SETTINGS.sliding_stiffness * inverse_mass * (1.0 - SETTINGS.sliding_impedance)
+            stiffness = Settings.sliding_stiffness * inverse_mass * (1.0 - Settings.sliding_impedance)
             object_geoms = self.model.geom_bodyid == self.model.body('object').id
-            self.model.geom_solref[object_geoms] = (-stiffness, -SETTINGS.sliding_time * stiffness)
+            self.model.geom_solref[object_geoms] = (-stiffness, -Settings.sliding_time * stiffness)
             return
         if self._smooth and scene.contact_friction and not scene.padded:  # R / A = (1 - d)/d, k = 1/(2 timesteps)²
-            softness = 1.0 / ((2.0 * TIMESTEP) ** 2 * SETTINGS.sliding_stiffness * inverse_mass)
+            softness = 1.0 / ((2.0 * TIMESTEP) ** 2 * Settings.sliding_stiffness * inverse_mass)
             self.model.geom_solimp[self.model.geom_contype > 0, :2] = 1.0 / (1.0 + softness)
         for number in scene.padded_discs(cell):
             damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * PAD_FULL
@@ -450,3 +447,51 @@ class Engine:
             on_second = contact.frame.reshape(3, 3).T @ wrench[:3]
             total += on_second if contact.geom[0] == self._ball else -on_second
         return total[:2]
+
+
+class EngineBody:
+    """A `simulation.commanded.Body`.
+
+    Args:
+        scene: the robot and its discs as they truly are.
+        cell: with the discs.
+
+    Attributes:
+        joints: angles of the motors, rad.
+        force: of the tip on what it touches, base frame, N.
+        touched: name of the disc, empty in free motion.
+
+    Raises:
+        InputError: MuJoCo is not installed, or the cell has obstacles.
+    """
+
+    tick = TICK
+
+    def __init__(self, scene: Scene, cell: Cell) -> None:
+        load_engine()
+        if cell.obstacles:
+            raise CellError('obstacles', 'the physics engine has discs only', 'leave them out')
+        self._scene, self._cell = scene, cell
+        self.begin((0.0, 0.0), 1.0)
+
+    def begin(self, joints: tuple[float, float], lift: float) -> None:
+        """Stands at motor angles, rad, with the lift at a part of its way up."""
+        self._engine = Engine(self._scene, self._cell, np.array(joints), lift=LIFT * lift, smooth=True)
+        self.joints, self.force, self.touched = joints, (0.0, 0.0), ''
+
+    def advance(self, time: float, joints: tuple[float, float], lift: float) -> None:
+        """On to a time, s, in whole ticks; the motors are then commanded to be at `joints`, rad."""
+        engine = self._engine
+        engine.command(np.array(joints), LIFT * lift)
+        while engine.data.time < time - 0.5 * TICK:
+            engine.advance()
+        (q1, q2), (x, y) = engine.joints.tolist(), engine.force().tolist()
+        self.joints, self.force, self.touched = (q1, q2), (x, y), ''
+        if x or y:
+            near = int(self._cell.surfaces.distances(engine.tip[None])[0].argmin())
+            self.touched = self._cell.discs[int(self._cell.surfaces.object[near])].name
+
+    def sensed(self, share: float) -> Floats:
+        """The force in the frame of the sensor; a tool frame is that of the engine's own link 2."""
+        turn = self._engine.link2_angle if self._cell.sensor.frame is SensorFrame.TOOL else 0.0
+        return rotate(np.array(self.force), -turn)

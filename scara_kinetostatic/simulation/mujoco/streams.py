@@ -1,4 +1,4 @@
-"""A recording simulated in MuJoCo: whole streams, or the touches alone."""
+"""A recording simulated in MuJoCo."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ import numpy as np
 import yaml
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
+from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.mujoco.engine import Scene, load_engine
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.simulation.streams import START, Sensed, SensorModel, recorded
+from scara_kinetostatic.simulation.streams import START, SensorModel, recorded
 from scara_kinetostatic.simulation.trajectory import CellState, Timing
 from scara_kinetostatic.touches.streams import Streams
 
@@ -56,84 +55,25 @@ def simulate_streams(
     """
     plan = preload_plan(cell) if plan is None else plan
     motion = TouchController(scene, cell, plan, timing).run()
-    return as_streams(motion, scene, cell, sensors, seed=seed, start=start)
-
-
-def simulate_touches(
-    scene: Scene,
-    cell: Cell,
-    plan: Plan | None = None,
-    *,
-    timing: Timing | None = None,
-    noise: Noise | None = None,
-    seed: int = 0,
-) -> TouchSet:
-    """The touches of a plan without streams, read at the end of each hold.
-
-    Args:
-        scene: the true robot.
-        cell: its description.
-        plan: the touches; None: `preload_plan`.
-        timing: durations of the phases.
-        noise: repeatability of a touch; None: that of the cell; Noise(0, 0) for none.
-        seed: of the noise.
-
-    Returns:
-        One touch per row of the plan, force in the frame of the sensor.
-
-    Raises:
-        InputError: MuJoCo is not installed.
-        UnsupportedDataError: a touch is out of reach, or its force is not reached.
-    """
-    plan = preload_plan(cell) if plan is None else plan
-    motion = TouchController(scene, cell, plan, timing).run()
-    return with_noise(as_touches(motion, cell, plan), cell, noise, seed)
+    return as_streams(motion, scene, cell, sensors or SensorModel(), seed, start)
 
 
 def as_streams(
-    motion: SimulatedMotion,
-    scene: Scene,
-    cell: Cell,
-    sensors: SensorModel | None = None,
-    *,
-    seed: int = 0,
-    start: int = START,
+    motion: SimulatedMotion, scene: Scene, cell: Cell, sensors: SensorModel, seed: int = 0, start: int = START
 ) -> Streams:
     """Both streams of a motion; the arguments are those of `simulate_streams`."""
-    sensors = sensors or SensorModel()
-    held = _as_sensed(motion, cell)[motion.holds]
+    held = as_sensed(motion, cell)[motion.holds]
     joint_errors, force_errors = sensors.touch_errors(cell, len(held), np.random.default_rng([seed, 0]), held)
     turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `_state_at` has turned the force
 
-    def at(time: Floats) -> Sensed:
+    def at(time: Floats) -> tuple[CellState, Floats, Floats]:
         return _state_at(motion, cell, time), joint_errors, force_errors
 
     duration = float(motion.time[-1])
     return recorded(f'physics: {scene.name}', turned, scene.parameters, sensors, duration, at, seed, start)
 
 
-def as_touches(motion: SimulatedMotion, cell: Cell, plan: Plan) -> TouchSet:
-    """The touches of a motion, without noise and without the load before them, which the streams have."""
-    holds = motion.holds
-    return TouchSet(
-        joints=motion.joints[holds],
-        force=_as_sensed(motion, cell)[holds],
-        disc=plan.disc,
-        posture=plan.posture,
-        time=motion.time[holds],
-        approach=motion.approach,
-        press=motion.press,
-    )
-
-
-def with_noise(touches: TouchSet, cell: Cell, noise: Noise | None = None, seed: int = 0) -> TouchSet:
-    """Touches with the noise of a touch, that of the cell if None; the seed is that of `simulate_streams`."""
-    random = np.random.default_rng([seed, 0])
-    joint_errors, force_errors = SensorModel(touch_noise=noise).touch_errors(cell, len(touches), random, touches.force)
-    return touches.replace(joints=touches.joints + joint_errors, force=touches.force + force_errors)
-
-
-def _as_sensed(motion: SimulatedMotion, cell: Cell) -> Floats:
+def as_sensed(motion: SimulatedMotion, cell: Cell) -> Floats:
     """Force on the object in the sensor's frame, (k, 2), N; a tool frame is that of the engine's own link 2."""
     if cell.sensor.frame is SensorFrame.BASE:
         return motion.force
@@ -145,7 +85,7 @@ def _state_at(motion: SimulatedMotion, cell: Cell, time: Floats) -> CellState:
     tick = np.clip(np.searchsorted(motion.time, time), 0, len(motion.time) - 1)
     magnitude = np.linalg.norm(motion.force, axis=1)
     held = np.maximum(magnitude[motion.holds], 1e-9)
-    values = np.column_stack([motion.joints, _as_sensed(motion, cell), magnitude / held[motion.touch], motion.progress])
+    values = np.column_stack([motion.joints, as_sensed(motion, cell), magnitude / held[motion.touch], motion.progress])
     at = np.column_stack([np.interp(time, motion.time, column) for column in values.T])
     return CellState(at[:, :2], at[:, 2:4], motion.touch[tick], motion.phase[tick], at[:, 5], at[:, 4])
 
@@ -169,8 +109,8 @@ def truth_of_scene(scene: Scene, cell: Cell, seed: int = 0) -> dict[str, Any]:
         'engine': f'MuJoCo {load_engine().__version__}',
         'scene': scene.name,
         'seed': seed,
-        'built': _by_name(scene.parameters),
-        'expected': _by_name(expected_parameters(scene)),
+        'built': scene.parameters.as_dict(),
+        'expected': expected_parameters(scene).as_dict(),
         'effects': built_effects(scene, cell),
     }
 
@@ -180,11 +120,6 @@ def truth_text(truth: dict[str, Any]) -> str:
     return yaml.safe_dump(truth, sort_keys=False, default_flow_style=None, width=120)
 
 
-def _by_name(parameters: Parameters) -> dict[str, float]:
-    """The parameters by name."""
-    return parameters.as_dict()
-
-
 def expected_parameters(scene: Scene) -> Parameters:
     """The parameters L̄ that touches identify.
 
@@ -192,9 +127,8 @@ def expected_parameters(scene: Scene) -> Parameters:
     whole: it is compliance of the slip, not of the joint.
     """
     p = scene.parameters
-    p1, p2 = (
-        0.0 if friction else spring for spring, friction in zip((p.p1, p.p2), scene.winding_friction, strict=True)
-    )
+    springs = zip((p.p1, p.p2), scene.winding_friction, strict=True)
+    p1, p2 = (0.0 if friction else spring for spring, friction in springs)
     return p.replace(p_ee=p.p_ee + 0.5 * sum(scene.base_compliance), p1=p1, p2=p2)
 
 
@@ -207,6 +141,7 @@ def built_effects(scene: Scene, cell: Cell) -> list[dict[str, Any]]:
 
     if scene.contact_friction:
         add('contact_friction', None, coefficient=scene.contact_friction)
+    target: str | None
     for number, compliance in enumerate((scene.parameters.p1, scene.parameters.p2)):
         target = f'joint{number + 1}'
         if scene.bearing_friction[number]:
@@ -215,8 +150,8 @@ def built_effects(scene: Scene, cell: Cell) -> list[dict[str, Any]]:
         if scene.winding_friction[number]:
             add('joint_slip', target, compliance=compliance, slip_torque=scene.winding_friction[number])
         if scene.slip_compliance[number]:
-            slip = scene.slip_compliance[number], scene.slip_torque[number]
-            add('joint_slip', target, **dict(zip(('compliance', 'slip_torque'), slip, strict=True)))
+            slipping = scene.slip_torque[number]
+            add('joint_slip', target, compliance=scene.slip_compliance[number], slip_torque=slipping)
     displaced = scene.displaced_disc(cell)
     if displaced is not None:
         add('object_position', cell.discs[displaced].name, x=scene.displacement[0], y=scene.displacement[1])
@@ -227,13 +162,8 @@ def built_effects(scene: Scene, cell: Cell) -> list[dict[str, Any]]:
         add('link_bending', 'link1', compliance=scene.link_compliance)
     padded = scene.padded_discs(cell)
     if padded:
-        everywhere = len(padded) == len(cell.discs)
-        add(
-            'contact_compliance',
-            None if everywhere else cell.discs[padded[0]].name,
-            stiffness=scene.pad[0],
-            depth=scene.pad[1],
-        )
+        target = None if len(padded) == len(cell.discs) else cell.discs[padded[0]].name
+        add('contact_compliance', target, stiffness=scene.pad[0], depth=scene.pad[1])
     if any(scene.tilt):
         add('base_tilt', None, tilt_x=scene.tilt[0], tilt_y=scene.tilt[1])
     if scene.cable:

@@ -1,0 +1,39 @@
+"""The touches of a plan in the physics engine without streams, read at the end of each hold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
+from scara_kinetostatic.simulation.mujoco.engine import Scene
+from scara_kinetostatic.simulation.mujoco.streams import as_sensed
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.streams import SensorModel
+
+
+def simulate_touches(scene: Scene, cell: Cell, plan: Plan, *, noise: Noise | None = None, seed: int = 0) -> TouchSet:
+    """One touch per row of the plan, force in the frame of the sensor; the arguments are those of `with_noise`."""
+    return with_noise(as_touches(TouchController(scene, cell, plan).run(), cell, plan), cell, noise, seed)
+
+
+def as_touches(motion: SimulatedMotion, cell: Cell, plan: Plan) -> TouchSet:
+    """The touches of a motion, without noise and without the load before them, which the streams have."""
+    holds = motion.holds
+    return TouchSet(
+        joints=motion.joints[holds],
+        force=as_sensed(motion, cell)[holds],
+        disc=plan.disc,
+        posture=plan.posture,
+        time=motion.time[holds],
+        approach=motion.approach,
+        press=motion.press,
+    )
+
+
+def with_noise(touches: TouchSet, cell: Cell, noise: Noise | None = None, seed: int = 0) -> TouchSet:
+    """Touches with the noise of a touch, that of the cell if None; the seed is that of `simulate_streams`."""
+    random = np.random.default_rng([seed, 0])
+    joint_errors, force_errors = SensorModel(touch_noise=noise).touch_errors(cell, len(touches), random, touches.force)
+    return touches.replace(joints=touches.joints + joint_errors, force=touches.force + force_errors)
