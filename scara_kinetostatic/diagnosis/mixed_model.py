@@ -128,6 +128,7 @@ def fit_mixed(
     *,
     keeps_touches: bool = False,
     freedoms: float = LIGHT_TAILS,
+    begin: Calibration | None = None,
 ) -> MixedModel:
     """The mixed model of the touches of a calibration.
 
@@ -138,6 +139,7 @@ def fit_mixed(
         most: linearisations at most.
         keeps_touches: whether outliers stay, as what is missing may explain them.
         freedoms: of the prior of the sizes.
+        begin: a fit of the same effects to begin at, undetected ones included; None to begin without these.
 
     Raises:
         UnsupportedDataError: it diverges.
@@ -152,22 +154,31 @@ def fit_mixed(
     with np.errstate(all='ignore'):
         for steps in (most, 1):  # where it does not settle, the first linearisation
             with suppress(np.linalg.LinAlgError, ParameterError):
-                found = _settled(c, known, model, steps, keeps_touches, freedoms)
+                found = _settled(c, known, model, steps, keeps_touches, freedoms, begin)
                 if found.fit.termination is Termination.CONVERGED:
                     return found
     raise UnsupportedDataError('the fit diverges', 'check the places of the discs, and units, signs and frames')
 
 
 def _settled(
-    c: Calibration, known: Sequence[Effect], model: ExtendedModel, most: int, keeps_touches: bool, freedoms: float
+    c: Calibration,
+    known: Sequence[Effect],
+    model: ExtendedModel,
+    most: int,
+    keeps_touches: bool,
+    freedoms: float,
+    begin: Calibration | None,
 ) -> MixedModel:
     """The mixed model, linearised anew until it settles, up to a number of times."""
     latest, typical, held = _with_random_effects(c, model, known)
+    if begin is not None and begin.random is not None:
+        values = begin.random.size * begin.random_values / typical
+        latest = replace(latest, errors=begin.errors, random_values=values, noise=begin.noise)
     logs = np.zeros(0)
     for number in range(most):
         sizes = _sizes_of(latest, len(c.model.effects), typical, held, freedoms)
         # model error may have been taken for noise: of two explanations the one with the usual noise is tried first
-        noise = c.noise if number else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
+        noise = c.noise if number or begin else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
         levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
         solved = _solve(latest, c, sizes, logs if number else _first_logs(latest, sizes), levels)
         logs = solved.logs

@@ -41,11 +41,14 @@ from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import G2, P_EE
 
 _MOST_IN_UNION = 5
 """Effects of several credible sets that are named together at most; of more, those of the best sets."""
 _PEAKS = 8
 """Places of a grid about which a frequency or a friction is compared."""
+_BELOW_ZERO = 4.0
+"""Standard deviations below zero at which a compliance or backlash is of no robot."""
 _MOST_RIVALS = 4
 """Credible sets whose predictions are compared at most."""
 
@@ -136,14 +139,19 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
 
 
 def _fit(
-    c: Calibration, known: Sequence[Effect], start: ExtendedModel, most: int = 8, freedoms: float = LIGHT_TAILS
+    c: Calibration,
+    known: Sequence[Effect],
+    start: ExtendedModel,
+    most: int = 8,
+    freedoms: float = LIGHT_TAILS,
+    begin: Calibration | None = None,
 ) -> MixedModel | None:
     """The mixed model with effects named, of so many linearisations at most; None where there is none, or where it does
     not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm. A
     curve must predict touches that it was not fitted to, as well as the base model does.
     """
     try:
-        model = fit_mixed(c, known, start, most, freedoms=freedoms)
+        model = fit_mixed(c, known, start, most, freedoms=freedoms, begin=begin)
     except (np.linalg.LinAlgError, UnsupportedDataError, ParameterError):
         return None
     fit = model.fit
@@ -246,10 +254,18 @@ def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Sear
     off_normal = off_normal or any(off_normal_p_value(item.fit) < FRICTION_SIGNIFICANCE for item in found)
     if off_normal and not _is_radial(min(found, key=lambda item: item.deviance)):
         found += _with_off_normal_forces(c, known)
-    best = min(found, key=lambda item: item.deviance)
+    best = min([item for item in found if _is_robot(item.fit)] or found, key=lambda item: item.deviance)
     own, model, base = len(best.base.model.effects), best.fit.model, replace(best.base, used=best.fit.used)
     named = ExtendedModel(model.parameters, model.effects[own:], model.effect_values[own:])
-    return best._replace(lead=plain.deviance - best.deviance, model=_fit(base, known, named) or best.model)
+    return best._replace(
+        lead=plain.deviance - best.deviance, model=_fit(base, known, named, begin=best.fit) or best.model
+    )
+
+
+def _is_robot(fit: Calibration) -> bool:
+    """Whether no compliance or backlash is below zero beyond its uncertainty."""
+    values, std = fit.parameters.as_array()[P_EE : G2 + 1], fit.std[P_EE : G2 + 1]
+    return not (values < -_BELOW_ZERO * std).any()
 
 
 def _is_radial(found: Search) -> bool:
