@@ -257,9 +257,8 @@ def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Sear
     best = min([item for item in found if _is_robot(item.fit)] or found, key=lambda item: item.deviance)
     own, model, base = len(best.base.model.effects), best.fit.model, replace(best.base, used=best.fit.used)
     named = ExtendedModel(model.parameters, model.effects[own:], model.effect_values[own:])
-    return best._replace(
-        lead=plain.deviance - best.deviance, model=_fit(base, known, named, begin=best.fit) or best.model
-    )
+    light = _fit(base, known, named, begin=best.fit)
+    return best._replace(lead=plain.deviance - best.deviance, model=light or best.model)
 
 
 def _is_robot(fit: Calibration) -> bool:
