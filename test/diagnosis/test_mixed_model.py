@@ -141,6 +141,17 @@ def test_the_ellipse_of_a_robot_with_everything_holds():
     assert found['ratio'] < 4
 
 
+@pytest.mark.parametrize(('kind', 'seed'), [('outside', 50007), ('all', 50017)])
+def test_no_start_leads_to_another_robot(kind, seed):
+    """Errors three times typical: begun with the usual noise, the gripper's compliance went below zero."""
+    setup, robot, touches = draw(Task('paper', kind, 3.0, True, 'estimated', seed))
+    plain = calibrate(touches, setup.cell)
+    found = diagnose(plain)
+    final = found.extended or found.refitted or plain
+    assert final.parameters.p_ee > 0
+    assert judge(final, robot, 0)['coverage'] > 0.7
+
+
 def test_what_is_declared_is_no_undetected_effect():
     discs = tuple(disc._replace(center_std=DECLARED) for disc in PAPER_DISCS)
     labels = {part.label for part in mixed(replace(CELL, discs=discs)).contributions}
