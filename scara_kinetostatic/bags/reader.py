@@ -203,7 +203,7 @@ def _embedded(path: str | Path) -> tuple[Cell | None, list[str]]:
 def _nothing_usable(
     path: str | Path, source: Source, topic: str, msgtype: str, decoder: Decoder, cell: Cell
 ) -> RecordingError:
-    """Why a topic gave no decoder."""
+    """Why a topic gave no samples."""
     topics = source.topics()
     here = [item for item in topics if item.name == topic]
     if source.warnings and not decoder.dropped:

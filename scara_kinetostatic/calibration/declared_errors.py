@@ -208,9 +208,10 @@ def without_sources(cell: Cell, labels: Set[str]) -> Cell:
     """
 
     def left(item: Any, **kinds: str) -> Any:
-        return item._replace(**{name: 0.0 for name, kind in kinds.items() if f'{kind}[{item.name}]' in labels})
+        zero = [name for name, kind in kinds.items() if name in item._fields and f'{kind}[{item.name}]' in labels]
+        return item._replace(**dict.fromkeys(zero, 0.0))
 
-    of_disc = {'center_std': 'object_position', 'angle_std': 'object_rotation'}  # which a disc has not: not in `labels`
+    of_disc = {'center_std': 'object_position', 'angle_std': 'object_rotation'}  # the latter of outlines alone
     common: dict[str, Any] = {name: 0.0 for name in ('radius', 'force_gain', 'force_rotation') if name in labels}
     return replace(
         cell,

@@ -315,7 +315,7 @@ class Runner:
             if (near - seen) * way >= _FOLLOWS * (motion.at - at) * way:
                 at, seen, when = motion.at, near, self._now
             motion.followed, is_late = (at, seen, when), self._now - when > _LATE
-            is_stuck = self._contact and is_late and min((motion.at - at) * way, (motion.at - near) * way) > _MOVED
+            is_stuck = self._contact and is_late and min((motion.at - at) * way, (motion.at - near) * way) > _BEHIND
         self._near, self._is_behind = near, (behind > late or is_stuck) and self.senses.knows_joints(self._now, SILENT)
         is_ahead = motion is not None and sent is not None and (near - motion.at) * (sent - motion.at) > 0
         if is_ahead and self._is_behind and not is_stuck:
@@ -327,7 +327,7 @@ class Runner:
             joints, lift = motion.place
             slowest = int(np.nanargmax(np.abs(self.senses.place - [*joints, lift])))
             name = (*self.cell.joint_names, *self.cell.other_joints)[slowest]
-            text = f'the robot stands {1e3 * behind:.2g} mm behind, {name} most: it does not follow'
+            text = f'the robot stands {1e3 * behind:.2f} mm behind, {name} most: it does not follow'
             raise Fault(text, may_retract=False, passes=True)
 
     # The run

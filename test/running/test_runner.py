@@ -44,9 +44,14 @@ LIFT = Lift('joint3', 0.02, 0.0)
 
 
 def rehearsal(
-    cell: Cell = CELL, true: Cell | None = None, seed: int = 1, most: int = 100, patience: float = 0.0
+    cell: Cell = CELL,
+    true: Cell | None = None,
+    seed: int = 1,
+    most: int = 100,
+    patience: float = 0.0,
+    resolution: float = COMMANDED_SENSORS.resolution,
 ) -> Rehearsal:
-    sensors = replace(COMMANDED_SENSORS, bias=(1.4, -1.4))
+    sensors = replace(COMMANDED_SENSORS, bias=(1.4, -1.4), resolution=resolution)
     plant = Plant(cell, ModelBody(true or cell, TRUTH), sensors=sensors, seed=seed)
     one = Rehearsal(cell, plant, most, patience=patience)
     one.runner.start()
@@ -456,6 +461,16 @@ def test_what_passes_by_itself_is_waited_for(
     assert one.runner.end.status == 0 or 'max_touches' in one.runner.end.reason
     assert one.runner.campaign.accepted == 9
     assert one.plant.peak_force < 1.5 * CELL.touch.max_force
+
+
+@pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
+def test_a_coarse_encoder_is_no_robot_that_stands(streams: bool) -> None:
+    one = rehearsal(most=4, resolution=7.7e-4)  # of 13 bits
+    one.runner.streams = streams
+    one.run(longest=200.0)
+    assert one.runner.end is not None
+    assert 'max_touches' in one.runner.end.reason
+    assert one.runner.campaign.accepted == 4
 
 
 def test_a_robot_that_runs_ahead_is_stopped() -> None:
