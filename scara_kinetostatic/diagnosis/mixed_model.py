@@ -128,7 +128,7 @@ def fit_mixed(
     *,
     keeps_touches: bool = False,
     freedoms: float = LIGHT_TAILS,
-    begin: Calibration | None = None,
+    begin: MixedModel | None = None,
 ) -> MixedModel:
     """The mixed model of the touches of a calibration.
 
@@ -139,7 +139,8 @@ def fit_mixed(
         most: linearisations at most.
         keeps_touches: whether outliers stay, as what is missing may explain them.
         freedoms: of the prior of the sizes.
-        begin: a fit of the same effects to begin at, undetected ones included; None to begin without these.
+        begin: a fit of the same effects to begin at, with its undetected effects and their sizes; None to begin
+            without these, from typical sizes.
 
     Raises:
         UnsupportedDataError: it diverges.
@@ -167,20 +168,23 @@ def _settled(
     most: int,
     keeps_touches: bool,
     freedoms: float,
-    begin: Calibration | None,
+    begin: MixedModel | None,
 ) -> MixedModel:
     """The mixed model, linearised anew until it settles, up to a number of times."""
     latest, typical, held = _with_random_effects(c, model, known)
-    if begin is not None and begin.random is not None:
-        values = begin.random.size * begin.random_values / typical
-        latest = replace(latest, errors=begin.errors, random_values=values, noise=begin.noise)
-    logs = np.zeros(0)
+    sizes = _sizes_of(latest, len(c.model.effects), typical, held, freedoms)
+    logs = _first_logs(latest, sizes)
+    if begin is not None and begin.fit.random is not None:
+        size, own = begin.fit.random.size / typical, sizes.group[len(sizes.group) - len(typical) :]
+        # far from these the likelihood has other maxima: the columns are those of the first linearisation
+        logs[own[own >= 0]], logs[-1] = np.log(size[own >= 0]), np.log(begin.common)
+        values = size * begin.fit.random_values
+        latest = replace(latest, errors=begin.fit.errors, random_values=values, noise=begin.fit.noise)
     for number in range(most):
-        sizes = _sizes_of(latest, len(c.model.effects), typical, held, freedoms)
         # model error may have been taken for noise: of two explanations the one with the usual noise is tried first
         noise = c.noise if number or begin else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
         levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
-        solved = _solve(latest, c, sizes, logs if number else _first_logs(latest, sizes), levels)
+        solved = _solve(latest, c, sizes, logs, levels)
         logs = solved.logs
         moved = _moved(latest, solved, c.noise)
         if number == most - 1 or not solved.shift < _LOST:

@@ -144,7 +144,7 @@ def _fit(
     start: ExtendedModel,
     most: int = 8,
     freedoms: float = LIGHT_TAILS,
-    begin: Calibration | None = None,
+    begin: MixedModel | None = None,
 ) -> MixedModel | None:
     """The mixed model with effects named, of so many linearisations at most; None where there is none, or where it does
     not predict the forces: the joint angles of a steep curve have no contact or another one, and so has a wrong arm. A
@@ -257,7 +257,7 @@ def likeliest(c: Calibration, known: Sequence[Effect], off_normal: bool) -> Sear
     best = min([item for item in found if _is_robot(item.fit)] or found, key=lambda item: item.deviance)
     own, model, base = len(best.base.model.effects), best.fit.model, replace(best.base, used=best.fit.used)
     named = ExtendedModel(model.parameters, model.effects[own:], model.effect_values[own:])
-    light = _fit(base, known, named, begin=best.fit)
+    light = _fit(base, known, named, begin=best.model)
     return best._replace(lead=plain.deviance - best.deviance, model=light or best.model)
 
 
