@@ -14,9 +14,9 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
+from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed
 from scara_kinetostatic.diagnosis.restricted_likelihood import size_prior
-from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.cell import PAPER_DISCS, ArmClass, Cell, EffectSizes, Noise, SizeMode, Uncertainty
@@ -150,6 +150,19 @@ def test_no_start_leads_to_another_robot(kind, seed):
     final = found.extended or found.refitted or plain
     assert final.parameters.p_ee > 0
     assert judge(final, robot, 0)['coverage'] > 0.7
+
+
+def test_other_tails_begin_where_the_fit_is():
+    effect = find(CELL, 'encoder_gain[joint1]')
+    robot = ExtendedModel(PAPER_ACTUAL, (effect,), ((1e-4,),))
+    cell = replace(CELL, noise=None)
+    plain = calibrate(simulate_touches(cell, robot, default_plan(cell, 200, preload=0.3), CELL.noise, seed=2), cell)
+    heavy = fit_mixed(plain, catalogue(cell), robot, freedoms=HEAVY_TAILS)
+    anew, going_on = (fit_mixed(plain, catalogue(cell), heavy.fit.model, begin=begin).fit for begin in (None, heavy))
+    assert going_on.used.all()
+    assert going_on.noise.joint_rms == pytest.approx(anew.noise.joint_rms, rel=0.02)
+    off = np.abs(going_on.parameters.as_array() - anew.parameters.as_array()) / anew.std
+    assert off.max() < 0.2
 
 
 def test_what_is_declared_is_no_undetected_effect():
