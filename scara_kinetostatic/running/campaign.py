@@ -236,18 +236,14 @@ class Campaign:
             reached = f'the expanded uncertainty of the tip is {_length(found.now)}, the tolerance {_length(tolerance)}'
             return End(0, f'enough: {reached}; {found.verdict}', is_reached=True)
         self._past.append((self.accepted, found.now))
-        best, uncertainty = min(now for _, now in self._past), found.planned.uncertainty
-        limit, share = uncertainty.beyond(tolerance), (uncertainty.undetected / found.now) ** 2
-        many = _STALLED if limit or found.is_unexplained else 2 * _STALLED  # they may show how small the undetected is
-        before = [now for accepted, now in self._past if accepted <= self.accepted - many]
+        best = min(now for _, now in self._past)
+        limit = found.planned.uncertainty.beyond(tolerance)
+        before = [now for accepted, now in self._past if accepted <= self.accepted - _STALLED]
         stalled = bool(before) and np.inf > best > _PROGRESS * min(before)
-        cause = f'{100 * share:.0f} % of its variance is from effects not detected or decided' if share > 0.5 else ''
-        if found.is_unexplained:
-            cause = f'a model error has no known cause; {found.verdict}'
-        if found.now > tolerance and cause and (found.is_unexplained or not limit):
+        if found.now > tolerance and found.is_unexplained:
             limit = (
-                f'{many} of them left the expanded uncertainty of the tip at {_length(best)}, the tolerance '
-                f'is {_length(tolerance)}: {cause}'
+                f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(best)}, the tolerance '
+                f'is {_length(tolerance)}: a model error has no known cause; {found.verdict}'
             )
         if limit and stalled:
             if found.undecided and not self._decides:
