@@ -8,8 +8,9 @@ without a preload: a preload is planned where it shows friction.
 
 **Effects not decided.** Every effect of the catalogue counts, with a prior: its typical size where the diagnosis
 suspects it, else the size that the mixed model has found, or `UNSUSPECTED` of the typical one without such a fit; one
-with a form, as a frequency, in its typical form. So touches are spread enough to find it, or to show how small it is. The variance of the sizes that are suspected counts as much as that of the tip, both in
-what they are now: an effect that does not move the tip, as a disc elsewhere, is decided, too.
+with a form, as a frequency, in its typical form. So touches are spread enough to find it, or to show how small it is.
+The variance of the sizes that are suspected counts as much as that of the tip, both in what they are now: an effect
+that does not move the tip, as a disc elsewhere, is decided, too.
 
 **Rivals** are decided by the touches at which their predictions differ most (`diagnosis.comparison`), each once, and by
 those that lower the variance of their sizes in a model with all of them most.

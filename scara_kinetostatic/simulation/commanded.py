@@ -588,18 +588,21 @@ class Plant:
         wrench: tuple[float, float] | None = None
         if self.fault is not Fault.SILENT_WRENCH:
             x, y = self._sensed()
-            sign = -1.0 if self.cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-            x += _FREE_FORCE * (self.fault is Fault.FREE_FORCE)
-            white = s.force_noise * noise[2], s.force_noise * noise[3]
-            wrench = sign * x + s.bias[0] + white[0], sign * y + s.bias[1] + white[1]
+            wrench = x + s.bias[0] + s.force_noise * noise[2], y + s.bias[1] + s.force_noise * noise[3]
         return Reading(self.time, joints, wrench, body.force, body.touched)
 
+    def zero(self) -> None:
+        """Takes the present force as zero, as the driver of a force sensor does when asked."""
+        x, y = self._sensed()
+        self.sensors = replace(self.sensors, bias=(-x, -y))
+
     def _sensed(self) -> tuple[float, float]:
-        """The force with the error of the touch, in the frame of the sensor, N."""
-        force = hypot(*self.body.force)
-        if not self.body.touched:
-            return 0.0, 0.0
-        share, grown = min(force / FULL, 1.0), self._noise.growth * force
-        x, y = self.body.sensed(share).tolist()
-        levels = [hypot(level * share, grown) for level in self._noise.force_levels]
-        return x + levels[0] * self._error[2], y + levels[1] * self._error[3]
+        """The force with the error of the touch, in the frame of the sensor and with its sign, N."""
+        force, x, y = hypot(*self.body.force), 0.0, 0.0
+        if self.body.touched:
+            share, grown = min(force / FULL, 1.0), self._noise.growth * force
+            levels = [hypot(level * share, grown) for level in self._noise.force_levels]
+            x, y = (self.body.sensed(share) + np.array(levels) * self._error[2:4]).tolist()
+        x += _FREE_FORCE * (self.fault is Fault.FREE_FORCE)
+        sign = -1.0 if self.cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+        return sign * x, sign * y
