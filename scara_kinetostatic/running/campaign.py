@@ -286,6 +286,9 @@ class Campaign:
         lengths = ways.lengths[0, 1:]
         nearest = int(np.argmin(lengths))
         if not np.isfinite(lengths[nearest]):
+            if not tries[0].attempts:
+                x, y = start.tip[0]
+                return End(1, f'no way leads from ({x:.3f}, {y:.3f}) m, where the tip is, to the touches: move it')
             self._targets = [target for target in self._targets if target not in tries]
             self._given_up = (*self._given_up, *(target.place() for target in tries))
             self.failed += len(tries)

@@ -294,7 +294,8 @@ _ROOM = 0.03
 
 
 def free_pose(cell: Cell) -> tuple[float, float]:
-    """Joint angles at which the nominal tip is near the objects and touches none, rad.
+    """Joint angles, a tenth of their range within the limits, at which the nominal tip is near the objects and touches
+    none, rad.
 
     Raises:
         UnsupportedDataError: there are none.
@@ -303,7 +304,7 @@ def free_pose(cell: Cell) -> tuple[float, float]:
     limits = np.array(cell.limits or [(-2.6, 2.6)] * 2)
     center = limits.mean(axis=1, keepdims=True)
     limits = np.clip(limits, center - np.pi, center + np.pi)  # the turn in which touches are planned
-    q1, q2 = np.meshgrid(*(np.linspace(low, high, 60)[1:-1] for low, high in limits))
+    q1, q2 = np.meshgrid(*(np.linspace(low, high, 60)[6:-6] for low, high in limits))
     poses = np.column_stack([q1.ravel(), q2.ravel()])
     for pose in poses[np.argsort(np.hypot(*(forward(cell.nominal, poses) - middle).T))].tolist():
         circle = body.nearest((pose[0], pose[1]))
