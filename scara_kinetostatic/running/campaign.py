@@ -245,10 +245,9 @@ class Campaign:
                 f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(best)}, the tolerance '
                 f'is {_length(tolerance)}: a model error has no known cause; {found.verdict}'
             )
-        if limit and stalled:
-            if found.undecided and not self._decides:
-                self._decides = True
-                return None
+        if stalled and found.undecided and not self._decides:
+            self._decides = True
+        elif limit and stalled:
             return End(0, f'touches are not the limit: {limit}')
         return None
 
