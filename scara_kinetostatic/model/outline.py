@@ -232,6 +232,24 @@ class Surfaces(NamedTuple):
             surface[here], part[here] = own[k], np.clip(2 * (at - ends[k]) / weight[k] + 1, -most[k], most[k])
         return surface, part
 
+    def angles(self, object: Indices, tips: Floats, forces: Floats) -> Floats:
+        """Places along objects that tips (m, 2), m, touch with forces on the object, (m, 2): see `places`; on an
+        outline the nearest of many.
+
+        Args:
+            object: numbers in the cell, (m,).
+            tips: centres of the tip.
+            forces: their directions count.
+        """
+        found, turn = np.arctan2(-forces[:, 1], -forces[:, 0]), np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
+        for number in np.unique(object):
+            if (self.object == number).sum() > 1:
+                here = object == number
+                surface, part = self.places(np.full(len(turn), number), turn)
+                away = tips[here][:, None] - self.select(surface).at(part)[0]
+                found[here] = turn[np.argmin((away**2).sum(axis=2), axis=1)]
+        return found
+
 
 def surfaces_of(objects: Iterable[object], tip_radius: float | None) -> Surfaces:
     """The surfaces of discs and outlines in turn.

@@ -43,7 +43,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import jacobian, quarter_turn, wrap
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, press_aside
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics, press_aside
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import quantity
 from scara_kinetostatic.model.touch import TouchSet
@@ -338,7 +338,8 @@ class Planner:
             return np.zeros((size, size))
         metadata = TouchMetadata.of(t, cell.sensor.frame)
         force = force_on_object(arm, t.force, t.joints, metadata)
-        plan = Plan(t.disc, np.arctan2(-force[:, 1], -force[:, 0]), t.posture, np.hypot(*force.T))
+        tips = direct_kinetostatics(arm.model.parameters, t.joints, force, cell.gripper)[0]
+        plan = Plan(t.disc, cell.surfaces.angles(t.disc, tips, force), t.posture, np.hypot(*force.T))
         pressed = inverse_kinetostatics(arm.model.parameters, plan.contact(cell), force, t.posture, cell.gripper)[0]
         there = np.asarray(np.isfinite(pressed).all(axis=1))
         point = exact_plan(self.robot, plan.select(there), metadata.select(there)).point

@@ -5,6 +5,7 @@ import pytest
 
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
+from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.contact import ContactProblem, all_derivatives, contact, extended_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import Gripper
@@ -72,6 +73,18 @@ def test_a_whole_turn_goes_once_round():
         line = boundary(surfaces.select(surfaces.object == number))
         assert np.hypot(*(place[:, None] - line).transpose(2, 0, 1)).min(axis=1).max() < 1e-3
         assert (np.diff(which) >= 0).all()
+
+
+def test_the_place_of_a_touch_is_found_again():
+    surfaces, random = surfaces_of([Disc('disc', 0.5, 0.0, 0.1), SQUARE, ELL], TIP), np.random.default_rng(3)
+    number, angle = random.integers(0, 3, 300), random.uniform(-np.pi, np.pi, 300)
+    which, part = surfaces.places(number, angle)
+    place, normal = surfaces.select(which).at(part)
+    again, part = surfaces.places(number, surfaces.angles(number, place, -normal))
+    assert (again == which).all()
+    off = np.hypot(*(surfaces.select(again).at(part)[0] - place).T)
+    assert off[number == 0].max() < 1e-12
+    assert off.max() < 1e-3
 
 
 def test_inside():

@@ -332,6 +332,21 @@ def test_an_arm_that_is_not_calibrated_touches_no_sharp_corner():
         assert len(plan) > 10 and (to_end.min() < cell.touch.search) == sharp
 
 
+def test_touches_made_on_an_outline_count_where_they_were_made():
+    """On a block the place is not the direction of the force: what was known there would be touched again and again."""
+    corners = ((0.15, 0.3), (0.25, 0.3), (0.25, 0.4), (0.15, 0.4))
+    cell = replace(CELL, discs=(CELL.discs[0], Outline('block', corners)), obstacles=(), tip_radius=0.005)
+    planner = planner_of(cell)
+    candidates = planner.candidates
+    on_block = np.flatnonzero((candidates.plan.disc == 1) & (candidates.plan.preload == 0))
+    made = candidates.plan.select(on_block)
+    touches = simulate_touches(cell, cell.nominal, made, seed=0)
+    known = replace(planner, touches=touches).candidates.prior - candidates.prior
+    expected = candidates.information[on_block].sum(axis=0)
+    np.testing.assert_allclose(np.trace(known), np.trace(expected), rtol=0.05)
+    assert np.linalg.norm(known - expected) < 0.05 * np.linalg.norm(expected)
+
+
 def test_what_a_press_may_do_is_judged_by_its_own_force():
     """On a sharp corner 20 N drag the tip of a soft arm a little aside, 60 N would drag it off."""
     corners = ((0.15, 0.3), (0.25, 0.3), (0.25, 0.4), (0.15, 0.4))
