@@ -191,7 +191,7 @@ def _settled(
             break
         pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
         settled = solved.shift < _SETTLED and all(abs(after - before) <= 0.05 * before for after, before in pairs)
-        good = c.used if keeps_touches else _good(moved, solved, late=number >= 3)
+        good = c.used if keeps_touches else _good(latest, solved, moved, late=number >= 3)
         if settled and (good == moved.used).all():
             break
         latest = with_projection(replace(moved, used=good), moved.projection)
@@ -458,20 +458,20 @@ def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
     return replace(c, model=c.model.with_array(values), errors=errors, random_values=random, noise=noise)
 
 
-def _good(c: Calibration, solved: _Solved, late: bool) -> Mask:
-    """Which touches are no outliers of a model."""
-    good = find_good(_distances(c, solved))
+def _good(c: Calibration, solved: _Solved, moved: Calibration, late: bool) -> Mask:
+    """Which touches are no outliers at the solution of a linearisation; their leverage is that in the linearisation."""
+    good = find_good(_distances(c, solved, moved.projection.whitened.residual))
     good = good & c.used if late else good
     return good if good.sum() >= 2 * fewest_touches(len(solved.y)) else c.used
 
 
-def _distances(c: Calibration, solved: _Solved) -> Floats:
-    """Squared studentised distances of all touches, (n,)."""
+def _distances(c: Calibration, solved: _Solved, residual: Floats) -> Floats:
+    """Squared studentised distances of all touches with whitened residuals (n, 2), (n,)."""
     lift = _lift(c, solved)
     tau = _parts(c, solved.tau)[2]
     if c.random is not None:
         lift[-len(tau) :] *= (tau / c.random.size)[:, None]
-    return studentised(c.projection.whitened, lift @ solved.covariance @ lift.T, c.used)
+    return studentised(c.projection.whitened._replace(residual=residual), lift @ solved.covariance @ lift.T, c.used)
 
 
 def with_projection(c: Calibration, point: Point) -> Calibration:
@@ -510,7 +510,7 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
     std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))[: len(c.model.names)]
     count = c.model.base_count
     hidden = np.isnan(base.std)
-    distance = _distances(c, solved)
+    distance = _distances(c, solved, point.whitened.residual)
     c = replace(
         c,
         covariance=covariance,

@@ -12,6 +12,7 @@ from scipy import stats
 from benchmark.population import DECLARED, Task, draw, judge
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
+from scara_kinetostatic.diagnosis import mixed_model
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed
@@ -163,6 +164,23 @@ def test_other_tails_begin_where_the_fit_is():
     assert going_on.noise.joint_rms == pytest.approx(anew.noise.joint_rms, rel=0.02)
     off = np.abs(going_on.parameters.as_array() - anew.parameters.as_array()) / anew.std
     assert off.max() < 0.2
+
+
+def test_no_touch_has_a_leverage_beyond_one(monkeypatch):
+    """The covariance and the derivatives by which outliers are judged belong to one linearisation."""
+    left, judged = [], mixed_model.studentised
+
+    def recorded(whitened, covariance, used):
+        jacobian = whitened.jacobian[used]
+        left.append(np.linalg.eigvalsh(np.eye(2) - jacobian @ covariance @ jacobian.swapaxes(1, 2)).min())
+        return judged(whitened, covariance, used)
+
+    monkeypatch.setattr(mixed_model, 'studentised', recorded)
+    robot = ExtendedModel(PAPER_ACTUAL, (find(CELL, 'contact_friction'),), ((0.05,),))
+    touches = simulate_touches(CELL, robot, default_plan(CELL, 24, preload=0.3), seed=0)
+    fit_mixed(calibrate(touches, CELL), catalogue(CELL), freedoms=HEAVY_TAILS)
+    assert len(left) > 3
+    assert min(left[:-1]) > 0  # the last is of the result
 
 
 def test_what_is_declared_is_no_undetected_effect():
