@@ -241,10 +241,10 @@ class Campaign:
         many = _STALLED if limit or found.is_unexplained else 2 * _STALLED  # they may show how small the undetected is
         before = [now for accepted, now in self._past if accepted <= self.accepted - many]
         stalled = bool(before) and np.inf > best > _PROGRESS * min(before)
-        cause = f'{100 * share:.0f} % of its variance is from effects not detected or decided' if share > 0.5 else ''
+        cause = f'{100 * share:.0f} % of its variance is from effects not detected or decided'
         if found.is_unexplained:
             cause = f'a model error has no known cause; {found.verdict}'
-        if found.now > tolerance and cause and (found.is_unexplained or not limit):
+        if found.now > tolerance and (found.is_unexplained or not limit):
             limit = (
                 f'{many} of them left the expanded uncertainty of the tip at {_length(best)}, the tolerance '
                 f'is {_length(tolerance)}: {cause}'
