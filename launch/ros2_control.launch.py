@@ -19,7 +19,14 @@ from launch_ros.parameter_descriptions import ParameterValue
 def generate_launch_description() -> LaunchDescription:
     """The runner, with names of controllers as arguments."""
     controller = LaunchConfiguration('controller')
-    kinds = {'cell': str, 'output': str, 'patience': float, 'use_sim_time': bool}
+    kinds = {
+        'cell': str,
+        'output': str,
+        'patience': float,
+        'max_touches': int,
+        'calibration': str,
+        'use_sim_time': bool,
+    }
     parameters = {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in kinds.items()}
 
     def runner(condition: IfCondition | UnlessCondition, **more: object) -> Node:
@@ -43,6 +50,8 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument('use_action', default_value='false', choices=['true', 'false'], description='goals'),
             DeclareLaunchArgument('output', default_value='recordings', description='folder for recording and result'),
             DeclareLaunchArgument('patience', default_value='30.0', description='for what passes by itself, s'),
+            DeclareLaunchArgument('max_touches', default_value='100', description='after which the run ends'),
+            DeclareLaunchArgument('calibration', default_value='', description='calibration.json to begin with'),
             DeclareLaunchArgument('namespace', default_value='', description='of the runner, such as left'),
             DeclareLaunchArgument(
                 'use_sim_time', default_value='false', choices=['true', 'false'], description='/clock'

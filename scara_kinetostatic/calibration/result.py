@@ -488,7 +488,7 @@ class UndetectedErrors(NamedTuple):
     """By how much undetected effects move the estimates: the same robot has them at every calibration.
 
     Attributes:
-        rows: names of the values of the model that they move, (v,).
+        rows: names of what they move, the values of the model and the declared errors, (v,).
         columns: the effects as texts (`Column.text`), (u,).
         of_robot: whether each moves the robot, (u,); else it is of objects or sensor.
         size: standard deviation of each, in its unit, (u,).
@@ -506,11 +506,11 @@ class UndetectedErrors(NamedTuple):
         """Those of a calibration."""
         if c.random is None:
             return cls()
-        kept, scale = of_full_model(c)
+        names, every, scale = _of_model_and_cell(c)
         first = len(c.model.names) + len(c.errors)
-        moved = scale[:, None] * c.covariance_with_errors[kept, first:] / c.enlargement**0.5
+        moved = scale[:, None] * c.covariance_with_errors[every, first:] / c.enlargement**0.5
         texts, of_robot = zip(*((column.text, column.moves_robot) for column in c.random.columns), strict=True)
-        return cls(c.full_model.names, texts, of_robot, c.random.size, moved)
+        return cls(names, texts, of_robot, c.random.size, moved)
 
     def at(self, names: Sequence[str], some: bool | None = None) -> Floats:
         """The rows of some values, zero for those that it lacks, (n, u); of the robot or of objects and sensor only."""
@@ -538,12 +538,17 @@ class JointCovariance(NamedTuple):
 
 def joint_covariance(calibration: Calibration) -> JointCovariance:
     """What a later prediction of touches on the same objects needs."""
-    c, size, fitted = calibration, len(calibration.covariance), len(calibration.model.names)
-    declared = DeclaredErrors.of(c.cell)
-    names, units = (declared.names, declared.units) if declared else ((), np.zeros(0))
-    kept, scale = of_full_model(c)
-    every, scale = np.concatenate([kept, fitted + np.arange(len(names))]), np.concatenate([scale, units])
+    c, size = calibration, len(calibration.covariance)
+    names, every, scale = _of_model_and_cell(c)
     matrix = scale[:, None] * c.covariance_with_errors[np.ix_(every, every)] * scale
     matrix[:size, :size] = c.covariance
-    model = c.full_model
-    return JointCovariance((*model.names, *names), np.concatenate([model.as_array(), units * c.errors]), matrix)
+    values = np.concatenate([c.full_model.as_array(), scale[len(scale) - len(c.errors) :] * c.errors])
+    return JointCovariance(names, values, matrix)
+
+
+def _of_model_and_cell(c: Calibration) -> tuple[tuple[str, ...], Indices, Floats]:
+    """Names, places in `covariance_with_errors` and units of the values of `full_model` and the declared errors."""
+    declared, (kept, scale) = DeclaredErrors.of(c.cell), of_full_model(c)
+    names, units = (declared.names, declared.units) if declared else ((), np.zeros(0))
+    every = np.concatenate([kept, len(c.model.names) + np.arange(len(names))])
+    return (*c.full_model.names, *names), every, np.concatenate([scale, units])

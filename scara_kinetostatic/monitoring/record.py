@@ -115,9 +115,8 @@ class CalibrationRecord:
 
     def without_undetected(self) -> CalibrationRecord:
         """The same without what undetected effects contribute to its covariance."""
-        size, moved = len(self.arm.model.names), self.undetected.at(self.arm.model.names)
-        covariance = self.covariance.copy()
-        covariance[:size, :size] -= moved @ moved.T
+        size, moved = len(self.arm.model.names), self.undetected.at(self.names)
+        covariance = self.covariance - moved @ moved.T
         return replace(self, arm=replace(self.arm, covariance=covariance[:size, :size]), covariance=covariance)
 
     def planner(self, cell: Cell, touches: TouchSet | None) -> Planner:

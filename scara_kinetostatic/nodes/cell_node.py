@@ -80,7 +80,7 @@ class CellNode(Node):
         """Answers a Trigger service.
 
         Args:
-            name: of the service.
+            name: of the service; without a slash it is below that of the node.
             do: returns the answer; an error of this package or of the file system says why there is no success.
                 Both are logged.
         """
@@ -94,7 +94,7 @@ class CellNode(Node):
                 self.get_logger().warning(response.message)
             return response
 
-        self.create_service(Trigger, f'~/{name}', answer, qos_profile=CALLS)
+        self.create_service(Trigger, name if '/' in name else f'~/{name}', answer, qos_profile=CALLS)
 
     def serve_tare(self, tare: Callable[[], Sequence[float]]) -> None:
         """Answers `~/tare`: the present force becomes zero.

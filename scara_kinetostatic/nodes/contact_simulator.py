@@ -10,7 +10,7 @@ With `commanded` there is no plan: the robot obeys `joint_trajectory` and, where
 action `follow_joint_trajectory`, see `simulation.commanded`; as a controller of ros2_control does, it answers a goal
 with the error codes of that action. A trajectory begins when it arrives; one whose stamp says that it has ended is
 refused. The parameters `scaling` and `active` are those of the controller. `~/reset` lets drives that an overload has
-stopped move again.
+stopped move again; `sensor.zero_service`, where the cell names one, sets the force to zero.
 """
 
 from __future__ import annotations
@@ -355,6 +355,12 @@ class ContactSimulator(CellNode):
             plant.reset()
             return 'the drives are on'
 
+        def zero() -> str:
+            plant.zero()
+            return 'the force is zero'
+
+        if service := self._cell.sensor.zero_service:
+            self.serve(self.resolve_service_name(service), zero)
         self.create_subscription(JointTrajectory, 'joint_trajectory', take, 10)
         with suppress(InputError):
             self._goals = GoalServer(self, plant, take)

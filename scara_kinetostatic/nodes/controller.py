@@ -12,10 +12,11 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-from action_msgs.msg import GoalStatus
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.node import Node
+from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future
 from trajectory_msgs.msg import JointTrajectory
 
@@ -78,6 +79,10 @@ class Controller:
         self._topic = f'{own}/joint_trajectory' if action else self._name
         self._parameters = node.create_client(GetParameters, f'{own}/get_parameters')
         self._asked: Future | None = None
+        self._foreign = ''
+        if not action:
+            goals, quality = f'{own}/follow_joint_trajectory', qos_profile_action_status_default
+            node.create_subscription(GoalStatusArray, f'{goals}/_action/status', partial(self._hear, goals), quality)
 
     def absence(self) -> str:
         """That nobody moves the robot; empty where somebody does."""
@@ -106,6 +111,8 @@ class Controller:
         ]
         if others or len(found) > 1:
             return f'another node publishes {self._topic}, {", ".join(others) or "of the same name"}: end it'
+        if self._foreign:
+            return self._foreign
         if not self._parameters.service_is_ready():
             self._asked = None  # the next controller is asked anew
         elif self._asked is None:
@@ -130,6 +137,14 @@ class Controller:
         goal = self._kind.Goal(trajectory=trajectory)
         answer = self._client.send_goal_async(goal, feedback_callback=self._follow)
         answer.add_done_callback(partial(self._take_answer, self._number))
+
+    def _hear(self, goals: str, message: GoalStatusArray) -> None:
+        """Of goals of the controller that is commanded by messages: each is somebody else's."""
+        under_way = {GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING}
+        is_commanded = any(goal.status in under_way for goal in message.status_list)
+        self._foreign = f'somebody else sends goals to {goals}: end that' if is_commanded else ''
+        if is_commanded:
+            self._failed(self._foreign, False)
 
     def _follow(self, message: Any) -> None:
         self.error = max((abs(each) for each in message.feedback.error.positions), default=0.0)

@@ -236,23 +236,18 @@ class Campaign:
             reached = f'the expanded uncertainty of the tip is {_length(found.now)}, the tolerance {_length(tolerance)}'
             return End(0, f'enough: {reached}; {found.verdict}', is_reached=True)
         self._past.append((self.accepted, found.now))
-        best, uncertainty = min(now for _, now in self._past), found.planned.uncertainty
-        limit, share = uncertainty.beyond(tolerance), (uncertainty.undetected / found.now) ** 2
-        many = _STALLED if limit or found.is_unexplained else 2 * _STALLED  # they may show how small the undetected is
-        before = [now for accepted, now in self._past if accepted <= self.accepted - many]
+        best = min(now for _, now in self._past)
+        limit = found.planned.uncertainty.beyond(tolerance)
+        before = [now for accepted, now in self._past if accepted <= self.accepted - _STALLED]
         stalled = bool(before) and np.inf > best > _PROGRESS * min(before)
-        cause = f'{100 * share:.0f} % of its variance is from effects not detected or decided'
-        if found.is_unexplained:
-            cause = f'a model error has no known cause; {found.verdict}'
-        if found.now > tolerance and (found.is_unexplained or not limit):
+        if found.now > tolerance and found.is_unexplained:
             limit = (
-                f'{many} of them left the expanded uncertainty of the tip at {_length(best)}, the tolerance '
-                f'is {_length(tolerance)}: {cause}'
+                f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(best)}, the tolerance '
+                f'is {_length(tolerance)}: a model error has no known cause; {found.verdict}'
             )
-        if limit and stalled:
-            if found.undecided and not self._decides:
-                self._decides = True
-                return None
+        if stalled and found.undecided and not self._decides:
+            self._decides = True
+        elif limit and stalled:
             return End(0, f'touches are not the limit: {limit}')
         return None
 
@@ -290,6 +285,9 @@ class Campaign:
         lengths = ways.lengths[0, 1:]
         nearest = int(np.argmin(lengths))
         if not np.isfinite(lengths[nearest]):
+            if not tries[0].attempts:
+                x, y = start.tip[0]
+                return End(1, f'no way leads from ({x:.3f}, {y:.3f}) m, where the tip is, to the touches: move it')
             self._targets = [target for target in self._targets if target not in tries]
             self._given_up = (*self._given_up, *(target.place() for target in tries))
             self.failed += len(tries)

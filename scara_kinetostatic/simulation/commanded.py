@@ -294,7 +294,8 @@ _ROOM = 0.03
 
 
 def free_pose(cell: Cell) -> tuple[float, float]:
-    """Joint angles at which the nominal tip is near the objects and touches none, rad.
+    """Joint angles, a tenth of their range within the limits, at which the nominal tip is near the objects and touches
+    none, rad.
 
     Raises:
         UnsupportedDataError: there are none.
@@ -303,7 +304,7 @@ def free_pose(cell: Cell) -> tuple[float, float]:
     limits = np.array(cell.limits or [(-2.6, 2.6)] * 2)
     center = limits.mean(axis=1, keepdims=True)
     limits = np.clip(limits, center - np.pi, center + np.pi)  # the turn in which touches are planned
-    q1, q2 = np.meshgrid(*(np.linspace(low, high, 60)[1:-1] for low, high in limits))
+    q1, q2 = np.meshgrid(*(np.linspace(low, high, 60)[6:-6] for low, high in limits))
     poses = np.column_stack([q1.ravel(), q2.ravel()])
     for pose in poses[np.argsort(np.hypot(*(forward(cell.nominal, poses) - middle).T))].tolist():
         circle = body.nearest((pose[0], pose[1]))
@@ -588,18 +589,21 @@ class Plant:
         wrench: tuple[float, float] | None = None
         if self.fault is not Fault.SILENT_WRENCH:
             x, y = self._sensed()
-            sign = -1.0 if self.cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-            x += _FREE_FORCE * (self.fault is Fault.FREE_FORCE)
-            white = s.force_noise * noise[2], s.force_noise * noise[3]
-            wrench = sign * x + s.bias[0] + white[0], sign * y + s.bias[1] + white[1]
+            wrench = x + s.bias[0] + s.force_noise * noise[2], y + s.bias[1] + s.force_noise * noise[3]
         return Reading(self.time, joints, wrench, body.force, body.touched)
 
+    def zero(self) -> None:
+        """Takes the present force as zero, as the driver of a force sensor does when asked."""
+        x, y = self._sensed()
+        self.sensors = replace(self.sensors, bias=(-x, -y))
+
     def _sensed(self) -> tuple[float, float]:
-        """The force with the error of the touch, in the frame of the sensor, N."""
-        force = hypot(*self.body.force)
-        if not self.body.touched:
-            return 0.0, 0.0
-        share, grown = min(force / FULL, 1.0), self._noise.growth * force
-        x, y = self.body.sensed(share).tolist()
-        levels = [hypot(level * share, grown) for level in self._noise.force_levels]
-        return x + levels[0] * self._error[2], y + levels[1] * self._error[3]
+        """The force with the error of the touch, in the frame of the sensor and with its sign, N."""
+        force, x, y = hypot(*self.body.force), 0.0, 0.0
+        if self.body.touched:
+            share, grown = min(force / FULL, 1.0), self._noise.growth * force
+            levels = [hypot(level * share, grown) for level in self._noise.force_levels]
+            x, y = (self.body.sensed(share) + np.array(levels) * self._error[2:4]).tolist()
+        x += _FREE_FORCE * (self.fault is Fault.FREE_FORCE)
+        sign = -1.0 if self.cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+        return sign * x, sign * y

@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, touches_of
 
+from benchmark.common import record_of as as_record
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.model.cell import Disc, Plate
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor
+from scara_kinetostatic.monitoring.linear import State
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import verification_document, verification_report
 from scara_kinetostatic.monitoring.verification import verify
+from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report import as_page, plain
 from scara_kinetostatic.touches.detection import Detection
 
@@ -52,6 +55,20 @@ def test_the_errors_of_known_objects_are_known_too(record: CalibrationRecord) ->
     elsewhere = verify(detected(touches), record, cell)
     assert known.expected < 8e-6 < 1.2e-5 < elsewhere.expected
     assert elsewhere.p_value > 1e-3
+
+
+def test_undetected_effects_beside_loosely_known_plates() -> None:
+    plates = tuple(Plate(name, 0.0, 0.3, center_std=1e-3, angle_std=1e-3) for name in ('one', 'two'))
+    discs = tuple(disc._replace(plate=plate) for disc, plate in zip(CELL.discs, ('one', 'one', 'two'), strict=True))
+    cell = replace(CELL, discs=discs, plates=plates)
+    known = as_record(calibrate_touches(touches_of(CELL, 0), cell).final)
+    assert known.undetected.columns
+    covariance = State.of(known).covariance
+    assert np.linalg.eigvalsh(covariance).min() > -1e-9 * np.linalg.eigvalsh(covariance).max()
+    found = verify(detected(touches_of(CELL, 1)), known)
+    assert 0.5 < found.tip_error / found.expected < 1.5
+    assert found.p_value > 1e-3
+    assert not found.causes.ranking
 
 
 def test_a_change_is_refused_and_named(record: CalibrationRecord) -> None:

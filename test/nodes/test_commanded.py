@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from geometry_msgs.msg import WrenchStamped
 from nodes.waiting import eventually, trigger
 from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
@@ -117,6 +118,20 @@ def test_effects_do_not_go_with_a_scene(spin: Callable[..., Node]) -> None:
     texts = "['sensor_bias:x=1.0,y=-0.5']"
     with pytest.raises(ParameterError, match='a scene has its own'):
         spin(ContactSimulator, '--ros-args', '-p', 'commanded:=true', '-p', 'scene:=plain', '-p', f'effects:={texts}')
+
+
+def test_its_sensor_is_set_to_zero(processes: NodeProcesses, client: DemoClient, tmp_path: Path) -> None:
+    path, forces = tmp_path / 'cell.yaml', list[list[float]]()
+    path.write_text(dump_cell(replace(CELL, sensor=CELL.sensor._replace(zero_service='/contact_simulator/zero'))))
+    processes.start('contact_simulator', {'cell': path, 'commanded': True, 'bias.x': 3.0, 'bias.y': -2.0})
+    topic = CELL.sensor.wrench
+    client._node.create_subscription(
+        WrenchStamped, topic, lambda w: forces.append([w.wrench.force.x, w.wrench.force.y]), 10
+    )
+    client.wait('the force', lambda: bool(forces), 120.0)
+    assert forces[-1] == pytest.approx([3.0, -2.0], abs=1.0)
+    assert trigger(client, '/contact_simulator/zero').message == 'the force is zero'
+    client.wait('zero', lambda: forces[-1] == pytest.approx([0.0, 0.0], abs=1.0), 60.0)
 
 
 def test_an_overload_is_said(processes: NodeProcesses, client: DemoClient, tmp_path: Path) -> None:

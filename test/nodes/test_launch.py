@@ -241,7 +241,13 @@ def test_the_runner_on_ros2_control(launched: Launched) -> None:
     source = (LAUNCH.parent / 'scara_kinetostatic' / 'nodes' / 'touch_runner.py').read_text()
     declared = dict(re.findall(r"declare\.parameter\(\s*self, '(\w+)', ([^,]+),", source))
     assert declared.pop('patience') == arguments['patience']['default_value'] == '30.0'
-    assert given.pop('patience') is float and given.pop('use_sim_time') is bool and given.pop('cell') is str
-    assert set(given) == {'output', 'action'} and all(declared[name].startswith("'") for name in given)
+    assert declared.pop('max_touches') == arguments['max_touches']['default_value'] == '100'
+    assert (
+        given.pop('patience') is float
+        and given.pop('max_touches') is int
+        and given.pop('use_sim_time') is bool
+        and given.pop('cell') is str
+    )
+    assert set(given) == {'output', 'action', 'calibration'} and all(declared[name].startswith("'") for name in given)
     assert arguments.keys() == {*parameters(by_topic), 'controller', 'use_action', 'namespace'}
     assert [name for name, item in arguments.items() if 'default_value' not in item] == ['cell']

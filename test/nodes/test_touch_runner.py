@@ -12,12 +12,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nodes.waiting import WAIT, eventually, trigger
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
+from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
@@ -367,6 +369,25 @@ def test_by_itself_it_begins_when_the_sensor_can_be_zeroed(
     assert node.exit_status is None and not node._is_running
     client._node.create_service(Trigger, '/ft/zero', lambda _, answer: answer)
     assert eventually(lambda: node._is_running)
+
+
+def test_a_goal_of_somebody_else_ends_a_run_by_messages(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+) -> None:
+    goals = '/follow_joint_trajectory/_action/status'
+    others = client._node.create_publisher(GoalStatusArray, goals, qos_profile_action_status_default)
+    node, sent = by_the_clock(spin, client, tmp_path)
+    _, stand = standing(node, client)
+    client.wait('a way', lambda: stand() and bool(sent) and len(sent[-1].points) > 1, WAIT)
+    for status, is_over in ((GoalStatus.STATUS_SUCCEEDED, False), (GoalStatus.STATUS_EXECUTING, True)):
+        others.publish(GoalStatusArray(status_list=[GoalStatus(status=status)]))
+        end = monotonic() + 0.5
+        client.wait('the status', lambda: stand() and (node._runner.is_over or monotonic() > end), WAIT)  # noqa: B023
+        assert node._runner.is_over == is_over
+    assert 'somebody else sends goals to /follow_joint_trajectory: end that' in node._runner.end.reason
+    assert 'somebody else sends goals' in trigger(client, '/touch_runner/start').message
+    others.publish(GoalStatusArray())
+    assert eventually(lambda: not node._absence())
 
 
 @pytest.mark.parametrize('answer', [None, False, True], ids=['missing', 'fails', 'succeeds'])
