@@ -102,8 +102,8 @@ def test_one_touch_that_slid_the_other_way_does_not_hide_the_friction():
     cell = replace(CELL, limits=None, uncertainty=Uncertainty(nominal={'s1': 0.4, 's2': 0.12}))
     truth = with_effects(TRUTH, [parse_effect('contact_friction:coefficient=0.05', cell)])
     plan = default_plan(cell, 6, (20.0, 60.0), preload=0.3)
-    plan = plan.select(np.random.default_rng(1).permutation(len(plan))[:26])
-    touches = simulate_touches(cell, truth, plan, cell.noise, 1)
+    plan = plan.select(np.random.default_rng(8).permutation(len(plan))[:26])
+    touches = simulate_touches(cell, truth, plan, cell.noise, 8)
     force = touches.force.copy()
     force[5] = rotate(force[5:6], -0.1)[0]
     found = calibrate_touches(touches.replace(force=force), cell)
