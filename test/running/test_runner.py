@@ -185,6 +185,22 @@ def test_a_force_that_jumps_across_the_contact_is_seen() -> None:
     assert one.runner.senses.force - before < 20.0
 
 
+@pytest.mark.parametrize('patience', [0.0, 30.0])
+def test_a_tip_that_slides_off_touches_again(patience: float) -> None:
+    one = rehearsal(patience=patience)
+    until_phase(one, 'hold', 0.0)
+    joints = one.plant.body.joints
+    one.plant.body = ModelBody(
+        replace(CELL, discs=tuple(d._replace(radius=d.radius - 1e-3) for d in CELL.discs)), TRUTH
+    )
+    one.plant.body.begin((joints[0], joints[1]), 0.0)
+    before = one.runner.campaign.accepted
+    one.run(lambda at: at.runner.end is not None or at.runner.campaign.accepted > before, 60.0)
+    assert any('the force jumps by' in status.text for _, status in one.history)
+    assert (one.runner.end is None) == (patience > 0)
+    assert one.runner.campaign.accepted == before + (patience > 0)
+
+
 @pytest.mark.parametrize('phase', ['travel', 'approach', 'press'])
 def test_the_robot_stands_when_the_runner_dies(phase: str) -> None:
     one = rehearsal()
