@@ -129,7 +129,7 @@ def run(seed: int, options: Options) -> dict[str, object]:
     row: dict[str, object] = {'cell': seed, 'lift': cell.lift is not None}
     try:
         plant = Plant(cell, body_of(true, truth, options), sensors=sensors, seed=seed)
-        rehearsal = Rehearsal(cell, plant)
+        rehearsal = Rehearsal(cell, plant, patience=30.0)
     except Exception as error:  # said before anything moves
         return row | {'refused': f'{type(error).__name__}: {error}'}
     runner = rehearsal.runner
