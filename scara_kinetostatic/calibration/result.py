@@ -514,12 +514,16 @@ class UndetectedErrors(NamedTuple):
 
     def at(self, names: Sequence[str], some: bool | None = None) -> Floats:
         """The rows of some values, zero for those that it lacks, (n, u); of the robot or of objects and sensor only."""
-        place = {name: k for k, name in enumerate(self.rows)}
+        place = {name: k for k, name in reversed(list(enumerate(self.rows)))}  # an effect before an error of its name
         found = np.zeros((len(names), len(self.columns)))
         for k, name in enumerate(names):
             if name in place:
                 found[k] = self.matrix[place[name]]
         return found if some is None else found[:, np.equal(self.of_robot, some)]
+
+    def of_all(self, count: int) -> Floats:
+        """The matrix for all values of `JointCovariance`, (count, u); older files have those of the model alone."""
+        return np.pad(self.matrix, ((0, count - len(self.rows)), (0, 0)))
 
 
 class JointCovariance(NamedTuple):

@@ -124,7 +124,8 @@ class State(NamedTuple):
         covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
         mean[places] = record.values[known]
         if arm.cell.discs == cell.discs:  # their undetected errors are what they were
-            part = record.undetected.at([names[place] for place in places], some=False)
+            undetected = record.undetected
+            part = undetected.of_all(len(record.names))[known][:, np.equal(undetected.of_robot, False)]
             covariance[np.ix_(places, places)] -= part @ part.T
         for name, std in stated_uncertainties(cell).items():
             if name in names[values:] and (place := values + names[values:].index(name)) not in places:

@@ -115,7 +115,7 @@ class CalibrationRecord:
 
     def without_undetected(self) -> CalibrationRecord:
         """The same without what undetected effects contribute to its covariance."""
-        size, moved = len(self.arm.model.names), self.undetected.at(self.names)
+        size, moved = len(self.arm.model.names), self.undetected.of_all(len(self.names))
         covariance = self.covariance - moved @ moved.T
         return replace(self, arm=replace(self.arm, covariance=covariance[:size, :size]), covariance=covariance)
 

@@ -79,10 +79,10 @@ class Controller:
         self._topic = f'{own}/joint_trajectory' if action else self._name
         self._parameters = node.create_client(GetParameters, f'{own}/get_parameters')
         self._asked: Future | None = None
-        self._foreign = ''
+        self._foreign, self._goals = '', f'{own}/follow_joint_trajectory'
         if not action:
-            goals, quality = f'{own}/follow_joint_trajectory', qos_profile_action_status_default
-            node.create_subscription(GoalStatusArray, f'{goals}/_action/status', partial(self._hear, goals), quality)
+            status, quality = f'{self._goals}/_action/status', qos_profile_action_status_default
+            node.create_subscription(GoalStatusArray, status, self._hear, quality)
 
     def absence(self) -> str:
         """That nobody moves the robot; empty where somebody does."""
@@ -111,7 +111,7 @@ class Controller:
         ]
         if others or len(found) > 1:
             return f'another node publishes {self._topic}, {", ".join(others) or "of the same name"}: end it'
-        if self._foreign:
+        if self._foreign and self._node.count_publishers(f'{self._goals}/_action/status'):
             return self._foreign
         if not self._parameters.service_is_ready():
             self._asked = None  # the next controller is asked anew
@@ -138,11 +138,11 @@ class Controller:
         answer = self._client.send_goal_async(goal, feedback_callback=self._follow)
         answer.add_done_callback(partial(self._take_answer, self._number))
 
-    def _hear(self, goals: str, message: GoalStatusArray) -> None:
+    def _hear(self, message: GoalStatusArray) -> None:
         """Of goals of the controller that is commanded by messages: each is somebody else's."""
-        under_way = {GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING}
+        under_way = {GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING}
         is_commanded = any(goal.status in under_way for goal in message.status_list)
-        self._foreign = f'somebody else sends goals to {goals}: end that' if is_commanded else ''
+        self._foreign = f'somebody else sends goals to {self._goals}: end that' if is_commanded else ''
         if is_commanded:
             self._failed(self._foreign, False)
 

@@ -285,7 +285,7 @@ class Campaign:
         lengths = ways.lengths[0, 1:]
         nearest = int(np.argmin(lengths))
         if not np.isfinite(lengths[nearest]):
-            if not tries[0].attempts:
+            if interrupted is None and not self.accepted and not tries[0].attempts:
                 x, y = start.tip[0]
                 return End(1, f'no way leads from ({x:.3f}, {y:.3f}) m, where the tip is, to the touches: move it')
             self._targets = [target for target in self._targets if target not in tries]
@@ -362,7 +362,8 @@ def calibrated(
     verdict = f'verdict {outcome.verdict}' + (f': {effects}' if effects else '')
     text = outcome.assessment.reasons[0] if grade == 'unfit' and outcome.assessment.reasons else ''
     if now is None or now > _WELL_KNOWN:
-        planner = replace(former, touches=planner.touches, suspected=planner.suspected, given_up=given_up)
+        planner = replace(former, touches=planner.touches, suspected=planner.suspected, sizes=planner.sizes)
+        planner = replace(planner, given_up=given_up)
     those = found.discriminating if outcome.verdict == 'ambiguous' else ()
     undecided = bool(those)
     if those and now is not None and now <= decided_below:

@@ -11,7 +11,8 @@ is missing to the wanted force.
 
 **What stops it**: silent, late or frozen sensors, a force where none must be, more than `touch.max_force`, no contact,
 a robot that is not where it was commanded to be, a joint that moved which must not. It stops, retracts along the way it
-came where that is safe, and says why. Where the cause may pass by itself, as silent sensors or a robot that stands on
+came where that is safe, and says why. A tip that slides, so that the force falls at once but does not vanish, has made
+a touch that failed. Where the cause may pass by itself, as silent sensors or a robot that stands on
 its way, it stands still instead, for `patience` at most, then retracts and begins the touch again. A robot that is late
 on its way, as a controller that scales the speed makes it, is waited for as long as it moves.
 """
@@ -79,6 +80,10 @@ _JUDGED = 6.0
 """Time within which a touch is judged, s."""
 _STEP = 5e-3
 """Distance of the points of a track, m; tenth of that towards a contact."""
+
+
+class _Slid(Fault):
+    """The force fell faster than any motion explains."""
 
 
 class Status(NamedTuple):
@@ -283,8 +288,8 @@ class Runner:
         (before, began), self._last_force = self._last_force, (self.senses.net_force, self.senses.stamp)
         jump, within = dist(self.senses.net_force, before), max(self.senses.stamp - began, 0.01)
         if self._contact and jump > self._steepest * within + 10 * self.senses.noise + 0.1 * most:
-            slid = hypot(*self.senses.net_force) < hypot(*before)  # off a corner: the touch is made again
-            raise Fault(f'the force jumps by {jump:.0f} N: no motion of the robot explains that', passes=slid)
+            kind = _Slid if hypot(*self.senses.net_force) < hypot(*before) else Fault
+            raise kind(f'the force jumps by {jump:.0f} N: no motion of the robot explains that')
         self._check_place(off_track)
 
     def _on_way(self, motion: Motion | None, off_track: float) -> float:
@@ -384,7 +389,10 @@ class Runner:
                 continue
             self.target, way = chosen
             yield from self._travel(self.target, way)
-            yield from self._touch(self.target)
+            try:
+                yield from self._touch(self.target)
+            except _Slid as slide:
+                yield from self._slid(slide)
             yield from self._judgement(self.target)
             self.target, self._waits_until = None, np.inf
 
@@ -678,6 +686,22 @@ class Runner:
             if force < 1.07 * goal:
                 return
             yield from self._pushed(motion, -0.9 * (force - goal) * compliance, 1.03 * goal)
+
+    def _slid(self, slide: Fault) -> Iterator[None]:
+        """Stands, and retracts where the tip still presses.
+
+        Raises:
+            Fault: it does not, or the sensor has died: another approach would not feel the object.
+        """
+        self._command, began = self._stand(), self._now
+        yield
+        while self._now - began < _WAIT:
+            self._check(_OFF_APPROACH)
+            yield
+        if self.senses.mean_force(self._now, 0.05) < self._free_limit:
+            raise Fault(f'{slide}; none is left')
+        self._say('retract', f'retracting: {slide}')
+        yield from self._back()
 
     def _back(self) -> Iterator[None]:
         """To where the approach began: in contact slowly, then as through free space.

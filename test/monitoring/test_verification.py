@@ -71,6 +71,19 @@ def test_undetected_effects_beside_loosely_known_plates() -> None:
     assert not found.causes.ranking
 
 
+def test_an_effect_has_the_name_of_a_declared_error() -> None:
+    """A disc that was found elsewhere, and whose place is declared as uncertain."""
+    cell = replace(CELL, discs=tuple(disc._replace(center_std=2e-5) for disc in CELL.discs))
+    touches = touches_of(CELL, 0, effects=('object_position[disc_2]:x=5e-4,y=0',))
+    known = as_record(calibrate_touches(touches, cell).final)
+    assert sorted(known.names).count('object_position[disc_2].x') == 2
+    without = known.without_undetected().covariance
+    std = np.sqrt(np.diag(known.covariance))
+    assert np.linalg.eigvalsh(without / np.outer(std, std)).min() > -1e-9
+    found = verify(detected(touches_of(CELL, 1, effects=('object_position[disc_2]:x=5e-4,y=0',))), known)
+    assert 0.5 < found.tip_error / found.expected < 1.5
+
+
 def test_a_change_is_refused_and_named(record: CalibrationRecord) -> None:
     touches = touches_of(DECLARED, 1, TRUTH.replace(theta2=TRUTH.theta2 + 1e-4))
     found = verify(detected(touches), record)
