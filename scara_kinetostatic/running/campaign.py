@@ -362,8 +362,7 @@ def calibrated(
     verdict = f'verdict {outcome.verdict}' + (f': {effects}' if effects else '')
     text = outcome.assessment.reasons[0] if grade == 'unfit' and outcome.assessment.reasons else ''
     if now is None or now > _WELL_KNOWN:
-        planner = replace(former, touches=planner.touches, suspected=planner.suspected, sizes=planner.sizes)
-        planner = replace(planner, given_up=given_up)
+        planner = replace(former, touches=planner.touches, suspected=planner.suspected, given_up=given_up)
     those = found.discriminating if outcome.verdict == 'ambiguous' else ()
     undecided = bool(those)
     if those and now is not None and now <= decided_below:
