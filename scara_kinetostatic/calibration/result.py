@@ -512,14 +512,14 @@ class UndetectedErrors(NamedTuple):
         texts, of_robot = zip(*((column.text, column.moves_robot) for column in c.random.columns), strict=True)
         return cls(names, texts, of_robot, c.random.size, moved)
 
-    def at(self, names: Sequence[str], some: bool | None = None) -> Floats:
-        """The rows of some values, zero for those that it lacks, (n, u); of the robot or of objects and sensor only."""
+    def at(self, names: Sequence[str]) -> Floats:
+        """The rows of some values, zero for those that it lacks, (n, u)."""
         place = {name: k for k, name in reversed(list(enumerate(self.rows)))}  # an effect before an error of its name
         found = np.zeros((len(names), len(self.columns)))
         for k, name in enumerate(names):
             if name in place:
                 found[k] = self.matrix[place[name]]
-        return found if some is None else found[:, np.equal(self.of_robot, some)]
+        return found
 
     def of_all(self, count: int) -> Floats:
         """The matrix for all values of `JointCovariance`, (count, u); older files have those of the model alone."""
