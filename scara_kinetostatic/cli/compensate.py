@@ -37,7 +37,7 @@ from scara_kinetostatic.cli.arguments import add_options, check_file, note
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from scara_kinetostatic.files.pose_table import PoseTable
+    from scara_kinetostatic.files.touch_table import PoseTable
     from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.arrays import Indices
     from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
     from scara_kinetostatic.errors import UnsupportedDataError
     from scara_kinetostatic.files.calibration_file import load_predictor
-    from scara_kinetostatic.files.pose_table import POSES, load_pose_table
+    from scara_kinetostatic.files.touch_table import POSES, load_pose_table
     from scara_kinetostatic.model.arm import STATUSES
 
     check_file(args.out, [args.calibration, args.table], suffix='.csv')
@@ -109,7 +109,7 @@ def metadata_of(table: PoseTable, sides: Indices, predictor: Predictor) -> Touch
 
 def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predictor: Predictor) -> None:
     """Writes the table, and says what is to be known of it."""
-    from scara_kinetostatic.files.pose_table import write_pose_table
+    from scara_kinetostatic.files.touch_table import write_pose_table
     from scara_kinetostatic.model.arm import STATUSES
     from scara_kinetostatic.report.quantities import count
 

@@ -42,8 +42,8 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: there is no touch; with ``--strict``, or the calibration is unfit.
     """
     from scara_kinetostatic.assessment.grade import Grade
+    from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.monitoring.report import verification_document, verification_report
     from scara_kinetostatic.monitoring.verification import verify_recordings

@@ -36,8 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.contour.joining import Outline
-from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.contour.result import Contour, Outline
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, correlated_samples, rms

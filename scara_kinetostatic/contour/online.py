@@ -19,10 +19,15 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
-from scara_kinetostatic.contour.contact import LARGEST_ZERO, LONGEST_SMOOTHING, force_zero, zero_if_free
-from scara_kinetostatic.contour.joining import Outline, Parts, add_pass, outlines_of
-from scara_kinetostatic.contour.result import Contour
-from scara_kinetostatic.contour.trace import JumpError, trace_signals
+from scara_kinetostatic.contour.result import Contour, Outline, Parts, add_pass, outlines_of
+from scara_kinetostatic.contour.trace import (
+    LARGEST_ZERO,
+    LONGEST_SMOOTHING,
+    JumpError,
+    force_zero,
+    trace_signals,
+    zero_if_free,
+)
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
 from scara_kinetostatic.model.arm import CalibratedArm

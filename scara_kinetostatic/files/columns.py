@@ -39,6 +39,8 @@ TORQUE = {'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3}
 TIME = {'s': 1.0, 'ms': 1e-3}
 SENSE_OR_ANGLE = {'': 1.0, **ANGLE}
 """An angle whose heading may leave out the unit: its sign alone, ±1, or rad."""
+FORMULA = ('=', '+', '-', '@', '\t', '\r')
+"""A cell that begins so is a formula to a spreadsheet."""
 _LINE_ENDS = '\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029'
 _NUMBER = re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z')
 _HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
@@ -341,3 +343,12 @@ def csv_lines(columns: Mapping[str, Sequence[str]]) -> str:
     """A CSV text of columns of equal length by name."""
     lines = [','.join(columns), *(','.join(row) for row in zip(*columns.values(), strict=True))]
     return '\n'.join(lines) + '\n'
+
+
+def csv_cell(text: str) -> str:
+    """A cell of text: in quotes where it needs them, and with an apostrophe before what would be a formula."""
+    if any(part.startswith(FORMULA) for part in (text, text.lstrip())) and not re.fullmatch(
+        r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][-+]?[0-9]+)?|-?(inf|nan)', text.strip()
+    ):
+        text = "'" + text
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',;"\r\n\t#') else text

@@ -25,8 +25,8 @@ import yaml
 
 from scara_kinetostatic.errors import one_line
 from scara_kinetostatic.files.cell_file import read_cell
-from scara_kinetostatic.files.escaping import render
 from scara_kinetostatic.files.robot_urdf import Robot, axis_of
+from scara_kinetostatic.files.urdf import render
 from scara_kinetostatic.files.yaml_file import dump_yaml
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, TypeVar
 import yaml
 
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.files.escaping import FORMULA
+from scara_kinetostatic.files.columns import FORMULA
 from scara_kinetostatic.model.parameters import implausible_size
 
 _MAX_BYTES = 256 * 1024

@@ -19,8 +19,8 @@ from typing import NamedTuple
 from scara_kinetostatic import __version__
 from scara_kinetostatic.bags.reader import recorded_cell
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
+from scara_kinetostatic.files.atomic import recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.checksum import recording_checksum
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.pipeline import calibrate_recordings

@@ -17,11 +17,12 @@ from files.test_urdf import pose
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.files.export.corrections import Grid, correction_file
-from scara_kinetostatic.files.export.formats import (
+from scara_kinetostatic.files.export import (
     FORMATS,
     ExportFacts,
+    Grid,
     Options,
+    correction_file,
     dh_text,
     exported,
     header_text,
