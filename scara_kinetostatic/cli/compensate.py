@@ -109,15 +109,15 @@ def metadata_of(table: PoseTable, sides: Indices, predictor: Predictor) -> Touch
 
 def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predictor: Predictor) -> None:
     """Writes the table, and says what is to be known of it."""
-    from scara_kinetostatic.files.touch_table import write_pose_table
+    from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.model.arm import STATUSES
     from scara_kinetostatic.report.quantities import count
 
-    write_pose_table(path, table, results)
+    write_texts(path.parent, {path.name: table.text_with(results)})
     reservations = () if predictor.nominal else predictor.arm.reservations
     for text in reservations:
         note(text)
-    if same := ', '.join(table.replaced(list(results))):
+    if same := ', '.join(name for name in table.heading if name in results):
         note(f'{table.source}: replaced by results: {same}')
     columns = (('time', table.time, 'time_s'), ('approach', table.approach, 'approach1, approach2'))
     for name, given, wanted in columns:

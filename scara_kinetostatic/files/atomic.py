@@ -16,6 +16,7 @@ import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain, count
 from pathlib import Path
 
 from scara_kinetostatic.errors import InputError, OutputError, ScaraKinetostaticError
@@ -77,11 +78,8 @@ def fresh_folder(parent: str | Path, stem: str) -> Path:
         stem: first part of its name.
     """
     base = Path(parent) / time.strftime(f'{stem}_%Y_%m_%d-%H_%M_%S')
-    number, path = 1, base
-    while path.exists():
-        number += 1
-        path = base.with_name(f'{base.name}_{number}')
-    return path
+    paths = chain([base], (base.with_name(f'{base.name}_{number}') for number in count(2)))
+    return next(path for path in paths if not path.exists())
 
 
 def replace_text(path: Path, text: str) -> None:
@@ -206,12 +204,13 @@ def _exchange(drafts: Path, folder: Path, names: list[str]) -> None:
     former = drafts / 'former'
     former.mkdir()
     for name in names:
-        if (folder / name).is_dir():
-            raise OutputError(folder / name, 'is a folder where a file is to be written', 'move it, or choose another')
-        if (folder / name).exists() and not (folder / name).is_file():
-            raise OutputError(folder / name, 'is a device or pipe, and would be replaced by a file', 'choose another')
-        if (folder / name).exists():
-            shutil.copy2(folder / name, former / name)
+        place = folder / name
+        if place.is_dir():
+            raise OutputError(place, 'is a folder where a file is to be written', 'move it, or choose another')
+        if place.exists() and not place.is_file():
+            raise OutputError(place, 'is a device or pipe, and would be replaced by a file', 'choose another')
+        if place.exists():
+            shutil.copy2(place, former / name)
     try:
         for name in names:
             (drafts / name).replace(folder / name)
@@ -265,9 +264,7 @@ def check_different(paths: Sequence[Path]) -> None:
     Raises:
         InputError: two paths are the same file or folder.
     """
-    places: set[Path] = set()
-    for path in paths:
-        place = path.resolve()
-        if place in places:
+    places = [path.resolve() for path in paths]
+    for k, path in enumerate(paths):
+        if places[k] in places[:k]:
             raise InputError(path, 'is given twice', 'give each input once')
-        places.add(place)

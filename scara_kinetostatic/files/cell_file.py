@@ -60,14 +60,15 @@ OPTIONAL = ('plates', 'uncertainty', 'tolerance', 'region', 'tip', 'gravity', 'o
 """Keys that may be left out, beside `sensor`, `noise` and `model`."""
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
 
-_COMMON = ('radius', 'force_gain', 'force_rotation')
-"""Keys of the section `uncertainty` beside `nominal`."""
 _LENGTH = Within(0.0, 2e-3, 'it is in m: 1.5e-5 for 15 µm', unit='m')
 """Standard uncertainties that are accepted: what is known worse than that is not known."""
 _ANGLE = Within(0.0, 0.2, 'it is in rad: 1.0e-3 for 0.06 deg', unit='rad')
-_PART = Within(0.0, 0.2, 'it is a part of 1: 0.005 for 0.5 %')
-_TOLERANCE = Within(0.0, 5e-3, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')
-"""Tolerances of the tip that are accepted: any calibration meets a larger one."""
+_COMMON = {
+    'radius': _LENGTH,
+    'force_gain': Within(0.0, 0.2, 'it is a part of 1: 0.005 for 0.5 %'),
+    'force_rotation': _ANGLE,
+}
+"""Keys of the section `uncertainty` beside `nominal` and `effects`."""
 
 
 def load_cell(path: str | Path) -> Cell:
@@ -122,10 +123,12 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
     robot = top.section('robot', ('nominal',), (*of_arm, 'limits', 'lift', 'hold'))
     joint_names, direction = _joint_names(robot), _direction(robot)
     ratio = Within(-2.0, 2.0, 'it is a ratio of angles: 0.2105 for pulleys of 16 and 76 teeth')
+    # any calibration meets a larger one
+    tolerance = Within(0.0, 5e-3, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')
     lift = _lift(robot, joint_names)
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
-    plates = _plates(top)
-    base = _nominal(top, robot)
+    plates, base = _plates(top), _nominal(top, robot)
+    named = top.section('identification', (), Identification._fields)
     cell = Cell(
         nominal=base,
         discs=() if may_be_empty and top.data['objects'] == [] else _discs(top, plates),
@@ -139,15 +142,16 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
         gripper_excess=_excess(model),
         plates=plates,
         uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), base.names),
-        tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=_TOLERANCE),
-        tip_radius=top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE),
+        tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=tolerance),
+        tip_radius=_tip_radius(top),
         region=_region(top),
         limits=turned_limits(_limits(robot, joint_names), direction),
         lift=lift,
         hold=_hold(robot, (*joint_names, *([lift.joint] if lift else []))),
         obstacles=_obstacles(top),
         touch=_touch(top),
-        identification=_identification(top),
+        # a number must be in quotes, so that no digit of it is lost
+        identification=Identification(**{key: named.word(key) for key in named.data if named.data[key] is not None}),
     )
     cell = replace(cell, uncertainty=replace(cell.uncertainty, effects=_effects(top, cell)))
     if check_layout and cell.discs:
@@ -157,12 +161,15 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
 
 def cell_description(cell: Cell) -> dict[str, Any]:
     """The keys of a cell description; what is not stated is left out."""
-    nominal, sensor, u, sizes = cell.nominal, cell.sensor, cell.uncertainty, cell.uncertainty.effects
-    limits = turned_limits(cell.limits, cell.direction) or ()
+    nominal, u, sizes = cell.nominal, cell.uncertainty, cell.uncertainty.effects
+    sensor = cell.sensor._asdict() | {'frame': cell.sensor.frame.value, 'sign': cell.sensor.sign.value}
+    sensor['axes'] = cell.sensor.axes and dict(zip('xy', map(list, cell.sensor.axes), strict=True))
+    limits, plane = turned_limits(cell.limits, cell.direction) or (), cell.plane
+    axes = {name: list(getattr(plane, name)) for name in ('origin', 'x', 'y')}
     motion = _given(
         coupling=cell.coupling,
         direction=list(cell.direction) if cell.direction != (1, 1) else None,
-        plane=_plane_description(cell.plane),
+        plane={'frame': plane.frame, **axes, **_given(tip=plane.tip)} if plane.is_stated else {},
         moments={name: getattr(nominal, name) for name in nominal.names[len(NAMES) :]}
         | _given(phi1=nominal.phi1, phi2=nominal.phi2),
         limits={name: list(pair) for name, pair in zip(cell.joint_names, limits, strict=False)},
@@ -178,18 +185,7 @@ def cell_description(cell: Cell) -> dict[str, Any]:
             **motion,
         },
         'objects': [_object_description(disc) | _given(plate=disc.plate) for disc in cell.discs],
-        'sensor': {
-            'joint_states': sensor.joint_states,
-            'wrench': sensor.wrench,
-            'frame': sensor.frame.value,
-            'sign': sensor.sign.value,
-            **({} if sensor.time_offset is None else {'time_offset': sensor.time_offset}),
-            **_given(
-                rotation=sensor.rotation,
-                axes=sensor.axes and dict(zip('xy', map(list, sensor.axes), strict=True)),
-                zero_service=sensor.zero_service,
-            ),
-        },
+        'sensor': {key: v for key, v in sensor.items() if v or (key == 'time_offset' and v is not None)},
         **_given(
             gravity=list(nominal.gravity) if nominal.has_gravity else None,
             noise=cell.noise and cell.noise.as_dict(as_stated=True),
@@ -256,8 +252,7 @@ def _nominal(top: Section, robot: Section) -> Parameters:
     limits = dict.fromkeys(('l1', 'l2'), POSITIVE)
     limits |= dict.fromkeys(('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'), NOT_NEGATIVE)
     values = {name: section.number(name, UNITS[name], limits.get(name, ANY)) for name in NAMES}
-    given = top.data.get('gravity') is not None
-    gx, gy = top.vector('gravity', ('x', 'y'), 'm/s²') if given else (0.0, 0.0)
+    gx, gy = (0.0, 0.0) if top.data.get('gravity') is None else top.vector('gravity', ('x', 'y'), 'm/s²')
     if (gx * gx + gy * gy) ** 0.5 > MOST_GRAVITY:
         problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {shown([gx, gy])}'
         raise top.error('gravity', problem, 'give it in m/s²: [0.0, -9.81]')
@@ -291,8 +286,7 @@ def turned_limits(limits: Limits | None, direction: tuple[int, int]) -> Limits |
     """Limits of the readings as those of the angles, or back: turned round where a joint turns clockwise."""
     if limits is None:
         return None
-    pairs = zip(limits, direction, strict=True)
-    one, other = ((low, high) if sign > 0 else (-high, -low) for (low, high), sign in pairs)
+    one, other = (pair if sign > 0 else (-pair[1], -pair[0]) for pair, sign in zip(limits, direction, strict=True))
     return one, other
 
 
@@ -302,11 +296,6 @@ def _plane(robot: Section) -> Plane:
     section = robot.section('plane', ('frame', 'origin', 'x', 'y'), ('tip',))
     origin = section.vector('origin', ('x', 'y', 'z'), 'm')
     return Plane(section.word('frame'), origin, *_axes(section), section.word('tip') if 'tip' in section.data else '')
-
-
-def _plane_description(plane: Plane) -> dict[str, Any]:
-    axes = {name: list(getattr(plane, name)) for name in ('origin', 'x', 'y')}
-    return {'frame': plane.frame, **axes, **_given(tip=plane.tip)} if plane.is_stated else {}
 
 
 def _axes(section: Section) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -367,10 +356,13 @@ def _hold(robot: Section, others: tuple[str, ...]) -> dict[str, float]:
     return {name: section.number(name) for name in section.data}
 
 
+def _tip_radius(top: Section) -> float | None:
+    return top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE)
+
+
 def _obstacles(top: Section) -> tuple[tuple[tuple[float, float], ...], ...]:
-    if not top.data.get('obstacles'):
-        return ()
-    sections = top.items('obstacles', 'outlines', ('outline',), (), _MOST_OBSTACLES)
+    given = bool(top.data.get('obstacles'))
+    sections = top.items('obstacles', 'outlines', ('outline',), (), _MOST_OBSTACLES) if given else ()
     return tuple(_corners(section, 3) for section in sections)
 
 
@@ -417,8 +409,7 @@ def _region(top: Section) -> Region:
 
 
 def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc | Outline, ...]:
-    discs: list[Disc | Outline] = []
-    known = [plate.name for plate in plates]
+    discs, known = list[Disc | Outline](), [plate.name for plate in plates]
     keys, optional = ('name', 'center', 'radius'), ('uncertainty', 'plate')
     other = ('name', 'outline'), ('corner_radius', 'open', *optional)
     for section in top.items('objects', 'discs', keys, optional, other=other):
@@ -432,8 +423,7 @@ def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc | Outline, ...
         if 'outline' in section.data:
             discs.append(_outline(section, top, name, plate))
             continue
-        x, y = section.vector('center', ('x', 'y'), 'm')
-        radius = section.number('radius', 'm', POSITIVE)
+        (x, y), radius = section.vector('center', ('x', 'y'), 'm'), section.number('radius', 'm', POSITIVE)
         center_std, radius_std = _stds(section, center=_LENGTH, radius=_LENGTH)
         discs.append(Disc(name, x, y, radius, center_std, radius_std, plate))
     if empty := [plate.name for plate in plates if plate.name not in {disc.plate for disc in discs}]:
@@ -449,8 +439,7 @@ def _outline(section: Section, top: Section, name: str, plate: str) -> Outline:
     radius = section.optional('corner_radius', 'm', NOT_NEGATIVE) or 0.0
     center, angle, offset = _stds(section, center=_LENGTH, angle=_ANGLE, offset=_LENGTH)
     outline = Outline(name, corners, radius, is_open, center, offset, angle, plate)
-    tip = top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE)
-    if tip is None:
+    if (tip := _tip_radius(top)) is None:
         problem = f'{name} is an outline: the radius of the tip is missing'
         raise top.error('tip', problem, 'add tip: {radius: 0.005}, m')
     if (problem_of := outline_problem(outline, tip)) is not None:
@@ -468,7 +457,7 @@ def _excess(model: Section) -> tuple[tuple[float, float], tuple[float, float]]:
     entries = {f'e{i}{j}': rows[i - 1][j - 1] for i in (1, 2) for j in (1, 2)}
     matrix = model.entries('gripper_excess', entries)
     e11, e12, e21, e22 = (matrix.number(name, 'm/N') for name in entries)
-    return ((e11, e12), (e21, e22))
+    return (e11, e12), (e21, e22)
 
 
 def _sensor(section: Section) -> Sensor:
@@ -497,12 +486,6 @@ def _sensor(section: Section) -> Sensor:
     )
 
 
-def _identification(top: Section) -> Identification:
-    """The texts that are given; a number must be in quotes, so that no digit of it is lost."""
-    section = top.section('identification', (), Identification._fields)
-    return Identification(**{name: section.word(name) for name in section.data if section.data[name] is not None})
-
-
 def _plates(top: Section) -> tuple[Plate, ...]:
     if top.data.get('plates') is None:
         return ()
@@ -511,10 +494,8 @@ def _plates(top: Section) -> tuple[Plate, ...]:
         name = section.word('name')
         if name in (plate.name for plate in plates):
             raise section.error('name', f'another plate is named {name!r}, too', 'give every plate its own name')
-        x, y = section.vector('origin', ('x', 'y'), 'm')
-        # the place of a plate is found by touch
-        stds = _stds(section, center=_LENGTH._replace(most=0.02), angle=_ANGLE)
-        plates.append(Plate(name, x, y, *stds))
+        stds = _stds(section, center=_LENGTH._replace(most=0.02), angle=_ANGLE)  # its place is found by touch
+        plates.append(Plate(name, *section.vector('origin', ('x', 'y'), 'm'), *stds))
     return tuple(plates)
 
 
@@ -527,8 +508,7 @@ def _stds(section: Section, **limits: Within) -> list[float]:
 def _uncertainty(section: Section, names: tuple[str, ...]) -> Uncertainty:
     """What is common to all touches."""
     nominal = section.section('nominal', (), names)
-    limits = zip(_COMMON, (_LENGTH, _PART, _ANGLE), strict=True)
-    radius, gain, rotation = (section.optional(name, within=limit) or 0.0 for name, limit in limits)
+    radius, gain, rotation = (section.optional(name, within=within) or 0.0 for name, within in _COMMON.items())
     stated = {name: nominal.number(name, UNITS[name], POSITIVE) for name in nominal.data}
     return Uncertainty(radius, gain, rotation, stated)
 
@@ -574,7 +554,7 @@ def _noise(top: Section) -> Noise | None:
 
 def _level(section: Section, key: str, axes: tuple[str, str], within: Within) -> Level:
     """One number, or one per axis."""
-    unit = 'rad' if within.unit == 'rad' else ''
+    unit = within.unit.removesuffix('N')  # forces are limited by `within` alone
     if not isinstance(section.data[key], list):
         return section.number(key, unit, within)
     first, second = section.vector(key, axes, unit, within)

@@ -135,7 +135,9 @@ class Table:
             column = column or next((each for each in columns if each.units and word.lower() in each.words), None)
             if column is None:
                 continue
-            factor = _factor(column, unit) if column.units else 1.0
+            # the SI unit in any case: no prefix is mistaken for it
+            is_si = unit.lower() in (known.lower() for known, factor in column.units.items() if factor == 1)
+            factor = column.units.get(unit, 1.0 if is_si or not column.units else None)
             if factor is None:
                 wrong.setdefault(column.name, heading)
                 continue
@@ -157,8 +159,9 @@ class Table:
             return RecordingError(self.source, f'the column {heading!r} has {got}', remedy)
         got = ', '.join(filter(None, self.heading))[:200]
         names = ','.join(each.headings[0] for each in columns if each.required)
-        problem = f'there is no column {column.headings[0]!r}, got {got}'
-        return RecordingError(self.source, problem, f'name them {names}')
+        return RecordingError(
+            self.source, f'there is no column {column.headings[0]!r}, got {got}', f'name them {names}'
+        )
 
     def unused(self, places: Mapping[str, Place]) -> list[str]:
         """A note on the columns that are not read; none where there are none."""
@@ -244,15 +247,8 @@ def one_of(choices: Mapping[str, str]) -> Callable[[str], str]:
 def split_heading(heading: str) -> tuple[str, str]:
     """A heading as its word and its unit, '' where it has none: `force_N`, `force [N]` and `force (N)` alike."""
     match = _HEADING.match(heading)
-    if match is None:  # pragma: no cover - the pattern matches every text on one line
-        return heading, ''
+    assert match  # every text on one line
     return match['word'].strip(), (match['square'] or match['round'] or match['plain'] or '').strip()
-
-
-def _factor(column: Column, unit: str) -> float | None:
-    """Of a heading's unit, if it is one of that column; the SI unit in any case, as no prefix is mistaken for it."""
-    is_si = unit.lower() in (known.lower() for known, factor in column.units.items() if factor == 1)
-    return column.units.get(unit, 1.0 if is_si else None)
 
 
 def load_table(path: Path, example: str) -> Table:
@@ -273,12 +269,11 @@ def load_table(path: Path, example: str) -> Table:
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise RecordingError(path, f'expected at most {MAX_BYTES // 2**20} MiB of CSV, got {size} bytes')
-        data = path.read_bytes()
+        return parse_table(_decoded(path.read_bytes(), path), str(path), example)
     except OSError as error:
         raise RecordingError(path, f'cannot be read: {error.strerror or error}', 'check the file') from error
     except ValueError as error:  # a path with a null character
         raise RecordingError(repr(str(path)), f'cannot be read: {error}', 'check the path') from error
-    return parse_table(_decoded(data, path), str(path), example)
 
 
 def _decoded(data: bytes, path: Path) -> str:

@@ -52,18 +52,22 @@ MOST_ROWS = 1_000_000
 """Of a table, some 100 MB."""
 
 
-class Grid(NamedTuple):
-    """The poses of a correction table.
+class Options(NamedTuple):
+    """What some formats may be told.
 
     Attributes:
-        step: distance of its places along x and y, m; None: as the accuracy needs.
-        forces: magnitudes of the force, N; 0 has one row per place, the others one per direction.
-        accuracy: error of the tip by interpolation that 95 % of the middles between places keep, m.
+        convention: of a Denavit–Hartenberg table, ``standard`` or ``modified``.
+        step: distance of the places of a correction table along x and y, m; None: as the accuracy needs.
+        accuracy: error of the tip by interpolation that 95 % of the middles between places keep, m; None: the tolerance
+            of the cell, or 1e-4.
+        forces: magnitudes of the force, N; 0 has one row per place, the others one per direction; empty: 0, and the
+            middle of the forces of the touches.
     """
 
-    step: float | None
-    forces: tuple[float, ...]
-    accuracy: float = np.inf
+    convention: str = 'standard'
+    step: float | None = None
+    accuracy: float | None = None
+    forces: tuple[float, ...] = ()
 
 
 class _Table(NamedTuple):
@@ -86,7 +90,7 @@ class _Table(NamedTuple):
     status: NDArray[Any]
 
 
-def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> tuple[str, list[str]]:
+def correction_file(arm: CalibratedArm, head: Sequence[str], options: Options) -> tuple[str, list[str]]:
     """The correction table as CSV: what to add to the joint angles of the nominal arm; and what to know of it.
 
     A row has the place of the tip, the force, the elbow, the joint angles by the nominal rigid arm, the correction of
@@ -98,12 +102,14 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> tupl
         ParameterError: step or accuracy make more than `MOST_ROWS` rows.
         UnsupportedDataError: there is no row.
     """
-    forces, step = _forces(grid.forces), grid.step or 0.1
+    low, high, step = arm.used.lowest_force, arm.used.highest_force, options.step or 0.1
+    sizes = tuple(dict.fromkeys(options.forces)) or (0.0, float(f'{(low + high) / 2:.2g}'))
+    forces, accuracy = _forces(sizes), options.accuracy or arm.cell.tolerance or 1e-4
     while True:
         cells = _cells(arm, step)
         count = len(cells) * len(forces) * len(arm.used.postures)
         if count > MOST_ROWS:
-            name, value = ('--step', grid.step) if grid.step else ('--accuracy', grid.accuracy)
+            name, value = ('--step', step) if options.step else ('--accuracy', accuracy)
             problem = f'{value:g} m needs a table of up to {count:.2g} rows, {MOST_ROWS:.2g} are the most'
             raise ParameterError(name, problem, 'give more, choose fewer forces, or bound the region of the cell')
         places = _places(arm, step, cells)
@@ -112,7 +118,7 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> tupl
             problem = 'no place of the grid can be reached under these forces, within robot.limits'
             raise UnsupportedDataError(problem, 'choose a smaller --step or smaller forces')
         errors = _errors_between(arm, step, cells, forces, tables)
-        if grid.step or (len(errors) and np.quantile(errors, 0.95) <= grid.accuracy):
+        if options.step or (len(errors) and np.quantile(errors, 0.95) <= accuracy):
             break
         step /= 2
     between = _in_words(errors)
@@ -123,8 +129,8 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], grid: Grid) -> tupl
         'x_m,y_m,fx_N,fy_N,elbow,q1_nominal_rad,q2_nominal_rad,dq1_rad,dq2_rad,miss_m,std_normal_m,status',
     ]
     rows = (row for table in tables for row in _rows(arm.cell, table, places, forces))
-    notes, low, high = [f'places {step:g} m apart; {between}'], arm.used.lowest_force, arm.used.highest_force
-    if beyond := [f'{size:g}' for size in grid.forces if size > high or 0 < size < low]:
+    notes = [f'places {step:g} m apart; {between}']
+    if beyond := [f'{size:g}' for size in sizes if size > high or 0 < size < low]:
         touched = f'the forces of the calibration, {low:.3g} to {high:.3g} N'
         notes.append(f'{", ".join(beyond)} N is outside of {touched}: extrapolated')
     return '\n'.join([*lines, *rows]) + '\n', notes
@@ -199,8 +205,7 @@ def _places(arm: CalibratedArm, step: float, cells: Indices) -> Floats:
 
 
 def _forces(magnitudes: tuple[float, ...]) -> Floats:
-    directions = 8
-    angles = 2 * np.pi / directions * np.arange(directions)
+    angles = np.pi / 4 * np.arange(8)
     unit = np.stack([np.cos(angles), np.sin(angles)], axis=1).round(15) + 0.0
     return np.concatenate([np.zeros((1, 2)) if size == 0 else size * unit for size in magnitudes])
 
@@ -388,11 +393,9 @@ class ExportFacts(NamedTuple):
             f'Model errors found: {found}.',
             f'Written by scara_kinetostatic {__version__}.',
         )
-        others = {
-            'deflection by gravity': arm.model.parameters.has_gravity,
-            'effects not detected': any(effect.is_undetected for effect in arm.model.acting.effects),
-        }
-        left_out = ', '.join((*effects, *(name for name, is_there in others.items() if is_there)))
+        gravity = ['deflection by gravity'] * arm.model.parameters.has_gravity
+        undetected = ['effects not detected'] * any(effect.is_undetected for effect in arm.model.acting.effects)
+        left_out = ', '.join((*effects, *gravity, *undetected))
         miss = rigid_miss(arm) if left_out else 0.0
         if miss:
             lines += (f'Not contained: {left_out}, up to {1e3 * miss:.3g} mm at the unloaded tip.',)
@@ -401,10 +404,8 @@ class ExportFacts(NamedTuple):
 
     def notes(self, *, is_rigid: bool) -> list[str]:
         """What a reader must know besides, one sentence each; `is_rigid`: whether the file has the geometry alone."""
-        found = list(self.reservations)
-        names = tuple(UNITS)[: len(self.std)]
-        named = RIGID if is_rigid else names
-        free = [name for name, std in zip(names, self.std, strict=True) if std == _FREE and name in named]
+        found, named = list(self.reservations), RIGID if is_rigid else tuple(UNITS)
+        free = [name for name, std in zip(UNITS, self.std, strict=False) if std == _FREE and name in named]
         if free:
             found.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
         if is_rigid and self.rigid_miss:
@@ -439,7 +440,7 @@ def rigid_miss(arm: CalibratedArm) -> float:
 def urdf_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     """The URDF: its tip `tool0` is at H(L̄, Q) for the joint angles Q that the robot reports."""
     arms = [Arm(arm.model.parameters, colour=CALIBRATED_COLOUR)]
-    return arm_urdf(_name(arm), arm.cell, arms, _comment(facts))
+    return arm_urdf(arm.cell.identification.robot or 'scara', arm.cell, arms, _comment(facts))
 
 
 def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
@@ -450,7 +451,7 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     return render(
         Path(__file__).with_name('arm.xacro.j2'),
         comment=Markup(xacro(_comment(facts))),
-        name=xacro(_name(arm)),
+        name=xacro(arm.cell.identification.robot or 'scara'),
         properties=[row for row in _values(arm, facts) if row[0] in RIGID],
         joints=[xacro(name) for name in arm.cell.joint_names],
         back=-arm.cell.coupling,
@@ -461,12 +462,8 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
 
 def _values(arm: CalibratedArm, facts: ExportFacts) -> list[tuple[str, float, str, str]]:
     """Name, value, uncertainty in words and unit of the base model's parameters."""
-    values = zip(arm.model.parameters.names, arm.model.parameters.as_array().tolist(), facts.std, strict=True)
-    return [(name, value, std, UNITS[name]) for name, value, std in values]
-
-
-def _name(arm: CalibratedArm) -> str:
-    return arm.cell.identification.robot or 'scara'
+    values = zip(arm.model.parameters.as_dict().items(), facts.std, strict=True)
+    return [(name, value, std, UNITS[name]) for (name, value), std in values]
 
 
 def _comment(facts: ExportFacts) -> str:
@@ -483,15 +480,15 @@ def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
     The frame before joint 1 is that of the base displaced by (x0, y0), row ``base``; with the modified convention the
     tip is displaced from frame 2 by l2 along x, row ``tool``. All d and alpha are zero.
     """
-    p = arm.model.parameters
+    p, signs = arm.model.parameters, arm.cell.direction
     j1, j2 = map(csv_cell, arm.cell.joint_names)
     lengths = (p.l1, p.l2) if convention == 'standard' else (0.0, p.l1)
-    rows = [('base', '', p.x0, p.y0, 0.0, 0.0, 0.0, 0.0)]
-    rows.append(('joint1', j1, 0.0, 0.0, p.theta1, 0.0, lengths[0], 0.0))
-    rows.append(('joint2', j2, 0.0, 0.0, p.theta2, 0.0, lengths[1], 0.0))
-    if convention == 'modified':
-        rows.append(('tool', '', p.l2, 0.0, 0.0, 0.0, 0.0, 0.0))
-    signs = f'{arm.cell.direction[0]} and {arm.cell.direction[1]}'
+    rows = [
+        ('base', '', p.x0, p.y0, 0.0, 0.0, 0.0, 0.0),
+        ('joint1', j1, 0.0, 0.0, p.theta1, 0.0, lengths[0], 0.0),
+        ('joint2', j2, 0.0, 0.0, p.theta2, 0.0, lengths[1], 0.0),
+        ('tool', '', p.l2, 0.0, 0.0, 0.0, 0.0, 0.0),
+    ][: 3 if convention == 'standard' else 4]
     formula = {
         'standard': 'T = Rot_z(q + theta_offset) Trans_z(d) Trans_x(a) Rot_x(alpha)',
         'modified': 'T = Rot_x(alpha) Trans_x(a) Rot_z(q + theta_offset) Trans_z(d)',
@@ -500,7 +497,7 @@ def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
         *(f'# {line}' for line in facts.lines),
         f'# {convention} convention: {formula}; x_m and y_m of base and tool are translations.',
         *([f'# q of {j2} is its reading less {arm.cell.coupling!r} times that of {j1}.'] if arm.cell.coupling else []),
-        *([f'# Then q is {signs} times the reading: the joints turn so.'] if arm.cell.direction != (1, 1) else []),
+        *([f'# Then q is {signs[0]} and {signs[1]} times the reading: the joints turn so.'] if signs != (1, 1) else []),
         'row,joint_name,x_m,y_m,theta_offset_rad,d_m,a_m,alpha_rad',
         *(','.join(part if isinstance(part, str) else repr(part) for part in row) for row in rows),
     ]
@@ -517,11 +514,10 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     Raises:
         UnsupportedDataError: a general gripper or effects of its own, which the functions do not have.
     """
+    problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
     if facts.robot_effects:
         problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
-        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
-    if not arm.cell.gripper.isotropic:
-        problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
+    if facts.robot_effects or not arm.cell.gripper.isotropic:
         raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
     pairs = zip(arm.cell.joint_names, turned_limits(arm.cell.limits, arm.cell.direction) or (), strict=False)
     limits = ', '.join(f'{name} {low:g} to {high:g} rad' for name, (low, high) in pairs)
@@ -543,15 +539,6 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     )
 
 
-class Options(NamedTuple):
-    """What some formats may be told: the convention of a Denavit–Hartenberg table, the grid of a correction table."""
-
-    convention: str = 'standard'
-    step: float | None = None
-    accuracy: float | None = None
-    forces: tuple[float, ...] = ()
-
-
 class Format(NamedTuple):
     """A format.
 
@@ -566,13 +553,6 @@ class Format(NamedTuple):
     write: Callable[[CalibratedArm, ExportFacts, Options], tuple[str, Sequence[str]]]
 
 
-def _corrections(arm: CalibratedArm, facts: ExportFacts, options: Options) -> tuple[str, Sequence[str]]:
-    middle = float(f'{(arm.used.lowest_force + arm.used.highest_force) / 2:.2g}')
-    accuracy = options.accuracy or arm.cell.tolerance or 1e-4
-    grid = Grid(options.step, tuple(dict.fromkeys(options.forces)) or (0.0, middle), accuracy)
-    return correction_file(arm, facts.lines, grid)
-
-
 _RIGID = 'Rigid geometry of the calibrated arm: the tip tool0 is H(L, Q), without compliance and backlash.'
 FORMATS = {
     'urdf': Format(_RIGID, True, lambda arm, facts, _: (urdf_text(arm, facts), ())),
@@ -585,7 +565,7 @@ FORMATS = {
     'csv': Format(
         'Corrections of the joint angles of the nominal arm, over places and forces of the robot on the object.',
         False,
-        _corrections,
+        lambda arm, facts, options: correction_file(arm, facts.lines, options),
     ),
     'header': Format(
         'Calibrated kinetostatic model of a SCARA arm: geometry, compliance, backlash.',

@@ -112,8 +112,7 @@ def _axes_of_plane(axis: Floats) -> tuple[Floats, Floats]:
     ahead, left, up = np.eye(3)
     y = up - axis * (axis @ up)
     if np.linalg.norm(y) <= _LEVEL:  # a SCARA
-        normal = axis * np.sign(axis @ up)
-        x = ahead - axis * (axis @ ahead)
+        normal, x = axis * np.sign(axis @ up), ahead - axis * (axis @ ahead)
         x /= np.linalg.norm(x)
         return np.stack([x, np.cross(normal, x)]), normal
     y /= np.linalg.norm(y)
@@ -158,6 +157,7 @@ def robot_cell(
         notes.append(f'{robot.where} has no inertias: state robot.moments, {{s1, s2}} in kg m')
     if idle:
         notes.append(f'joints off the way to {tip} are taken at 0: {" ".join(idle)}; --at JOINT=VALUE sets them')
+    both = [(name, _limits(robot.joints[name]) or (-3.14, 3.14)) for name in joints]
     plane = arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}
     text = render(
         Path(__file__).with_name('cell.yaml.j2'),
@@ -176,7 +176,7 @@ def robot_cell(
         mounted=mounted,
         names=dump_yaml(list(joints), flow=True),
         plane=dump_yaml(plane, flow=True),
-        limits=dump_yaml({name: _limits(robot.joints[name]) for name in joints}, flow=True),
+        limits=dump_yaml({name: np.clip(limits, -12.5, 12.5).tolist() for name, limits in both}, flow=True),
         held=dump_yaml(held, flow=True) if held else '',
     )
     read_cell(yaml.safe_load(text), f'the cell of {robot.where}', may_be_empty=True)  # whoever reads it finds it right
@@ -214,9 +214,8 @@ def _held(robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, floa
     for name, value in held.items():
         if robot.joints[name].type != 'prismatic' and abs(value) > 2 * pi + 1e-3:
             raise robot.error(f'--at {name}={value:g} is beyond a turn', f'in degrees? Give rad: {radians(value):.6g}')
-        limit = robot.joints[name].limit if _is_limited(robot.joints[name]) else None
-        if limit and not limit.lower <= value <= limit.upper:
-            problem = f'{name} at {value:g} is beyond its limits, {limit.lower:g} to {limit.upper:g}'
+        if (limits := _limits(robot.joints[name])) and not limits[0] <= value <= limits[1]:
+            problem = f'{name} at {value:g} is beyond its limits, {limits[0]:g} to {limits[1]:g}'
             raise robot.error(problem, f'state another position: --at {name}=VALUE')
     return held
 
@@ -225,18 +224,14 @@ def _idle(robot: Robot, first: str, known: set[str], links: list[str]) -> list[s
     """Joints between the first and some links that are neither known nor follow one that is."""
     chains = [[joint for joint in robot.chain(link) if joint.type != 'fixed'] for link in links]
     moved = [joint for chain in chains if first in [joint.name for joint in chain] for joint in chain]
-    names = [joint.mimic.joint if joint.mimic else joint.name for joint in moved]
-    return [name for name in dict.fromkeys(names) if name not in known]
+    names = dict.fromkeys(joint.mimic.joint if joint.mimic else joint.name for joint in moved)
+    return [name for name in names if name not in known]
 
 
-def _is_limited(joint: Any) -> bool:
-    return joint.type != 'continuous' and bool(joint.limit) and joint.limit.lower < joint.limit.upper
-
-
-def _limits(joint: Any) -> list[float]:
-    if not _is_limited(joint):
-        return [-3.14, 3.14]
-    return [max(-12.5, joint.limit.lower), min(12.5, joint.limit.upper)]
+def _limits(joint: Any) -> tuple[float, float] | None:
+    """The limits of a joint, rad or m; None where it has none."""
+    is_limited = joint.type != 'continuous' and bool(joint.limit) and joint.limit.lower < joint.limit.upper
+    return (joint.limit.lower, joint.limit.upper) if is_limited else None
 
 
 def _mounting(robot: Robot, sensor: str, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm) -> str:

@@ -23,7 +23,7 @@ are read, with a decimal point and in SI units.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,8 +33,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files import columns
-from scara_kinetostatic.files.atomic import write_texts
-from scara_kinetostatic.files.columns import Column, Table, csv_cell, load_table, one_of, plain
+from scara_kinetostatic.files.columns import Column, Place, Table, csv_cell, load_table, one_of, plain
 from scara_kinetostatic.model.arrays import Floats
 
 EXAMPLE = 'q1_rad,q2_rad,fx_N,fy_N'
@@ -45,8 +44,8 @@ JOINTS = tuple(
 FORCE = tuple(Column(f'{f}_N', (f,), columns.FORCE, required=True, largest=1e5) for f in ('fx', 'fy'))
 TIME = Column('time_s', ('time',), columns.TIME, largest=1e12)
 APPROACH = tuple(Column(name, (name,), columns.SENSE_OR_ANGLE, largest=30.0) for name in ('approach1', 'approach2'))
-_BLANK = tuple(column._replace(blank=True) for column in (TIME, *APPROACH))
-_COLUMNS = (*JOINTS, *FORCE, *_BLANK, Column('object', ('object',), parse=str.strip))
+_OBJECT = Column('object', ('object',), parse=str.strip)
+_COLUMNS = (*JOINTS, *FORCE, *(column._replace(blank=True) for column in (TIME, *APPROACH)), _OBJECT)
 LARGEST = {column.name: column.largest for column in _COLUMNS}
 """Beyond this a number is not plausible in its unit."""
 
@@ -80,6 +79,13 @@ def is_touch_table(path: str | Path) -> bool:
     return Path(path).suffix.lower() == '.csv' and not Path(path).is_dir()
 
 
+def _places(table: Table, known: Iterable[Column]) -> dict[str, Place]:
+    places = table.find(known)
+    if ('approach1' in places) != ('approach2' in places):
+        raise RecordingError(table.source, 'there is one of approach1 and approach2', 'give both, or none')
+    return places
+
+
 def load_touch_table(path: str | Path) -> TouchTable:
     """Read a table of touches.
 
@@ -90,9 +96,7 @@ def load_touch_table(path: str | Path) -> TouchTable:
 
 
 def _touches(table: Table) -> TouchTable:
-    places = table.find(_COLUMNS)
-    if ('approach1' in places) != ('approach2' in places):
-        raise RecordingError(table.source, 'there is one of approach1 and approach2', 'give both, or none')
+    places = _places(table, _COLUMNS)
     notes = table.unused(places)
     needed = [places[column.name].number for column in (*JOINTS, *FORCE)]
     filled = [any(cells[k].strip() for k in needed if k < len(cells)) for _, cells in table.rows]
@@ -171,16 +175,11 @@ class PoseTable:
         """Last movement of each joint, (n, 2), rad or its sense; None where the table does not say."""
         return self.pair('approach1', 'approach2') if 'approach1' in self.values else None
 
-    def replaced(self, results: Sequence[str]) -> list[str]:
-        """Names of columns, beside those that are read, in whose place a result is written."""
-        return [name for name in self.heading if name in results]
-
     def text_with(self, results: Mapping[str, NDArray[Any]]) -> str:
         """The table with columns of results, (n,) each, behind its own."""
         kept = [place for place, name in enumerate(self.heading) if name not in results]
         heading = [*(csv_cell(self.heading[place]) for place in kept), *results]
-        columns = (column.tolist() for column in results.values())
-        texts = zip(*([repr(v) if isinstance(v, float) else str(v) for v in column] for column in columns), strict=True)
+        texts = zip(*(map(str, column.tolist()) for column in results.values()), strict=True)
         rows = zip(self.cells, texts, strict=True)
         lines = [','.join((*(csv_cell(cells[place]) for place in kept), *text)) for cells, text in rows]
         return '\n'.join([','.join(heading), *lines, ''])
@@ -197,9 +196,7 @@ def load_pose_table(path: Path, needed: Sequence[Column]) -> PoseTable:
         RecordingError: the file cannot be read, or a column or a row of it is wrong.
     """
     table = load_table(path, ','.join(column.name for column in needed))
-    places = table.find((*needed, *_BESIDES))
-    if ('approach1' in places) != ('approach2' in places):
-        raise RecordingError(path, 'there is one of approach1 and approach2', 'give both, or none')
+    places = _places(table, (*needed, *_BESIDES))
     numbers, others = table.read(places)
     width = len(table.heading)
     texts = [[*cells[:width], *[''] * (width - len(cells))] for _, cells in table.rows]
@@ -217,12 +214,3 @@ def load_pose_table(path: Path, needed: Sequence[Column]) -> PoseTable:
         tuple(headings[k] for k in kept),
         tuple(tuple(row[k] for k in kept) for row in texts),
     )
-
-
-def write_pose_table(path: Path, table: PoseTable, results: Mapping[str, NDArray[Any]]) -> None:
-    """Write a table with its results, in one step.
-
-    Raises:
-        OutputError: it cannot be written; a former file stays.
-    """
-    write_texts(path.parent, {path.name: table.text_with(results)})

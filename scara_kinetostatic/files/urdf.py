@@ -115,7 +115,5 @@ def place_of_arm(cell: Cell) -> dict[str, Any]:
 
 def side_by_side(name: str, cell: Cell, calibrated: Parameters | None) -> str:
     """The text of a URDF of the nominal arm and, where there is one, the calibrated arm."""
-    arms = [Arm(cell.nominal)]
-    if calibrated is not None:
-        arms.append(Arm(calibrated, CALIBRATED, CALIBRATED_COLOUR))
-    return arm_urdf(name, cell, arms)
+    found = [] if calibrated is None else [Arm(calibrated, CALIBRATED, CALIBRATED_COLOUR)]
+    return arm_urdf(name, cell, [Arm(cell.nominal), *found])
