@@ -171,8 +171,7 @@ def _points_of(contour: Contour, outline: int) -> Mask:
     Raises:
         ParameterError: there is no such outline.
     """
-    count = len(contour.outlines)
-    if not 0 <= outline < count:
+    if not 0 <= outline < (count := len(contour.outlines)):
         raise ParameterError('outline', f'expected 0 to {count - 1}, got {outline}', f'outlines found: {count}')
     return np.isin(contour.passes, contour.outlines[outline].passes)
 
@@ -203,9 +202,8 @@ def extent(angle: Floats) -> tuple[float, float]:
     """The shortest arc that holds all angles, counter-clockwise from its begin, -π to π, rad."""
     ordered = np.sort(angle)
     gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
-    last = int(gaps.argmax())
-    begin = float(ordered[(last + 1) % len(ordered)])
-    return begin, begin + 2 * np.pi - float(gaps[last])
+    begin = float(np.roll(ordered, -1)[gaps.argmax()])
+    return begin, begin + 2 * np.pi - float(gaps.max())
 
 
 def _round(place: Floats, normal: Floats, whole: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
@@ -284,9 +282,8 @@ def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indic
     weight = 5e-3  # m: points with opposite normals are taken to be farther apart by twice this length
     nodes = np.column_stack([outline.points, weight * outline.normals])
     wanted = np.column_stack([contour.surface[points], weight * contour.normal[points]])
-    square = (nodes**2).sum(axis=1)
     parts = np.array_split(wanted, len(wanted) // 512 + 1)  # worked out together
-    return np.concatenate([(square - 2.0 * part @ nodes.T).argmin(axis=1) for part in parts])
+    return np.concatenate([((nodes**2).sum(axis=1) - 2.0 * part @ nodes.T).argmin(axis=1) for part in parts])
 
 
 def divided(outline: Outline, most: int = 500) -> list[tuple[Indices, bool]]:

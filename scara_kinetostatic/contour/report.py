@@ -68,15 +68,13 @@ def _sentences(contour: Contour) -> tuple[str, ...]:
     parts = [f'{seconds:.2f} s in which {what}' for seconds, what in cut if seconds > 0]
     lines += [f'Left out: {" and ".join(parts)}.'] if parts else []
     coefficient, std, rotation, rotation_std = contour.friction
-    value = f'Coefficient of friction {coefficient:.3f} ± {std:.3f}'
-    if np.isfinite(rotation):
-        turn = shown(rotation, rotation_std, 'rad', FIT_UNITS).text
-        return (*lines, f'{value}, apparent rotation of the force sensor {turn} (standard uncertainty).')
-    return (
-        *lines,
-        f'{value} (standard uncertainty), if the force sensor is not turned: travel in one direction cannot '
-        'distinguish the two. The normals come from the path of the tip and need neither.',
+    rest = (
+        ', if the force sensor is not turned: travel in one direction cannot distinguish the two. The normals come '
+        'from the path of the tip and need neither.'
     )
+    turn = f', apparent rotation of the force sensor {shown(rotation, rotation_std, "rad", FIT_UNITS).text}'
+    turn, rest = (turn, '.') if np.isfinite(rotation) else ('', rest)
+    return (*lines, f'Coefficient of friction {coefficient:.3f} ± {std:.3f}{turn} (standard uncertainty){rest}')
 
 
 def _deviation_sentence(contour: Contour, deviation: Deviation) -> str:
@@ -98,13 +96,10 @@ def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
         rows, remarks = [], []
         own = [fit for fit in fits if (fit.outline, fit.shape) == (outline, shape)]
         for fit in own:
-            name = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
-            values = [
-                shown(*item, FIT_UNITS)._replace(unit='').text
-                if item.std > 0
-                else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}'
-                for item in fit.values.values()
-            ]
+            name, values = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}', []
+            for item in fit.values.values():
+                with_std = shown(*item, FIT_UNITS)._replace(unit='').text
+                values.append(with_std if item.std > 0 else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}')
             rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
             if not fit.fits:
                 remarks.append(
@@ -135,10 +130,7 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Seq
         'left_out': {'no_sliding': contour.stuck, 'no_contact': contour.lost},
         'fits': [
             {
-                'shape': fit.shape,
-                'outline': fit.outline,
-                'piece': fit.piece,
-                'values': fit.values,
+                **{key: getattr(fit, key) for key in ('shape', 'outline', 'piece', 'values')},
                 'residual': {'rms': fit.rms, 'largest': fit.largest},
                 'misfit': fit.misfit,
                 'fits': fit.fits,

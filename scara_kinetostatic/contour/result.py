@@ -123,15 +123,14 @@ Parts = tuple[_Part, ...]
 def join_passes(passes: Sequence[Stretch]) -> tuple[Outline, ...]:
     """The outlines that passes make, the longest first."""
     parts: Parts = ()
-    lengths = [float(_lengths(stretch.points)[-1]) for stretch in passes]
-    for number in sorted(range(len(passes)), key=lambda k: -lengths[k]):
+    for number in sorted(range(len(passes)), key=lambda k: -_lengths(passes[k].points)[-1]):
         parts, _ = add_pass(parts, passes[number], number)
     return tuple(sorted(outlines_of(parts), key=lambda outline: -outline.length))
 
 
 def outlines_of(parts: Parts) -> tuple[Outline, ...]:
     """The outlines, in the order in which they were begun."""
-    return tuple(Outline(*p.course[:3], bool(p.period), tuple(sorted(p.passes))) for p in parts)
+    return tuple(Outline(*p.course[:3], bool(p.period), tuple(sorted({*p.passes}))) for p in parts)
 
 
 def add_pass(parts: Parts, stretch: Stretch, number: int = 0) -> tuple[Parts, int]:
@@ -145,8 +144,8 @@ def add_pass(parts: Parts, stretch: Stretch, number: int = 0) -> tuple[Parts, in
     Returns:
         The outlines with it, and the number of the one that has it.
     """
-    step = np.gradient(stretch.points, axis=0)
-    turn = step[:, 0] * stretch.normals[:, 1] - step[:, 1] * stretch.normals[:, 0]
+    (x, y), (nx, ny) = np.gradient(stretch.points, axis=0).T, stretch.normals.T
+    turn = x * ny - y * nx
     way = 1 if np.sum(np.sign(turn)) <= 0 else -1  # with the object on the left
     points, normals, std, noise = (column[::way] for column in stretch[:4])
     return _with_part(parts, _closed(Stretch(points, normals, std, noise, _lengths(points)), (number,)))
@@ -155,8 +154,7 @@ def add_pass(parts: Parts, stretch: Stretch, number: int = 0) -> tuple[Parts, in
 def _with_part(parts: Parts, part: _Part) -> tuple[Parts, int]:
     """Joins an outline to those that it touches; the number of the result."""
     for place, other in enumerate(parts):
-        merged = _merged(other, part)
-        if merged is not None:
+        if (merged := _merged(other, part)) is not None:
             found, at = _with_part(parts[:place] + parts[place + 1 :], merged)
             others, place = found[:at] + found[at + 1 :], min(at, place)
             return (*others[:place], found[at], *others[place:]), place
@@ -171,8 +169,7 @@ def _merged(one: _Part, other: _Part) -> _Part | None:
     if placed is None:
         return None
     both = Stretch(*(np.concatenate(pair) for pair in zip(base.course, placed, strict=True)))
-    merged = both.select(np.argsort(both.along, kind='stable'))
-    passes = tuple(dict.fromkeys((*one.passes, *other.passes)))
+    merged, passes = both.select(np.argsort(both.along, kind='stable')), (*one.passes, *other.passes)
     return _Part(_thinned(merged, base.period), base.period, passes) if base.period else _closed(merged, passes)
 
 
@@ -201,12 +198,9 @@ def _nearest(part: Stretch, course: Stretch, period: float) -> Floats:
     """Distance along a part of the place nearest to each point of a course, (n,), m; NaN where it is not the same."""
     points = np.concatenate([part.points, part.points[:1]]) if period else part.points
     along = np.append(part.along, part.along[0] + period) if period else part.along
-    begin, step = points[:-1], np.diff(points, axis=0)
-    if not len(begin):
-        return np.full(len(course.points), np.nan)
+    begin, step, found = points[:-1], np.diff(points, axis=0), np.full(len(course.points), np.nan)
     square = np.maximum((step**2).sum(axis=1), 1e-30)
-    found = np.full(len(course.points), np.nan)
-    for first in range(0, len(found), 512):  # worked out together
+    for first in range(0, len(found) if len(begin) else 0, 512):  # worked out together
         rows = slice(first, first + 512)
         apart = course.points[rows, None] - begin
         share = np.einsum('ijk,jk->ij', apart, step) / square
@@ -217,10 +211,9 @@ def _nearest(part: Stretch, course: Stretch, period: float) -> Floats:
         distance[~agree[:, : len(begin)]] = np.inf
         best = distance.argmin(axis=1)
         row = np.arange(len(best))
-        least = np.sqrt(distance[row, best])
         limit = np.maximum(_SAME_DISTANCE, 6.0 * np.hypot(course.weighing[rows], part.weighing[best]))
         place = along[best] + inside[row, best] * (along[best + 1] - along[best])
-        found[rows] = np.where(least < limit, place, np.nan)
+        found[rows] = np.where(np.sqrt(distance[row, best]) < limit, place, np.nan)
     return found
 
 

@@ -129,20 +129,14 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
         f'the force in contact, {typical:.1f} N, is close to the {contacts.threshold:.1f} N from which on contact is '
         'seen: parts may be missing or wrong; slide with more force'
     )
-    warnings = [*signals.warnings, *[weak][: typical <= 2 * contacts.threshold]]
+    warnings = (*signals.warnings, *[weak][: typical <= 2 * contacts.threshold])
     first, last = np.flatnonzero(used)[[0, -1]]
     # a contact that is lost in between counts as two
     breaks = np.append(True, ~used[:-1]) | np.append(True, np.diff(number) != 0)
-    return ContactSamples(
-        time[used],
-        joints[used],
-        force[used],
-        contact=(np.cumsum(breaks & used) - 1)[used],
-        force_noise=white_noise(signals.wrench.value) / float(np.sqrt(width)),
-        lost=float((~used[first:last]).sum() * signals.joints.period),
-        zero=own,
-        warnings=tuple(warnings),
-    )
+    contact = (np.cumsum(breaks & used) - 1)[used]
+    noise = white_noise(signals.wrench.value) / float(np.sqrt(width))
+    lost = float((~used[first:last]).sum() * signals.joints.period)
+    return ContactSamples(time[used], joints[used], force[used], contact, noise, lost, own, warnings)
 
 
 def force_zero(signals: Signals, source: str) -> Floats:
@@ -253,12 +247,10 @@ def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
 
     A pass is a motion without loss of contact and without a reversal; a stick within it is left out.
     """
-    number = np.full(len(places), -1)
-    used = np.flatnonzero(slides)
+    number, used = np.full(len(places), -1), np.flatnonzero(slides)
     if not len(used):
         return number
-    new_contact = np.diff(contact[used]) != 0
-    gap = np.diff(used) > 1
+    new_contact, gap = np.diff(contact[used]) != 0, np.diff(used) > 1
     index = np.arange(len(used))
     back, ahead = np.maximum(index - FEWEST, 0), np.minimum(index + FEWEST, len(used) - 1)
     before, after = places[used] - places[used[back]], places[used[ahead]] - places[used]
@@ -334,11 +326,9 @@ class _LocalFit(NamedTuple):
 
 def _local_fit(clock: Floats, places: Floats, half: int) -> _LocalFit:
     """Quadratic fits in windows of `half` samples on each side, moved inwards at the ends."""
-    count, size = len(places), max(2 * half + 1, 512)  # worked out together at so many places
-    parts = [
-        _fit_part(clock, places, np.arange(first, min(first + size, count)), half) for first in range(0, count, size)
-    ]
-    return _LocalFit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    rows, size = np.arange(len(places)), max(2 * half + 1, 512)  # worked out together at so many places
+    parts = [_fit_part(clock, places, rows[first : first + size], half) for first in range(0, len(places), size)]
+    return _LocalFit(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _LocalFit:
@@ -357,7 +347,9 @@ def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _Local
     offset = places[begin:end] - places[middle]
     moments = _window_sums(powers, start - begin, width)
     products = _window_sums((offset[:, None, :] * powers[:, :3, None]).reshape(-1, 6), start - begin, width)
-    shift = _about(u[rows - begin])
+    k = np.arange(5)  # (5, 5) matrices that turn Σ uᵏ into Σ (u - o)ᵏ for the origins o of the rows
+    power, binomial = np.subtract.outer(k, k), np.array([[comb(i, j) for j in k] for i in k])
+    shift = np.where(power >= 0, binomial * (-u[rows - begin, None, None]) ** np.maximum(power, 0), 0.0)
     of_time = np.einsum('nij,nj->ni', shift, moments)
     of_place = np.einsum('nij,njc->nic', shift[:, :3, :3], products.reshape(-1, 3, 2))
     of_place -= of_time[:, :3, None] * (center - places[middle])[:, None, :]
@@ -371,22 +363,13 @@ def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _Local
     residual = -(value[:, 0] * across).sum(axis=1) / np.sqrt(leverage)
     angle, slope_std = np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed
     curvature = 2.0 * (value[:, 2] * across).sum(axis=1) / speed**2
-    curvature_std = 2.0 * np.sqrt(inverse[:, 2, 2]) / speed**2
-    return _LocalFit(angle, slope_std, curvature, curvature_std, residual)
+    return _LocalFit(angle, slope_std, curvature, 2.0 * np.sqrt(inverse[:, 2, 2]) / speed**2, residual)
 
 
 def _window_sums(values: Floats, start: Indices, width: int) -> Floats:
     """Sums of values (m, k) over windows that begin at rows `start`, (n,): (n, k)."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     return np.asarray(sums[start + width] - sums[start])
-
-
-def _about(origin: Floats) -> Floats:
-    """Matrices that turn Σ uᵏ into Σ (u - o)ᵏ, k = 0 … 4, for origins o, (n,): (n, 5, 5)."""
-    k = np.arange(5)
-    power = np.subtract.outer(k, k)
-    binomial = np.array([[comb(i, j) for j in k] for i in k])
-    return np.asarray(np.where(power >= 0, binomial * (-origin[:, None, None]) ** np.maximum(power, 0), 0.0))
 
 
 def metadata_of(arm: CalibratedArm, joints: Floats) -> TouchMetadata:
@@ -480,7 +463,7 @@ def trace_contour(
     if signals is None:
         raise UnsupportedDataError(f'{streams.source}: fewer than two samples of a topic', 'record a whole slide')
     contour = trace_signals(signals, streams.source, arm, sensor or arm.cell.sensor, radius or 0.0)
-    remarks = remarks_on(contour, arm) if radius is not None else (NO_RADIUS, *remarks_on(contour, arm))
+    remarks = *([] if radius is not None else [NO_RADIUS]), *remarks_on(contour, arm)
     return replace(contour, warnings=(*streams.warnings, *contour.warnings, *remarks))
 
 
@@ -528,7 +511,7 @@ def trace_signals(
     common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
     force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
     passes = np.unique(number[used], return_inverse=True)[1]
-    cut = (f'{left_out} points left out: the force is not across the motion of the tip',) if left_out else ()
+    cut = [f'{left_out} points left out: the force is not across the motion of the tip'][:left_out]
     return Contour(
         source=source,
         time=samples.time[used],

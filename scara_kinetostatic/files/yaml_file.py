@@ -260,13 +260,7 @@ class Section:
         return self._inside(self._path(name), self.data.get(name), required, optional)
 
     def items(
-        self,
-        name: str,
-        what: str,
-        required: _Keys,
-        optional: _Keys,
-        most: int = 64,
-        other: tuple[_Keys, _Keys] | None = None,
+        self, name: str, what: str, required: _Keys, optional: _Keys, most: int = 64, other: tuple[_Keys, ...] = ()
     ) -> list[Section]:
         """The mappings in the list under a key, from one to `most`; `what` names them in the message.
 

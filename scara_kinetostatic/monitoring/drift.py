@@ -254,10 +254,10 @@ def alarm_line(alarm: Alarm, since: SinceTouch | None) -> str:
     if since is not None and alarm.since:
         when = f'since touch {since.number} of {PurePath(since.recording).name}'
     what = f'{alarm.best.hypothesis.title} ({alarm.best.text})'
-    if alarm.is_explained:
-        what = '; or '.join((what, '; '.join(map(change_title, alarm.rivals[:3])))) if alarm.rivals else what
-    else:
+    if not alarm.is_explained:
         what = f'no single part explains it, the largest is: {what}'
+    elif alarm.rivals:
+        what += f'; or {"; ".join(map(change_title, alarm.rivals[:3]))}'
     return f'the calibration no longer holds, {when}: {what}'
 
 

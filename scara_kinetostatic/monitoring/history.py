@@ -209,12 +209,11 @@ class Trend(NamedTuple):
 
 def trends_of(entries: Sequence[Entry]) -> list[Trend]:
     """The trend of each robot, of entries in the order of robot and time."""
-    return [_trend(robot, tuple(its)) for robot, its in groupby(entries, key=lambda entry: entry.robot)]
-
-
-def _trend(robot: str, entries: tuple[Entry, ...]) -> Trend:
-    changes = [compare(one.record, other.record) for one, other in pairwise(entries)]
-    start = max((k for k, change in enumerate(changes, 1) if change.has_changed), default=0)
-    first, last = entries[start], entries[-1]
-    slow = compare(first.record, last.record) if len(entries) - start > 2 else None
-    return Trend(robot, entries, (None, *changes), first.number, slow)
+    trends = []
+    for robot, its in groupby(entries, key=lambda entry: entry.robot):
+        own = tuple(its)
+        changes = [compare(one.record, other.record) for one, other in pairwise(own)]
+        start = max((k for k, change in enumerate(changes, 1) if change.has_changed), default=0)
+        slow = compare(own[start].record, own[-1].record) if len(own) - start > 2 else None
+        trends.append(Trend(robot, own, (None, *changes), own[start].number, slow))
+    return trends

@@ -231,7 +231,7 @@ def verify(
     if others_test.p_value < LEVEL:
         evidence = Evidence.of(Information.of(others), state.covariance)
         hypotheses = hypotheses_of(state, np.unique(touches.disc).tolist())
-        causes = Causes.of(evidence, state, hypotheses, others_test.chi_square, others_test.freedoms, noise)
+        causes = Causes.of(evidence, state, hypotheses, (others_test.chi_square, others_test.freedoms, noise))
     effects = ', '.join(Predictor(record.arm).effects_of('time'))
     assumptions = [f'{effects}: time counts from the start of each recording, as in the calibration'] if effects else []
     columns = (touches.index, touches.disc, test.distances, measured.tip_error)

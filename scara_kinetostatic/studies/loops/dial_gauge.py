@@ -347,10 +347,9 @@ def _analyse(sweeps: Sequence[_Sweep], window: tuple[float, float], rejected: li
         levels = np.array([_level(sweep, plateaus[sense]) for sweep in own])
         level = float(np.nanmedian(levels)) if np.any(np.isfinite(levels)) else np.nan
         pairs = [_fit_pair(sweep, level, -plateaus[-sense], plateaus[sense], window) for sweep in own]
-        rejected += [
-            Rejected(sweep.time, pair) for sweep, pair in zip(own, pairs, strict=True) if isinstance(pair, str)
-        ]
-        used = [(sweep, pair) for sweep, pair in zip(own, pairs, strict=True) if not isinstance(pair, str)]
+        both = [*zip(own, pairs, strict=True)]
+        rejected += [Rejected(sweep.time, pair) for sweep, pair in both if isinstance(pair, str)]
+        used = [(sweep, pair) for sweep, pair in both if not isinstance(pair, str)]
         lines = [*zip(*(pair for _, pair in used), strict=True)]
         dof = [sum(line.dof for line in several) for several in lines]
         if len(used) < 2 or not all(dof):
@@ -410,17 +409,10 @@ def _as_reversal(sweep: _Sweep, pair: tuple[LeastSquares, LeastSquares], sigma: 
     """Gap and slopes of a sweep from its lines; `sigma`: residual standard deviation before and after the gap, m."""
     before, after = (line._replace(sigma=std) for line, std in zip(pair, sigma, strict=True))
     begins, slope = np.eye(2)
-    start, end = before.of(begins, 'm'), after.of(begins, 'm')
-    return Reversal(
-        time=sweep.time,
-        displacement=sweep.displacement,
-        force=-float(sweep.force[0]),
-        gap=end.plus(-start.value, start.std),
-        compliance=after.of(slope, 'm/N'),
-        unloading_compliance=before.of(slope, 'm/N'),
-        samples=(len(before.residual), len(after.residual)),
-        crossings=(start.value, end.value),
-    )
+    (start, unloading), (end, compliance) = ((line.of(begins, 'm'), line.of(slope, 'm/N')) for line in (before, after))
+    at, gap = (sweep.time, sweep.displacement, -float(sweep.force[0])), end.plus(-start.value, start.std)
+    samples, crossings = (len(before.residual), len(after.residual)), (start.value, end.value)
+    return Reversal(*at, gap, compliance, unloading, samples, crossings)
 
 
 ZERO_BAND = 0.02
@@ -531,9 +523,12 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     slopes = solution.of(unit[-2], 'm/N'), solution.of(unit[-1], 'm/N')
     weight = 1 / np.diag(solution.unscaled)[-2:]  # the two slopes are independent
     gaps = np.array([[*np.where(cycle == number, sense, 0), 0, 0] for number in complete], dtype=float)
-    gap_check = _gap_repeatability(solution, gaps, np.bincount(passes))
+    values = gaps @ solution.beta
+    std = solution.sigma * np.sqrt((gaps[:, :count] ** 2) @ (1 / np.bincount(passes)))  # the slopes' part is common
+    off = (values - np.average(values, weights=1 / std**2)) / std
+    gap_check = _repeatability('gap_repeatability', 'm', off, std, len(gaps) - 1, solution.dof)
     slope_check = _slope_repeatability(solution, force, displacement, passes, sense)
-    checks = (
+    found = (
         _student('slope_difference', solution.of(unit[-1] - unit[-2], 'm/N'), solution.dof),
         *_shape_checks(solution, force, passes),
         _zero_drift(solution, gaps),
@@ -542,20 +537,12 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     )
     residual, row_p = np.full(len(used), np.nan), np.ones(len(used))
     residual[used], row_p[used] = solution.residual, _row_p_values(solution)
-    return RunFit(
-        compliance=solution.of(weight @ unit[-2:] / weight.sum(), 'm/N').plus(0.0, _between(slope_check, count)),
-        gap=solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(gap_check, len(gaps))),
-        slopes=slopes,
-        sigma=sigma,
-        resolution=resolution,
-        degrees_of_freedom=solution.dof,
-        used=used,
-        lines=np.stack([sense, solution.beta[:count], np.where(sense > 0, slopes[1].value, slopes[0].value)], axis=1),
-        cycle_gaps=gaps @ solution.beta,
-        residual=residual,
-        checks=tuple(check for check in checks if check),
-        row_p=row_p,
-    )
+    checks = tuple(check for check in found if check)
+    compliance = solution.of(weight @ unit[-2:] / weight.sum(), 'm/N').plus(0.0, _between(slope_check, count))
+    gap = solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(gap_check, len(gaps)))
+    lines = np.stack([sense, solution.beta[:count], np.where(sense > 0, slopes[1].value, slopes[0].value)], axis=1)
+    own = compliance, gap, slopes, sigma, resolution, solution.dof
+    return RunFit(*own, used, lines, values, residual, checks, row_p)
 
 
 def _between(repeatability: Check | None, count: int) -> float:
@@ -597,14 +584,6 @@ def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Ite
             rest = solution.residual - value * new
             sigma = max(float(np.sqrt(rest @ rest / dof)), solution.floor)
             yield _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square)), 'm'), dof)
-
-
-def _gap_repeatability(solution: LeastSquares, gaps: Floats, rows: Indices) -> Check | None:
-    """Whether the gap is the same in every cycle; `rows`: number of rows of each pass, (k,)."""
-    values = gaps @ solution.beta
-    std = solution.sigma * np.sqrt((gaps[:, : len(rows)] ** 2) @ (1 / rows))  # the slopes' part is common to all
-    centre = np.average(values, weights=1 / std**2)
-    return _repeatability('gap_repeatability', 'm', (values - centre) / std, std, len(gaps) - 1, solution.dof)
 
 
 def _slope_repeatability(

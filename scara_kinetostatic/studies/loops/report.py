@@ -183,13 +183,6 @@ def _words(study: Study) -> tuple[str, str, str]:
     )
 
 
-_DEPENDENCE = Note(
-    'Share of the square of the residual that the variable explains, and the p-value of no dependence on it. The '
-    'verdict states that of no dependence on any of them. The load before: at rest after the load the residual is not '
-    'that at rest before it.'
-)
-
-
 def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Report:
     """The report of records driven by their motion, one selection each, or of all that are driven by their load."""
     study, verdicts = selections[0].study, [verdict(each) for each in selections]
@@ -205,15 +198,14 @@ def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judge
         )
     if predicted:
         blocks += (_predicted_section(selections[0], predicted),)
-    what = 'the {load} is predicted from the {response}.'
-    if study.driven_by != MOTION:
-        what = 'the {response} is predicted from the {load}.'
+    driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
+    what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
     records = [record for each in selections for record in each.study.records]
     size = f'{count(len(records), "record")}, {count(sum(map(len, records)), "sample")}'
     return Report(
         title=records[0].words('Hysteresis of {load} and {response}: is law (6) sufficient?'),
         answer=answer,
-        blocks=(records[0].words(f'Driven by their {study.driven_by}: {what}'), *blocks),
+        blocks=(records[0].words(what), *blocks),
         source=f'{size}: {", ".join(record.source for record in records)}',
         footer='all numbers in full in hysteresis.json',
     )
@@ -225,10 +217,9 @@ def verdict(selection: Selection) -> Verdict:
     together = f', {len(study.records)} records together' if len(study.records) > 1 else ''
     chances, error = f'{p_equals(selection.p_value)}{together}', _error_scale(selection)
     before = _number(error.per_si * selection.before.held_out_rms)
-    limit = f'Each test would have found {100 * min(selection.detectable, 1.0):.0f} % of its square.'
-    held_out = _words(study)[0]
-    errors = f'{held_out} of law (6) is {before} {error.unit} (rms).'
-    errors += f' That is {100 * selection.share_of_range:.2g} % of the range.'
+    limit, held_out = 100 * min(selection.detectable, 1.0), _words(study)[0]
+    share = f'That is {100 * selection.share_of_range:.2g} % of the range.'
+    errors = f'{held_out} of law (6) is {before} {error.unit} (rms). {share}'
     level: Level
     if selection.verdict in (NONE, UNDECIDED):
         headline, level, residual = 'Law (6), slope and gap, is sufficient', 'good', 'its residual'
@@ -241,7 +232,8 @@ def verdict(selection: Selection) -> Verdict:
             smaller = ', '.join(each.law.title for each in selection.candidates if selection.is_clearly_smaller(each))
             if smaller:
                 sentences = [f'Held out, these err clearly less, though not significantly: {smaller}.']
-        found = f'No dependence of {residual} was found ({chances}). {limit}'
+        found = f'No dependence of {residual} was found ({chances}).'
+        found += f' Each test would have found {limit:.0f} % of its square.'
         return Verdict(headline, level, (found, *sentences, *_reservations(selection), errors))
     evidence = f'The residual of law (6) {_strongest(selection.dependence_before, record)} ({chances}).'
     if selected is None:
@@ -255,10 +247,10 @@ def verdict(selection: Selection) -> Verdict:
     factor = selection.before.held_out_rms / selected.held_out_rms
     errors = f'{held_out} falls from {before} to {after} {error.unit} (rms), by a factor of {factor:.1f}.'
     is_complete = selection.p_after >= LEVEL / 2
-    rest = f'No further dependence of the residual was found ({p_equals(selection.p_after)}).'
+    rest = 'No further dependence of the residual was found'
     if not is_complete:
-        depends = _strongest(selection.dependence_after, record)
-        rest = f'The selected law is not complete either: its residual {depends} ({p_equals(selection.p_after)}).'
+        rest = f'The selected law is not complete either: its residual {_strongest(selection.dependence_after, record)}'
+    rest += f' ({p_equals(selection.p_after)}).'
     level = 'good' if is_complete and selection.verdict != AMBIGUOUS else 'caution'
     return Verdict(headline, level, (evidence, errors, *_repeats(selection), rest))
 
@@ -284,8 +276,7 @@ def _reservations(selection: Selection) -> list[str]:
 def _repeats(selection: Selection) -> list[str]:
     """How well the measured load repeats, which no law undercuts."""
     study = selection.study
-    limit = repeatability(study.paths[0]) if study.driven_by == MOTION else np.nan
-    if not np.isfinite(limit):
+    if study.driven_by != MOTION or not np.isfinite(limit := repeatability(study.paths[0])):
         return []
     ratio = rms(selection.final.along[0].residual[study.judged[0]]) / limit
     repeats = study.records[0].words('Where the motion repeats, the {load} repeats to')
@@ -304,19 +295,22 @@ def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
     if study.driven_by != MOTION:
         along = 'along' if study.direction > 0 else 'against'
         note = f'The {{response}} changes {along} a positive {{load}}; parameters are magnitudes. {note}'
+    compared = Note(
+        'p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), which counts the parameters. '
+        'Better: it predicts better in the rms, in BIC and in the test (0.5 %, shared among the laws). '
+        'Selected: of these the one with the smallest BIC; of several forms of one effect the simplest within 2.'
+    )
+    dependence = Note(
+        'Share of the square of the residual that the variable explains, and the p-value of no dependence on it. The '
+        'verdict states that of no dependence on any of them. The load before: at rest after the load the residual is '
+        'not that at rest before it.'
+    )
     return (
         Section('Records', (_record_table(selection), *_figures(selection, name))),
-        Section('Laws compared', (_candidate_table(selection), record.words(errors), _COMPARED)),
-        Section('What the residual depends on', (_dependence_table(selection), _DEPENDENCE)),
+        Section('Laws compared', (_candidate_table(selection), record.words(errors), compared)),
+        Section('What the residual depends on', (_dependence_table(selection), dependence)),
         Section('Parameters', (_parameter_table(selection), record.words(note))),
     )
-
-
-_COMPARED = Note(
-    'p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), which counts the parameters. '
-    'Better: it predicts better in the rms, in BIC and in the test (0.5 %, shared among the laws). '
-    'Selected: of these the one with the smallest BIC; of several forms of one effect the simplest within 2.'
-)
 
 
 def _number(value: float) -> str:
@@ -367,18 +361,14 @@ def _record_table(selection: Selection) -> Table:
 def _candidate_table(selection: Selection) -> Table:
     """Law (6) and every candidate compared with it."""
     error = _error_scale(selection)
-    notes = {
-        each.law.name: 'better' if each.accepted else 'less, not significantly'
-        for each in selection.candidates
-        if each.accepted or selection.is_clearly_smaller(each)
-    }
-    notes |= {each.law.name: 'rival' for each in selection.rivals}
-    notes |= {selection.selected.law.name: 'selected'} if selection.selected else {}
-    rows = []
+    rivals, rows = [each.law.name for each in selection.rivals], []
     for each in (selection.before, *selection.candidates):
         errors = [_number(error.per_si * size) for size in (each.fitted_rms, each.held_out_rms)]
-        compared = [chance(each.p_gain), f'{each.bic:.0f}', notes.get(each.law.name, 'no better')]
-        last = ['', '', 'before'] if each is selection.before else compared
+        note = 'less, not significantly' if selection.is_clearly_smaller(each) else 'no better'
+        note = 'rival' if each.law.name in rivals else 'better' if each.accepted else note
+        note = 'selected' if selection.selected and each.law.name == selection.selected.law.name else note
+        compared = (chance(each.p_gain), f'{each.bic:.0f}', note)
+        last = ('', '', 'before') if each is selection.before else compared
         rows.append((each.law.title, str(each.law.size), *errors, *last))
     headings = ('law', 'parameters', 'fitted', 'held out', 'p', 'ΔBIC', '')
     return Table(headings, ('', '', error.unit, error.unit, '', '', ''), tuple(rows))
@@ -417,16 +407,12 @@ def _parameter_table(selection: Selection) -> Table:
 
 def _predicted_section(selection: Selection, predicted: Sequence[Judged]) -> Section:
     scale = _error_scale(selection)
-    rows = tuple(
-        (
-            each.path.record.name,
-            _number(scale.per_si * each.before_rms),
-            _number(scale.per_si * each.after_rms),
-            _state(each.after),
-        )
-        for each in predicted
-    )
-    table = Table(('predicted', 'before', 'after', 'state at the start'), ('', scale.unit, scale.unit, ''), rows)
+    rows = []
+    for each in predicted:
+        errors = [_number(scale.per_si * size) for size in (each.before_rms, each.after_rms)]
+        rows.append((each.path.record.name, *errors, _state(each.after)))
+    headings = ('predicted', 'before', 'after', 'state at the start')
+    table = Table(headings, ('', scale.unit, scale.unit, ''), tuple(rows))
     begins = 'the unloading' if selection.study.records[0].is_at_rest_first else 'the end of the first third'
     note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'
     pictures = [_pictures(selection, each, f'other{k}') for k, each in enumerate(predicted)]
@@ -438,13 +424,11 @@ def _figures(selection: Selection, name: str) -> list[Block]:
     order = sorted(enumerate(selection.judged), key=lambda numbered: -numbered[1].before_rms)
     sections = [_pictures(selection, each, f'{name}_{k}') for k, each in order]
     more = Section(f'{len(sections) - 4} more', tuple(sections[4:]), folded=True)
-    return [_PICTURES, *sections[:4], *[more][: len(sections[4:])]]
-
-
-_PICTURES = Note(
-    'Before, after: error (rms) by law (6) and by the selected law. Left: measured, and predicted where it was held '
-    'out. Right: measured less predicted; what is shaded is judged.'
-)
+    note = Note(
+        'Before, after: error (rms) by law (6) and by the selected law. Left: measured, and predicted where it was '
+        'held out. Right: measured less predicted; what is shaded is judged.'
+    )
+    return [note, *sections[:4], *[more][: len(sections[4:])]]
 
 
 def _pictures(selection: Selection, judged: Judged, name: str) -> Section:
@@ -517,18 +501,12 @@ def dial_gauge_document(analysis: DialGaugeAnalysis) -> Document:
 
 
 def _part(part: Part) -> Document:
-    found = {**_quantities(part), 'runs': [_run(run) for run in part.runs]}
-    maps = {
-        what: {
-            'mean': each.mean,
-            'smallest': each.value.min(),
-            'largest': each.value.max(),
-            'isotropy': each.isotropy,
-            'ellipse': each.ellipse,
-        }
-        for what, each in part.maps.items()
-    }
-    return found | ({'over_direction': maps} if maps else {})
+    maps = {}
+    for what, each in part.maps.items():
+        maps[what] = {'mean': each.mean, 'smallest': each.value.min(), 'largest': each.value.max()}
+        maps[what] |= {'isotropy': each.isotropy, 'ellipse': each.ellipse}
+    runs = {'runs': [_run(run) for run in part.runs]}
+    return _quantities(part) | runs | ({'over_direction': maps} if maps else {})
 
 
 def _quantities(each: Part | Run) -> Document:
@@ -560,10 +538,8 @@ def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
         Section(TITLES[part.name], (_run_table(part), *_map_sentences(part), *part_figures(part)))
         for part in analysis.parts.values()
     ]
+    note = 'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
     if analysis.parts:
-        note = (
-            'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
-        )
         blocks.append(Section('Summary', (summary_table(analysis), note)))
     blocks += [_loop_section(loops, f'loop{k}') for k, loops in enumerate(analysis.loops)]
     what = [TITLES[name] for name in analysis.parts] + [f'loops of {each.record.source}' for each in analysis.loops]

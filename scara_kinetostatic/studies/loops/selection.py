@@ -169,15 +169,11 @@ def _in_loops(path: RecordPath, residual: Floats) -> tuple[float, dict[str, _Tes
         unexplained, p_values, detectable = residual.copy(), [], []
         for fitted in (odd & rows, ~odd & rows):
             held_out = rows & ~fitted
-            count, total = (
-                np.bincount(place[fitted], weights=weights, minlength=2 * _BINS) for weights in (None, residual[fitted])
-            )
+            count, total = (np.bincount(place[fitted], w, 2 * _BINS) for w in (None, residual[fitted]))
             curve = (total / np.maximum(count, 1))[place]  # mean of each bin; 0 for an empty one
             unexplained[held_out] -= curve[held_out]
-            sums = [
-                np.bincount(path.sweep[held_out], weights=values[held_out], minlength=path.sweeps)
-                for values in (residual * curve, residual**2, curve**2, np.ones(len(path.time)))
-            ]
+            terms = (residual * curve, residual**2, curve**2, np.ones(len(path.time)))
+            sums = [np.bincount(path.sweep[held_out], values[held_out], path.sweeps) for values in terms]
             size = np.sqrt(sums[1] * sums[2])
             counts = (size > 0) & (sums[3] >= FEWEST_ROWS)
             alike = sums[0][counts] / size[counts]
@@ -202,21 +198,18 @@ def p_positive(values: Floats) -> float:
 def _from_rest_to_rest(path: RecordPath, residual: Floats) -> tuple[float, dict[str, _Test]]:
     """Sum of squares of the block means less that at rest; p-value, explained and detectable part of it by variable."""
     loaded = path.known & (np.abs(path.smooth) >= UNLOADED_BELOW * path.size)
-    before, after = (_blocks(path, residual, rows) for rows in (path.rest, _at_rest_again(path)))
+    # at rest after the load, without 0.25 s of settling, or half of the samples if that is less
+    quiet = np.abs(path.smooth) < max(0.05 * path.size, 4.0 * path.record.noise(path.record.load))
+    later = np.flatnonzero(~path.known & (np.cumsum(~quiet[::-1])[::-1] == 0))
+    settling = min(round(0.25 / float(np.median(np.diff(path.time)))), len(later) // 2)
+    at_rest_again = np.isin(np.arange(len(quiet)), later[settling:])
+    before, after = (_blocks(path, residual, rows) for rows in (path.rest, at_rest_again))
     under_load, loads, times = (_blocks(path, values, loaded) for values in (residual, np.abs(path.driver), path.time))
     rest = before.mean() if len(before) else 0.0
     square = sum(float((means - rest) @ (means - rest)) for means in (before, after, under_load))
     tolerance = 0.01 * float(np.ptp(path.driven))
     slopes = _slopes(under_load, loads, times, tolerance)
     return square, dict(zip(_OF_LOAD, (_difference(before, after, tolerance), *slopes), strict=True))
-
-
-def _at_rest_again(path: RecordPath) -> Mask:
-    """The samples at rest after the load, without 0.25 s of settling, or half of them if that is less."""
-    quiet = np.abs(path.smooth) < max(0.05 * path.size, 4.0 * path.record.noise(path.record.load))
-    after = np.flatnonzero(~path.known & (np.cumsum(~quiet[::-1])[::-1] == 0))
-    settling = min(round(0.25 / float(np.median(np.diff(path.time)))), len(after) // 2)
-    return np.isin(np.arange(len(quiet)), after[settling:])
 
 
 def _blocks(path: RecordPath, values: Floats, rows: Mask) -> Floats:
@@ -392,11 +385,8 @@ class Study:
             return candidate
         (path,), (block,), whole = self.paths, self.blocks, candidate.whole
         parts = block.sweep // 2 if path.driven_by == MOTION else block.sweep
-        several = [
-            fit_law([Moments(candidate.law, block, parts != each, self.size)], whole, near=True)
-            for each in np.unique(parts)
-        ]
-        return candidate._replace(parameters=self._with_std(whole, several))
+        kept = [Moments(candidate.law, block, parts != each, self.size) for each in np.unique(parts)]
+        return candidate._replace(parameters=self._with_std(whole, [fit_law([one], whole, near=True) for one in kept]))
 
     def dependences(self, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
         """Of the residual along the records."""
@@ -404,20 +394,17 @@ class Study:
 
     def p_better(self, one: Candidate, other: Candidate) -> float:
         """p-value of one law predicting no better than another."""
-        return self._p_by_sweeps(one, other) if self.in_loops else self._p_by_blocks(one, other)
-
-    def _p_by_sweeps(self, one: Candidate, other: Candidate) -> float:
-        """From the mean squares of the sweeps of the records in loops."""
-        ratios = []
+        if not self.in_loops:
+            return self._p_by_blocks(one, other)
+        ratios = []  # from the mean squares of the sweeps of the records in loops
         for path, *both in zip(self.paths, one.held_out, other.held_out, strict=True):
             if path.in_loops:
                 rows = path.scored if self.is_single else ~path.known
                 size = np.bincount(path.sweep[rows], minlength=path.sweeps)
                 tiny, enough = 1e-12 * float(np.ptp(path.driven)) ** 2 * size, size >= FEWEST_ROWS
-                better, worse = (
-                    np.bincount(path.sweep[rows], each.residual[rows] ** 2, path.sweeps) + tiny for each in both
-                )
-                ratios.append(np.log(worse[enough] / better[enough]))
+                squares = (np.bincount(path.sweep[rows], each.residual[rows] ** 2, path.sweeps) for each in both)
+                better, worse = (each[enough] + tiny[enough] for each in squares)
+                ratios.append(np.log(worse / better))
         return p_positive(np.concatenate(ratios))
 
     def _p_by_blocks(self, one: Candidate, other: Candidate) -> float:
@@ -479,10 +466,8 @@ class Study:
         return rms(np.concatenate([each.residual[rows] for each, rows in zip(predictions, self.judged, strict=True)]))
 
     def _in_blocks(self, residuals: Sequence[Floats], rows: Sequence[Mask]) -> list[Floats]:
-        return [
-            block_means(residual[which], block.block)
-            for residual, block, which in zip(residuals, self.blocks, rows, strict=True)
-        ]
+        parts = zip(residuals, self.blocks, rows, strict=True)
+        return [block_means(residual[which], block.block) for residual, block, which in parts]
 
 
 def check_sense(paths: Sequence[RecordPath], direction: float | None = None) -> None:
@@ -612,8 +597,7 @@ def analyse(records: Sequence[Record], driven: str) -> tuple[Selection, ...]:
         UnsupportedDataError: a record is not of full loops, or does not go from rest to rest; it is named.
     """
     if driven == MOTION:
-        studies = [Study([record], MOTION) for record in records]
-        return tuple(select_model(study) for study in studies)
+        return tuple(map(select_model, [Study([record], MOTION) for record in records]))
     study = Study(records)
     selection = select_model(study)
     study.check_one_joint(selection.final)
@@ -628,14 +612,12 @@ def select_model(study: Study) -> Selection:
     blocks = [study.fitted_blocks(each) for each in (before, *candidates)]
     squares = [sum(float(part @ part) for part in parts) for parts in blocks]
     count = sum(effective_count(part) for part in blocks[int(np.argmin(squares))])
-    bic = [
-        float(count * np.log(max(square, 1e-300)) + each.law.size * np.log(count))
-        for square, each in zip(squares, (before, *candidates), strict=True)
-    ]
+    sizes = [each.law.size for each in (before, *candidates)]
+    bic = count * np.log(np.maximum(squares, 1e-300)) + np.log(count) * sizes
     found = Selection(study, before, (), None, (), dependence, p_without_memory, dependence, NONE)
     compared, significant = [], False
     for each, own in zip(candidates, bic[1:], strict=True):
-        p_gain, gain = study.p_better(each, before), own - bic[0]
+        p_gain, gain = study.p_better(each, before), float(own - bic[0])
         better = each.held_out_rms < before.held_out_rms and gain < -BIC_GAIN
         significant |= better and p_gain < LEVEL / (2 * len(candidates))
         compared.append(each._replace(p_gain=p_gain, bic=gain, accepted=better))
