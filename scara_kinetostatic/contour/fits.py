@@ -171,7 +171,8 @@ def _points_of(contour: Contour, outline: int) -> Mask:
     Raises:
         ParameterError: there is no such outline.
     """
-    if not 0 <= outline < (count := len(contour.outlines)):
+    count = len(contour.outlines)
+    if not 0 <= outline < count:
         raise ParameterError('outline', f'expected 0 to {count - 1}, got {outline}', f'outlines found: {count}')
     return np.isin(contour.passes, contour.outlines[outline].passes)
 

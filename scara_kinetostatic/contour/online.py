@@ -110,8 +110,7 @@ class OnlineContour:
     @property
     def present(self) -> Outline | None:
         """The outline along which the tip slides, or slid last; None before the first."""
-        outlines = self.outlines
-        return outlines[self._present] if self._present < len(outlines) else None
+        return next(iter(self.outlines[self._present :]), None)
 
     @property
     def now(self) -> int:
@@ -137,8 +136,7 @@ class OnlineContour:
         Raises:
             UnsupportedDataError: there is no force yet.
         """
-        recent = self._pair.wrench.latest(span)
-        if not len(recent):
+        if not len(recent := self._pair.wrench.latest(span)):
             raise UnsupportedDataError('there is no force yet')
         self.zero = recent.mean(axis=0)
         return self.zero
@@ -175,9 +173,8 @@ class OnlineContour:
             self._clock_problem = self._pair.problem
             self._pair, self._joined = StreamPair(self._topics, 300_000, self._sensor.time_offset), self._shown
         else:
-            self._problem = (
-                'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
-            )
+            what = 'the clocks of the topics seem to differ'
+            self._problem = f'{what}: nothing is traced until that is sure, for 15 s at most'
         return None
 
     def _last_contact(self, signals: Signals) -> tuple[float, bool]:
@@ -203,9 +200,8 @@ class OnlineContour:
         if found is not None:
             wrong, self.zero = float(np.hypot(*(found - self.zero))), found
             if wrong > LARGEST_ZERO and self.outlines:
-                self._doubt = (
-                    f'the zero of the force was wrong by {wrong:.1f} N, and what was traced with it: call clear'
-                )
+                what = f'the zero of the force was wrong by {wrong:.1f} N'
+                self._doubt = f'{what}, and what was traced with it: call clear'
         return True
 
     def _join(self, contour: Contour, signals: Signals, touching: bool, last: float) -> None:
@@ -262,13 +258,8 @@ def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> li
 
 def known_markers(discs: Sequence[Disc | KnownOutline], tip_radius: float) -> list[Primitive]:
     """The objects of the cell, as large as their surfaces; a disc is described by the place of the tip's centre."""
-    return object_markers(
-        [
-            disc._replace(radius=disc.radius - tip_radius) if isinstance(disc, Disc) else disc
-            for disc in discs
-            if disc.radius > tip_radius
-        ]
-    )
+    seen = [disc for disc in discs if disc.radius > tip_radius]
+    return object_markers([d._replace(radius=d.radius - tip_radius) if isinstance(d, Disc) else d for d in seen])
 
 
 def tip_markers(contour: Contour | None, force_scale: float) -> list[Primitive]:

@@ -416,17 +416,14 @@ def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
     ]
     step = np.hypot(*np.diff(contour.surface, axis=0).T)[np.diff(contour.passes) == 0]
     if len(step) and np.median(step) > 1e-3:
-        remarks.append(
-            f'the points are {1e3 * float(np.median(step)):.1f} mm apart: what lies between is not seen, and edges are '
-            'cut off; slide slower or record joint states at a higher rate'
-        )
+        apart = f'the points are {1e3 * float(np.median(step)):.1f} mm apart: what lies between is not seen, and edges'
+        remarks.append(f'{apart} are cut off; slide slower or record joint states at a higher rate')
     if contour.inner_corner.any():
-        remarks.append(
-            'an inner corner is hardly wider than the tip: there the outline has the radius of the tip, the object may '
-            'be sharper'
-        )
-    assumed = Predictor(arm).assumptions
-    return (*remarks, *([f'taken, as no recording says it: {assumed}'] if assumed else []), *arm.reservations)
+        corner = 'an inner corner is hardly wider than the tip: there the outline has the radius of the tip'
+        remarks.append(f'{corner}, the object may be sharper')
+    if assumed := Predictor(arm).assumptions:
+        remarks.append(f'taken, as no recording says it: {assumed}')
+    return (*remarks, *arm.reservations)
 
 
 CSV, SVG, DXF = 'contour.csv', 'contour.svg', 'contour.dxf'
@@ -452,16 +449,15 @@ def csv_text(contour: Contour, deviation: Floats, plane: Plane) -> str:
 
 def svg_text(outlines: Iterable[Outline]) -> str:
     """The outlines in millimetres, y upwards; printed in their size."""
-    nodes = [(_MILLI * outline.points, outline.closed) for outline in outlines]
-    points = np.concatenate([own for own, _ in nodes])
+    every = [*outlines]
+    points = _MILLI * np.concatenate([outline.points for outline in every])
     low, high = points.min(axis=0), points.max(axis=0)
     frame = 0.05 * float((high - low).max()) or 1.0  # blank border
     width, height = high - low + 2 * frame
-    left, top = low[0] - frame, high[1] + frame
-    paths = ''
-    for own, closed in nodes:
-        pairs = (f'{x - left:.4f} {top - y:.4f}' for x, y in own.tolist())
-        paths += f'<path d="M{" L".join(pairs)}{" Z" if closed else ""}"/>\n'
+    left, top, paths = low[0] - frame, high[1] + frame, ''
+    for outline in every:
+        pairs = (f'{x - left:.4f} {top - y:.4f}' for x, y in (_MILLI * outline.points).tolist())
+        paths += f'<path d="M{" L".join(pairs)}{" Z" if outline.closed else ""}"/>\n'
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.4f}mm" height="{height:.4f}mm" '

@@ -98,10 +98,9 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     contacts = find_contacts(signals, zero, LONGEST_SMOOTHING)
     if not len(contacts.begin):
         reach = float(np.hypot(*(signals.filtered.value - zero).T).max())
-        raise UnsupportedDataError(
-            f'{source}: the tip touches nothing: the force changes by {reach:.2g} N at most',
-            'record while the tip slides along the object, and begin and end with free motion',
-        )
+        problem = f'{source}: the tip touches nothing: the force changes by {reach:.2g} N at most'
+        remedy = 'record while the tip slides along the object, and begin and end with free motion'
+        raise UnsupportedDataError(problem, remedy)
     time, joints = signals.joints.time, signals.joints.value
     width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
     smooth = moving_mean(signals.filtered.value, width)
@@ -110,12 +109,11 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     margin = 0.5 * contacts.smoothing + SMOOTHING
     number = np.searchsorted(contacts.begin + margin, time, side='right') - 1
     number = np.where(time <= np.append(contacts.end - margin, -np.inf)[number], number, -1)
-    previous, own = -np.inf, zero
-    for k, (begin, end) in enumerate(zip(contacts.begin, contacts.end, strict=True)):
+    own = zero
+    for k, (begin, previous) in enumerate(zip(contacts.begin, [-np.inf, *contacts.end[:-1]], strict=True)):
         tare = tare_before(signals, begin, previous)
         own = zero if isinstance(tare, str) else tare.force
         force[number == k] -= own
-        previous = end
     size = np.hypot(*force.T)
     typical = float(np.median(size[number >= 0])) if (number >= 0).any() else 0.0
     later = np.clip(np.searchsorted(signals.wrench.time, time), 1, len(signals.wrench.time) - 1)
@@ -125,10 +123,8 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     if used.sum() < 2:
         problem = f'{source}: contact lasts for {int(used.sum())} joint states only'
         raise UnsupportedDataError(problem, 'slide for longer, or record joint states at a higher rate')
-    weak = (
-        f'the force in contact, {typical:.1f} N, is close to the {contacts.threshold:.1f} N from which on contact is '
-        'seen: parts may be missing or wrong; slide with more force'
-    )
+    weak = f'the force in contact, {typical:.1f} N, is close to the {contacts.threshold:.1f} N from which on contact is'
+    weak += ' seen: parts may be missing or wrong; slide with more force'
     warnings = (*signals.warnings, *[weak][: typical <= 2 * contacts.threshold])
     first, last = np.flatnonzero(used)[[0, -1]]
     # a contact that is lost in between counts as two
@@ -155,8 +151,7 @@ def force_zero(signals: Signals, source: str) -> Floats:
         problem = f'the force is never steady for {SHORTEST_FREE:g} s: there is no zero of the force sensor'
     elif np.hypot(*(mean[0] - mean[-1])) >= tolerance:
         excess = float(np.hypot(*mean[0]) - np.hypot(*mean.T).min())
-        if excess > LARGEST_ZERO:
-            problem = f'it begins in contact: later the force is {excess:.1f} N smaller'
+        problem = f'it begins in contact: later the force is {excess:.1f} N smaller' if excess > LARGEST_ZERO else ''
     if problem:
         raise UnsupportedDataError(f'{source}: {problem}', 'begin and end the recording with free motion')
     return np.asarray(np.median(mean[np.hypot(*(mean - mean[0]).T) < tolerance], axis=0))
@@ -176,8 +171,7 @@ def zero_if_free(signals: Signals, zero: Floats, tip: Floats) -> Floats | None:
     if not len(mean):
         return None
     other = np.flatnonzero(~steady | (np.hypot(*(mean - mean[-1]).T) > tolerance))
-    first = int(other[-1]) + 1 if len(other) else 0
-    if first >= len(mean) - 1:
+    if (first := int(other[-1]) + 1 if len(other) else 0) >= len(mean) - 1:
         return None
     found: Floats = np.median(mean[first:], axis=0)
     way = np.diff(np.column_stack([np.interp(time[first:], signals.joints.time, column) for column in tip.T]), axis=0)
@@ -491,10 +485,9 @@ def trace_signals(
     if not np.isfinite(places.center).all():
         raise UnsupportedDataError(f'{source}: there is no place of the tip for its joint angles and forces')
     if np.isnan(places.systematic).all():
-        raise UnsupportedDataError(
-            f'{source}: the touches of the calibration do not determine where the tip is',
-            'see the assessment in its report, and calibrate with the touches that it asks for',
-        )
+        problem = f'{source}: the touches of the calibration do not determine where the tip is'
+        remedy = 'see the assessment in its report, and calibrate with the touches that it asks for'
+        raise UnsupportedDataError(problem, remedy)
     number, stuck = _passes(samples, places.center, source, signals.joints.period)
     rows = [np.flatnonzero(number == k) for k in range(number.max() + 1)]
     parts = [course_of(samples.time[here], places.center[here], force[here]) for here in rows]
@@ -552,10 +545,8 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
     slides = speed > 0.1 * np.quantile(speed, 0.75)  # rather than sticks
     number = passes_of(center, contact, slides)
     if not (number >= 0).any():
-        raise UnsupportedDataError(
-            f'{source}: the tip does not slide',
-            'record a slide of some millimetres at least; a recording of touches is for calibrate',
-        )
+        remedy = 'record a slide of some millimetres at least; a recording of touches is for calibrate'
+        raise UnsupportedDataError(f'{source}: the tip does not slide', remedy)
     return number, float((~slides).sum() * period)
 
 

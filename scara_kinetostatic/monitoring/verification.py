@@ -215,9 +215,8 @@ def verify(
     if not len(detection.touches):
         reason = f': {detection.rejected[0].reason}' if detection.rejected else ''
         raise UnsupportedDataError(f'no touch can be verified{reason}', 'see what `inspect` says about the recording')
-    if cell is not None:
-        check_same_arm(record.arm.cell, cell, record.source, 'the cell description')
     cell = cell or record.arm.cell
+    check_same_arm(record.arm.cell, cell, record.source, 'the cell description')
     touches, noise = detection.touches.replace(order=np.full(len(detection.touches), LATER)), record.noise_freedoms
     state = State.of(record, cell)
     measured = measure(touches, record, state)

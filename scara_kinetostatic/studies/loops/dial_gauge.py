@@ -772,11 +772,8 @@ def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> 
 
 
 def _inconsistencies(where: str, combined: dict[str, CombinedEstimate], level: float) -> list[str]:
-    return [
-        f'{where} are inconsistent in {what} (p = {each.p_value:.2g})'
-        for what, each in combined.items()
-        if each.p_value < level
-    ]
+    doubtful = {what: each.p_value for what, each in combined.items() if each.p_value < level}
+    return [f'{where} are inconsistent in {what} (p = {p_value:.2g})' for what, p_value in doubtful.items()]
 
 
 def _fit(readings: Readings, zero_band: float) -> Run:
@@ -792,9 +789,8 @@ def _without_gripper(run: Run, grippers: Sequence[Run]) -> Run:
     readings = run.readings
     if readings.part == GRIPPER or readings.gauge_at != TIP:
         return run
-    turns = [each.readings.direction - readings.direction for each in grippers]
-    close = [abs((turn + np.pi / 2) % np.pi - np.pi / 2) < np.radians(0.5) for turn in turns]
-    there = [each.fit for each, is_there in zip(grippers, close, strict=True) if is_there]
+    turns = [(each.readings.direction - readings.direction + np.pi / 2) % np.pi - np.pi / 2 for each in grippers]
+    there = [each.fit for each, turn in zip(grippers, turns, strict=True) if abs(turn) < np.radians(0.5)]
     if not there:
         return run._replace(note='the gauge was at the tip: compliance and gap include those of the gripper')
     compliance, gap = mean([each.compliance for each in there]), mean([each.gap for each in there])
@@ -810,10 +806,8 @@ def _combine(name: str, runs: tuple[Run, ...]) -> Part:
         return Part(name, runs, runs[0].compliance, runs[0].gap, {}, {})
     direction = np.array([run.readings.direction for run in runs])
     if name == GRIPPER and np.all(np.isfinite(direction)) and len(np.unique(direction)) > 1:
-        maps = {
-            what: direction_map(direction, several, dof, power)
-            for power, (what, several) in enumerate(estimates.items(), start=1)
-        }
+        powers = zip(estimates.items(), (1, 2), strict=True)
+        maps = {what: direction_map(direction, several, dof, power) for (what, several), power in powers}
         return Part(name, runs, maps['compliance'].mean, maps['gap'].mean, maps, {})
     combined = {what: combine_estimates(several, dof) for what, several in estimates.items()}
     return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, {}, combined)
@@ -870,14 +864,11 @@ _MEANING = {
 
 def _run_warnings(run: Run) -> list[str]:
     """Warnings about one run, one sentence each."""
-    name = run.readings.name
-    found = [
-        f'{name}: {_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std)}'
-        for check in run.failed_checks
-    ]
+    name, checks = run.readings.name, run.failed_checks
+    meanings = (_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std) for check in checks)
+    found = [f'{name}: {meaning}' for meaning in meanings]
     if run.outliers:
-        lines = ', '.join(str(line) for line in run.readings.line[list(run.outliers)])
-        where = f'{run.readings.source}: line {lines}'
+        where = f'{run.readings.source}: line {", ".join(map(str, run.readings.line[list(run.outliers)]))}'
         found.append(f'{where}: far from the straight line of {name}; check for a typing error')
     if not 1e-8 < run.fit.compliance.value < 1e-2:  # m/N, of robots; outside it a unit is probably wrong
         found.append(f'{name}: a compliance of {run.fit.compliance.value:.2g} m/N; are the units and signs right?')

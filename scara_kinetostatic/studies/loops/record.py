@@ -203,12 +203,10 @@ def _looks_driven_by_load(record: Record) -> bool:
 def _has_full_loops(record: Record) -> bool:
     """Whether there are six sweeps or more of comparable extent."""
     response = record.response
-    edges = np.array([0, *reversals(response).tolist(), len(response) - 1])
-    sweeps = len(edges) - 1
-    if sweeps < FEWEST_SWEEPS or len(response) < FEWEST_ROWS * sweeps:
-        return False
+    extents = np.abs(np.diff(response[[0, *reversals(response).tolist(), len(response) - 1]]))
     # the median extent is 0.5 of the range where the amplitude grows evenly
-    return bool(np.median(np.abs(np.diff(response[edges]))) >= 0.4 * np.ptp(response))
+    is_alike = np.median(extents) >= 0.4 * np.ptp(response)
+    return bool(is_alike and FEWEST_SWEEPS <= len(extents) <= len(response) / FEWEST_ROWS)
 
 
 def check_driven_by_load(record: Record) -> None:
@@ -401,15 +399,14 @@ class RecordPath:
         least, most = play_limits(first, half_width, ratio)
         return np.clip(least + (most - least) * (state + 1) / 2, low, high)
 
-    def sign(self, band: float) -> Floats:
-        """Sign of the load, linear within a band of so many standard deviations of the load at rest, (n,)."""
-        width = band * self.record.noise(self.record.load)
-        change = self.record.load_change
-        return self._means(np.clip(change / width, -1.0, 1.0) if width > 0 else np.sign(change))
+    def sign(self, band: float | None) -> Floats:
+        """Sign of the load, linear within a band of so many standard deviations of the load at rest, (n,).
 
-    def sign_as_given(self) -> Floats:
-        """Sign of the load as measured, not counted from rest, (n,)."""
-        return self._means(np.sign(self.record.load))
+        None: of the load as measured, not counted from rest.
+        """
+        width = (band or 0.0) * self.record.noise(self.record.load)
+        change = self.record.load if band is None else self.record.load_change
+        return self._means(np.clip(change / width, -1.0, 1.0) if width > 0 else np.sign(change))
 
     def last_sign(self, band: float, state: float) -> Floats:
         """Sign of the load where it exceeds a band, else the last such sign; `state` before the first one, (n,)."""
@@ -577,12 +574,11 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
 
 def _run(source: str, cells: dict[str, list[Any]], rows: list[int]) -> Readings:
     """One run, from the numbers of its rows."""
-    force, displacement, cycle, line = (
-        np.array(cells[name])[rows] for name in ('force', 'displacement', 'cycle', 'line')
-    )
+    names = ('force', 'displacement', 'cycle', 'line')
+    force, displacement, cycle, line = (np.array(cells[name])[rows] for name in names)
     first = {name: cells[name][rows[0]] for name in _OF_RUN}
-    lever = math.nan if first['part'] == GRIPPER else first['lever']
-    return Readings(force, displacement, cycle, line, **{**first, 'lever': lever}, source=source)
+    first['lever'] = math.nan if first['part'] == GRIPPER else first['lever']
+    return Readings(force, displacement, cycle, line, **first, source=source)
 
 
 _QUANTITIES = {
@@ -593,11 +589,10 @@ _QUANTITIES = {
     's': (columns.TIME, 1e12),
 }
 """By SI unit: factor to it by unit, and the largest plausible size."""
-_RESPONSES = ('displacement', 'deflection', 'response', 'angle', 'rotation')
 _KINDS = {
-    'load': (('N', 'Nm'), ('force', 'load', 'f', 'torque', 'moment'), 'force_N or torque_Nm'),
-    'response': (('m', 'rad'), _RESPONSES, 'displacement_m or angle_rad'),
-    'time': (('s',), ('time', 't'), 'time_s'),
+    'load': ('N Nm', 'force load f torque moment', 'force_N or torque_Nm'),
+    'response': ('m rad', 'displacement deflection response angle rotation', 'displacement_m or angle_rad'),
+    'time': ('s', 'time t', 'time_s'),
 }
 """What a column may be: its SI units, words that are preferred to others of the same unit, an example."""
 
@@ -645,7 +640,7 @@ def choose_columns(
     chosen: dict[str, RecordColumn] = {}
     for kind in sorted(names, key=lambda kind: names[kind] is None):  # those named come first
         units, words, example = _KINDS[kind]
-        fitting, name = [column for column in known if column.unit in units], names[kind]
+        fitting, name = [column for column in known if column.unit in units.split()], names[kind]
         if name is not None:
             found = [column for column in fitting if column.heading == name.strip()]
             if len(found) != 1:
@@ -655,15 +650,14 @@ def choose_columns(
         else:
             other = None if kind == 'time' else next(iter(chosen.values()), None)
             fitting = [column for column in fitting if other is None or column.goes_with(other)]
-            found = [column for column in fitting if split_heading(column.heading)[0].lower() in words]
+            found = [column for column in fitting if split_heading(column.heading)[0].lower() in words.split()]
             found = fitting if len(fitting) == 1 else found
             if len(found) != 1 and fitting:
                 remedy = 'leave all but one out' if kind == 'time' else f'choose one by --{kind}'
                 problem = f'{len(fitting)} columns may be the {kind}: {_listed(fitting)}'
                 raise RecordingError(where, problem, remedy)
             if not found:
-                goes_with = f' that goes with {other.heading}' if other else ''
-                problem = f'there is no column of the {kind}{goes_with}'
+                problem = f'there is no column of the {kind}{f" that goes with {other.heading}" if other else ""}'
                 raise RecordingError(where, problem, f'name one with its unit, such as {example}')
         chosen[kind] = found[0]
     one, other = chosen['response'], chosen['load']
@@ -709,6 +703,5 @@ def load_record(path: str | Path, response: str | None = None, load: str | None 
     joint = chosen['response'].joint if chosen['response'].joint is not None else chosen['load'].joint
     commanded = {split_heading(each)[1] for each in table.heading if each.lower().startswith('command')}
     drivers = ((LOAD, 'load'), (MOTION, 'response'))
-    stated = [driver for driver, kind in drivers if commanded & set(_QUANTITIES[chosen[kind].unit][0])]
-    driven_by = stated[0] if stated else ''
+    driven_by = next((who for who, kind in drivers if commanded & {*_QUANTITIES[chosen[kind].unit][0]}), '')
     return Record(table.source, **values, load_unit=chosen['load'].unit, joint=joint, driven_by=driven_by)

@@ -612,7 +612,7 @@ def select_model(study: Study) -> Selection:
     blocks = [study.fitted_blocks(each) for each in (before, *candidates)]
     squares = [sum(float(part @ part) for part in parts) for parts in blocks]
     count = sum(effective_count(part) for part in blocks[int(np.argmin(squares))])
-    sizes = [each.law.size for each in (before, *candidates)]
+    sizes = np.array([each.law.size for each in (before, *candidates)])
     bic = count * np.log(np.maximum(squares, 1e-300)) + np.log(count) * sizes
     found = Selection(study, before, (), None, (), dependence, p_without_memory, dependence, NONE)
     compared, significant = [], False
