@@ -29,7 +29,7 @@ from scara_kinetostatic.contour.trace import (
     zero_if_free,
 )
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc, Sensor
@@ -228,7 +228,6 @@ class OnlineContour:
             buffer.drop_before(stamp)
 
 
-_BOUND: Colour = (*CALIBRATED_COLOUR[:3], 0.5)
 _ABOVE = 0.012
 """Height at which a contour is drawn, m: above the objects."""
 
@@ -238,7 +237,7 @@ def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> li
 
     There are no bounds where the uncertainty is not known.
     """
-    made = []
+    made, pale = [], (*CALIBRATED_COLOUR[:3], 0.5)
     for outline in outlines:
         ring = outline.ring
         closing = [*range(len(outline.points)), 0][: len(ring)]
@@ -248,7 +247,7 @@ def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> li
         for bound in (ring + away, ring - away):
             for begin, end in zip(*runs(np.asarray(np.isfinite(bound).all(axis=1))), strict=True):
                 part = places(bound[begin : end + 1], _ABOVE)
-                made += [Primitive('uncertainty', Shape.STRIP, part, _BOUND, 0.0008)] if end > begin else []
+                made += [Primitive('uncertainty', Shape.STRIP, part, pale, 0.0008)] if end > begin else []
         if np.isfinite(expanded).any() and uncertainty_scale > 0:
             text = f'±{quantity(float(np.nanmedian(expanded)), "m")} (k = 2), × {uncertainty_scale:g}'
             x, y = outline.points[outline.points[:, 1].argmin()].tolist()

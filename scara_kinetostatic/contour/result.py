@@ -32,8 +32,6 @@ from scara_kinetostatic.model.plane import Plane
 
 SPACING = 5e-4
 """Least distance of the nodes of an outline, m."""
-_SAME_DISTANCE = 3e-4
-"""Points of two passes that are so near to each other, m, or within six standard uncertainties, are the same."""
 _SAME_NORMAL = 0.8
 """Least product of their normals."""
 _LONGEST_GAP = 3e-3
@@ -211,7 +209,8 @@ def _nearest(part: Stretch, course: Stretch, period: float) -> Floats:
         distance[~agree[:, : len(begin)]] = np.inf
         best = distance.argmin(axis=1)
         row = np.arange(len(best))
-        limit = np.maximum(_SAME_DISTANCE, 6.0 * np.hypot(course.weighing[rows], part.weighing[best]))
+        # m; nearer to each other, or within six standard uncertainties, points of two passes are the same
+        limit = np.maximum(3e-4, 6.0 * np.hypot(course.weighing[rows], part.weighing[best]))
         place = along[best] + inside[row, best] * (along[best + 1] - along[best])
         found[rows] = np.where(np.sqrt(distance[row, best]) < limit, place, np.nan)
     return found

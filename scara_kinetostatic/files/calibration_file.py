@@ -204,8 +204,6 @@ def read_arm(document: Any, where: str | Path) -> CalibratedArm:
             raise CalibrationFileError(where, problem, 'calibrate again with this version')
     try:
         return _arm(document, where)
-    except CalibrationFileError:
-        raise
     except CellError as error:
         raise CalibrationFileError(error.where, error.problem, error.remedy) from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, ParameterError) as error:
@@ -400,15 +398,10 @@ def _checked(effect: Effect, stored: Mapping[str, Any]) -> dict[str, Any]:
     values = {name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()}
     own = {item.name: getattr(effect, item.name) for item in fields(effect)}
     for name, value in values.items():
-        if name not in own or not _is_like(value, own[name]):
+        example, numbers = own.get(name), (int, float)
+        is_like = type(value) is type(example) or (type(value) in numbers and type(example) in numbers)
+        if example is None or value is None:  # anything plain for nothing
+            is_like = value is None or isinstance(value, (str, int, float))
+        if name not in own or not is_like:
             raise ValueError(f'effect {effect.label}: {name} is {value!r:.40}')
     return values
-
-
-def _is_like(value: object, example: object) -> bool:
-    """Whether a value may stand for another one: one number for another, or anything plain for nothing."""
-    if example is None or value is None:
-        return value is None or isinstance(value, (str, int, float))
-    if type(example) in (int, float):
-        return type(value) in (int, float)
-    return type(value) is type(example)

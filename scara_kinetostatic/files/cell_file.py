@@ -539,8 +539,7 @@ def _noise(top: Section) -> Noise | None:
     if top.data.get('noise') is None:
         return None
     section = top.section('noise', (), ('joint', 'force', 'force_relative'))
-    missing = [key for key in ('joint', 'force') if section.data.get(key) is None]
-    if missing:
+    if missing := [key for key in ('joint', 'force') if section.data.get(key) is None]:
         problem = f'{" and ".join(missing)} {"is" if len(missing) == 1 else "are"} missing'
         remedy = 'joint and force are given together or not at all; leave out noise to have both estimated'
         raise section.error('', problem, f'{remedy}; force_relative may be left out')
@@ -563,8 +562,7 @@ def _level(section: Section, key: str, axes: tuple[str, str], within: Within) ->
 
 def _check_layout(cell: Cell, top: Section) -> None:
     """Refuses discs that cannot be touched, or not without touching another one."""
-    problems = layout_problems(cell, cell.centers, cell.radii)
-    if not problems:
+    if not (problems := layout_problems(cell, cell.centers, cell.radii)):
         return
     remedy = 'check center and radius (in m, to the centre of the tip)'
     if not cell.has_outlines and not layout_problems(cell, cell.centers, cell.radii / 2):

@@ -46,7 +46,7 @@ from scara_kinetostatic.model.cell import Cell, GripperSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
-from scara_kinetostatic.model.parameters import UNITS
+from scara_kinetostatic.model.parameters import NAMES, UNITS
 
 MOST_ROWS = 1_000_000
 """Of a table, some 100 MB."""
@@ -191,8 +191,7 @@ def _cells(arm: CalibratedArm, step: float) -> Indices:
     p = arm.cell.nominal
     longest = NEARLY_STRETCHED * (p.l1 + p.l2)
     shortest = abs(p.l1 - p.l2) + (1 - NEARLY_STRETCHED) * (p.l1 + p.l2)
-    number = int(longest / step)
-    line = np.arange(-number, number + 1)
+    line = np.arange(-int(longest / step), int(longest / step) + 1)
     cells = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     cells = cells[arm.cell.region.holds(_places(arm, step, cells))]
     distance = step * np.hypot(*cells.T)
@@ -247,7 +246,7 @@ def corrected_origins(arm: CalibratedArm, robot: Robot) -> dict[str, Origin]:
     chain = robot.chain(plane.tip)
     third = chain[[joint.name for joint in chain].index(joints[1]) + 1].name
     along = np.array([[np.cos(a), np.sin(a), 0.0] for a in (own.theta1, own.theta1 + own.theta2)])
-    moves = (np.array([*lengths[:2], 0.0]), lengths[3] * along[0], lengths[4] * along[1])
+    moves = (np.array([*lengths[:2], 0.0]), *(lengths[3:, None] * along))
     turns = (*(angles * cell.direction).tolist(), 0.0)
     return {
         name: _moved(robot, name, positions, plane.axes @ move, turn)
@@ -259,13 +258,11 @@ def corrected_origins(arm: CalibratedArm, robot: Robot) -> dict[str, Origin]:
 def _moved(robot: Robot, name: str, positions: Mapping[str, float], move: Floats, turn: float) -> Origin:
     """The origin of a joint moved in the root, m, and turned about its axis, rad."""
     joint = robot.joints[name]
-    origin = joint.origin
-    xyz, rpy = np.array((origin and (origin.xyz, origin.rpy)) or np.zeros((2, 3)), dtype=float)
+    xyz, rpy = np.array((joint.origin and (joint.origin.xyz, joint.origin.rpy)) or np.zeros((2, 3)), dtype=float)
     parent = robot.frame(joint.parent, positions)[:3, :3]
     turned = Rotation.from_euler('xyz', rpy) * Rotation.from_rotvec(turn * np.array(axis_of(joint)))
     rpy = _angles_near(rpy, turned) if turn else rpy
-    xyz = xyz + parent.T @ move
-    return Origin(np.round(xyz, 15) + 0.0, np.round(rpy, 15) + 0.0, joint.child)
+    return Origin(np.round(xyz + parent.T @ move, 15) + 0.0, np.round(rpy, 15) + 0.0, joint.child)
 
 
 def _angles_near(rpy: Floats, turned: Rotation) -> Floats:
@@ -273,8 +270,7 @@ def _angles_near(rpy: Floats, turned: Rotation) -> Floats:
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')  # where roll and yaw turn about one axis, one of them is taken as 0
         roll, pitch, yaw = turned.as_euler('xyz')
-    both = np.array([[roll, pitch, yaw], [roll + pi, pi - pitch, yaw + pi]])
-    off = wrap(both - rpy)
+    off = wrap(np.array([[roll, pitch, yaw], [roll + pi, pi - pitch, yaw + pi]]) - rpy)
     return np.asarray(rpy + off[np.abs(off).sum(axis=1).argmin()])
 
 
@@ -334,8 +330,7 @@ def _with_attribute(tag: bytes, key: bytes, values: Sequence[float]) -> bytes:
 
 
 def _text(before: Sequence[bytes], values: Sequence[float]) -> bytes:
-    olds: Sequence[Any] = before or [b'nan'] * 3
-    pairs = zip(olds, values, strict=True)
+    pairs = zip(before or [b'nan'] * 3, values, strict=True)
     return b' '.join(old if abs(float(old) - new) < _SAME else repr(new).encode() for old, new in pairs)
 
 
@@ -349,9 +344,6 @@ def origins_yaml(origins: Mapping[str, Origin], lines: Sequence[str]) -> str:
     return '\n'.join(found) + '\n'
 
 
-RIGID = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2')
-"""The parameters of the rigid arm."""
-_SOFT = ('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2')
 _FREE = 'not determined'
 
 
@@ -404,7 +396,7 @@ class ExportFacts(NamedTuple):
 
     def notes(self, *, is_rigid: bool) -> list[str]:
         """What a reader must know besides, one sentence each; `is_rigid`: whether the file has the geometry alone."""
-        found, named = list(self.reservations), RIGID if is_rigid else tuple(UNITS)
+        found, named = list(self.reservations), NAMES[:6] if is_rigid else tuple(UNITS)
         free = [name for name, std in zip(UNITS, self.std, strict=False) if std == _FREE and name in named]
         if free:
             found.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
@@ -415,9 +407,8 @@ class ExportFacts(NamedTuple):
 
 
 def _is_of_robot(effect: EffectLaw) -> bool:
-    no_force = np.ones((1, 2))
     start = np.array([p.start for p in effect.parameters])
-    return not effect.on_object and effect.sensor_error(no_force, start, None) is None
+    return not effect.on_object and effect.sensor_error(np.ones((1, 2)), start, None) is None
 
 
 def _stds(arm: CalibratedArm) -> tuple[str, ...]:
@@ -432,8 +423,7 @@ def rigid_miss(arm: CalibratedArm) -> float:
     angles = (np.linspace(low, high, 24) for low, high in arm.cell.limits or [(-np.pi, np.pi)] * 2)
     joints = np.stack(np.meshgrid(*angles), axis=-1).reshape(-1, 2)
     tip, _ = direct_kinetostatics(arm.model, joints, np.zeros_like(joints), arm.cell.gripper)
-    miss = np.linalg.norm(tip - forward(arm.model.parameters, joints), axis=1)
-    largest = float(np.nanmax(miss))
+    largest = float(np.nanmax(np.linalg.norm(tip - forward(arm.model.parameters, joints), axis=1)))
     return largest if largest > 1e-9 else 0.0  # rounding alone
 
 
@@ -452,7 +442,7 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         Path(__file__).with_name('arm.xacro.j2'),
         comment=Markup(xacro(_comment(facts))),
         name=xacro(arm.cell.identification.robot or 'scara'),
-        properties=[row for row in _values(arm, facts) if row[0] in RIGID],
+        properties=[row for row in _values(arm, facts) if row[0] in NAMES[:6]],
         joints=[xacro(name) for name in arm.cell.joint_names],
         back=-arm.cell.coupling,
         axes=arm.cell.direction,
@@ -591,7 +581,7 @@ def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[tuple[st
     robot = Robot(content, str(urdf))
     origins, p = corrected_origins(arm, robot), arm.model.parameters
     facts = ExportFacts.of(arm, source, f'Calibrated by touch: origins of {", ".join(origins) or "no joint"}; rigid.')
-    soft = ', '.join(f'{name} {value:.3g} {UNITS[name]}' for name, value in p.as_dict().items() if name in _SOFT)
+    soft = ', '.join(f'{name} {getattr(p, name):.3g} {UNITS[name]}' for name in NAMES[6:])
     rest = f'a rigid URDF cannot hold compliance and backlash ({soft}), nor effects too small to be detected'
     facts = facts._replace(lines=(*facts.lines, comment(f'{rest[:1].upper()}{rest[1:]}.')))
     text = with_origins(content, origins, _comment(facts), robot)

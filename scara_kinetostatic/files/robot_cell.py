@@ -145,8 +145,8 @@ def robot_cell(
     arm = planar_arm(robot, joints, tip, held)
     parallel = _parallel(robot, joints, held, arm)
     mounted = _mounting(robot, sensor or tip, joints, held, arm)
-    known = {name: float(f'{0.3 * getattr(arm.nominal, name):.3g}') for name in MOMENTS}
-    known = {name: std for name, std in known.items() if std}
+    moments = {name: getattr(arm.nominal, name) for name in MOMENTS}
+    known = {name: float(f'{0.3 * moment:.3g}') for name, moment in moments.items() if moment}
     has_weight = bool(known)
     idle = _idle(robot, joints[0], {*joints, *held}, [sensor or tip, *(robot.inertias if has_weight else ())])
     notes = [f'the axes are {parallel}'] if arm.tilt > _SAID else []
@@ -251,8 +251,7 @@ def _parallel(robot: Robot, joints: tuple[str, str], held: Mapping[str, float], 
     """How exactly the axes are parallel, and what it costs over all positions of both joints."""
     if arm.tilt < _EXACT:
         return 'parallel to rounding'
-    turns = np.linspace(-pi, pi, 9)
-    readings = np.stack(np.meshgrid(turns, turns), axis=-1).reshape(-1, 2)
+    readings = np.stack(np.meshgrid(*[np.linspace(-pi, pi, 9)] * 2), axis=-1).reshape(-1, 2)
     positions = ({**held, joints[0]: one, joints[1]: two} for one, two in readings.tolist())
     places = arm.plane.in_plane(np.array([robot.frame(arm.plane.tip, each)[:3, 3] for each in positions]))
     off = np.hypot(*(places[:, :2] - forward(arm.nominal, readings * arm.direction)).T).max()

@@ -34,8 +34,6 @@ from scara_kinetostatic.touches.detection import Detection, cell_of_files
 
 LEVEL = 1e-3
 """p-value below which the touches contradict the calibration. Source: of a thousand sound ones, one is refused."""
-MOST_OUTLYING = 0.1
-"""Part of the touches that may be outliers in a sound calibration. Source: `assessment.LIMITS.most_rejected`."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +220,7 @@ def verify(
     measured = measure(touches, record, state)
     test = others_test = PredictionTest.of(measured, state.covariance, noise)
     outlies, others = test.p_values < LEVEL / len(touches), measured  # the same for the largest of all (Bonferroni)
-    outlies &= outlies.mean() <= MOST_OUTLYING  # more are no outliers: something has changed
+    outlies &= outlies.mean() <= 0.1  # `assessment.LIMITS.most_rejected`; more are no outliers: something has changed
     if outlies.any():
         others = measured.select(~outlies)
         others_test = PredictionTest.of(others, state.covariance, noise)

@@ -71,10 +71,7 @@ from scipy import optimize, stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.studies.loops.record import GRIPPER, PARTS, TIP, GaugeTable, Readings, Record, reversals
-
-FALSE_ALARM_LEVEL = 0.01
-"""p-value below which a difference is significant. Several tests of the same data share it (Bonferroni)."""
+from scara_kinetostatic.studies.loops.record import GRIPPER, LEVEL, PARTS, TIP, GaugeTable, Readings, Record, reversals
 
 
 class Estimate(NamedTuple):
@@ -216,17 +213,11 @@ def combine_estimates(estimates: Sequence[Estimate], dof: Floats | float) -> Com
         denominator = (count**2 - 1) / (3 * unevenness)
     p_value = float(stats.f.sf(ratio, count - 1, denominator))
     between = _between_variance(values, std)
-    if p_value < FALSE_ALARM_LEVEL:
+    if p_value < LEVEL:
         weight = 1 / (std**2 + between)
         centre = float(np.average(values, weights=weight))
     mean_std, unit = float(1 / np.sqrt(weight.sum())), estimates[0].unit
     return CombinedEstimate(centre, mean_std, chi_square, count - 1, p_value, float(np.sqrt(between)), unit)
-
-
-_WINDOW = (0.15, 0.55)
-"""Shares of the way from the level to the plateau between which a branch is fitted by a straight line."""
-_OTHER_WINDOWS = ((0.1, 0.5), (0.2, 0.6), (0.1, 0.6), (0.2, 0.5))
-"""Windows for the definitional uncertainty."""
 
 
 class Reversal(NamedTuple):
@@ -314,12 +305,14 @@ def analyse_loops(record: Record) -> LoopAnalysis:
         UnsupportedDataError: no sense has two reversals that can be used.
     """
     sweeps, rejected = list(_sweeps(record)), list[Rejected]()
-    senses = _analyse(sweeps, _WINDOW, rejected)
+    # shares of the way from the level to the plateau between which a branch is fitted by a straight line
+    senses = _analyse(sweeps, (0.15, 0.55), rejected)
     if not senses:
         why = f': {rejected[0].reason}' if rejected else ''
         problem = f'{record.source}: no two reversals of a sense have a gap between two elastic branches{why}'
         raise UnsupportedDataError(problem, 'record more full loops, at a higher sampling rate')
-    others = [each for window in _OTHER_WINDOWS for each in _analyse(sweeps, window, [])]
+    windows = ((0.1, 0.5), (0.2, 0.6), (0.1, 0.6), (0.2, 0.5))  # for the definitional uncertainty
+    others = [each for window in windows for each in _analyse(sweeps, window, [])]
     for k, sense in enumerate(senses):
         same = [sense, *(each for each in others if each.sense == sense.sense)]
         for name in ('gap', 'compliance') if len(same) > 1 else ():
@@ -547,7 +540,7 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
 
 def _between(repeatability: Check | None, count: int) -> float:
     """What the scatter between cycles adds to the std of a mean, where it is more than that of the readings."""
-    if repeatability is None or repeatability.p_value >= FALSE_ALARM_LEVEL:
+    if repeatability is None or repeatability.p_value >= LEVEL:
         return 0.0
     return repeatability.value / float(np.sqrt(count))
 
@@ -742,7 +735,7 @@ def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -
     parts, of_runs = analyse_runs(readings, zero_band) if readings else ({}, [])
     loops = [analyse_loops(table.record) for table in tables if table.record]
     warnings = [note for table in tables for note in table.notes] + of_runs
-    level = FALSE_ALARM_LEVEL / 2 / max(1, sum(len(found.senses) for found in loops))
+    level = LEVEL / 2 / max(1, sum(len(found.senses) for found in loops))
     for found in loops:
         for sense in found.senses:
             where = f'{found.record.source}: {sense.name}: the reversals'
@@ -754,7 +747,7 @@ def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -
 def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> tuple[dict[str, Part], list[str]]:
     """Every part in the runs, by name, and the warnings; see `analyse_tables`."""
     runs = [_fit(each, zero_band) for each in readings]
-    level = FALSE_ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
+    level = LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
     grippers = [run for run in runs if run.readings.part == GRIPPER]
     runs = [
         _without_gripper(run, grippers)._replace(

@@ -49,8 +49,6 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.play_operator import play_limits, play_range
 
 MOTION, LOAD = 'motion', 'load'
-PROMINENCE = 0.03
-"""Smallest prominence of a reversal, as a share of the range of what reverses."""
 FEWEST_SWEEPS = 6
 """Three to fit and three to predict; fewer do not give a variance between sweeps."""
 FEWEST_ROWS = 8
@@ -58,7 +56,7 @@ FEWEST_ROWS = 8
 UNLOADED_BELOW = 0.6
 """Share of its largest below which the load counts as gone."""
 LEVEL = 0.01
-"""Probability of an alarm, by a dependence of the residual of law (6) or by a candidate, where law (6) is right."""
+"""Probability of a false alarm, such as one where law (6) is right; several tests of the same data share it."""
 _FEWEST_AT_REST = 10
 """For the zero of load and response and for their noise, known to about a quarter of itself then."""
 SMOOTHING = 0.06
@@ -249,7 +247,7 @@ def check_driven_by_load(record: Record) -> None:
 
 def reversals(values: Floats) -> Indices:
     """The samples at which a displacement or a load, (n,), reverses, in the order of time."""
-    least = PROMINENCE * float(np.ptp(values))
+    least = 0.03 * float(np.ptp(values))  # prominence
     peaks = [find_peaks(sign * values, prominence=least)[0] for sign in (1, -1)]
     return np.sort(np.concatenate(peaks))
 
@@ -337,7 +335,11 @@ class RecordPath:
             samples = max(round(SMOOTHING / float(np.median(np.diff(time)))), 1)
             smooth: Floats = uniform_filter1d(driver, samples, mode='nearest')
         else:
-            moving = _moving(record.response)
+            # without standstill at the beginning and at the end
+            limit, way = 2e-3 * float(np.ptp(record.response)), record.response
+            first = int(np.argmax(np.abs(way - way[0]) > limit))
+            still = int(np.argmax(np.abs(way - way[-1])[::-1] > limit))
+            moving = slice(max(first - 1, 0), len(way) - still + 1)
             driver, driven, time = record.response[moving], record.load[moving], record.time[moving]
             smooth, samples = driver, 1
         self.block = block = samples if in_blocks else 1
@@ -428,14 +430,6 @@ def block_means(values: Floats, block: int) -> Floats:
     """Means of successive blocks of samples, without an incomplete last one."""
     count = len(values) // block * block
     return np.asarray(values[:count].reshape(-1, block).mean(axis=1))
-
-
-def _moving(displacement: Floats) -> slice:
-    """The rows between standstill at the beginning and standstill at the end."""
-    limit = 2e-3 * float(np.ptp(displacement))
-    first = int(np.argmax(np.abs(displacement - displacement[0]) > limit))
-    last = len(displacement) - int(np.argmax(np.abs(displacement - displacement[-1])[::-1] > limit))
-    return slice(max(first - 1, 0), last + 1)
 
 
 def repeatability(path: RecordPath) -> float:

@@ -30,7 +30,6 @@ from scara_kinetostatic.report import (
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, Margins, as_svg, new_figure
 from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals, scale_of, shown
 from scara_kinetostatic.studies.loops.dial_gauge import (
-    FALSE_ALARM_LEVEL,
     CombinedEstimate,
     DialGaugeAnalysis,
     DirectionMap,
@@ -598,7 +597,7 @@ def _map_sentences(part: Part) -> list[str]:
     found = []
     for what, each in part.maps.items():
         unit, ellipse = f'µ{each.mean.unit}', each.ellipse
-        if each.isotropy.p_value >= FALSE_ALARM_LEVEL:
+        if each.isotropy.p_value >= LEVEL:
             found.append(f'The {what} is equal in all directions within its uncertainty ({_test(each.isotropy)}).')
             continue
         text = f'The {what} depends on the direction ({_test(each.isotropy)}): '

@@ -22,8 +22,8 @@ law that fits best. The accepted candidate with the smallest BIC is selected, of
 simplest within 2; its rivals are the accepted ones of other effects that do not predict significantly worse.
 
 **Law (6) is sufficient** if no candidate is accepted, its residual depends on no variable (the other half of the
-level), and its error is below `MATERIAL` of the range, or each such test would have found a share of `LARGEST_UNSEEN`
-of the squared residual and no candidate has a held-out error below `CLEARLY_SMALLER` of its own; otherwise the records
+level), and its error is below `MATERIAL` of the range, or each such test would have found a share of 50 %
+of the squared residual and no candidate has a held-out error below 80 % of its own; otherwise the records
 decide nothing. Below `MATERIAL` only a dependence counts against law (6): a candidate may be better by the form alone
 that its gap has near zero load.
 
@@ -259,10 +259,6 @@ def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> l
 
 BIC_GAIN = 2.0
 """Smallest decrease of BIC that is evidence."""
-LARGEST_UNSEEN = 0.5
-"""Share of the squared residual of law (6) above which a detection limit supports no verdict."""
-CLEARLY_SMALLER = 0.8
-"""Ratio of two held-out errors."""
 MATERIAL = 0.05
 """Held-out error of law (6) over the range of what is predicted, below which only a dependence counts against it."""
 NONE, EXPLAINED, AMBIGUOUS, UNEXPLAINED, UNDECIDED = 'none', 'explained', 'ambiguous', 'unexplained', 'undecided'
@@ -576,8 +572,8 @@ class Selection(NamedTuple):
         return self.before.held_out_rms / max(float(np.ptp(each.driven)) for each in paths)
 
     def is_clearly_smaller(self, candidate: Candidate) -> bool:
-        """Whether its held-out error is clearly below that of law (6)."""
-        return candidate.held_out_rms < CLEARLY_SMALLER * self.before.held_out_rms
+        """Whether its held-out error is clearly below that of law (6): below 80 % of it."""
+        return candidate.held_out_rms < 0.8 * self.before.held_out_rms
 
     @property
     def needs_memory(self) -> bool:
@@ -633,7 +629,7 @@ def select_model(study: Study) -> Selection:
         rivals = [each for each in others if study.p_better(selected, each) >= LEVEL]
     verdict = AMBIGUOUS if rivals else EXPLAINED if selected else NONE if is_independent else UNEXPLAINED
     if verdict == NONE and found.share_of_range > MATERIAL:
-        is_open = found.detectable > LARGEST_UNSEEN or any(map(found.is_clearly_smaller, compared))
+        is_open = found.detectable > 0.5 or any(map(found.is_clearly_smaller, compared))
         verdict = UNDECIDED if is_open else NONE
     return found._replace(
         before=study.with_std(before),
