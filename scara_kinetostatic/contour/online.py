@@ -19,15 +19,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.contour import trace
 from scara_kinetostatic.contour.result import Contour, Outline, Parts, add_pass, outlines_of
-from scara_kinetostatic.contour.trace import (
-    LARGEST_ZERO,
-    LONGEST_SMOOTHING,
-    JumpError,
-    force_zero,
-    trace_signals,
-    zero_if_free,
-)
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR
 from scara_kinetostatic.model.arm import CalibratedArm
@@ -149,8 +142,8 @@ class OnlineContour:
             return False
         last, touching = self._last_contact(signals)
         try:
-            contour = trace_signals(signals, _SOURCE, self.arm, self._sensor, self.tip_radius, self.zero)
-        except JumpError as jump:
+            contour = trace.trace_signals(signals, _SOURCE, self.arm, self._sensor, self.tip_radius, self.zero)
+        except trace.JumpError as jump:
             self._event, self._until = f'{jump.what}; {jump.remedy}', self.now + 30 * SECOND
             self._joined = self._shown
             self._drop(self.now)
@@ -179,7 +172,7 @@ class OnlineContour:
 
     def _last_contact(self, signals: Signals) -> tuple[float, bool]:
         """End of the last contact by the zero that is known, s, and whether it still lasts; minus infinity for none."""
-        ends = np.empty(0) if self.zero is None else find_contacts(signals, self.zero, LONGEST_SMOOTHING).end
+        ends = np.empty(0) if self.zero is None else find_contacts(signals, self.zero, trace.LONGEST_SMOOTHING).end
         last = float(ends[-1]) if len(ends) else -np.inf
         # s: a contact is over when the force has been back at its zero for so long
         return last, float(signals.wrench.time[-1]) - last < 0.25
@@ -192,14 +185,14 @@ class OnlineContour:
         last, touching = self._last_contact(signals)
         if self.zero is None or not touching:
             try:
-                self.zero = force_zero(signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
+                self.zero = trace.force_zero(signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
             except UnsupportedDataError as error:
                 self._problem = '' if self.zero is not None else error.problem
             return self.zero is not None
-        found = zero_if_free(signals, self.zero, forward(self.arm.model.parameters, signals.joints.value))
+        found = trace.zero_if_free(signals, self.zero, forward(self.arm.model.parameters, signals.joints.value))
         if found is not None:
             wrong, self.zero = float(np.hypot(*(found - self.zero))), found
-            if wrong > LARGEST_ZERO and self.outlines:
+            if wrong > trace.LARGEST_ZERO and self.outlines:
                 what = f'the zero of the force was wrong by {wrong:.1f} N'
                 self._doubt = f'{what}, and what was traced with it: call clear'
         return True

@@ -34,21 +34,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from scara_kinetostatic.contour.result import NO_RADIUS, Contour, estimate_friction, off_normal_angle, remarks_on
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model import tip
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Sensor, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
-from scara_kinetostatic.model.tip import (
-    Force,
-    band_covariance,
-    inverse_of_rows,
-    tip_by_joints,
-    tip_by_noise,
-    tip_by_values,
-    tip_under_load,
-)
 from scara_kinetostatic.touches.contacts import SHORTEST_FREE, find_contacts, tare_before
 from scara_kinetostatic.touches.signals import SMOOTHING, Signals, as_signals, moving_mean, white_noise
 from scara_kinetostatic.touches.streams import Streams
@@ -157,7 +149,7 @@ def force_zero(signals: Signals, source: str) -> Floats:
     return np.asarray(np.median(mean[np.hypot(*(mean - mean[0]).T) < tolerance], axis=0))
 
 
-def zero_if_free(signals: Signals, zero: Floats, tip: Floats) -> Floats | None:
+def zero_if_free(signals: Signals, zero: Floats, places: Floats) -> Floats | None:
     """The zero of a part at whose end nothing is touched, (2,), N, though by another zero something is; else None.
 
     There the force stays, and the tip moves along the supposed force farther than anything rigid would let it.
@@ -165,7 +157,7 @@ def zero_if_free(signals: Signals, zero: Floats, tip: Floats) -> Floats | None:
     Args:
         signals: the part.
         zero: by which something is touched, (2,), N.
-        tip: places of the tip at the stamps of the joint states, (n, 2), m; deflections do not matter.
+        places: of the tip at the stamps of the joint states, (n, 2), m; deflections do not matter.
     """
     time, mean, steady, tolerance = _blocks(signals)
     if not len(mean):
@@ -174,7 +166,9 @@ def zero_if_free(signals: Signals, zero: Floats, tip: Floats) -> Floats | None:
     if (first := int(other[-1]) + 1 if len(other) else 0) >= len(mean) - 1:
         return None
     found: Floats = np.median(mean[first:], axis=0)
-    way = np.diff(np.column_stack([np.interp(time[first:], signals.joints.time, column) for column in tip.T]), axis=0)
+    way = np.diff(
+        np.column_stack([np.interp(time[first:], signals.joints.time, column) for column in places.T]), axis=0
+    )
     length, along = np.hypot(*way.T), np.abs(way @ (found - zero)) / max(float(np.hypot(*(found - zero))), 1e-9)
     counts = (length > 3e-4) & (along > np.sqrt(0.5) * length)  # shorter: may be noise
     return found if float(along[counts].sum()) > 5e-3 else None
@@ -409,14 +403,14 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: f
     """
     first, second = np.hypot(arm.noise.force_levels, force_noise).tolist()
     arm = replace(arm, noise=arm.noise._replace(force=(first, second)))
-    law, f = Predictor(arm).law, Force.of(force, arm.noise)
-    found = tip_under_load(law, joints, f, metadata_of(arm, joints))
+    law, f = Predictor(arm).law, tip.Force.of(force, arm.noise)
+    found = tip.tip_under_load(law, joints, f, metadata_of(arm, joints))
     at = found.loading
-    jacobian = tip_by_joints(at, inverse_of_rows(at, f))
-    by_model = tip_by_values(law, jacobian, at, f, found.state)
+    jacobian = tip.tip_by_joints(at, tip.inverse_of_rows(at, f))
+    by_model = tip.tip_by_values(law, jacobian, at, f, found.state)
     spread = arm.spread
-    by_noise, systematic = tip_by_noise(law, jacobian, at, f), spread.tip(by_model)
-    noise = by_noise @ by_noise.swapaxes(1, 2) + band_covariance(spread.gaps, jacobian, at, f)
+    by_noise, systematic = tip.tip_by_noise(law, jacobian, at, f), spread.tip(by_model)
+    noise = by_noise @ by_noise.swapaxes(1, 2) + tip.band_covariance(spread.gaps, jacobian, at, f)
     known = np.isfinite(spread.with_dead_bands(systematic, jacobian, at, f)[:, :1, :1])
     return TipPlaces(found.tip, by_model, np.where(known, systematic, np.nan), noise, by_noise)
 

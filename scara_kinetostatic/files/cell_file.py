@@ -29,25 +29,7 @@ from scara_kinetostatic.files.yaml_file import (
     read_text,
     shown,
 )
-from scara_kinetostatic.model.cell import (
-    Cell,
-    Disc,
-    EffectSizes,
-    GripperSign,
-    Identification,
-    Level,
-    Lift,
-    Limits,
-    Noise,
-    Plate,
-    Region,
-    Sensor,
-    SensorFrame,
-    SizeMode,
-    TouchMotion,
-    Uncertainty,
-    layout_problems,
-)
+from scara_kinetostatic.model import cell as cells
 from scara_kinetostatic.model.effect_law import Parameter
 from scara_kinetostatic.model.outline import Outline, outline_problem
 from scara_kinetostatic.model.parameters import MOMENTS, MOST_GRAVITY, NAMES, UNITS, Parameters
@@ -71,7 +53,7 @@ _COMMON = {
 """Keys of the section `uncertainty` beside `nominal` and `effects`."""
 
 
-def load_cell(path: str | Path) -> Cell:
+def load_cell(path: str | Path) -> cells.Cell:
     """Reads a cell description.
 
     Args:
@@ -93,7 +75,7 @@ def load_cell(path: str | Path) -> Cell:
     return parse_cell(read_text(path, CellError), path)
 
 
-def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
+def parse_cell(text: str, where: str | Path = 'cell description') -> cells.Cell:
     """The cell that a YAML text describes.
 
     Args:
@@ -106,7 +88,7 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
     return read_cell(parse_yaml(text, where, CellError), where)
 
 
-def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be_empty: bool = False) -> Cell:
+def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be_empty: bool = False) -> cells.Cell:
     """The cell of a parsed description.
 
     Args:
@@ -128,17 +110,19 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
     lift = _lift(robot, joint_names)
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
     plates, base = _plates(top), _nominal(top, robot)
-    named = top.section('identification', (), Identification._fields)
-    cell = Cell(
+    named = top.section('identification', (), cells.Identification._fields)
+    # a number must be in quotes, so that no digit of it is lost
+    texts = {key: named.word(key) for key in named.data if named.data[key] is not None}
+    cell = cells.Cell(
         nominal=base,
         discs=() if may_be_empty and top.data['objects'] == [] else _discs(top, plates),
         joint_names=joint_names,
         coupling=robot.optional('coupling', within=ratio) or 0.0,
         direction=direction,
         plane=_plane(robot),
-        sensor=_sensor(top.section('sensor', (), Sensor._fields)),
+        sensor=_sensor(top.section('sensor', (), cells.Sensor._fields)),
         noise=_noise(top),
-        gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
+        gripper_sign=model.choice('gripper_sign', cells.GripperSign.PHYSICAL),
         gripper_excess=_excess(model),
         plates=plates,
         uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), base.names),
@@ -150,8 +134,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
         hold=_hold(robot, (*joint_names, *([lift.joint] if lift else []))),
         obstacles=_obstacles(top),
         touch=_touch(top),
-        # a number must be in quotes, so that no digit of it is lost
-        identification=Identification(**{key: named.word(key) for key in named.data if named.data[key] is not None}),
+        identification=cells.Identification(**texts),
     )
     cell = replace(cell, uncertainty=replace(cell.uncertainty, effects=_effects(top, cell)))
     if check_layout and cell.discs:
@@ -159,7 +142,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
     return cell
 
 
-def cell_description(cell: Cell) -> dict[str, Any]:
+def cell_description(cell: cells.Cell) -> dict[str, Any]:
     """The keys of a cell description; what is not stated is left out."""
     nominal, u, sizes = cell.nominal, cell.uncertainty, cell.uncertainty.effects
     sensor = cell.sensor._asdict() | {'frame': cell.sensor.frame.value, 'sign': cell.sensor.sign.value}
@@ -176,7 +159,7 @@ def cell_description(cell: Cell) -> dict[str, Any]:
         lift=cell.lift and cell.lift._asdict(),
         hold=dict(cell.hold),
     )
-    arm = {} if sizes.arm is EffectSizes().arm else {'arm': sizes.arm.value}
+    arm = {} if sizes.arm is cells.EffectSizes().arm else {'arm': sizes.arm.value}
     stated = {'sizes': sizes.sizes.value, **arm, **sizes.stated} if arm or sizes.stated else sizes.sizes.value
     return {
         'robot': {
@@ -199,15 +182,15 @@ def cell_description(cell: Cell) -> dict[str, Any]:
             uncertainty=_given(
                 **{name: getattr(u, name) for name in _COMMON},
                 nominal=dict(u.nominal),
-                effects=stated if sizes != EffectSizes() else None,
+                effects=stated if sizes != cells.EffectSizes() else None,
             ),
             tolerance=_given(tip=cell.tolerance),
             tip=_given(radius=cell.tip_radius),
             obstacles=[{'outline': [list(corner) for corner in outline]} for outline in cell.obstacles],
             touch={name: list(v) if isinstance(v, tuple) else v for name, v in cell.touch._asdict().items()}
-            if cell.touch != TouchMotion()
+            if cell.touch != cells.TouchMotion()
             else None,
-            region={'x': list(cell.region[:2]), 'y': list(cell.region[2:])} if cell.region != Region() else None,
+            region={'x': list(cell.region[:2]), 'y': list(cell.region[2:])} if cell.region != cells.Region() else None,
             identification=cell.identification.given(),
         ),
     }
@@ -218,7 +201,7 @@ def _given(**values: Any) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value}
 
 
-def _object_description(disc: Disc | Outline) -> dict[str, Any]:
+def _object_description(disc: cells.Disc | Outline) -> dict[str, Any]:
     if isinstance(disc, Outline):
         return {
             'name': disc.name,
@@ -230,7 +213,7 @@ def _object_description(disc: Disc | Outline) -> dict[str, Any]:
     return {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius} | stated
 
 
-def dump_cell(cell: Cell) -> str:
+def dump_cell(cell: cells.Cell) -> str:
     """The YAML text of a cell; `parse_cell` gives the same cell back."""
     lines = []
     for key, value in cell_description(cell).items():
@@ -282,7 +265,7 @@ def _direction(robot: Section) -> tuple[int, int]:
     return int(signs[0]), int(signs[1])
 
 
-def turned_limits(limits: Limits | None, direction: tuple[int, int]) -> Limits | None:
+def turned_limits(limits: cells.Limits | None, direction: tuple[int, int]) -> cells.Limits | None:
     """Limits of the readings as those of the angles, or back: turned round where a joint turns clockwise."""
     if limits is None:
         return None
@@ -309,12 +292,12 @@ def _axes(section: Section) -> tuple[tuple[float, ...], tuple[float, ...]]:
 def _sensor_axes(sensor: Section) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     if sensor.data.get('axes') is None:
         return None
-    if sensor.choice('frame', SensorFrame.BASE) is not SensorFrame.TOOL or sensor.data.get('rotation'):
+    if sensor.choice('frame', cells.SensorFrame.BASE) is not cells.SensorFrame.TOOL or sensor.data.get('rotation'):
         raise sensor.error('axes', 'they are those of link 2 in the sensor', 'set frame to tool and leave out rotation')
     return _axes(sensor.section('axes', ('x', 'y')))
 
 
-def _limits(robot: Section, names: tuple[str, str]) -> Limits | None:
+def _limits(robot: Section, names: tuple[str, str]) -> cells.Limits | None:
     if robot.data.get('limits') is None:
         return None
     section = robot.section('limits', names)
@@ -333,7 +316,7 @@ def _interval(
     return low, high
 
 
-def _lift(robot: Section, names: tuple[str, str]) -> Lift | None:
+def _lift(robot: Section, names: tuple[str, str]) -> cells.Lift | None:
     if robot.data.get('lift') is None:
         return None
     section = robot.section('lift', ('joint', 'up', 'down'))
@@ -342,7 +325,7 @@ def _lift(robot: Section, names: tuple[str, str]) -> Lift | None:
         raise section.error('joint', f'{joint!r} is one of joint_names', 'name the joint that raises the tip')
     if up == down:
         raise section.error('up', f'up and down are both {up:g}: it does not lift', 'give two positions, m')
-    return Lift(joint, up, down)
+    return cells.Lift(joint, up, down)
 
 
 def _hold(robot: Section, others: tuple[str, ...]) -> dict[str, float]:
@@ -388,28 +371,30 @@ _TOUCH = {
 }
 
 
-def _touch(top: Section) -> TouchMotion:
-    section, usual = top.section('touch', (), TouchMotion._fields), TouchMotion()
+def _touch(top: Section) -> cells.TouchMotion:
+    section, usual = top.section('touch', (), cells.TouchMotion._fields), cells.TouchMotion()
     force = usual.force
     if section.data.get('force') is not None:
         force = _interval(section, 'force', ('smallest force', 'largest force'), '', _TOUCH['max_force'])
     given = (section.optional(name, within=within) for name, within in _TOUCH.items())
-    found = TouchMotion(force, *(default if v is None else v for v, default in zip(given, usual[1:], strict=True)))
+    found = cells.TouchMotion(
+        force, *(default if v is None else v for v, default in zip(given, usual[1:], strict=True))
+    )
     if force[1] >= found.max_force:
         raise section.error('max_force', f'expected more than the largest force of {force[1]:g} N')
     return found
 
 
-def _region(top: Section) -> Region:
+def _region(top: Section) -> cells.Region:
     if top.data.get('region') is None:
-        return Region()
+        return cells.Region()
     section = top.section('region', ('x', 'y'))
     x, y = (_interval(section, axis, ('lower limit', 'upper limit'), 'm') for axis in ('x', 'y'))
-    return Region(*x, *y)
+    return cells.Region(*x, *y)
 
 
-def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc | Outline, ...]:
-    discs, known = list[Disc | Outline](), [plate.name for plate in plates]
+def _discs(top: Section, plates: tuple[cells.Plate, ...]) -> tuple[cells.Disc | Outline, ...]:
+    discs, known = list[cells.Disc | Outline](), [plate.name for plate in plates]
     keys, optional = ('name', 'center', 'radius'), ('uncertainty', 'plate')
     other = ('name', 'outline'), ('corner_radius', 'open', *optional)
     for section in top.items('objects', 'discs', keys, optional, other=other):
@@ -425,7 +410,7 @@ def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc | Outline, ...
             continue
         (x, y), radius = section.vector('center', ('x', 'y'), 'm'), section.number('radius', 'm', POSITIVE)
         center_std, radius_std = _stds(section, center=_LENGTH, radius=_LENGTH)
-        discs.append(Disc(name, x, y, radius, center_std, radius_std, plate))
+        discs.append(cells.Disc(name, x, y, radius, center_std, radius_std, plate))
     if empty := [plate.name for plate in plates if plate.name not in {disc.plate for disc in discs}]:
         raise top.error('plates', f'no disc is on plate {empty[0]!r}', 'leave it out, or name it at its discs')
     return tuple(discs)
@@ -460,8 +445,8 @@ def _excess(model: Section) -> tuple[tuple[float, float], tuple[float, float]]:
     return (e11, e12), (e21, e22)
 
 
-def _sensor(section: Section) -> Sensor:
-    default = Sensor()
+def _sensor(section: Section) -> cells.Sensor:
+    default = cells.Sensor()
     topics = {name: section.word(name, getattr(default, name)) for name in ('joint_states', 'wrench')}
     service = section.word('zero_service', '') if section.data.get('zero_service') else ''
     if service and not _TOPIC.match(service):
@@ -474,7 +459,7 @@ def _sensor(section: Section) -> Sensor:
     if topics['joint_states'].lstrip('/') == topics['wrench'].lstrip('/'):
         raise section.error('wrench', f'both topics are named {topics["wrench"]}', 'they carry different messages')
     turn = Within(-6.3, 6.3, 'it is in rad: 1.5708 for 90 degrees', unit='rad')
-    return Sensor(
+    return cells.Sensor(
         topics['joint_states'],
         topics['wrench'],
         section.choice('frame', default.frame),
@@ -486,16 +471,16 @@ def _sensor(section: Section) -> Sensor:
     )
 
 
-def _plates(top: Section) -> tuple[Plate, ...]:
+def _plates(top: Section) -> tuple[cells.Plate, ...]:
     if top.data.get('plates') is None:
         return ()
-    plates: list[Plate] = []
+    plates: list[cells.Plate] = []
     for section in top.items('plates', 'plates', ('name', 'origin'), ('uncertainty',), most=16):
         name = section.word('name')
         if name in (plate.name for plate in plates):
             raise section.error('name', f'another plate is named {name!r}, too', 'give every plate its own name')
         stds = _stds(section, center=_LENGTH._replace(most=0.02), angle=_ANGLE)  # its place is found by touch
-        plates.append(Plate(name, *section.vector('origin', ('x', 'y'), 'm'), *stds))
+        plates.append(cells.Plate(name, *section.vector('origin', ('x', 'y'), 'm'), *stds))
     return tuple(plates)
 
 
@@ -505,19 +490,19 @@ def _stds(section: Section, **limits: Within) -> list[float]:
     return [inner.optional(name, within=limit) or 0.0 for name, limit in limits.items()]
 
 
-def _uncertainty(section: Section, names: tuple[str, ...]) -> Uncertainty:
+def _uncertainty(section: Section, names: tuple[str, ...]) -> cells.Uncertainty:
     """What is common to all touches."""
     nominal = section.section('nominal', (), names)
     radius, gain, rotation = (section.optional(name, within=within) or 0.0 for name, within in _COMMON.items())
     stated = {name: nominal.number(name, UNITS[name], POSITIVE) for name in nominal.data}
-    return Uncertainty(radius, gain, rotation, stated)
+    return cells.Uncertainty(radius, gain, rotation, stated)
 
 
-def _effects(top: Section, cell: Cell) -> EffectSizes:
+def _effects(top: Section, cell: cells.Cell) -> cells.EffectSizes:
     """How large undetected effects are: one word, or words and single sizes, of the effects that the cell may have."""
-    section, usual = top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), EffectSizes()
+    section, usual = top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), cells.EffectSizes()
     if not isinstance(section.data.get('effects', {}), dict):
-        return EffectSizes(section.choice('effects', usual.sizes))
+        return cells.EffectSizes(section.choice('effects', usual.sizes))
     known = dict[str, list[Parameter]]()
     for effect in (effect for effect in catalogue(cell) if effect.parameters):
         for key in {effect.name, effect.label}:
@@ -529,12 +514,12 @@ def _effects(top: Section, cell: Cell) -> EffectSizes:
             raise inner.error(name, 'is a size in several units', f'give {name}[joint1] and others by themselves')
         stated[name] = inner.number(name, '', Within(0.0, min(parameter.scale for parameter in known[name])))
     sizes, arm = inner.choice('sizes', usual.sizes), inner.choice('arm', usual.arm)
-    if 'arm' in inner.data and sizes is SizeMode.NONE:
+    if 'arm' in inner.data and sizes is cells.SizeMode.NONE:
         raise inner.error('arm', 'has no meaning with sizes: none', 'write sizes: estimated, or typical')
-    return EffectSizes(sizes, arm, stated)
+    return cells.EffectSizes(sizes, arm, stated)
 
 
-def _noise(top: Section) -> Noise | None:
+def _noise(top: Section) -> cells.Noise | None:
     """The noise: one number per kind or axis, and a part that grows with the force; None where it gives none."""
     if top.data.get('noise') is None:
         return None
@@ -544,14 +529,14 @@ def _noise(top: Section) -> Noise | None:
         remedy = 'joint and force are given together or not at all; leave out noise to have both estimated'
         raise section.error('', problem, f'{remedy}; force_relative may be left out')
     repeatability = 'give the repeatability of one touch, or leave out noise'
-    return Noise(
+    return cells.Noise(
         _level(section, 'joint', ('joint 1', 'joint 2'), Within(1e-15, 1e-2, repeatability, unit='rad')),
         _level(section, 'force', ('x', 'y'), Within(1e-12, 100.0, repeatability, unit='N')),
         section.optional('force_relative', within=Within(0.0, 0.2, 'give it as a part of the force: 0.01 for 1 %')),
     )
 
 
-def _level(section: Section, key: str, axes: tuple[str, str], within: Within) -> Level:
+def _level(section: Section, key: str, axes: tuple[str, str], within: Within) -> cells.Level:
     """One number, or one per axis."""
     unit = within.unit.removesuffix('N')  # forces are limited by `within` alone
     if not isinstance(section.data[key], list):
@@ -560,12 +545,12 @@ def _level(section: Section, key: str, axes: tuple[str, str], within: Within) ->
     return first, second
 
 
-def _check_layout(cell: Cell, top: Section) -> None:
+def _check_layout(cell: cells.Cell, top: Section) -> None:
     """Refuses discs that cannot be touched, or not without touching another one."""
-    if not (problems := layout_problems(cell, cell.centers, cell.radii)):
+    if not (problems := cells.layout_problems(cell, cell.centers, cell.radii)):
         return
     remedy = 'check center and radius (in m, to the centre of the tip)'
-    if not cell.has_outlines and not layout_problems(cell, cell.centers, cell.radii / 2):
+    if not cell.has_outlines and not cells.layout_problems(cell, cell.centers, cell.radii / 2):
         halve = 'halve it, and add the radius of the tip if it is not contained'
         if len(problems) > 1:
             raise top.error('objects', f'{problems[0]}: radius seems to be the diameter of every disc', halve)

@@ -180,10 +180,9 @@ def _in_words(errors: Floats) -> str:
     if not len(errors):
         return 'the places are too far apart to interpolate between them'
     largest, most = (f'{1e3 * value:.2g}' for value in (errors.max(), np.quantile(errors, 0.95)))
-    return (
-        f'halfway between places, bilinear interpolation of dq misses the tip by less than {most} mm in 95 % of the '
-        f'middles, by up to {largest} mm where the arm is nearly stretched or folded or a backlash changes sides'
-    )
+    rest = f'by up to {largest} mm where the arm is nearly stretched or folded or a backlash changes sides'
+    most = f'by less than {most} mm in 95 % of the middles, {rest}'
+    return f'halfway between places, bilinear interpolation of dq misses the tip {most}'
 
 
 def _cells(arm: CalibratedArm, step: float) -> Indices:

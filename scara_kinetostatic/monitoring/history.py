@@ -70,10 +70,8 @@ class History:
                 for part in (_TABLE, f'PRAGMA application_id = {APPLICATION}', f'PRAGMA user_version = {VERSION}'):
                     connection.execute(part)
             own = "SELECT type, sql FROM sqlite_master WHERE name NOT LIKE 'sqlite^_stat%' ESCAPE '^'"  # of ANALYZE
-            layout = set(connection.execute(own))
-            (damage,) = connection.execute('PRAGMA quick_check(1)').fetchone()
-            pragmas = ('PRAGMA application_id', 'PRAGMA user_version')
-            application, version = (connection.execute(pragma).fetchone()[0] for pragma in pragmas)
+            layout, pragmas = set(connection.execute(own)), ('quick_check(1)', 'application_id', 'user_version')
+            damage, application, version = (connection.execute(f'PRAGMA {name}').fetchone()[0] for name in pragmas)
         if application != APPLICATION:
             raise InputError(self.path, 'is no history of calibrations', 'give another file; `history add` makes one')
         if version != VERSION:

@@ -312,6 +312,7 @@ class RecordPath:
         size: largest |smooth|, of a motion its range.
         rest: before the load comes on.
         known: what a prediction may use of it, `Record.judged_from`; all of a motion.
+        loaded: what is known under a load of at least `UNLOADED_BELOW` of the largest.
         earlier: the samples of the first half of the sweeps of a motion, or of the time of a load.
         in_loops: whether it has sweeps; only then is what follows of use, of the samples as measured.
         sweeps: number of sweeps.
@@ -351,6 +352,7 @@ class RecordPath:
         last = np.arange(block - 1, count, block)
         self.rest: Mask = record.rest[last] if driven_by == LOAD else np.zeros(len(last), dtype=bool)
         self.known: Mask = last < (record.judged_from if driven_by == LOAD else len(driver))
+        self.loaded: Mask = self.known & (np.abs(self.smooth) >= UNLOADED_BELOW * self.size)
         self._ranges: dict[tuple[float, float], tuple[Floats, Floats]] = {}
         self.earlier: Mask = self.time < (self.time[0] + self.time[-1]) / 2
         if not self.in_loops:

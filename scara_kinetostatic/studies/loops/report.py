@@ -29,15 +29,7 @@ from scara_kinetostatic.report import (
 )
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, Margins, as_svg, new_figure
 from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals, scale_of, shown
-from scara_kinetostatic.studies.loops.dial_gauge import (
-    CombinedEstimate,
-    DialGaugeAnalysis,
-    DirectionMap,
-    Estimate,
-    LoopAnalysis,
-    Part,
-    Run,
-)
+from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.fit import Prediction
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
 from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, RecordPath, block_means, repeatability
@@ -52,6 +44,9 @@ from scara_kinetostatic.studies.loops.selection import (
     Selection,
     Study,
 )
+
+Curve = tuple[Floats, str, str]
+"""Values in the unit that is shown, colour, label."""
 
 
 def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Document:
@@ -438,29 +433,23 @@ def _pictures(selection: Selection, judged: Judged, name: str) -> Section:
     quantities = [('{load}', path.driver, record.load_unit), ('{response}', record.response_change, record.unit('m'))]
     if path.driven_by == MOTION:
         quantities = [('{response}', path.driver, record.unit('m')), ('{load}', path.driven, record.load_unit)]
-    labels, scales = [], []
-    for word, values, unit in quantities:
-        scales.append(_scale(float(np.ptp(values)), unit))
-        labels.append(f'{record.words(word)}  [{scales[-1].unit}]')
+    scales = [_scale(float(np.ptp(values)), unit) for _, values, unit in quantities]
+    labels = [f'{record.words(one[0])}  [{scale.unit}]' for one, scale in zip(quantities, scales, strict=True)]
     driven = quantities[1][1]
     curves = [(driven, INK, 'measured'), *((driven - left, colour, label) for left, colour, label in residuals)]
     what = record.words(f'{quantities[1][0]} over {quantities[0][0]}, measured and predicted')
-    loop = partial(_curves, scales[0].per_si * path.driver, curves, scales[1].per_si, labels, f'{name}_loop', what)
+    curves = [(scales[1].per_si * values, colour, label) for values, colour, label in curves]
+    loop = partial(_curves, scales[0].per_si * path.driver, curves, labels, f'{name}_loop', what)
     labels = ['time  [s]', f'residual  [{per_time.unit}]']
     what = 'residual over time by each law; what is judged is shaded'
     begins = float(path.time[judged.rows.argmax()])
-    residual = partial(_curves, path.time, residuals, per_time.per_si, labels, f'{name}_residual', what, begins)
+    residuals = [(per_time.per_si * values, colour, label) for values, colour, label in residuals]
+    residual = partial(_curves, path.time, residuals, labels, f'{name}_residual', what, begins)
     return Section(record.name, (Figures((Figure(loop), Figure(residual))),))
 
 
 def _curves(
-    x: Floats,
-    curves: Sequence[tuple[Floats, str, str]],
-    per_si: float,
-    labels: Sequence[str],
-    name: str,
-    what: str,
-    judged_from: float | None = None,
+    x: Floats, curves: Sequence[Curve], labels: Sequence[str], name: str, what: str, judged_from: float | None = None
 ) -> Markup:
     """Curves with their colours and labels over x, at most 1000 points of each; over time, what is judged shaded."""
     figure, (axes,) = new_figure(450.0, 300.0, margins=Margins(left=64, right=8, bottom=74, top=12))
@@ -472,7 +461,7 @@ def _curves(
     block = -(-len(x) // 1000)
     for values, colour, label in curves:
         width = 0.8 if colour == INK else 1.4 if judged_from is None else 1.0
-        axes.plot(block_means(x, block), block_means(per_si * values, block), color=colour, lw=width, label=label)
+        axes.plot(block_means(x, block), block_means(values, block), color=colour, lw=width, label=label)
     axes.legend(frameon=False, loc='upper center', bbox_to_anchor=(0.5, -0.19), ncols=3, handlelength=1.4)
     return as_svg(figure, name, what)
 
@@ -482,7 +471,7 @@ HALF = 450.0
 """Width of a figure beside another, pixels."""
 
 
-def dial_gauge_document(analysis: DialGaugeAnalysis) -> Document:
+def dial_gauge_document(analysis: dial_gauge.DialGaugeAnalysis) -> Document:
     """`dial_gauge.json`: SI units; null where a quantity does not exist.
 
     `gap` is the jump of the displacement at zero force, `half_gap` the g of equations (6) and (7).
@@ -499,7 +488,7 @@ def dial_gauge_document(analysis: DialGaugeAnalysis) -> Document:
     }
 
 
-def _part(part: Part) -> Document:
+def _part(part: dial_gauge.Part) -> Document:
     maps = {}
     for what, each in part.maps.items():
         maps[what] = {'mean': each.mean, 'smallest': each.value.min(), 'largest': each.value.max()}
@@ -508,11 +497,11 @@ def _part(part: Part) -> Document:
     return _quantities(part) | runs | ({'over_direction': maps} if maps else {})
 
 
-def _quantities(each: Part | Run) -> Document:
+def _quantities(each: dial_gauge.Part | dial_gauge.Run) -> Document:
     return {'compliance': each.compliance, 'gap': each.gap, 'half_gap': each.gap.over(2)}
 
 
-def _run(run: Run) -> Document:
+def _run(run: dial_gauge.Run) -> Document:
     readings, fit = run.readings, run.fit
     return {
         **{name: getattr(readings, name) for name in ('source', 'gauge_at', 'direction', 'lever')},
@@ -531,7 +520,7 @@ def _run(run: Run) -> Document:
     }
 
 
-def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
+def dial_gauge_report(analysis: dial_gauge.DialGaugeAnalysis) -> Report:
     """The result of dial gauge experiments for the terminal and as a page."""
     blocks: list[Block] = [
         Section(TITLES[part.name], (_run_table(part), *_map_sentences(part), *part_figures(part)))
@@ -552,16 +541,16 @@ def dial_gauge_report(analysis: DialGaugeAnalysis) -> Report:
     )
 
 
-def with_std(estimate: Estimate, factor: float = 1e6) -> str:
+def with_std(estimate: dial_gauge.Estimate, factor: float = 1e6) -> str:
     """Value ± one standard deviation, with the digits that the latter allows; `factor`: displayed units per SI unit."""
     return shown(estimate.value, estimate.std, '', {'': Scale('', factor)}).text
 
 
-def _cells(each: Part | Run) -> tuple[str, str, str]:
+def _cells(each: dial_gauge.Part | dial_gauge.Run) -> tuple[str, str, str]:
     return with_std(each.compliance), with_std(each.gap), with_std(each.gap.over(2))
 
 
-def summary_table(analysis: DialGaugeAnalysis) -> Table:
+def summary_table(analysis: dial_gauge.DialGaugeAnalysis) -> Table:
     """One row per part: compliance, gap, half gap."""
     rows = []
     for part in analysis.parts.values():
@@ -571,37 +560,33 @@ def summary_table(analysis: DialGaugeAnalysis) -> Table:
     return Table(('part', 'runs', 'compliance', '', 'gap', 'half gap g', ''), ('',) * 7, tuple(rows))
 
 
-def _run_table(part: Part) -> Table:
-    rows = tuple(
-        (
-            NOT_DETERMINED if np.isnan(run.readings.direction) else f'{np.degrees(run.readings.direction):.5g}',
-            *_cells(run),
-            f'{1e6 * run.fit.sigma:.2f}',
-            f'{int(run.fit.used.sum())}',
-            ', '.join(check.name.replace('_', ' ') for check in run.failed_checks) or 'ok',
-        )
-        for run in part.runs
-    )
+def _run_table(part: dial_gauge.Part) -> Table:
+    rows = []
+    for run in part.runs:
+        turn, failed = np.degrees(run.readings.direction), [check.name for check in run.failed_checks]
+        direction = NOT_DETERMINED if np.isnan(turn) else f'{turn:.5g}'
+        fit = f'{1e6 * run.fit.sigma:.2f}', f'{int(run.fit.used.sum())}'
+        rows.append((direction, *_cells(run), *fit, ', '.join(failed).replace('_', ' ') or 'ok'))
     heading = ('direction', 'compliance', 'gap', 'half gap g', 'reading σ', 'rows', 'checks')
     gap_unit = f'µ{part.gap.unit}'
-    return Table(heading, ('°', f'µ{part.compliance.unit}', gap_unit, gap_unit, 'µm', '', ''), rows)
+    return Table(heading, ('°', f'µ{part.compliance.unit}', gap_unit, gap_unit, 'µm', '', ''), tuple(rows))
 
 
-def _test(test: CombinedEstimate) -> str:
-    degrees = f'{test.degrees_of_freedom} degrees of freedom'
-    return f'χ² = {test.chi_square:.1f} with {degrees}, {p_equals(test.p_value)}'
+def _test(test: dial_gauge.CombinedEstimate) -> str:
+    chi_square = f'χ² = {test.chi_square:.1f} with {test.degrees_of_freedom} degrees of freedom'
+    return f'{chi_square}, {p_equals(test.p_value)}'
 
 
-def _map_sentences(part: Part) -> list[str]:
+def _map_sentences(part: dial_gauge.Part) -> list[str]:
     """Whether compliance and gap are isotropic."""
     found = []
     for what, each in part.maps.items():
-        unit, ellipse = f'µ{each.mean.unit}', each.ellipse
+        unit, ellipse, test = f'µ{each.mean.unit}', each.ellipse, _test(each.isotropy)
         if each.isotropy.p_value >= LEVEL:
-            found.append(f'The {what} is equal in all directions within its uncertainty ({_test(each.isotropy)}).')
+            found.append(f'The {what} is equal in all directions within its uncertainty ({test}).')
             continue
-        text = f'The {what} depends on the direction ({_test(each.isotropy)}): '
-        text += f'{1e6 * each.value.min():.4g} … {1e6 * each.value.max():.4g} {unit}'
+        span = f'{1e6 * each.value.min():.4g} … {1e6 * each.value.max():.4g} {unit}'
+        text = f'The {what} depends on the direction ({test}): {span}'
         if ellipse is not None:
             fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
             limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} {unit}'
@@ -610,21 +595,19 @@ def _map_sentences(part: Part) -> list[str]:
     return found
 
 
-def part_figures(part: Part) -> tuple[Figures, ...]:
+def part_figures(part: dial_gauge.Part) -> tuple[Figures, ...]:
     """Maps over the direction, and the runs with the largest and the smallest gap."""
     maps = [Figure(partial(map_picture, each, what, f'{part.name}_{what}')) for what, each in part.maps.items()]
     dead_zone = 'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.'
-    gaps = [run.gap.value for run in part.runs]
-    runs = {k: part.runs[k] for k in (int(np.argmax(gaps)), int(np.argmin(gaps)))}
-    forces = [
-        Figure(partial(force_picture, run, f'{part.name}_force{k}'), title=run.readings.name.capitalize())
-        for k, run in runs.items()
-    ]
+    gaps, forces = [run.gap.value for run in part.runs], []
+    for k in dict.fromkeys((int(np.argmax(gaps)), int(np.argmin(gaps)))):
+        run, name = part.runs[k], f'{part.name}_force{k}'
+        forces.append(Figure(partial(force_picture, run, name), title=run.readings.name.capitalize()))
     found = Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')
     return (Figures(tuple(maps), dead_zone), found) if maps else (found,)
 
 
-def map_picture(each: DirectionMap, what: str, name: str) -> Markup:
+def map_picture(each: dial_gauge.DirectionMap, what: str, name: str) -> Markup:
     """A quantity over the direction, with two standard deviations and its ellipse (figures 4(b) and 4(c))."""
     figure, found = new_figure(HALF, 400, subplot_kw={'projection': 'polar'})
     axes = cast(PolarAxes, found[0])
@@ -646,7 +629,7 @@ def map_picture(each: DirectionMap, what: str, name: str) -> Markup:
     return as_svg(figure, name, f'{what} over the direction')
 
 
-def force_picture(run: Run, name: str) -> Markup:
+def force_picture(run: dial_gauge.Run, name: str) -> Markup:
     """Displacement over force of one run, with its lines drawn to zero force; the residuals below (figure 4(a)).
 
     Args:
@@ -677,7 +660,7 @@ def force_picture(run: Run, name: str) -> Markup:
     return as_svg(figure, name, 'displacement over force, with straight lines and their residuals')
 
 
-def _loop_section(loops: LoopAnalysis, name: str) -> Section:
+def _loop_section(loops: dial_gauge.LoopAnalysis, name: str) -> Section:
     picture = Figure(
         partial(loop_picture, loops, f'{name}_record'),
         'The record; bars: the gap of each reversal, at the force inside the backlash. Blue: displacement rising after '
@@ -689,7 +672,7 @@ def _loop_section(loops: LoopAnalysis, name: str) -> Section:
     return Section(f'Loops: {loops.record.source}', (picture, _loop_table(loops), note, *unused))
 
 
-def _loop_table(loops: LoopAnalysis) -> Table:
+def _loop_table(loops: dial_gauge.LoopAnalysis) -> Table:
     """Mean, definitional uncertainty and consistency of gap and compliance after the reversals of each sense."""
     rows = []
     for sense in loops.senses:
@@ -702,7 +685,7 @@ def _loop_table(loops: LoopAnalysis) -> Table:
     return Table(heading, ('',) * len(heading), tuple(rows))
 
 
-def loop_picture(loops: LoopAnalysis, name: str) -> Markup:
+def loop_picture(loops: dial_gauge.LoopAnalysis, name: str) -> Markup:
     """The loops, and on each reversal that is used the two crossings of the level."""
     figure, (axes,) = new_figure(HALF, 400)
     record = loops.record

@@ -63,16 +63,7 @@ from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.studies.loops.dial_gauge import Estimate
 from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, effective_count, evaluate, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import FAMILIES, PARAMETERS, Law
-from scara_kinetostatic.studies.loops.record import (
-    FEWEST_ROWS,
-    LEVEL,
-    LOAD,
-    MOTION,
-    UNLOADED_BELOW,
-    Record,
-    RecordPath,
-    block_means,
-)
+from scara_kinetostatic.studies.loops.record import FEWEST_ROWS, LEVEL, LOAD, MOTION, Record, RecordPath, block_means
 
 _BINS = 16
 POWER = 0.9
@@ -197,14 +188,15 @@ def p_positive(values: Floats) -> float:
 
 def _from_rest_to_rest(path: RecordPath, residual: Floats) -> tuple[float, dict[str, _Test]]:
     """Sum of squares of the block means less that at rest; p-value, explained and detectable part of it by variable."""
-    loaded = path.known & (np.abs(path.smooth) >= UNLOADED_BELOW * path.size)
     # at rest after the load, without 0.25 s of settling, or half of the samples if that is less
     quiet = np.abs(path.smooth) < max(0.05 * path.size, 4.0 * path.record.noise(path.record.load))
     later = np.flatnonzero(~path.known & (np.cumsum(~quiet[::-1])[::-1] == 0))
     settling = min(round(0.25 / float(np.median(np.diff(path.time)))), len(later) // 2)
     at_rest_again = np.isin(np.arange(len(quiet)), later[settling:])
     before, after = (_blocks(path, residual, rows) for rows in (path.rest, at_rest_again))
-    under_load, loads, times = (_blocks(path, values, loaded) for values in (residual, np.abs(path.driver), path.time))
+    under_load, loads, times = (
+        _blocks(path, values, path.loaded) for values in (residual, np.abs(path.driver), path.time)
+    )
     rest = before.mean() if len(before) else 0.0
     square = sum(float((means - rest) @ (means - rest)) for means in (before, after, under_load))
     tolerance = 0.01 * float(np.ptp(path.driven))
