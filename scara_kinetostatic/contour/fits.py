@@ -77,10 +77,8 @@ def _slow_noise(inverse: Floats, contour: Contour, points: Mask, residual: Float
     size = np.maximum(np.linalg.norm(by_noise, axis=1), 1e-30)
     loading = by_noise * (std / size)[:, None]
     group = np.arange(len(time)) * min(100, len(time)) // len(time)  # groups of neighbouring points
-    count = np.bincount(group)
-    terms = (inverse.T[:, :, None] * loading[:, None, :]).reshape(len(time), -1)
+    count, terms = np.bincount(group), inverse.T[:, :, None] * loading[:, None, :]
     sums = np.add.reduceat(terms, np.searchsorted(group, np.arange(len(count))))
-    sums = sums.reshape(len(count), len(inverse), -1)
     middle = np.bincount(group, time) / count
     lag = (middle[:, None] - middle) / max(float(np.ptp(time)), 1e-9)
     alike = [np.exp(-0.5 * (lag / part) ** 2) for part in (0.25, 0.5, 1.0, np.inf)]  # parts of the time of all
@@ -235,9 +233,8 @@ def _round(place: Floats, normal: Floats, whole: Floats) -> tuple[tuple[float, .
 def _line(place: Floats, outward: Floats, whole: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
     """A line: its middle, the angle of its normal, its length; residuals along the normal; their design matrix."""
     origin = place.mean(axis=0)
-    along = np.linalg.svd(place - origin, full_matrices=False)[2][0]
-    normal = np.array([along[1], -along[0]])
-    normal *= np.sign(np.sum(outward @ normal)) or 1.0
+    x, y = np.linalg.svd(place - origin, full_matrices=False)[2][0]
+    normal = np.array([y, -x]) * (np.sign(np.sum(outward @ [y, -x])) or 1.0)
     across = np.array([-normal[1], normal[0]])
     distance = (place - origin) @ across
     found = (*origin, np.arctan2(normal[1], normal[0]), np.ptp(whole @ across))

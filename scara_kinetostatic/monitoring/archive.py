@@ -93,8 +93,7 @@ def recalibrate(task: Task) -> Done:
     except ScaraKinetostaticError as error:
         return Done(task, '', str(error).removeprefix(f'{task.recording}: '))
     except Exception as error:  # one recording does not stop the others
-        reason = ' '.join(str(error).split())
-        return Done(task, '', f'internal error, {type(error).__name__}: {reason:.200}')
+        return Done(task, '', f'internal error, {type(error).__name__}: {" ".join(str(error).split()):.200}')
     return Done(task, outcome.assessment.grade.value, '')
 
 

@@ -238,8 +238,7 @@ def _joint(entry: Mapping[str, Any], arm: CalibratedArm) -> tuple[tuple[str, ...
     Raises:
         KeyError, TypeError, ValueError: they are damaged, or not those of the model.
     """
-    names = tuple(map(str, entry['names']))
-    declared = DeclaredErrors.of(arm.cell)
+    names, declared = tuple(map(str, entry['names'])), DeclaredErrors.of(arm.cell)
     if names != (*arm.model.names, *(declared.names if declared else ())):
         raise ValueError('covariance_with_cell: names differ from those of the model and the cell')
     values = stored_numbers(entry['values'], (len(names),))

@@ -598,20 +598,19 @@ def _repeatability(name: str, unit: str, off: Floats, std: Floats, dof: int, of_
     """F-test of what several estimates are off, in units of their std; the value is what they scatter beyond it."""
     if dof < 1:
         return None
-    chi_square = float(off @ off)
-    between = float(np.sqrt(max(chi_square / dof - 1, 0.0) * (std**2).mean()))
-    return Check(name, between, np.nan, unit, float(stats.f.sf(chi_square / dof, dof, of_sigma)))
+    ratio = float(off @ off) / dof
+    between = float(np.sqrt(max(ratio - 1, 0.0) * (std**2).mean()))
+    return Check(name, between, np.nan, unit, float(stats.f.sf(ratio, dof, of_sigma)))
 
 
 def _row_p_values(solution: LeastSquares) -> Floats:
     """p-value of each row from its externally studentised residual, (n,); 1 with too few degrees of freedom."""
     if solution.dof < 3:
         return np.ones(len(solution.residual))
-    free = np.maximum(1 - (solution.basis**2).sum(axis=1), 1e-12)
+    free, dof = np.maximum(1 - (solution.basis**2).sum(axis=1), 1e-12), solution.dof
     standard = solution.residual / solution.sigma / np.sqrt(free)
-    left = np.maximum(solution.dof - standard**2, 1e-12)
-    student = standard * np.sqrt((solution.dof - 1) / left)
-    return 2 * stats.t.sf(np.abs(student), solution.dof - 1)
+    student = standard * np.sqrt((dof - 1) / np.maximum(dof - standard**2, 1e-12))
+    return 2 * stats.t.sf(np.abs(student), dof - 1)
 
 
 class Run(NamedTuple):
@@ -835,14 +834,13 @@ def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, pow
         return None
     along, across = np.array([np.cos(turned), np.sin(turned)]), np.array([-np.sin(turned), np.cos(turned)])
 
-    def principal(sign: float) -> Estimate:
-        row = np.array([1.0, *(sign * along)])
-        end = (centre + sign * radius) ** (1 / power)
-        return Estimate(end, float(np.sqrt(row @ covariance @ row)) / (power * end ** (power - 1)), unit)
-
+    ends = []
+    for sign in (1.0, -1.0):
+        row, end = np.array([1.0, *(sign * along)]), (centre + sign * radius) ** (1 / power)
+        ends.append(Estimate(end, float(np.sqrt(row @ covariance @ row)) / (power * end ** (power - 1)), unit))
     axis_std = float(np.sqrt(across @ covariance[1:, 1:] @ across)) / (2 * radius) if radius > 0 else np.inf
     axis = Estimate(float(np.mod(turned / 2, np.pi)), axis_std, 'rad')
-    return Ellipse(principal(1.0), principal(-1.0), axis, chi_square, left, p_value)
+    return Ellipse(ends[0], ends[1], axis, chi_square, left, p_value)
 
 
 _MEANING = {
