@@ -18,17 +18,7 @@ from typing import Any
 
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError
-from scara_kinetostatic.files.yaml_file import (
-    ANY,
-    NOT_NEGATIVE,
-    POSITIVE,
-    Section,
-    Within,
-    dump_yaml,
-    parse_yaml,
-    read_text,
-    shown,
-)
+from scara_kinetostatic.files.yaml_file import POSITIVE, Section, Within, dump_yaml, parse_yaml, read_text, shown
 from scara_kinetostatic.model import cell as cells
 from scara_kinetostatic.model.effect_law import Parameter
 from scara_kinetostatic.model.outline import Outline, outline_problem
@@ -233,8 +223,8 @@ _PHI = ('phi1', 'phi2')
 def _nominal(top: Section, robot: Section) -> Parameters:
     section = robot.section('nominal', NAMES)
     limits = dict.fromkeys(('l1', 'l2'), POSITIVE)
-    limits |= dict.fromkeys(('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'), NOT_NEGATIVE)
-    values = {name: section.number(name, UNITS[name], limits.get(name, ANY)) for name in NAMES}
+    limits |= dict.fromkeys(('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'), Within(0.0))
+    values = {name: section.number(name, UNITS[name], limits.get(name, Within())) for name in NAMES}
     gx, gy = (0.0, 0.0) if top.data.get('gravity') is None else top.vector('gravity', ('x', 'y'), 'm/s²')
     if (gx * gx + gy * gy) ** 0.5 > MOST_GRAVITY:
         problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {shown([gx, gy])}'
@@ -302,12 +292,12 @@ def _limits(robot: Section, names: tuple[str, str]) -> cells.Limits | None:
         return None
     section = robot.section('limits', names)
     within = Within(-12.6, 12.6, 'it is in rad: 2.6 for 150 degrees', unit='rad')
-    one, other = (_interval(section, name, ('lower limit', 'upper limit'), within=within) for name in names)
+    one, other = (_interval(section, name, ('lower limit', 'upper limit'), within) for name in names)
     return one, other
 
 
 def _interval(
-    section: Section, key: str, labels: tuple[str, str], unit: str = '', within: Within = ANY
+    section: Section, key: str, labels: tuple[str, str], within: Within, unit: str = ''
 ) -> tuple[float, float]:
     """Two numbers, the smaller one first."""
     low, high = section.vector(key, labels, unit, within)
@@ -375,7 +365,7 @@ def _touch(top: Section) -> cells.TouchMotion:
     section, usual = top.section('touch', (), cells.TouchMotion._fields), cells.TouchMotion()
     force = usual.force
     if section.data.get('force') is not None:
-        force = _interval(section, 'force', ('smallest force', 'largest force'), '', _TOUCH['max_force'])
+        force = _interval(section, 'force', ('smallest force', 'largest force'), _TOUCH['max_force'])
     given = (section.optional(name, within=within) for name, within in _TOUCH.items())
     found = cells.TouchMotion(
         force, *(default if v is None else v for v, default in zip(given, usual[1:], strict=True))
@@ -389,7 +379,7 @@ def _region(top: Section) -> cells.Region:
     if top.data.get('region') is None:
         return cells.Region()
     section = top.section('region', ('x', 'y'))
-    x, y = (_interval(section, axis, ('lower limit', 'upper limit'), 'm') for axis in ('x', 'y'))
+    x, y = (_interval(section, axis, ('lower limit', 'upper limit'), Within(), 'm') for axis in ('x', 'y'))
     return cells.Region(*x, *y)
 
 
@@ -421,7 +411,7 @@ def _outline(section: Section, top: Section, name: str, plate: str) -> Outline:
     if not isinstance(is_open, bool):
         raise section.error('open', f'expected true or false, got {shown(is_open)}')
     corners = _corners(section, 2 if is_open else 3)
-    radius = section.optional('corner_radius', 'm', NOT_NEGATIVE) or 0.0
+    radius = section.optional('corner_radius', 'm', Within(0.0)) or 0.0
     center, angle, offset = _stds(section, center=_LENGTH, angle=_ANGLE, offset=_LENGTH)
     outline = Outline(name, corners, radius, is_open, center, offset, angle, plate)
     if (tip := _tip_radius(top)) is None:

@@ -207,7 +207,6 @@ class Within(NamedTuple):
 
 
 POSITIVE = Within(positive=True)
-NOT_NEGATIVE = Within(least=0.0)
 ANY = Within()
 
 
