@@ -226,8 +226,7 @@ def speed_of(time: Floats, places: Floats, contact: Indices) -> Floats:
     first, last = np.searchsorted(contact, contact, 'left'), np.searchsorted(contact, contact, 'right') - 1
     index = np.arange(len(time))
     low, high = np.maximum(index - half, first), np.minimum(index + half, last)
-    elapsed = np.maximum(time[high] - time[low], 1e-9)
-    return np.asarray(np.hypot(*(places[high] - places[low]).T) / elapsed)
+    return np.asarray(np.hypot(*(places[high] - places[low]).T) / np.maximum(time[high] - time[low], 1e-9))
 
 
 def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
@@ -260,10 +259,8 @@ def course_of(time: Floats, places: Floats, force: Floats) -> Course:
         places: of the tip's centre, (n, 2), m.
         force: F on the object, (n, 2), N.
     """
-    count = len(places)
-    steps = np.diff(time)
-    period = float(np.median(steps))
-    clock = np.append(0.0, np.cumsum(np.minimum(steps, 3 * period)))
+    count, steps = len(places), np.diff(time)
+    clock = np.append(0.0, np.cumsum(np.minimum(steps, 3 * float(np.median(steps)))))
     length = float(np.hypot(*np.diff(places, axis=0).T).sum()) / max(count - 1, 1)
     halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, 400)) for half in WINDOWS]
     # where the samples are sparse, a further window of two: its difference tells how far the others may be wrong
@@ -281,8 +278,7 @@ def course_of(time: Floats, places: Floats, force: Floats) -> Course:
     left = quarter_turn(along)
     side = 1.0 if np.median((force * left).sum(axis=1)) > 0 else -1.0
     convex, hollow = (_sure_curvature(fits[-1], way, noise, halves[-1]) for way in (side, -side))
-    index = np.arange(count)
-    end = np.minimum(index, index[::-1]) < 3
+    end = np.minimum(np.arange(count), np.arange(count)[::-1]) < 3
     return Course(-side * left, along, np.hypot(std, doubt), convex, hollow, np.full(count, noise), end)
 
 
@@ -471,9 +467,8 @@ def trace_signals(
     Raises:
         UnsupportedDataError: as `trace_contour`.
     """
-    samples = contact_samples(signals, source, zero)
+    samples, measured = contact_samples(signals, source, zero), replace(arm, cell=replace(arm.cell, sensor=sensor))
     reported = -samples.force if sensor.sign is SensorSign.ON_ROBOT else samples.force
-    measured = replace(arm, cell=replace(arm.cell, sensor=sensor))
     force = force_on_object(measured, reported, samples.joints, metadata_of(arm, samples.joints))
     places = tip_places(arm, samples.joints, force, samples.force_noise)
     if not np.isfinite(places.center).all():

@@ -159,25 +159,21 @@ def robot_cell(
         notes.append(f'joints off the way to {tip} are taken at 0: {" ".join(idle)}; --at JOINT=VALUE sets them')
     both = [(name, _limits(robot.joints[name]) or (-3.14, 3.14)) for name in joints]
     plane = arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}
+    assumed = ' '.join([*(name for name in held if name not in at), *idle])
+    said = {'source': robot.where, 'assumed': assumed, 'root': robot.root, 'tip': tip, 'sensor': sensor or tip}
+    limits = {name: np.clip(pair, -12.5, 12.5).tolist() for name, pair in both}
+    trees = {'known': {'nominal': known}, 'names': list(joints), 'plane': plane, 'limits': limits, 'held': held}
     text = render(
         Path(__file__).with_name('cell.yaml.j2'),
         escape=False,
         arm=arm,
-        source=one_line(robot.where),
         joints=[one_line(name) for name in joints],
         continuous=[one_line(name) for name in joints if robot.joints[name].type == 'continuous'],
-        assumed=one_line(' '.join([*(name for name in held if name not in at), *idle])),
-        root=one_line(robot.root),
-        tip=one_line(tip),
-        sensor=one_line(sensor or tip),
         parallel=parallel,
         has_weight=has_weight,
-        known=dump_yaml({'nominal': known}, flow=True),
         mounted=mounted,
-        names=dump_yaml(list(joints), flow=True),
-        plane=dump_yaml(plane, flow=True),
-        limits=dump_yaml({name: np.clip(limits, -12.5, 12.5).tolist() for name, limits in both}, flow=True),
-        held=dump_yaml(held, flow=True) if held else '',
+        **{name: one_line(text) for name, text in said.items()},
+        **{name: dump_yaml(tree, flow=True) if tree else '' for name, tree in trees.items()},
     )
     read_cell(yaml.safe_load(text), f'the cell of {robot.where}', may_be_empty=True)  # whoever reads it finds it right
     return text, notes

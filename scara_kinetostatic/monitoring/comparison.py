@@ -174,8 +174,9 @@ def extended(
     by_new[new] += np.eye(len(new))
     values, vectors = np.linalg.eigh((information + information.T) / 2)
     shown = values > 1e-9 * float((columns**2).sum(axis=0).max(initial=1e-12))  # else the touches do not show it
-    root = by_new @ (vectors[:, shown] / np.sqrt(values[shown]))
-    found = root @ ((vectors[:, shown] / np.sqrt(values[shown])).T @ (columns.T @ residual))
+    directions = vectors[:, shown] / np.sqrt(values[shown])
+    root = by_new @ directions
+    found = root @ (directions.T @ (columns.T @ residual))
     places = [*range(total), *(state.error_place(name) for name in names[total:])]
     scale = state.scale[places]
     further = scale[:, None] * root[places]

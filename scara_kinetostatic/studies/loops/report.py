@@ -21,17 +21,7 @@ from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.fit import Prediction
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
 from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, RecordPath, block_means, repeatability
-from scara_kinetostatic.studies.loops.selection import (
-    AMBIGUOUS,
-    NONE,
-    UNDECIDED,
-    VARIABLES,
-    Candidate,
-    Dependence,
-    Judged,
-    Selection,
-    Study,
-)
+from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, VARIABLES, Dependence, Judged, Selection
 
 Curve = tuple[Floats, str, str]
 """Values in the unit that is shown, colour, label."""
@@ -71,6 +61,8 @@ def _content(selection: Selection) -> Document:
     study, before, selected = selection.study, selection.before, selection.selected
     effects = [each.law.effect for each in (selected, *selection.rivals) if each]
     driven, unit = ('force', 'N') if study.driven_by == MOTION else ('response', 'm')
+    laws = (before, *selection.candidates)
+    errors = {each.law.name: {'fitted': each.fitted_rms, 'held_out': each.held_out_rms} for each in laws}
     return {
         'verdict': selection.verdict,
         'p_value': selection.p_value,
@@ -86,8 +78,8 @@ def _content(selection: Selection) -> Document:
         'p_value_without_memory': selection.p_without_memory,
         'direction': study.direction,
         f'{driven}_error': {
-            'before': _errors(before),
-            'after': _errors(selected) if selected else None,
+            'before': errors[before.law.name],
+            'after': errors[selected.law.name] if selected else None,
             'unit': study.records[0].unit(unit),
         },
         'candidates': [
@@ -97,17 +89,13 @@ def _content(selection: Selection) -> Document:
                 'p_value': None if each is before else each.p_gain,
                 'bic_difference': None if each is before else each.bic,
                 'accepted': each.accepted,
-                **_errors(each),
+                **errors[each.law.name],
                 'parameters': each.parameters,
             }
-            for each in (before, *selection.candidates)
+            for each in laws
         ],
         'parameters': {each.law.name: each.parameters for each in (before, selected) if each},
     }
-
-
-def _errors(each: Candidate) -> Document:
-    return {'fitted': each.fitted_rms, 'held_out': each.held_out_rms}
 
 
 def _motion_facts(path: RecordPath) -> Document:
@@ -139,8 +127,9 @@ def _load_facts(selection: Selection, number: int) -> Document:
     }
 
 
-def _words(study: Study) -> tuple[str, str, str]:
+def _words(selection: Selection) -> tuple[str, str, str]:
     """How the error of what was held out is said, where standard deviations are from, what the errors are."""
+    study = selection.study
     if study.driven_by == MOTION:
         return (
             'On sweeps not used in the fit, the error',
@@ -199,7 +188,7 @@ def verdict(selection: Selection) -> Verdict:
     together = f', {len(study.records)} records together' if len(study.records) > 1 else ''
     chances, error = f'{p_equals(selection.p_value)}{together}', _error_scale(selection)
     before = _number(error.per_si * selection.before.held_out_rms)
-    limit, held_out = 100 * min(selection.detectable, 1.0), _words(study)[0]
+    limit, held_out = 100 * min(selection.detectable, 1.0), _words(selection)[0]
     share = f'That is {100 * selection.share_of_range:.2g} % of the range.'
     errors = f'{held_out} of law (6) is {before} {error.unit} (rms). {share}'
     level: Level
@@ -223,7 +212,7 @@ def verdict(selection: Selection) -> Verdict:
         return Verdict(headline, 'bad', (evidence, errors))
     meanings = [record.words(each.law.meaning) for each in (selected, *selection.rivals)]
     headline = f'Law (6) is not sufficient: {meanings[0]}'
-    if selection.verdict == AMBIGUOUS:
+    if selection.rivals:
         headline = f'Law (6) is not sufficient; these records do not distinguish between {"; and ".join(meanings)}'
     after = _number(error.per_si * selected.held_out_rms)
     factor = selection.before.held_out_rms / selected.held_out_rms
@@ -233,7 +222,7 @@ def verdict(selection: Selection) -> Verdict:
     if not is_complete:
         rest = f'The selected law is not complete either: its residual {_strongest(selection.dependence_after, record)}'
     rest += f' ({p_equals(selection.p_after)}).'
-    level = 'good' if is_complete and selection.verdict != AMBIGUOUS else 'caution'
+    level = 'good' if is_complete and not selection.rivals else 'caution'
     return Verdict(headline, level, (evidence, errors, *_repeats(selection), rest))
 
 
@@ -272,7 +261,7 @@ def _strongest(found: Sequence[Dependence], record: Record) -> str:
 
 def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
     study, record = selection.study, selection.study.records[0]
-    _, uncertainty, errors = _words(study)
+    _, uncertainty, errors = _words(selection)
     note = f'Standard deviations: {uncertainty}.'
     if study.driven_by != MOTION:
         along = 'along' if study.direction > 0 else 'against'

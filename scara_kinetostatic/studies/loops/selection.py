@@ -226,8 +226,7 @@ def _difference(before: Floats, after: Floats, tolerance: float) -> _Test:
     variance = sum(parts) + tolerance**2
     free = variance**2 / max(sum(p**2 / (len(v) - 1) for p, v in zip(parts, (before, after), strict=True)), 1e-300)
     p_value = 2 * float(stats.t.sf(abs(difference) / np.sqrt(variance), min(free, 1e6)))
-    found = _quantiles(min(free, 1e6)) ** 2 * variance * len(after)
-    return p_value, difference**2 * len(after), found
+    return p_value, difference**2 * len(after), _quantiles(min(free, 1e6)) ** 2 * variance * len(after)
 
 
 def _slopes(residual: Floats, load: Floats, time: Floats, tolerance: float) -> list[_Test]:
