@@ -319,8 +319,7 @@ def _division(
         arc_penalty: λ of an arc: it has one value more, and every line is nearly an arc, too.
         fewest: nodes of a piece.
     """
-    count = len(points)
-    moments = _cumulative_moments(points - points.mean(axis=0), std)
+    count, moments = len(points), _cumulative_moments(points - points.mean(axis=0), std)
     least = np.concatenate([[0.0], np.full(count, np.inf)])
     begin, is_arc = np.zeros(count + 1, dtype=np.intp), np.zeros(count + 1, dtype=bool)
     for end in range(min(fewest, count), count + 1):

@@ -65,9 +65,8 @@ class OnlineContour:
         tip_radius: float | None = None,
         topics: tuple[str, str] | None = None,
     ) -> None:
-        self.arm, self._sensor = arm, sensor or arm.cell.sensor
+        self.arm, self._sensor, self._topics = arm, sensor or arm.cell.sensor, topics or arm.cell.sensor.topics
         self.tip_radius = (arm.cell.tip_radius if tip_radius is None else tip_radius) or 0.0
-        self._topics = topics or arm.cell.sensor.topics
         self._shown: Parts = ()
         self.restart()
         self.clear()

@@ -235,8 +235,7 @@ def one_of(choices: Mapping[str, str]) -> Callable[[str], str]:
     """Reads cells that hold one of some words: the value by word, which is in lower case without spaces or dashes."""
 
     def parse(cell: str) -> str:
-        text = re.sub(r'[\s_-]', '', cell.lower())
-        if text not in choices:
+        if (text := re.sub(r'[\s_-]', '', cell.lower())) not in choices:
             values = ' or '.join(dict.fromkeys(choices.values()))
             raise ValueError(f'expected {values}, got {cell.strip()[:40]!r}')
         return choices[text]
@@ -266,8 +265,7 @@ def load_table(path: Path, example: str) -> Table:
             raise RecordingError(path, 'there is no such file', 'check the path')
         if not path.is_file():
             raise RecordingError(path, 'expected a CSV file, got ' + ('a folder' if path.is_dir() else 'no file'))
-        size = path.stat().st_size
-        if size > MAX_BYTES:
+        if (size := path.stat().st_size) > MAX_BYTES:
             raise RecordingError(path, f'expected at most {MAX_BYTES // 2**20} MiB of CSV, got {size} bytes')
         return parse_table(_decoded(path.read_bytes(), path), str(path), example)
     except OSError as error:

@@ -93,8 +93,7 @@ def read_text(path: str | Path, problem: _Problem) -> str:
             raise problem(path, 'there is no such file', 'check the path')
         if not path.is_file():
             raise problem(path, 'expected a file, got ' + ('a folder' if path.is_dir() else 'something else'))
-        size = path.stat().st_size
-        if size > _MAX_BYTES:
+        if (size := path.stat().st_size) > _MAX_BYTES:
             raise problem(path, f'expected at most {_MAX_BYTES // 1024} KiB of YAML, got {size} bytes')
         return path.read_bytes().decode('utf-8-sig')
     except UnicodeDecodeError as error:

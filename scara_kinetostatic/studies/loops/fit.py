@@ -278,9 +278,8 @@ class _Problem:
 
     def _basis(self, shape: Values, states: Floats) -> Floats:
         """The basis s B of all records, each less its mean."""
-        return np.concatenate(
-            [each.centred(shape, state) for each, state in zip(self.records, states.tolist(), strict=True)]
-        )
+        pairs = zip(self.records, states.tolist(), strict=True)
+        return np.concatenate([each.centred(shape, state) for each, state in pairs])
 
 
 def evaluate(fitted: Fit, path: RecordPath, state: float) -> Floats:
