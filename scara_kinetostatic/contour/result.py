@@ -33,7 +33,7 @@ from scara_kinetostatic.model.plane import Plane
 SPACING = 5e-4
 """Least distance of the nodes of an outline, m."""
 _SAME_NORMAL = 0.8
-"""Least product of their normals."""
+"""Least product of the normals of points of two passes that are the same."""
 _LONGEST_GAP = 3e-3
 """An outline whose ends are no farther apart, m, is closed."""
 _FEWEST_SAME = 3

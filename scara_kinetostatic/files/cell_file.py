@@ -40,7 +40,7 @@ _COMMON = {
     'force_gain': Within(0.0, 0.2, 'it is a part of 1: 0.005 for 0.5 %'),
     'force_rotation': _ANGLE,
 }
-"""Keys of the section `uncertainty` beside `nominal` and `effects`."""
+"""Keys of the section `uncertainty` beside `nominal` and `effects`, with their limits."""
 
 
 def load_cell(path: str | Path) -> cells.Cell:
