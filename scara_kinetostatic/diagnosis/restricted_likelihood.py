@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
+from scipy.stats import t
 
 from scara_kinetostatic.model.arrays import Floats, Indices
 
@@ -13,6 +15,12 @@ _LARGEST_STEP = 1.5
 """Of log τ."""
 _STEPS = 12
 """Of Fisher scoring."""
+_OTHERS = (1.0, 0.3)
+"""Sizes of all others beside a large one, in those of the maximum."""
+_NEAR, _LARGE = np.geomspace(1 / 27, 3.0, 5), np.geomspace(1.0, 30.0, 5)
+"""Sizes of one: about the maximum, in that there; large ones, in typical sizes."""
+_LEAST_PROBABILITY = 1e-3
+"""Of a large size that counts."""
 
 
 def size_prior(logs: Floats, freedoms: Floats) -> tuple[float, Floats, Floats]:
@@ -25,6 +33,11 @@ def size_prior(logs: Floats, freedoms: Floats) -> tuple[float, Floats, Floats]:
     share, more = square / (freedoms + square), freedoms + 1
     value = more * np.log1p(square / freedoms) - 2 * off
     return float(value.sum()), 2 * more * share - 2, 4 * more * share * (1 - share)
+
+
+def _log_half_t(ratio: Floats, freedoms: float) -> Floats:
+    """Log density of log x at x = `ratio`, of a half-t with scale 1."""
+    return np.asarray(t.logpdf(ratio, freedoms) + np.log(2 * ratio))
 
 
 class Whitened(NamedTuple):
@@ -142,3 +155,45 @@ def estimate_levels(inner: Whitened, of_joints: Floats, levels: Floats, weights:
         whitened = levels[k] * inner.inverse @ part @ inner.inverse.swapaxes(1, 2)
         found[k] *= np.einsum('ni,nij,nj->', rest, whitened, rest) / np.einsum('nij,nji->', whitened, kept)
     return np.clip(found, 1e-4, 2.0)
+
+
+def large_sizes(
+    inner: Whitened, fixed: int, group: Indices, logs: Floats, freedoms: Floats
+) -> Iterator[tuple[float, Floats]]:
+    """Sizes of the columns with one that is large, (c,), which the touches do not exclude, and their probabilities.
+
+    By the likelihood along the size of each group, all others as they are or smaller, its prior half-Cauchy.
+    """
+    common, modes = np.exp(logs[-1]), np.exp(logs[:-1])
+    usual, levels, odds, sizes = np.zeros(len(modes)), [], [], []
+    for others in _OTHERS:
+        weights = np.concatenate([np.ones(fixed), others * modes[group]])
+        deviance, inverse, effects = penalised(inner, weights)
+        levels.append(-0.5 * deviance + float(_log_half_t(others * common, 1.0)))
+        spread = inner.gram - inner.gram @ (weights[:, None] * inverse * weights) @ inner.gram
+        score = inner.projected - inner.gram @ (weights * effects)
+        for g, mode in enumerate(modes):
+            at = fixed + np.flatnonzero(group == g)
+            part = spread[np.ix_(at, at)], score[at]
+            if others == 1.0:
+                density = _gained(*part, (_NEAR**2 - 1) * mode**2) + _log_half_t(_NEAR * mode / common, freedoms[g])
+                usual[g] = np.log(np.exp(density).sum() * np.log(_NEAR[1] / _NEAR[0]))
+            large = _LARGE[_NEAR[-1] * mode < _LARGE]
+            density = _gained(*part, large**2 - (others * mode) ** 2) + _log_half_t(large / (others * common), 1.0)
+            odds += (density + levels[-1] - usual[g] + np.log(_LARGE[1] / _LARGE[0])).tolist()
+            sizes += [(weights, at, one) for one in large.tolist()]
+    if not odds:
+        return
+    ratio = np.exp(np.array(odds) - np.logaddexp.reduce(levels))
+    for probability, (weights, at, one) in zip((ratio / (1 + ratio.sum())).tolist(), sizes, strict=True):
+        if probability > _LEAST_PROBABILITY:
+            changed = weights.copy()
+            changed[at] = one
+            yield probability, changed
+
+
+def _gained(spread: Floats, score: Floats, more: Floats) -> Floats:
+    """Log likelihood gained by more variance of some columns, (m,), by their part of X'V⁻¹X and X'V⁻¹y."""
+    value, vector = np.linalg.eigh(spread)
+    inside = np.maximum(1 + more[:, None] * value, 1e-9)
+    return np.asarray(0.5 * (more[:, None] * np.square(vector.T @ score) / inside - np.log(inside)).sum(axis=1))
