@@ -29,6 +29,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -582,16 +583,29 @@ def with_large_effects(model: MixedModel) -> Calibration:
     the estimate is that at the maximum of the likelihood of the sizes, where all are small.
     """
     c, solved, problem = model.fit, model.solved, model.solved.problem
-    y, u, covariance = _posterior(problem.inner, problem.weights)
-    more = np.zeros_like(covariance)
-    for probability, weights in large_sizes(problem.inner, problem.fixed, problem.group, solved.logs, problem.freedoms):
-        other_y, other_u, other = _posterior(problem.inner, weights)
-        scale = np.concatenate([np.ones(len(y)), weights / problem.weights])
-        off = np.concatenate([other_y - y, other_u * scale[len(y) :] - u])
-        more += probability * (scale[:, None] * other * scale - covariance + np.outer(off, off))
-    every, (kept, unit), lift = problem.every(len(y)), of_full_model(c), _lift(c, solved)
-    moved = lift @ more[np.ix_(every, every)] @ lift.T
-    return _with_contribution(c, LARGE_EFFECT, unit[:, None] * moved[np.ix_(kept, kept)] * unit)
+    found = large_sizes(problem.inner, problem.fixed, problem.group, solved.logs, problem.freedoms)
+    estimate, covariance, unit = _in_typical_sizes(problem.inner, problem.weights)
+    b, more = len(solved.y), np.zeros_like(covariance)
+    for _, group in groupby(found, key=lambda item: id(item.weights)):
+        items = list(group)
+        beside, scatter, _ = _in_typical_sizes(problem.inner, items[0].weights)
+        more += sum(item.probability for item in items) * (scatter - covariance)
+        for probability, size, weights, columns in items:
+            at, now = b + columns, weights[columns[0]]
+            cross = scatter[:, at]  # the prior of these columns has a larger variance
+            gain = np.linalg.inv(scatter[np.ix_(at, at)] - np.eye(len(at)) / (1 / now**2 - 1 / size**2))
+            off = beside - cross @ gain @ beside[at] - estimate
+            more += probability * (np.outer(off, off) - cross @ gain @ cross.T)
+    every, (kept, sizes), lift = problem.every(b), of_full_model(c), _lift(c, solved)
+    moved = lift @ (more / np.outer(unit, unit))[np.ix_(every, every)] @ lift.T
+    return _with_contribution(c, LARGE_EFFECT, sizes[:, None] * moved[np.ix_(kept, kept)] * sizes)
+
+
+def _in_typical_sizes(inner: Whitened, weights: Floats) -> tuple[Floats, Floats, Floats]:
+    """The estimate of y and of the columns in typical sizes, its covariance, and these units."""
+    y, u, covariance = _posterior(inner, weights)
+    unit = np.concatenate([np.ones(len(y)), weights])
+    return np.concatenate([y, u]) * unit, unit[:, None] * covariance * unit, unit
 
 
 def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:

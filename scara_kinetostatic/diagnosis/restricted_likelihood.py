@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
-from scipy.stats import t
+from scipy.special import gammaln
 
 from scara_kinetostatic.model.arrays import Floats, Indices
 
@@ -37,7 +36,8 @@ def size_prior(logs: Floats, freedoms: Floats) -> tuple[float, Floats, Floats]:
 
 def _log_half_t(ratio: Floats, freedoms: float) -> Floats:
     """Log density of log x at x = `ratio`, of a half-t with scale 1."""
-    return np.asarray(t.logpdf(ratio, freedoms) + np.log(2 * ratio))
+    constant = gammaln((freedoms + 1) / 2) - gammaln(freedoms / 2) - 0.5 * np.log(freedoms * np.pi)
+    return np.asarray(constant + np.log(2 * ratio) - (freedoms + 1) / 2 * np.log1p(ratio**2 / freedoms))
 
 
 class Whitened(NamedTuple):
@@ -157,15 +157,29 @@ def estimate_levels(inner: Whitened, of_joints: Floats, levels: Floats, weights:
     return np.clip(found, 1e-4, 2.0)
 
 
-def large_sizes(
-    inner: Whitened, fixed: int, group: Indices, logs: Floats, freedoms: Floats
-) -> Iterator[tuple[float, Floats]]:
-    """Sizes of the columns with one that is large, (c,), which the touches do not exclude, and their probabilities.
+class LargeSize(NamedTuple):
+    """One size large, the others as they are or smaller.
 
-    By the likelihood along the size of each group, all others as they are or smaller, its prior half-Cauchy.
+    Attributes:
+        probability: of it.
+        size: this.
+        weights: sizes of all columns before, (c,).
+        columns: which of them have the large one.
+    """
+
+    probability: float
+    size: float
+    weights: Floats
+    columns: Indices
+
+
+def large_sizes(inner: Whitened, fixed: int, group: Indices, logs: Floats, freedoms: Floats) -> list[LargeSize]:
+    """The large sizes that the touches do not exclude, by the likelihood along the size of each group, with a
+    half-Cauchy prior.
     """
     common, modes = np.exp(logs[-1]), np.exp(logs[:-1])
-    usual, levels, odds, sizes = np.zeros(len(modes)), [], [], []
+    usual, levels, found = np.zeros(len(modes)), list[float](), list[LargeSize]()
+    steps = np.log([_NEAR[1] / _NEAR[0], _LARGE[1] / _LARGE[0]])
     for others in _OTHERS:
         weights = np.concatenate([np.ones(fixed), others * modes[group]])
         deviance, inverse, effects = penalised(inner, weights)
@@ -177,19 +191,14 @@ def large_sizes(
             part = spread[np.ix_(at, at)], score[at]
             if others == 1.0:
                 density = _gained(*part, (_NEAR**2 - 1) * mode**2) + _log_half_t(_NEAR * mode / common, freedoms[g])
-                usual[g] = np.log(np.exp(density).sum() * np.log(_NEAR[1] / _NEAR[0]))
+                usual[g] = np.log(np.exp(density).sum() * steps[0])
             large = _LARGE[_NEAR[-1] * mode < _LARGE]
             density = _gained(*part, large**2 - (others * mode) ** 2) + _log_half_t(large / (others * common), 1.0)
-            odds += (density + levels[-1] - usual[g] + np.log(_LARGE[1] / _LARGE[0])).tolist()
-            sizes += [(weights, at, one) for one in large.tolist()]
-    if not odds:
-        return
-    ratio = np.exp(np.array(odds) - np.logaddexp.reduce(levels))
-    for probability, (weights, at, one) in zip((ratio / (1 + ratio.sum())).tolist(), sizes, strict=True):
-        if probability > _LEAST_PROBABILITY:
-            changed = weights.copy()
-            changed[at] = one
-            yield probability, changed
+            odds = np.exp(density + levels[-1] - levels[0] - usual[g]) * steps[1]
+            found += [LargeSize(*pair, weights, at) for pair in zip(odds.tolist(), large.tolist(), strict=True)]
+    total = float(np.exp(np.array(levels) - levels[0]).sum()) + sum(item.probability for item in found)
+    every = (item._replace(probability=item.probability / total) for item in found)
+    return [item for item in every if item.probability > _LEAST_PROBABILITY]
 
 
 def _gained(spread: Floats, score: Floats, more: Floats) -> Floats:
