@@ -29,11 +29,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg
 
 from scara_kinetostatic.calibration.declared_errors import Prior, Source
 from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, fewest_touches, find_good, studentised
@@ -51,6 +49,8 @@ from scara_kinetostatic.diagnosis.restricted_likelihood import (
     estimate_sizes,
     large_sizes,
     penalised,
+    posterior,
+    scatter,
     size_prior,
 )
 from scara_kinetostatic.effects.base import Effect
@@ -391,7 +391,7 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     deviance = penalised(inner, weights)[0] + size_prior(logs, sizes.freedoms)[0]
     rms = np.exp((logs + np.minimum(variance, np.log(_LARGEST_RATIO)))[:-1])
     weights = np.concatenate([np.ones(fixed), rms[group]])
-    y, u, covariance = _posterior(inner, weights)
+    y, u, covariance = posterior(inner, weights)
     problem = _Problem(inner, fixed, group, sizes.freedoms, weights, np.argsort(order))
     every = problem.every(len(y))
     tau = (sizes.typical * weights_held)[order] * weights
@@ -414,16 +414,6 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
         problem,
     )
     return solved._replace(shift=_shift(c, solved))
-
-
-def _posterior(inner: Whitened, weights: Floats) -> tuple[Floats, Floats, Floats]:
-    """y, u and their covariance at sizes of the columns, (c,)."""
-    _, inverse, effects = penalised(inner, weights)
-    by_fitted = np.linalg.solve(inner.triangle, inner.of_columns * weights)
-    y = -linalg.solve_triangular(inner.triangle, inner.of_residual, check_finite=False) + by_fitted @ effects
-    root = linalg.solve_triangular(inner.triangle, np.eye(len(y)), check_finite=False)
-    crossed = -by_fitted @ inverse
-    return y, -effects, np.block([[root @ root.T - crossed @ by_fitted.T, crossed], [crossed.T, inverse]])
 
 
 def _trusted_rows(c: Calibration, base: Calibration) -> tuple[Floats, Floats]:
@@ -584,28 +574,9 @@ def with_large_effects(model: MixedModel) -> Calibration:
     """
     c, solved, problem = model.fit, model.solved, model.solved.problem
     found = large_sizes(problem.inner, problem.fixed, problem.group, solved.logs, problem.freedoms)
-    estimate, covariance, unit = _in_typical_sizes(problem.inner, problem.weights)
-    b, more = len(solved.y), np.zeros_like(covariance)
-    for _, group in groupby(found, key=lambda item: id(item.weights)):
-        items = list(group)
-        beside, scatter, _ = _in_typical_sizes(problem.inner, items[0].weights)
-        more += sum(item.probability for item in items) * (scatter - covariance)
-        for probability, size, weights, columns in items:
-            at, now = b + columns, weights[columns[0]]
-            cross = scatter[:, at]  # the prior of these columns has a larger variance
-            gain = np.linalg.inv(scatter[np.ix_(at, at)] - np.eye(len(at)) / (1 / now**2 - 1 / size**2))
-            off = beside - cross @ gain @ beside[at] - estimate
-            more += probability * (np.outer(off, off) - cross @ gain @ cross.T)
-    every, (kept, sizes), lift = problem.every(b), of_full_model(c), _lift(c, solved)
-    moved = lift @ (more / np.outer(unit, unit))[np.ix_(every, every)] @ lift.T
-    return _with_contribution(c, LARGE_EFFECT, sizes[:, None] * moved[np.ix_(kept, kept)] * sizes)
-
-
-def _in_typical_sizes(inner: Whitened, weights: Floats) -> tuple[Floats, Floats, Floats]:
-    """The estimate of y and of the columns in typical sizes, its covariance, and these units."""
-    y, u, covariance = _posterior(inner, weights)
-    unit = np.concatenate([np.ones(len(y)), weights])
-    return np.concatenate([y, u]) * unit, unit[:, None] * covariance * unit, unit
+    every, (kept, sizes), lift = problem.every(len(solved.y)), of_full_model(c), _lift(c, solved)
+    more = lift @ scatter(problem.inner, problem.weights, found)[np.ix_(every, every)] @ lift.T
+    return _with_contribution(c, LARGE_EFFECT, sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
 
 
 def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -105,6 +107,16 @@ def penalised(inner: Whitened, weights: Floats) -> tuple[float, Floats, Floats]:
     return float(2 * np.log(np.diag(factor)).sum() + inner.square - h @ effects), inverse, effects
 
 
+def posterior(inner: Whitened, weights: Floats) -> tuple[Floats, Floats, Floats]:
+    """y, u and their covariance at sizes of the columns, (c,)."""
+    _, inverse, effects = penalised(inner, weights)
+    by_fitted = np.linalg.solve(inner.triangle, inner.of_columns * weights)
+    y = -linalg.solve_triangular(inner.triangle, inner.of_residual, check_finite=False) + by_fitted @ effects
+    root = linalg.solve_triangular(inner.triangle, np.eye(len(y)), check_finite=False)
+    crossed = -by_fitted @ inverse
+    return y, -effects, np.block([[root @ root.T - crossed @ by_fitted.T, crossed], [crossed.T, inverse]])
+
+
 def estimate_sizes(
     inner: Whitened, fixed: int, group: Indices, start: Floats, freedoms: Floats
 ) -> tuple[Floats, Floats]:
@@ -199,6 +211,32 @@ def large_sizes(inner: Whitened, fixed: int, group: Indices, logs: Floats, freed
     total = float(np.exp(np.array(levels) - levels[0]).sum()) + sum(item.probability for item in found)
     every = (item._replace(probability=item.probability / total) for item in found)
     return [item for item in every if item.probability > _LEAST_PROBABILITY]
+
+
+def scatter(inner: Whitened, weights: Floats, found: Sequence[LargeSize]) -> Floats:
+    """By what large sizes enlarge the covariance of `posterior` at sizes of the columns, (b + c, b + c): that of each,
+    and the square of what it changes of the estimate, by its probability.
+    """
+    estimate, covariance, unit = _in_typical_sizes(inner, weights)
+    b, more = len(unit) - len(weights), np.zeros_like(covariance)
+    for _, group in groupby(found, key=lambda item: id(item.weights)):
+        items = list(group)
+        before, spread, _ = _in_typical_sizes(inner, items[0].weights)
+        more += sum(item.probability for item in items) * (spread - covariance)
+        for probability, size, others, columns in items:
+            at, now = b + columns, others[columns[0]]
+            across = spread[:, at]  # less is known of these columns beforehand: information is taken away
+            gain = np.linalg.inv(spread[np.ix_(at, at)] - np.eye(len(at)) / (1 / now**2 - 1 / size**2))
+            off = before - across @ gain @ before[at] - estimate
+            more += probability * (np.outer(off, off) - across @ gain @ across.T)
+    return np.asarray(more / np.outer(unit, unit))
+
+
+def _in_typical_sizes(inner: Whitened, weights: Floats) -> tuple[Floats, Floats, Floats]:
+    """Y and the columns' values in typical sizes, their covariance, and these units."""
+    y, u, covariance = posterior(inner, weights)
+    unit = np.concatenate([np.ones(len(y)), weights])
+    return np.concatenate([y, u]) * unit, unit[:, None] * covariance * unit, unit
 
 
 def _gained(spread: Floats, score: Floats, more: Floats) -> Floats:
