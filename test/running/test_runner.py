@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmark.rehearsal import Rehearsal
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.cell import Cell, Disc, Lift, Noise, Region
@@ -24,7 +25,6 @@ from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.running import commands
 from scara_kinetostatic.running.campaign import calibrated
 from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, Command, Commander, Track
-from scara_kinetostatic.running.rehearsal import Rehearsal
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings, Reading
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
