@@ -31,19 +31,17 @@ from threading import Thread
 from time import monotonic_ns
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.task import Future as RclpyFuture
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
-from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
-from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError, place
 from scara_kinetostatic.nodes.controller import Controller
 from scara_kinetostatic.nodes.conversion import Sample, pose_stamped
-from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import Session
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
@@ -89,17 +87,9 @@ class TouchRunner(CellNode):
 
     def __init__(self) -> None:
         super().__init__('touch_runner')
-        self._cell = declare.cell_or_example(self, DEMO_CELL)
-        output = declare.parameter(self, 'output', 'recordings', 'folder for recording and result')
-        self._output = declare.place('output', output).absolute()
-        path = declare.parameter(self, 'calibration', '', 'calibration.json to begin with; empty: the nominal arm')
-        self._planner = self._known(declare.place('calibration', path)) if path else None
-        autostart = declare.parameter(self, 'autostart', False, 'begin at once')
-        self._exits = declare.parameter(self, 'exit_when_done', False, 'end the node when the run has ended')
-        meaning = 'accepted touches after which the run ends'
-        self._most = declare.parameter(self, 'max_touches', 100, meaning, Range(FIRST, 1000))
-        meaning = 'how long a touch waits for what may pass by itself, s; 0: the run ends'
-        self._patience = declare.parameter(self, 'patience', 30.0, meaning, Range(0.0, 3600.0))
+        self._cell = self.cell_or_example(DEMO_CELL)
+        self._output, path = place('output', self.value('output')).absolute(), self.value('calibration')
+        self._planner = self._known(place('calibration', path)) if path else None
         if self._cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them to the cell description')
         self._work: ProcessPoolExecutor | None = None
@@ -108,10 +98,7 @@ class TouchRunner(CellNode):
         self._result = ''
         self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * _SECOND)
         self._said: tuple[str, str] = ('', '')
-        action = declare.parameter(
-            self, 'action', '', 'FollowJointTrajectory server to move by; empty: joint_trajectory'
-        )
-        self._controller = Controller(self, action, self._take_failure)
+        self._controller = Controller(self, self.value('action'), self._take_failure)
         self._runner = self._new_runner()
         zero = self._cell.sensor.zero_service
         self._zero_client = self.create_client(Trigger, zero) if zero else None
@@ -121,7 +108,7 @@ class TouchRunner(CellNode):
         self._next = self.create_publisher(PoseStamped, '~/next_touch', LATCHED)
         self._streams = CellStreams(self, self._cell, self._take_transforms)
         self._streams.subscribe(self._take)
-        self._autostart = autostart
+        self._autostart = self.value('autostart')
         self.serve('start', self._start)
         self.serve('pause', self._pause)
         self.serve('stop', self._stop)
@@ -157,7 +144,9 @@ class TouchRunner(CellNode):
             self._runner.fail(reason, may_retract=passes, passes=passes)
 
     def _new_runner(self) -> Runner:
-        runner = Runner(self._cell, self._most, self._detect, self._submit, self._planner, self._patience)
+        runner = Runner(
+            self._cell, self.value('max_touches'), self._detect, self._submit, self._planner, self.value('patience')
+        )
         runner.streams = not self._controller.is_action
         return runner
 
@@ -183,9 +172,9 @@ class TouchRunner(CellNode):
         if self._runner.end is not None:
             self._runner = self._new_runner()
         topics = tuple(monitor.topic for monitor in self._streams.monitors.values())
-        self._session = Session(self._output, self._cell, self._now(), (topics[0], topics[1]))
+        self._session = Session(self._output, self._cell, self.now(), (topics[0], topics[1]))
         for message in self._streams.frame.messages:
-            self._session.take_transforms(message, self._now())
+            self._session.take_transforms(message, self.now())
         self._submit(abs, 0)  # the process has started, and imported what it needs, before it is needed
         self._autostart, self._is_running, self._result = False, True, ''
         self._runner.start()
@@ -222,7 +211,7 @@ class TouchRunner(CellNode):
                     topic, remedy = self._streams.monitors[stream].topic, 'set use_sim_time, or synchronise the clocks'
                     return f'{topic}: stamps of another clock, {apart:.0f} s apart from that of this node: {remedy}'
         robots = {name.rpartition('/')[2] for each in self._streams.monitors.values() for name in each.publishers}
-        if not self.get_parameter('cell').value and robots - {'contact_simulator'}:
+        if not self.value('cell') and robots - {'contact_simulator'}:
             return 'the parameter cell is empty: name the cell description of this robot'
         return ''
 
@@ -241,24 +230,21 @@ class TouchRunner(CellNode):
 
     # Samples and commands
 
-    def _now(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
-
     def _time(self) -> int:
         """Of the run, ns: steady, or that of the simulation."""
-        return self._now() if self.get_clock().ros_time_is_active else monotonic_ns()
+        return self.now() if self.get_clock().ros_time_is_active else monotonic_ns()
 
     def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
         if self._session is not None:
             by_ros_time = self.get_clock().ros_time_is_active
             try:
-                log_time = self._now() if by_ros_time or not received else received
+                log_time = self.now() if by_ros_time or not received else received
                 self._session.take(stream, message, log_time, sample)
             except (ScaraKinetostaticError, OSError) as error:
                 self._lose_recording(error)
         senses, now = self._runner.senses, 1e-9 * self._time()
         if sample is not None:
-            self._apart[stream] = 1e-9 * (self._now() - sample.stamp_ns)
+            self._apart[stream] = 1e-9 * (self.now() - sample.stamp_ns)
         if sample is None:
             monitor = self._streams.monitors[stream]
             senses.refuse(monitor.refusal, moved=monitor.has_moved)
@@ -271,7 +257,7 @@ class TouchRunner(CellNode):
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:
         if self._session is not None:
-            self._session.take_transforms(message, self._now(), anew)
+            self._session.take_transforms(message, self.now(), anew)
 
     def _detect(self) -> Detection:
         """The touches that were found and are on the disk."""
@@ -373,7 +359,7 @@ class TouchRunner(CellNode):
     def _end(self) -> None:
         self._publish_state()
         end = self._runner.end
-        if self._exits and end is not None:
+        if self.value('exit_when_done') and end is not None:
             self.exit_status = end.status
 
     # What it says
@@ -395,22 +381,13 @@ class TouchRunner(CellNode):
 
     def _publish_state(self) -> None:
         status = self._runner.status
-        diagnostic = DiagnosticStatus(
-            level=self._level(status),
-            name=f'{self.get_fully_qualified_name()}: run',
-            message=status.text,
-            hardware_id=self.get_namespace().strip('/') or 'scara_kinetostatic',
-            values=[KeyValue(key=key, value=value) for key, value in self.facts().items()],
-        )
-        array = DiagnosticArray(status=[diagnostic])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._state.publish(array)
+        self._state.publish(self.status('run', self._level(status), status.text, self.facts()))
 
     def _publish_next(self) -> None:
         target = self._runner.target
         if target is not None and self._runner.status.phase == 'travel':
             (x, y), angle = target.plan.contact(self._cell)[0].tolist(), float(target.plan.direction(self._cell)[0])
-            self._next.publish(pose_stamped(self._now(), self._cell.plane, (x, y, angle)))
+            self._next.publish(pose_stamped(self.now(), self._cell.plane, (x, y, angle)))
 
     def _report(self) -> Condition:
         self._streams.look_at_publishers()

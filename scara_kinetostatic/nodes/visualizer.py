@@ -34,7 +34,6 @@ from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.conversion import (
     JointReader,
@@ -44,7 +43,6 @@ from scara_kinetostatic.nodes.conversion import (
     stored_document,
     touches_in,
 )
-from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, waiting
 from scara_kinetostatic.report import markers
 from scara_kinetostatic.report.markers import Scales, SeenTouch, estimated
@@ -62,22 +60,13 @@ class Visualizer(CellNode):
 
     def __init__(self) -> None:
         super().__init__('visualizer')
-        self._cell = declare.cell_or_example(self)
-        prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
-        self._plane = self._cell.plane._replace(frame=prefix + self._cell.plane.frame)
+        self._cell = self.cell_or_example()
+        self._plane = self.plane_of(self._cell)
         self._joints: tuple[float, float] | None = None
         self._touches: dict[tuple[str, str], SeenTouch] = {}
         self._document: Mapping[str, Any] | None = None  # the last result
         self._calibrated: Mapping[str, Any] | None = None  # the last one that is in the calibrator's parameters
         self._changed = True
-        meanings = (
-            'length of the arrow of a force, m/N',
-            'the same of a residual force, m/N',
-            'magnification of displacements of objects',
-            'magnification of the uncertainty of the tip',
-        )
-        for (name, usual), meaning in zip(Scales()._asdict().items(), meanings, strict=True):
-            declare.parameter(self, f'{name}_scale', usual, meaning, Range(0.0, 1e6), read_only=False)
         self.add_post_set_parameters_callback(self._draw_again)
         self._next_scene = 0.0
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
@@ -102,7 +91,7 @@ class Visualizer(CellNode):
 
     @property
     def _scales(self) -> Scales:
-        return Scales(*(float(self.get_parameter(f'{name}_scale').value) for name in Scales._fields))
+        return Scales(*(self.value(f'{name}_scale') for name in Scales._fields))
 
     def _draw_again(self, _: Sequence[Any]) -> None:
         self._changed = True
