@@ -6,9 +6,8 @@ import numpy as np
 
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.mujoco.engine import Scene
-from scara_kinetostatic.simulation.mujoco.streams import as_sensed
+from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchController, as_sensed
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import SensorModel
 

@@ -35,9 +35,8 @@ from scara_kinetostatic.files.yaml_file import Section, Within, parse_yaml, read
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.outline import Outline as KnownOutline
-from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, REACH_MARGIN, Plan, within_reach
-from scara_kinetostatic.simulation.slides import Slide
+from scara_kinetostatic.simulation.slides import Outline, Slide, circle, ellipse, polygon
 
 POSTURES = {'left': 1, 'right': -1, 1: 1, -1: -1}
 POSTURE_NAMES = {1: 'left', -1: 'right'}

@@ -10,9 +10,8 @@ import pytest
 
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.mujoco.engine import scene_named
-from scara_kinetostatic.simulation.mujoco.streams import preload_plan
+from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchController, preload_plan
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.trajectory import Timing
 

@@ -12,9 +12,18 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
-from scara_kinetostatic.simulation.outline import Track, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan_file import PlanError, holds_slides, load_slides
-from scara_kinetostatic.simulation.slides import CROSSING, Slide, SlidePhase, SlidingMotion, simulate_slides
+from scara_kinetostatic.simulation.slides import (
+    CROSSING,
+    Slide,
+    SlidePhase,
+    SlidingMotion,
+    Track,
+    circle,
+    ellipse,
+    polygon,
+    simulate_slides,
+)
 from scara_kinetostatic.simulation.streams import SensorModel
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3), tip_radius=0.005)

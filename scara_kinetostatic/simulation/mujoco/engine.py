@@ -19,8 +19,8 @@ from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
-from scara_kinetostatic.simulation.outline import Arc, Outline, polygon
 from scara_kinetostatic.simulation.plan import check_numbers
+from scara_kinetostatic.simulation.slides import Arc, Outline, polygon
 
 if TYPE_CHECKING:
     import mujoco
