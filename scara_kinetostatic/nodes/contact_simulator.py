@@ -41,7 +41,6 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, UNITS
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
-from scara_kinetostatic.nodes.controller import follow_joint_trajectory
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.commanded import Body, Fault, ModelBody, Plant, PlantSettings
 from scara_kinetostatic.simulation.mujoco import scene_named
@@ -101,7 +100,7 @@ class GoalServer:
     """
 
     def __init__(self, node: Node, plant: Plant, take: Callable[[JointTrajectory], bool]) -> None:
-        self._kind, self._plant = follow_joint_trajectory('action', 'use joint_trajectory'), plant
+        self._kind, self._plant = conversion.follow_joint_trajectory('action', 'use joint_trajectory'), plant
         self._goal: Any = None
         self._ended = Future()
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from importlib import import_module
 from math import atan2, cos, nan, sin
 from pathlib import Path
 from time import time_ns
@@ -171,6 +172,22 @@ def joint_trajectory(
         when = Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
         points.append(JointTrajectoryPoint(positions=list(row), velocities=list(rates), time_from_start=when))
     return JointTrajectory(joint_names=list(names), points=points)
+
+
+def follow_joint_trajectory(purpose: str, remedy: str) -> Any:
+    """The type of the action.
+
+    Args:
+        purpose: the parameter that asks for it.
+        remedy: what to do without it.
+
+    Raises:
+        InputError: `control_msgs` cannot be imported.
+    """
+    try:
+        return import_module('control_msgs.action').FollowJointTrajectory
+    except ImportError as error:
+        raise InputError(purpose, 'control_msgs cannot be imported', f'install control_msgs, or {remedy}') from error
 
 
 def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float]) -> PoseStamped:
