@@ -68,67 +68,62 @@ class Fault(Exception):  # noqa: N818
 
 
 class Track(NamedTuple):
-    """A way of the joints through given points, straight between them.
+    """A way of the joints through given places, straight between them.
 
     Attributes:
-        joints: Q, (n, 2), rad.
-        lift: its position, (n,), m; 0 without one.
+        places: Q, rad, and the position of the lift, m, 0 without one, (n, 3).
         at: length of the way to each, (n,), m.
         corners: lengths at which the direction changes, first and last point included, (c,), m.
         slow: speed there, (c,), m/s.
     """
 
-    joints: Floats
-    lift: Floats
+    places: Floats
     at: Floats
     corners: Floats
     slow: Floats
 
     @classmethod
-    def of(cls, joints: Floats, lift: Floats, parameters: Parameters, lift_weight: float = 1.0) -> Track:
-        """The way through n points.
+    def of(cls, places: Floats, parameters: Parameters, lift_weight: float = 1.0) -> Track:
+        """The way through n places.
 
         Its length is that of the tip, or of a joint's turn at the length of link 2, or of the lift, whatever is
         longest: near the straight arm the joints turn fast while the tip hardly moves.
 
         Args:
-            joints: Q, (n, 2), rad.
-            lift: its position, (n,), m.
+            places: Q, rad, and the position of the lift, m, (n, 3).
             parameters: of the arm.
             lift_weight: length per length of the lift: where it may only move that much slower.
         """
-        moved = np.hypot(*np.diff(forward(parameters, joints), axis=0).T)
-        turned = parameters.l2 * np.abs(np.diff(joints, axis=0)).max(axis=1)
-        step = np.maximum.reduce([moved, turned, lift_weight * np.abs(np.diff(lift))])
-        keep = np.append(True, step > 1e-9)
-        joints, lift, at = joints[keep], lift[keep], np.append(0.0, np.cumsum(step[step > 1e-9]))
-        steps = np.column_stack([np.diff(joints, axis=0), np.diff(lift)])
+        moved = np.hypot(*np.diff(forward(parameters, places[:, :2]), axis=0).T)
+        every = np.abs(np.diff(places, axis=0)) * (parameters.l2, parameters.l2, lift_weight)
+        step = np.maximum(moved, every.max(axis=1))
+        places, at = places[np.append(True, step > 1e-9)], np.append(0.0, np.cumsum(step[step > 1e-9]))
+        steps = np.diff(places, axis=0)
         units = steps / np.linalg.norm(steps, axis=1)[:, None]
         turn = np.arccos(np.clip((units[1:] * units[:-1]).sum(axis=1), -1.0, 1.0))
         corners, angles = at[1:-1][turn > 0.15], turn[turn > 0.15]
         slow = _CORNER / np.minimum(2 * np.sin(angles / 2), 1.0)
         ends = np.full(1, _CORNER)
-        return cls(joints, lift, at, np.concatenate([[0.0], corners, at[-1:]]), np.concatenate([ends, slow, ends]))
+        return cls(places, at, np.concatenate([[0.0], corners, at[-1:]]), np.concatenate([ends, slow, ends]))
 
     @property
     def length(self) -> float:
         """Of the whole way, m."""
         return float(self.at[-1])
 
-    def place(self, at: Floats) -> tuple[Floats, Floats]:
-        """Q, (k, 2), and lift, (k,), at lengths (k,)."""
-        q1, q2 = (np.interp(at, self.at, column) for column in self.joints.T)
-        return np.stack([q1, q2], axis=-1), np.interp(at, self.at, self.lift)
+    def place(self, at: Floats | float) -> Floats:
+        """Q, rad, and lift, m, at lengths (k,) or one, (k, 3) or (3,)."""
+        return np.stack([np.interp(at, self.at, column) for column in self.places.T], axis=-1)
 
-    def nearest(self, joints: Floats, lift: float | None, at: float) -> tuple[float, float]:
-        """Length of the way to where it comes nearest to Q, (2,), rad, and lift, m, and how far the joints are off.
+    def nearest(self, place: Floats, at: float) -> tuple[float, float]:
+        """Length of the way to where it comes nearest to Q, rad, and lift, m, NaN where it is not known, (3,), and how
+        far the joints are off.
 
         Where it comes there twice, as it turns back, the place next to `at`, m, counts.
         """
-        every = np.column_stack([self.joints, self.lift])
+        every, here = self.places, np.where(np.isnan(place), self.places[0], place)
         if len(every) == 1:  # it begins where it ends
-            return 0.0, float(np.abs(joints - self.joints[0]).max())
-        here = np.append(joints, self.lift[0] if lift is None else lift)
+            return 0.0, float(np.abs(here - every[0])[:2].max())
         along = np.diff(every, axis=0)
         part = ((here - every[:-1]) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-18)
         part = np.minimum(np.maximum(part, 0.0), 1.0)
@@ -163,10 +158,9 @@ class Motion:
         self._speed, self._now, self._ramps, self._slow = speed, 0.0, ramps, slow
 
     @property
-    def place(self) -> tuple[Floats, float]:
-        """Q, (2,), rad, and the lift, m, where it is."""
-        joints, lift = self.track.place(np.array([self.at]))
-        return joints[0], float(lift[0])
+    def place(self) -> Floats:
+        """Q, rad, and the lift, m, where it is, (3,)."""
+        return self.track.place(self.at)
 
     @property
     def speed(self) -> float:
@@ -187,8 +181,8 @@ class Motion:
             self.at, self._now = self._after(self.at, self._now, min(elapsed, PERIOD), self.sent)
             elapsed -= PERIOD
 
-    def points(self, goal: float, ahead: float = np.inf) -> tuple[Floats, Floats, Floats]:
-        """Times, Q and lift of the motion to come, to a length of the track; or one point, where it is after so long.
+    def points(self, goal: float, ahead: float = np.inf) -> tuple[Floats, Floats]:
+        """Times and places of the motion to come, to a length of the track; or one point, where it is after so long.
 
         At each message a controller that scales the time, be it by 0, goes on by a part of the way to the first point.
         """
@@ -197,7 +191,7 @@ class Motion:
             at, now = self._after(at, now, _APART, goal)
             lengths.append(at)
         self.sent, first = at, 0 if np.isinf(ahead) else len(lengths) - 1
-        return (_APART * np.arange(first + 1.0, len(lengths) + 1), *self.track.place(np.array(lengths[first:])))
+        return _APART * np.arange(first + 1.0, len(lengths) + 1), self.track.place(np.array(lengths[first:]))
 
     def _after(self, at: float, now: float, elapsed: float, goal: float) -> tuple[float, float]:
         """Length and speed after some time."""
@@ -222,8 +216,7 @@ class Commander:
         cell: with the limits of the joints and the speeds.
 
     Attributes:
-        joints: Q commanded last, (2,), rad; None before the first command.
-        lift: position commanded last, m.
+        place: Q, rad, and lift, m, commanded last, (3,); None before the first command.
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -231,40 +224,35 @@ class Commander:
         self._limits = np.array(cell.limits).T
         lift = () if cell.lift is None else (cell.lift.joint,)
         self._names = (*cell.joint_names, *lift, *cell.hold)
-        self.joints: Floats | None = None
-        self.lift = 0.0 if cell.lift is None else cell.lift.down
+        self.place: Floats | None = None
 
     def command(
-        self,
-        at: tuple[Floats, float],
-        points: tuple[Floats, Floats, Floats],
-        *,
-        is_free: bool = False,
-        is_halt: bool = False,
+        self, at: Floats, points: tuple[Floats, Floats], *, is_free: bool = False, is_halt: bool = False
     ) -> Command:
         """Checks where the joints are to be, and says it.
 
         Args:
-            at: Q and lift that hold now.
-            points: times, Q and lift to come, evenly spaced in time.
+            at: Q and lift that hold now, (3,).
+            points: times, (k,), Q and lift, (k, 3), to come, evenly spaced in time.
             is_free: whether all of them are far from a contact: they are then passed smoothly.
             is_halt: whether it is to stand where it is, which is never refused.
 
         Raises:
             Fault: a point is beyond the limits of a joint, or too fast.
         """
-        times, joints, lift = points
+        times, places = points
+        joints, every = places[:, :2], np.vstack([at, places])
         inside = (joints >= self._limits[0]) & (joints <= self._limits[1])
         if not np.isfinite(joints).all() or not (is_halt or inside.all()):
             raise Fault('a motion beyond the limits of the joints was planned; nothing was commanded')
-        tip = forward(self._cell.nominal, np.vstack([at[0], joints]))
+        tip = forward(self._cell.nominal, every[:, :2])
         speed = np.hypot(*np.diff(tip, axis=0).T) / np.diff(np.append(0.0, times))
         if not is_halt and speed.max() > _FASTER * self._cell.touch.speed:
             raise Fault(f'a motion of {1e3 * speed.max():.0f} mm/s was planned; nothing was commanded')
-        self.joints, self.lift = at[0], float(at[1])
-        lifts = [np.append(at[1], lift)[:, None]] if self._cell.lift is not None else []
-        held = np.tile(list(self._cell.hold.values()), (len(times) + 1, 1))
-        every = np.hstack([self._cell.readings(np.vstack([at[0], joints])), *lifts, held])
+        self.place = at
+        lifts = every[:, 2:] if self._cell.lift is not None else every[:, :0]
+        held = np.tile(list(self._cell.hold.values()), (len(every), 1))
+        every = np.hstack([self._cell.readings(every[:, :2]), lifts, held])
         velocities = np.zeros((len(times), len(self._names) if is_free else 0))
         if is_free:  # of the curve through the points; it ends at rest
             velocities[:-1] = (every[2:] - every[:-2]) / (2 * times[0])
