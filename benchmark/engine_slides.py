@@ -18,7 +18,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene
 from scara_kinetostatic.simulation.slides import Slide, SlidePhase, SlideState, SlideTiming, Track
-from scara_kinetostatic.simulation.trajectory import minimum_jerk
+from scara_kinetostatic.simulation.streams import minimum_jerk
 
 COMPLIANCE = 2.5e-5
 """Compliance of the arm that the controller assumes, m/N."""

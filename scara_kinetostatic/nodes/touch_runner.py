@@ -58,7 +58,7 @@ from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
 from scara_kinetostatic.results.parameter_file import NAME, load_result
 from scara_kinetostatic.running.campaign import FIRST
-from scara_kinetostatic.running.commands import Command
+from scara_kinetostatic.running.robot import Command
 from scara_kinetostatic.running.runner import Runner, Status
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 from scara_kinetostatic.touches.detection import Detection, no_touches

@@ -34,8 +34,17 @@ from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
 from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker
-from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, PERIOD, Command, Commander, Fault, Motion, Track
-from scara_kinetostatic.running.senses import SILENT, Senses
+from scara_kinetostatic.running.robot import (
+    AHEAD_OF_CONTACT,
+    PERIOD,
+    SILENT,
+    Command,
+    Commander,
+    Fault,
+    Motion,
+    Senses,
+    Track,
+)
 from scara_kinetostatic.touches.detection import Detection
 
 DELAY = 0.08

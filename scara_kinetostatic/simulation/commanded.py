@@ -36,8 +36,7 @@ from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.outline import Outline, Surfaces
 from scara_kinetostatic.model.touch import remembered, torques_of
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, reported_force
-from scara_kinetostatic.simulation.trajectory import Robot
+from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, Robot, SensorModel, reported_force
 from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL
 
 FULL = 10.0

@@ -27,8 +27,16 @@ from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import START, SensorModel, recorded, sensor_angle
-from scara_kinetostatic.simulation.trajectory import CellState, Phase, Robot, minimum_jerk
+from scara_kinetostatic.simulation.streams import (
+    START,
+    CellState,
+    Phase,
+    Robot,
+    SensorModel,
+    minimum_jerk,
+    recorded,
+    sensor_angle,
+)
 from scara_kinetostatic.touches.streams import Streams
 
 SAMPLES = 4000

@@ -16,7 +16,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene, scene_named
 from scara_kinetostatic.simulation.mujoco.streams import TouchController, truth_of_scene
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.trajectory import minimum_jerk
+from scara_kinetostatic.simulation.streams import minimum_jerk
 
 COMPLIANCE, TORQUE = 2e-5, 2.0
 RAMP, REST = 0.3, 0.3

@@ -22,9 +22,9 @@ from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.next_touches import Planner
-from scara_kinetostatic.running import commands
 from scara_kinetostatic.running.campaign import calibrated
-from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, Command, Commander, Track
+from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Track
+from scara_kinetostatic.running.robot import Fault as PlannedFault
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings, Reading
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -382,7 +382,7 @@ def test_a_way_that_turns_back_is_followed_where_it_is_meant() -> None:
     out = np.linspace(0.0, 0.1, 21)[:, None] * [1.0, -1.0, 0.0] + [1.3, -1.2, 0.0]
     track = Track.of(np.concatenate([out, out[-2::-1]]), TRUTH)
     for at in (0.3, 0.7):
-        near, off = track.nearest(track.place(at * track.length) + (1e-5, 1e-5, np.nan), at * track.length)
+        near, off = track.nearest(track.place(at * track.length) + np.array([1e-5, 1e-5, np.nan]), at * track.length)
         assert near == pytest.approx(at * track.length, abs=1e-4)
         assert off < 1e-4
     far, _ = track.nearest(out[2], 0.4 * track.length)
@@ -795,7 +795,7 @@ def test_a_halt_is_never_refused() -> None:
     commander = Commander(CELL)
     beyond = np.append(np.array(CELL.limits)[:, 1] + 1e-5, 0.0)
     points = np.array([0.05]), beyond[None]
-    with pytest.raises(commands.Fault, match='beyond the limits'):
+    with pytest.raises(PlannedFault, match='beyond the limits'):
         commander.command(beyond, points)
     halt = commander.command(beyond, points, is_halt=True)
     np.testing.assert_array_equal(halt.positions[-1][:2], beyond[:2])

@@ -21,8 +21,7 @@ from scara_kinetostatic.model.kinematics import inverse, rotate, wrap
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.mujoco.engine import LIFT, TICK, Engine, Scene, load_engine
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.simulation.streams import START, SensorModel, recorded
-from scara_kinetostatic.simulation.trajectory import CellState, Phase, Timing, minimum_jerk
+from scara_kinetostatic.simulation.streams import START, CellState, Phase, SensorModel, Timing, minimum_jerk, recorded
 from scara_kinetostatic.touches.load_history import last_movement
 from scara_kinetostatic.touches.streams import Streams
 
