@@ -432,7 +432,7 @@ class Calibrator(CellNode):
             return folder
         home = folder.parent if self.value('name') else folder
         names = sorted(path.parent.name for path in home.glob(f'*/{parameter_file.NAME}') if path.parent.name != UNFIT)
-        problem = f'there is no result {self["name"]!r} in {home}'
+        problem = f'there is no result {self.value("name")!r} in {home}'
         raise ParameterError('parameter name', problem, f'there are {", ".join(names)}' if names else 'calibrate first')
 
     def _job(self) -> Job:

@@ -48,7 +48,7 @@ _KINDS = {
 }
 _FILE = Path(__file__).with_name('parameters.yaml')
 PARAMETERS: dict[str, dict[str, dict[str, Any]]] = parse_yaml(read_text(_FILE, ParameterError), _FILE, ParameterError)
-"""Of each node, by name: arguments of `CellNode.declare`."""
+"""Of each node, by name: what that file states."""
 
 
 def place(name: str, path: str) -> Path:
@@ -99,33 +99,24 @@ class CellNode(Node):
 
     def __init__(self, name: str = '') -> None:
         super().__init__(name)
-        for each, declared in PARAMETERS[name].items():
-            self.declare(each, **declared)
+        self._stated = PARAMETERS[name]
+        for each, stated in self._stated.items():
+            if 'default' in stated:
+                self.declare(each, stated['default'])
 
-    def declare(
-        self,
-        name: str,
-        default: Any,
-        meaning: str,
-        range: Sequence[float] = (),
-        *,
-        choices: Sequence[str] = (),
-        changes: bool = False,
-    ) -> Any:
+    def declare(self, name: str, default: Any) -> Any:
         """Declares a parameter of the type of its default, and gives its value.
 
         Args:
-            name: of the parameter.
+            name: of the parameter, stated in `parameters.yaml`.
             default: text, switch, number with a decimal point, whole number or list of texts.
-            meaning: one line.
-            range: smallest and largest value of a number.
-            choices: values of a text.
-            changes: whether it may be set at any time, else at the start alone.
 
         Raises:
             ParameterError: the node was started with a value that is not valid.
         """
-        descriptor = ParameterDescriptor(description=meaning, read_only=not changes)
+        stated = self._stated[name]
+        is_fixed, range, choices = not stated.get('changes'), stated.get('range'), stated.get('choices')
+        descriptor = ParameterDescriptor(description=stated['meaning'], read_only=is_fixed)
         if range and isinstance(default, float):
             low, high = map(float, range)
             descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import tau
 from time import monotonic
 from typing import Any
 
@@ -38,7 +37,6 @@ from scara_kinetostatic.errors import InputError, ParameterError
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, UNITS
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
@@ -190,6 +188,7 @@ class ContactSimulator(CellNode):
     def __init__(self) -> None:
         super().__init__('contact_simulator')
         self.add_on_set_parameters_callback(_check_fault)
+        self.declare('fault', '')  # after its check
         self._cell = self._declared_cell()
         self._plan = self._declared_plan()
         self._truth = self._declared_truth()
@@ -252,27 +251,19 @@ class ContactSimulator(CellNode):
         Raises:
             ParameterError: an effect is not valid.
         """
-        ranges = {
-            'x0': (-100, 100), 'y0': (-100, 100), 'theta1': (-tau, tau), 'theta2': (-tau, tau),
-            'l1': (1e-3, 100), 'l2': (1e-3, 100), 'g1': (0, 0.1), 'g2': (0, 0.1),
-            **dict.fromkeys(MOMENTS, (-1e4, 1e4)),
-        }  # fmt: skip
-        nominal, values = self._cell.nominal, []
-        for name, default in deviating_robot(nominal).as_dict().items():
-            meaning = f'true {DESCRIPTIONS[name]}, {UNITS[name]}'
-            values.append(self.declare(f'truth.{name}', default, meaning, ranges.get(name, (0, 1e-2))))
+        nominal = self._cell.nominal
+        truth = deviating_robot(nominal).as_dict().items()
+        values = [self.declare(f'truth.{name}', default) for name, default in truth]
         effects = [parse_effect(text, self._cell) for text in self.value('effects')]
         return with_effects(nominal.with_array(values), effects)
 
     def _declared_sensors(self) -> SensorModel:
         """Noise, bias and rates of the sensors."""
         noise = self._cell.noise or TYPICAL_NOISE
-        angle, force = (f'repeatability of {what} from touch to touch, ' for what in ('a joint angle', 'the force'))
-        self.declare('noise.joint', noise.joint_rms, f'{angle}rad', (0, 0.1))
-        self.declare('noise.force', noise.force_rms, f'{force}N', (0, 100))
+        joint, force = self.declare('noise.joint', noise.joint_rms), self.declare('noise.force', noise.force_rms)
         value = self.value
         return SensorModel(
-            noise.with_rms(value('noise.joint'), value('noise.force')),
+            noise.with_rms(joint, force),
             value('noise.joint_sample'),
             value('noise.force_sample'),
             (value('bias.x'), value('bias.y')),

@@ -199,17 +199,11 @@ def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float])
 
 
 def _pose(place: Sequence[float], quaternion: Sequence[float]) -> Pose:
-    return Pose(position=_point(place), orientation=_quaternion(quaternion))
+    return Pose(position=Point(**_axes(place)), orientation=Quaternion(**_axes(quaternion)))
 
 
-def _quaternion(quaternion: Sequence[float]) -> Quaternion:
-    x, y, z, w = quaternion
-    return Quaternion(x=x, y=y, z=z, w=w)
-
-
-def _point(place: Sequence[float]) -> Point:
-    x, y, z = place
-    return Point(x=x, y=y, z=z)
+def _axes(numbers: Sequence[float]) -> dict[str, float]:
+    return dict(zip('xyzw', numbers, strict=False))
 
 
 def place_of(pose: Any, plane: Plane) -> tuple[float, float, float]:
@@ -238,9 +232,9 @@ def transform(stamp_ns: int, plane: Plane, pose: PlanarPose, child: str) -> Tran
     """The transform from the robot's frame to a child at a pose in the plane."""
     message = TransformStamped(child_frame_id=child)
     message.header.frame_id, message.header.stamp = plane.frame, stamp_of(stamp_ns)
-    (x, y, z), quaternion = pose.in_robot(plane)
-    message.transform.translation = Vector3(x=x, y=y, z=z)
-    message.transform.rotation = _quaternion(quaternion)
+    place, quaternion = pose.in_robot(plane)
+    message.transform.translation = Vector3(**_axes(place))
+    message.transform.rotation = Quaternion(**_axes(quaternion))
     return message
 
 
@@ -413,7 +407,7 @@ def marker_array(primitives: Iterable[Primitive], plane: Plane) -> MarkerArray:
 
 def _marker(primitive: Primitive, plane: Plane) -> Marker:
     size, height = primitive.size, primitive.height or primitive.size
-    kind, (x, y, z) = {  # what RViz takes each component of the scale for, by the type of the marker
+    kind, scale = {  # what RViz takes each component of the scale for, by the type of the marker
         Shape.STRIP: (Marker.LINE_STRIP, (size, 0.0, 0.0)),
         Shape.CYLINDER: (Marker.CYLINDER, (size, size, height)),
         Shape.ARROW: (Marker.ARROW, (size, 3.0 * size, 0.0)),  # tail, head; 0: length of the head as RViz takes it
@@ -423,10 +417,10 @@ def _marker(primitive: Primitive, plane: Plane) -> Marker:
     red, green, blue, opacity = primitive.colour
     marker = Marker(ns=primitive.group, type=kind, action=Marker.ADD, text=primitive.text)
     marker.color = ColorRGBA(r=red, g=green, b=blue, a=opacity)
-    marker.scale = Vector3(x=x, y=y, z=z)
+    marker.scale = Vector3(**_axes(scale))
     at: tuple[float, ...] = (0.0, 0.0, 0.0)
     if primitive.shape in (Shape.STRIP, Shape.ARROW):
-        marker.points = [_point(point) for point in primitive.points]
+        marker.points = [Point(**_axes(point)) for point in primitive.points]
     else:
         at = primitive.points[0]
     marker.pose = _pose(plane.in_robot(np.array(at)).tolist(), plane.quaternion)

@@ -1,9 +1,9 @@
 """The robot as the runner commands it, and as it hears it.
 
 **Commands.** A command says where the joints are to be at some times from now on, and how fast, and replaces the one
-before. It ends at rest: where no further one comes, the robot stands there. One command is a whole way through free space; towards a
-contact and in it, it ends within `AHEAD_OF_CONTACT`. The joints of a command are those of the cell, then the lift, then
-the held ones.
+before. It ends at rest: where no further one comes, the robot stands there. One command is a whole way through free
+space; towards a contact and in it, it ends within `AHEAD_OF_CONTACT`. The joints of a command are those of the cell,
+then the lift, then the held ones.
 
 **Senses.** The force is the median of the last three readings less the zero, which is taken anew while the tip stands
 free. All times are of the runner's clock, s; stamps only tell whether messages come late.

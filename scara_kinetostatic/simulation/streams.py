@@ -1,28 +1,25 @@
 """A simulated recording of touches: whole streams, or the touches alone.
 
-**The motion.** Each touch runs through eight phases (`Phase`). Free phases interpolate between
-poses in joint space; the arm travels with its third axis lifted, so the tip may
-pass over the discs without force. A touch comes from the free pose, on the normal
-of the disc at a clearance, to the pose at which the backlash is used up and the
-force begins, `Ḡ(S, 0+)`. From there on the contact S stays and the force follows
-its time law: Q(t) = Ḡ(S, F(t)), hence F(t) = A(Q(t), L̄) all along, without an
-inner solve. Every phase follows the minimum-jerk law 10 s³ - 15 s⁴ + 6 s⁵. A press
-with preload goes beyond the force of the hold and eases down to it; without, that
-phase lasts no time.
+**The motion.** Each touch runs through eight phases (`Phase`). Free phases interpolate between poses in joint space;
+the arm travels with its third axis lifted, so the tip may pass over the discs without force. A touch comes from the
+free pose, on the normal of the disc at a clearance, to the pose at which the backlash is used up and the force begins,
+`Ḡ(S, 0+)`. From there on the contact S stays and the force follows its time law: Q(t) = Ḡ(S, F(t)), hence F(t) =
+A(Q(t), L̄) all along, without an inner solve. Every phase follows the minimum-jerk law 10 s³ - 15 s⁴ + 6 s⁵. A press
+with preload goes beyond the force of the hold and eases down to it; without, that phase lasts no time.
 
-The effects of a robot with effects (`ExtendedModel`) are simulated: the joint angles are
-commanded as above, deeper or less deep so that the force of the hold comes about, and the force at any time is
-A(Q(t), L̄) with the effects. What joints with memory keep goes from touch to touch along the
-whole plan, with preloads, unloading and the free motion between touches; see `load_history`.
+The effects of a robot with effects (`ExtendedModel`) are simulated: the joint angles are commanded as above, deeper or
+less deep so that the force of the hold comes about, and the force at any time is A(Q(t), L̄) with the effects. What
+joints with memory keep goes from touch to touch along the whole plan, with preloads, unloading and the free motion
+between touches; see `load_history`.
 
-The simulated controller uses the base model: it commands Ḡ(S, F) without effects. The force that results is
-F = A(Q, L̄) with the effects. A controller that presses until the sensor shows a force therefore commands a point
-deeper, or less deep, than the base model gives. This depth is solved for at two forces, a light one and that of the
-hold, and is linear in the force between them and beyond.
+The simulated controller uses the base model: it commands Ḡ(S, F) without effects. The force that results is F = A(Q,
+L̄) with the effects. A controller that presses until the sensor shows a force therefore commands a point deeper, or
+less deep, than the base model gives. This depth is solved for at two forces, a light one and that of the hold, and is
+linear in the force between them and beyond.
 
 **The sensors.** There are two kinds of noise. The noise of one touch (`Noise`, `cell.noise`) is its repeatability: an
-error that is constant during the touch, so that averaging does not reduce it. Its force part is proportional to the contact force;
-otherwise the tare before the touch would remove it. The noise of the samples is white.
+error that is constant during the touch, so that averaging does not reduce it. Its force part is proportional to the
+contact force; otherwise the tare before the touch would remove it. The noise of the samples is white.
 
 An effect that is an error of the force sensor is treated alike: the part of it that does not depend on the force, a
 bias, is scaled with the contact force up to its full value in the hold.
