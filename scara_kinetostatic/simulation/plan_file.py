@@ -132,14 +132,11 @@ def _decimal(value: float) -> str:
     return np.format_float_positional(round(float(value), 9), trim='-')
 
 
-def holds_slides(path: str | Path) -> bool:
-    """Whether a plan is one of slides: its first entry has the key `slide`.
-
-    Raises:
-        PlanError: the file cannot be read.
-    """
+def load_planned(path: str | Path, cell: Cell) -> Plan | tuple[Slide, ...]:
+    """Read a plan of touches, or one of slides, whose first entry has the key `slide`."""
     entries = parse_yaml(read_text(path, PlanError), path, PlanError)
-    return isinstance(entries, list) and bool(entries) and isinstance(entries[0], dict) and 'slide' in entries[0]
+    is_sliding = isinstance(entries, list) and entries and isinstance(entries[0], dict) and 'slide' in entries[0]
+    return load_slides(path, cell) if is_sliding else load_plan(path, cell)
 
 
 def load_slides(path: str | Path, cell: Cell) -> tuple[Slide, ...]:

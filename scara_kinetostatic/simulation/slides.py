@@ -295,7 +295,6 @@ class SlideState(NamedTuple):
         joints: actuator angles Q, (k, 2), rad.
         force: force of the tip on the object, base frame, (k, 2), N.
         tip: centre of the tip, (k, 2), m; between two slides, where the third axis is lifted, NaN.
-        surface: the point of contact, (k, 2), m; NaN where there is none.
         slide: number of the slide, (k,).
         phase: which `SlidePhase`, (k,).
     """
@@ -303,7 +302,6 @@ class SlideState(NamedTuple):
     joints: Floats
     force: Floats
     tip: Floats
-    surface: Floats
     slide: Indices
     phase: Indices
 
@@ -364,14 +362,14 @@ class SlidingMotion:
         phase = (self._knots[slide, 1:-1] <= time[:, None]).sum(axis=1)
         phase[slide == len(self.slides)] = SlidePhase.TRAVEL
         joints, force = np.empty((len(time), 2)), np.zeros((len(time), 2))
-        tip, surface = np.full((len(time), 2), np.nan), np.full((len(time), 2), np.nan)
+        tip = np.full((len(time), 2), np.nan)
         travelling = phase == SlidePhase.TRAVEL
         joints[travelling] = self._between(slide[travelling], time[travelling])
         for number in range(len(self.slides)):
             here = np.flatnonzero((slide == number) & ~travelling)
-            joints[here], tip[here], pressed, point, loaded = self._states(number, time[here])
-            force[here[loaded]], surface[here[loaded]] = pressed[loaded], point[loaded]
-        return SlideState(joints, force, tip, surface, slide.clip(max=len(self.slides) - 1), phase)
+            joints[here], tip[here], pressed, loaded = self._states(number, time[here])
+            force[here[loaded]] = pressed[loaded]
+        return SlideState(joints, force, tip, slide.clip(max=len(self.slides) - 1), phase)
 
     def _between(self, slide: Indices, time: Floats) -> Floats:
         """Joint angles on the way to a slide, (k, 2), rad."""
@@ -379,8 +377,8 @@ class SlidingMotion:
         part = minimum_jerk((time - self._knots[slide, 0]) / self.timing.travel)
         return np.asarray(begin + part[:, None] * (end - begin))
 
-    def _states(self, number: int, time: Floats) -> tuple[Floats, Floats, Floats, Floats, Mask]:
-        """Joint angles, rad, tip, m, force, N, and surface, m, at times within a slide, (k, 2) each; where it presses.
+    def _states(self, number: int, time: Floats) -> tuple[Floats, Floats, Floats, Mask]:
+        """Joint angles, rad, tip, m, and force, N, at times within a slide, (k, 2) each; where it presses.
 
         The angles are Ḡ, each joint crossing its backlash within `CROSSING`, near the path of the slide. The force is
         F = N (-n + μ τ t); 0+ along -n in the free motion.
@@ -407,7 +405,7 @@ class SlidingMotion:
         tip = point + (self.tip_radius + clearance)[:, None] * normal
         places, path = self._paths[number]
         near = np.column_stack([np.interp(travelled, places, column) for column in path.T])
-        return near + wrap(self._poses(number, tip, force) - near), tip, force, point, normal_force > 0
+        return near + wrap(self._poses(number, tip, force) - near), tip, force, normal_force > 0
 
     def _poses(self, number: int, tip: Floats, force: Floats) -> Floats:
         p, posture = self.model.parameters, self.slides[number].posture

@@ -860,7 +860,7 @@ def test_a_retract_ends_half_a_millimetre_beside_its_place() -> None:
     one.run(lambda at: at.runner.status.phase == 'retract', 3.0)
     assert one.runner._motion is not None
     track, command = one.runner._motion.track, one.plant.command
-    beside = np.subtract(*track.place(np.array([5e-4, 0.0]))[0])
+    beside = np.subtract(*track.place(np.array([5e-4, 0.0])))[:2]
     one.plant.command = lambda names, times, places, *more: command(names, times, (places + beside).tolist(), *more)
     one.run(lambda at: at.runner.status.phase != 'retract', 10.0)
     assert one.runner.status.phase == 'judge'

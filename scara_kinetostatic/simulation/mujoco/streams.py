@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
@@ -377,11 +376,6 @@ def truth_of_scene(scene: Scene, cell: Cell, seed: int = 0) -> dict[str, Any]:
         'expected': expected_parameters(scene).as_dict(),
         'effects': built_effects(scene, cell),
     }
-
-
-def truth_text(truth: dict[str, Any]) -> str:
-    """The truth as YAML."""
-    return yaml.safe_dump(truth, sort_keys=False, default_flow_style=None, width=120)
 
 
 def expected_parameters(scene: Scene) -> Parameters:
