@@ -12,7 +12,7 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
-from scara_kinetostatic.simulation.plan_file import PlanError, load_slides
+from scara_kinetostatic.simulation.plan_file import PlanError, load_planned, load_slides
 from scara_kinetostatic.simulation.slides import (
     CROSSING,
     Slide,
