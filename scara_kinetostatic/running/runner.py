@@ -321,25 +321,26 @@ class Runner:
     def _check_place(self, off_track: float) -> None:
         """Check that the robot is on its track, and not far from where it is to be; where it stands, there."""
         motion, near = self._motion, self._on_way(self._motion, off_track)
-        behind = 0.0 if motion is None else abs(motion.at - near)
-        is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
-        late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed * (motion.sent != motion.at) + _BEHIND
-        sent, is_stuck = None if motion is None else motion.sent, False
-        if motion is not None:
-            at, seen, when = motion.followed or (motion.at, near, self._now)
-            way = np.sign(motion.at - at)
-            if (near - seen) * way >= _FOLLOWS * (motion.at - at) * way:
-                at, seen, when = motion.at, near, self._now
-            motion.followed, is_late = (at, seen, when), self._now - when > _LATE
-            is_stuck = self._contact and is_late and min((motion.at - at) * way, (motion.at - near) * way) > _BEHIND
+        if motion is None:
+            self._near, self._is_behind, self._seen, self._seen_at = near, False, near, self._now
+            return
+        behind, sent = abs(motion.at - near), motion.sent
+        is_at_end = motion.at in (0.0, motion.track.length)
+        late = _ARRIVED if is_at_end else _LATE * motion.speed * (sent != motion.at) + _BEHIND
+        at, seen, when = motion.followed or (motion.at, near, self._now)
+        way = np.sign(motion.at - at)
+        if (near - seen) * way >= _FOLLOWS * (motion.at - at) * way:
+            at, seen, when = motion.at, near, self._now
+        motion.followed, is_late = (at, seen, when), self._now - when > _LATE
+        is_stuck = self._contact and is_late and min((motion.at - at) * way, (motion.at - near) * way) > _BEHIND
         self._near, self._is_behind = near, (behind > late or is_stuck) and self.senses.knows_joints(self._now, SILENT)
-        is_ahead = motion is not None and sent is not None and (near - motion.at) * (sent - motion.at) > 0
+        is_ahead = sent is not None and (near - motion.at) * (sent - motion.at) > 0
         if is_ahead and self._is_behind and not is_stuck:
             text = f'the robot is {1e3 * behind:.1f} mm ahead on its way: it is faster than commanded'
             raise Fault(text, may_retract=False)
         if not self._is_behind or abs(near - self._seen) > _MOVED:
             self._seen, self._seen_at = near, self._now
-        if motion is not None and self._now - self._seen_at > _STANDS:
+        if self._now - self._seen_at > _STANDS:
             slowest = int(np.nanargmax(np.abs(self.senses.place - motion.place)))
             name = (*self.cell.joint_names, *self.cell.other_joints)[slowest]
             text = f'the robot stands {1e3 * behind:.2f} mm behind, {name} most: it does not follow'
@@ -353,8 +354,7 @@ class Runner:
         self.status = Status(phase, text, values=self._values())
 
     def _values(self) -> dict[str, str]:
-        campaign, tolerance = self.campaign, self.cell.tolerance
-        known = campaign.knowledge
+        campaign, tolerance, known = self.campaign, self.cell.tolerance, self.campaign.knowledge
         now = known.now
         values = {
             'touch': str(campaign.accepted + 1),
@@ -378,21 +378,18 @@ class Runner:
     def _go_on(self) -> Iterator[None]:
         """Touch by touch; first the one that was interrupted."""
         while True:
-            if (end := self.campaign.poll()) is not None:
-                yield from self._finish(end)
-                return
-            if self._paused:
-                self._say('paused', 'paused; call ~/start to go on')
-                self._check(_OFF_TRACK)
-                yield
-                continue
-            chosen = self.campaign.choose(self._here()[:2], self.target)
+            chosen: tuple[Target, Poses] | End | None = self.campaign.poll()
+            if chosen is None and not self._paused:
+                chosen = self.campaign.choose(self._here()[:2], self.target)
             if isinstance(chosen, End):
                 yield from self._finish(chosen)
                 return
             if chosen is None:
-                self.target, self._waits_until = None, np.inf
-                self._say('plan', 'calibrating and planning the next touches')
+                if self._paused:
+                    self._say('paused', 'paused; call ~/start to go on')
+                else:
+                    self.target, self._waits_until = None, np.inf
+                    self._say('plan', 'calibrating and planning the next touches')
                 self._check(_OFF_TRACK)
                 yield
                 continue

@@ -500,7 +500,7 @@ def sensed(motion: SlidingMotion, cell: Cell, sensors: SensorModel, seed: int, s
         """The state at times, each instant as the hold of a touch of its own, the force over that of the slide."""
         state, unit = motion.state_at(time), errors.at(time)
         angle = sensor_angle(cell, motion.model.parameters, state.joints)
-        both_errors = sensors.scaled_errors(cell, unit[:, :2], unit[:, 2:], state.force, angle)
+        both_errors = sensors.touch_errors(cell, np.stack([unit[:, :2], unit[:, 2:]]), state.force, angle)
         planned = np.array([slide.force for slide in motion.slides])[state.slide]
         relative_force = np.minimum(np.hypot(*state.force.T) / planned, 1.0)
         touch, hold = np.arange(len(planned)), np.full(len(planned), Phase.HOLD)

@@ -512,34 +512,21 @@ class SensorModel:
         return cls(Noise(0.0, 0.0), 0.0, 0.0, (0.0, 0.0), 0.0, rate, rate, 0.0, 0.0)
 
     def touch_errors(
-        self,
-        cell: Cell,
-        count: int,
-        random: np.random.Generator,
-        force: Floats | None = None,
-        sensor_angle: Floats | None = None,
+        self, cell: Cell, unit: Floats, force: Floats | None = None, sensor_angle: Floats | None = None
     ) -> tuple[Floats, Floats]:
-        """One error of the joint angles and one of the force per touch, (count, 2) each, rad and N, base frame.
+        """Errors of the joint angles and of the force of each touch, (n, 2) each, rad and N, base frame.
 
         Args:
             cell: its noise is taken where the sensors have none.
-            count: of touches.
-            random: source of the errors.
-            force: in the hold, (count, 2), N; where the noise grows with it.
-            sensor_angle: of the sensor's x axis in the base frame, (count,), rad; None for 0.
+            unit: both errors in standard deviations, (2, n, 2).
+            force: in the hold, (n, 2), N; where the noise grows with it.
+            sensor_angle: of the sensor's x axis in the base frame, (n,), rad; None for 0.
         """
-        joint, unit = random.standard_normal((2, count, 2))
-        return self.scaled_errors(cell, joint, unit, force, sensor_angle)
-
-    def scaled_errors(
-        self, cell: Cell, joint: Floats, unit: Floats, force: Floats | None, sensor_angle: Floats | None
-    ) -> tuple[Floats, Floats]:
-        """As `touch_errors`, from errors of joint angles and force in standard deviations, (count, 2) each."""
         noise = self.touch_noise or cell.noise or TYPICAL_NOISE
-        joint_errors, force_errors = np.array(noise.joint_levels) * joint, np.array(noise.force_levels) * unit
+        joint_errors, force_errors = np.array(noise.joint_levels) * unit[0], np.array(noise.force_levels) * unit[1]
         if noise.growth and force is not None:
             grown = noise.growth * np.hypot(force[:, 0], force[:, 1])[:, None]
-            force_errors = np.hypot(noise.force_levels, grown) * unit
+            force_errors = np.hypot(noise.force_levels, grown) * unit[1]
         if noise.is_plain or sensor_angle is None:
             return joint_errors, force_errors
         return joint_errors, rotate(force_errors, sensor_angle)
@@ -632,10 +619,10 @@ def simulate_streams(
     """
     sensors = sensors or SensorModel()
     trajectory = Trajectory(cell, truth, plan, timing, repeated)
-    joint_errors, force_errors = _touch_errors(sensors, cell, truth, trajectory, seed)
+    errors = _touch_errors(sensors, cell, truth, trajectory, seed)
 
     def at(time: Floats) -> tuple[CellState, Floats, Floats]:
-        return trajectory.state_at(time), joint_errors, force_errors
+        return trajectory.state_at(time), *errors
 
     return recorded('simulation', cell, truth, sensors, trajectory.duration, at, seed, start)
 
@@ -720,4 +707,5 @@ def _touch_errors(
     """The errors of each touch of a trajectory, base frame, (n, 2) each, rad and N."""
     joints, force = trajectory.hold_joints, trajectory.hold_force
     angle = sensor_angle(cell, as_model(truth).parameters, joints)
-    return sensors.touch_errors(cell, len(joints), np.random.default_rng([seed, 0]), force, angle)
+    unit = np.random.default_rng([seed, 0]).standard_normal((2, len(joints), 2))
+    return sensors.touch_errors(cell, unit, force, angle)

@@ -292,48 +292,36 @@ def preload_plan(cell: Cell, per_disc: int = 12) -> Plan:
 
 
 def simulate_streams(
-    scene: Scene,
-    cell: Cell,
-    plan: Plan | None = None,
-    *,
-    timing: Timing | None = None,
-    sensors: SensorModel | None = None,
-    seed: int = 0,
-    start: int = START,
+    scene: Scene, cell: Cell, plan: Plan, sensors: SensorModel | None = None, seed: int = 0
 ) -> Streams:
     """Both streams of one pass through a plan.
 
     Args:
         scene: the true robot.
         cell: its description: nominal arm, discs, sensor, noise of a touch.
-        plan: the touches; None: `preload_plan`.
-        timing: durations of the phases.
+        plan: the touches.
         sensors: noise, bias and rates.
         seed: of all random numbers.
-        start: stamp of the start, ns.
 
     Raises:
         InputError: MuJoCo is not installed.
         UnsupportedDataError: a touch is out of reach, or its force is not reached.
     """
-    plan = preload_plan(cell) if plan is None else plan
-    motion = TouchController(scene, cell, plan, timing).run()
-    return as_streams(motion, scene, cell, sensors or SensorModel(), seed, start)
+    return as_streams(TouchController(scene, cell, plan).run(), scene, cell, sensors or SensorModel(), seed)
 
 
-def as_streams(
-    motion: SimulatedMotion, scene: Scene, cell: Cell, sensors: SensorModel, seed: int = 0, start: int = START
-) -> Streams:
+def as_streams(motion: SimulatedMotion, scene: Scene, cell: Cell, sensors: SensorModel, seed: int = 0) -> Streams:
     """Both streams of a motion; the arguments are those of `simulate_streams`."""
     held = as_sensed(motion, cell)[motion.holds]
-    joint_errors, force_errors = sensors.touch_errors(cell, len(held), np.random.default_rng([seed, 0]), held)
+    unit = np.random.default_rng([seed, 0]).standard_normal((2, len(held), 2))
+    errors = sensors.touch_errors(cell, unit, held)
     turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `_state_at` has turned the force
 
     def at(time: Floats) -> tuple[CellState, Floats, Floats]:
-        return _state_at(motion, cell, time), joint_errors, force_errors
+        return _state_at(motion, cell, time), *errors
 
     duration = float(motion.time[-1])
-    return recorded(f'physics: {scene.name}', turned, scene.parameters, sensors, duration, at, seed, start)
+    return recorded(f'physics: {scene.name}', turned, scene.parameters, sensors, duration, at, seed, START)
 
 
 def as_sensed(motion: SimulatedMotion, cell: Cell) -> Floats:
