@@ -26,6 +26,8 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.outline import Outline as KnownOutline
+from scara_kinetostatic.model.outline import edges_of
 from scara_kinetostatic.simulation.plan import check_numbers
 from scara_kinetostatic.simulation.streams import (
     START,
@@ -182,35 +184,23 @@ def polygon(corners: ArrayLike, corner_radius: float = 0.0, closed: bool = True)
     points = np.asarray(corners, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < (3 if closed else 2):
         raise ParameterError('outline', f'expected {3 if closed else 2} or more corners [x, y], got {len(points)}')
-    ends = np.roll(points, -1, axis=0) if closed else points[1:]
-    begins = points if closed else points[:-1]
-    lengths = np.hypot(*(ends - begins).T)
+    places = tuple((float(x), float(y)) for x, y in points)
+    point, along, lengths, turns, cut = edges_of(KnownOutline('', places, corner_radius, not closed))
     if not lengths.all():
         raise ParameterError('outline', 'two corners after each other are at the same place')
-    along = (ends - begins) / lengths[:, None]
-    after = np.roll(along, -1, axis=0)
-    turns = np.arctan2(along[:, 0] * after[:, 1] - along[:, 1] * after[:, 0], (along * after).sum(axis=1))
-    if not closed:
-        turns[-1] = 0.0
-    elif turns.sum() < 0:
+    if turns[1:].sum() < 0 and closed:
         raise ParameterError('outline', 'the corners are clockwise', 'list them counter-clockwise')
-    cut = corner_radius * np.tan(np.abs(turns) / 2)
-    if np.any(cut + np.roll(cut, 1) > lengths):
+    if np.any(cut[:-1] + cut[1:] > lengths):
         raise ParameterError('outline', f'an edge is too short for corners of radius {corner_radius:g} m')
     pieces: list[Edge | Arc] = []
-    for begin, end, direction, turn, first, last in zip(begins, ends, along, turns, np.roll(cut, 1), cut, strict=True):
-        foot = end - last * direction
-        pieces.append(Edge(_pair(begin + first * direction), _pair(foot)))
-        if turn:
-            radius = np.sign(turn) * corner_radius
-            angle = np.arctan2(-direction[0], direction[1])
-            center = foot - radius * np.array([np.cos(angle), np.sin(angle)])
-            pieces.append(Arc(_pair(center), (radius, radius), 0.0, angle, angle + turn))
+    for k, direction in enumerate(along):
+        begin, foot = point[k] + cut[k] * direction, point[k] + (lengths[k] - cut[k + 1]) * direction
+        pieces.append(Edge((begin.real, begin.imag), (foot.real, foot.imag)))
+        if turn := float(turns[k + 1]):
+            radius, angle = np.sign(turn) * corner_radius, np.angle(-1j * direction)
+            center = foot + 1j * radius * direction
+            pieces.append(Arc((center.real, center.imag), (radius, radius), 0.0, angle, angle + turn))
     return Outline(tuple(pieces), closed)
-
-
-def _pair(point: Floats) -> tuple[float, float]:
-    return float(point[0]), float(point[1])
 
 
 @dataclass(frozen=True)
@@ -448,10 +438,10 @@ class SlowNoise:
         random: source.
         columns: independent ones.
         duration: T, s.
-        waves: of which they are made.
     """
 
-    def __init__(self, random: np.random.Generator, columns: int, duration: float, waves: int = 48) -> None:
+    def __init__(self, random: np.random.Generator, columns: int, duration: float) -> None:
+        waves = 48  # of which they are made
         shape = waves, columns
         self._frequency = random.standard_normal(shape) / duration
         self._phase = random.uniform(0, 2 * np.pi, shape)
