@@ -48,17 +48,7 @@ from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS, quantity
 from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
-from scara_kinetostatic.nodes.cell_node import (
-    CALLS,
-    ERROR,
-    OK,
-    PARAMETERS,
-    WARN,
-    CellNode,
-    Condition,
-    RefusedError,
-    place,
-)
+from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, PARAMETERS, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.conversion import diagnostic, pose_stamped, touch_of, touches_in
 from scara_kinetostatic.nodes.monitor import was_seen
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
@@ -417,8 +407,8 @@ class Calibrator(CellNode):
             ParameterError: it is not named, nor is a recording.
         """
         if named := self.value('output'):
-            return place('output', named) / self.value('name')
-        last = place('recording', self._recordings()[-1]).absolute()
+            return self.place('output', named) / self.value('name')
+        last = self.place('recording', self._recordings()[-1]).absolute()
         return last.with_name(f'{last.name}_calibration') / self.value('name')
 
     def _stored(self) -> Path:
@@ -441,13 +431,13 @@ class Calibrator(CellNode):
         Raises:
             InputError: no recording is named, or one is not there.
         """
-        paths = [place('recording', recording) for recording in self._recordings()]
+        paths = [self.place('recording', recording) for recording in self._recordings()]
         for path in paths:
             if not path.exists():
                 raise RecordingError(path, 'there is no such recording', 'check the path')
         return Job(
             recordings=[str(path.absolute()) for path in paths],
-            cell=str(place('cell', self.value('cell'))) if self.value('cell') else '',
+            cell=str(self.place('cell', self.value('cell'))) if self.value('cell') else '',
             fixed=self.value('fixed'),
             left_out=self.value('leave_out'),
             output=str(self._folder()),
@@ -466,7 +456,7 @@ class Calibrator(CellNode):
 
     def _cell(self) -> Cell | None:
         """That of the parameter `cell`; None where it is empty."""
-        return load_cell(place('cell', path)) if (path := self.value('cell')) else None
+        return load_cell(self.place('cell', path)) if (path := self.value('cell')) else None
 
     def _poll(self) -> None:
         """Looks what the running calibration does."""
@@ -550,7 +540,7 @@ def _check(name: str, value: Any) -> None:
     """
     where = f'parameter {name}'
     if name == 'cell' and value:
-        load_cell(place(name, str(value)))
+        load_cell(CellNode.place(name, str(value)))
     elif name == 'announced' and value not in CHOICES:
         raise ParameterError(where, f'expected {", ".join(CHOICES)}, got {value!r}')
     elif name == 'name' and value and not re.fullmatch(r'[A-Za-z0-9_-][A-Za-z0-9._-]*', str(value)):

@@ -51,20 +51,6 @@ PARAMETERS: dict[str, dict[str, dict[str, Any]]] = parse_yaml(read_text(_FILE, P
 """Of each node, by name: what that file states."""
 
 
-def place(name: str, path: str) -> Path:
-    """The file or folder that a parameter names; `~` is the home of the user.
-
-    Raises:
-        ParameterError: the home of an unknown user, say.
-    """
-    if not path.isprintable():
-        raise ParameterError(f'parameter {name}', f'{path!r} holds control characters', 'give a plain path')
-    try:
-        return Path(path).expanduser()
-    except RuntimeError as error:
-        raise ParameterError(f'parameter {name}', f'{path!r}: {error}', 'write the path out') from error
-
-
 class Condition(NamedTuple):
     """The status of a node.
 
@@ -140,6 +126,20 @@ class CellNode(Node):
         value = self.get_parameter(name).value
         return list(filter(str.strip, value)) if isinstance(value, (list, tuple)) else value
 
+    @staticmethod
+    def place(name: str, path: str) -> Path:
+        """The file or folder that a parameter names; `~` is the home of the user.
+
+        Raises:
+            ParameterError: the home of an unknown user, say.
+        """
+        if not path.isprintable():
+            raise ParameterError(f'parameter {name}', f'{path!r} holds control characters', 'give a plain path')
+        try:
+            return Path(path).expanduser()
+        except RuntimeError as error:
+            raise ParameterError(f'parameter {name}', f'{path!r}: {error}', 'write the path out') from error
+
     def cell_or_example(self, example: Cell = PAPER_CELL) -> Cell:
         """The cell in the file that the parameter `cell` names; the example cell if it is empty.
 
@@ -147,7 +147,7 @@ class CellNode(Node):
             CellError: the file cannot be read, or its content is not valid.
         """
         if path := self.value('cell'):
-            return load_cell(place('cell', path))
+            return load_cell(self.place('cell', path))
         self.get_logger().warning('no cell given, taking the example cell of figure 3; set the parameter cell')
         return example
 
@@ -304,7 +304,7 @@ class FollowedCalibration(Generic[Calibration]):
         self.present: Calibration | None = None
         self.origin, self.refused = 'none', ''
         self._path = node.value('calibration')
-        self.given: Calibration | None = load(place('calibration', self._path)) if self._path else None
+        self.given: Calibration | None = load(node.place('calibration', self._path)) if self._path else None
         if node.value('follow'):
             node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
 

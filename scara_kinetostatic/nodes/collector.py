@@ -25,16 +25,7 @@ from std_msgs.msg import String, UInt32
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Indices
-from scara_kinetostatic.nodes.cell_node import (
-    ERROR,
-    OK,
-    WARN,
-    CellNode,
-    Condition,
-    PersistentComplaints,
-    RefusedError,
-    place,
-)
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, PersistentComplaints, RefusedError
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.session import JudgedTouch, Session
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, CellStreams, Stream
@@ -139,7 +130,7 @@ class Collector(CellNode):
 
     def _begin(self) -> None:
         self._autostart = False
-        parent = place('output', self.value('output')).absolute()
+        parent = self.place('output', self.value('output')).absolute()
         joint_states, wrench = (monitor.topic for monitor in self._streams.monitors.values())
         self._session = Session(parent, self._cell, self.now(), (joint_states, wrench))
         for message in self._streams.frame.messages:

@@ -50,7 +50,7 @@ from trajectory_msgs.msg import JointTrajectory
 from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
-from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError, place
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.conversion import Sample, follow_joint_trajectory, joint_trajectory, pose_stamped
 from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import Session
@@ -233,8 +233,8 @@ class TouchRunner(CellNode):
     def __init__(self) -> None:
         super().__init__('touch_runner')
         self._cell = self.cell_or_example(DEMO_CELL)
-        self._output, path = place('output', self.value('output')).absolute(), self.value('calibration')
-        self._planner = self._known(place('calibration', path)) if path else None
+        self._output, path = self.place('output', self.value('output')).absolute(), self.value('calibration')
+        self._planner = self._known(self.place('calibration', path)) if path else None
         if self._cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them to the cell description')
         self._work: ProcessPoolExecutor | None = None

@@ -30,6 +30,7 @@ from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.model.outline import edges_of
 from scara_kinetostatic.simulation.plan import check_numbers
 from scara_kinetostatic.simulation.streams import (
+    FIRST_FORCE,
     START,
     CellState,
     Phase,
@@ -274,8 +275,6 @@ SlidePhase = IntEnum('SlidePhase', 'TRAVEL PAUSE APPROACH PRESS STICK SLIDE STOP
 """Of a slide."""
 CROSSING = 2e-3
 """Lever arm of the force within which a joint crosses its backlash, m."""
-FIRST_FORCE = 1e-6
-"""Force that stands for 0+ in the free motion beside an object, N: it defines the direction of the force."""
 
 
 class SlideState(NamedTuple):
