@@ -535,7 +535,6 @@ class TouchRunner(CellNode):
             self._next.publish(pose_stamped(self.now(), self._cell.plane, (x, y, angle)))
 
     def _report(self) -> Condition:
-        self._streams.look_at_publishers()
         complaints, values = self._streams.examine(expected=self._is_running)
         status = self._runner.status
         text = '; '.join(filter(None, (status.text, self._result, *dict.fromkeys(complaints))))
