@@ -536,15 +536,22 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
 
 
 def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
-    """A fit with the scatter of its rivals in the covariance of its L̄: the likelihood of the sizes then has several
-    maxima, one for each. They count alike, as the touches do not rule them out.
+    """A fit with the scatter of its rivals in the covariance of its L̄, and what they are less certain of than it is:
+    the likelihood of the sizes then has several maxima, one for each. They count alike, as the touches do not rule
+    them out.
     """
     if len(rivals) < 2:
         return c
     count = c.model.base_count
     off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in rivals])
+    own = c.covariance[:count, :count]
+    theirs = np.mean([rival.fit.covariance[:count, :count] for rival in rivals], axis=0)
+    scale = np.sqrt(np.maximum(np.diag(own), np.diag(theirs)))
+    scale[scale == 0] = 1.0
+    values, vectors = np.linalg.eigh((theirs - own) / np.outer(scale, scale))
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     more = np.zeros_like(c.covariance)
-    more[:count, :count] = off.T @ off / len(rivals)
+    more[:count, :count] = off.T @ off / len(rivals) + root @ root.T
     covariance = c.covariance + more
     std = np.where(c.std > 0, np.sqrt(np.diag(covariance)[:count]), c.std)
     contributions = (*c.contributions, Contribution(RIVALS, None, '', more))
