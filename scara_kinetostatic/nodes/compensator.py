@@ -51,7 +51,6 @@ from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor
 from scara_kinetostatic.nodes.streams import CellStreams, Stream, TFMessage, waiting
 from scara_kinetostatic.planning.motion import Space
 
-_ELBOWS = ('present', 'left', 'right')
 _SURE = ('ok', 'unloaded')
 
 

@@ -66,10 +66,6 @@ from scara_kinetostatic.touches.detection import Detection, no_touches
 _TYPE = 'control_msgs/action/FollowJointTrajectory'
 _LASTING = ('INVALID_JOINTS', 'OLD_HEADER_TIMESTAMP', 'PATH_TOLERANCE_VIOLATED')
 """Errors of a result that do not pass by themselves."""
-_DEACTIVATED = 'deactivat'
-"""In what the controller says of a goal that it dropped as it was deactivated; of one in whose place another one came,
-with the same code, it says something else.
-"""
 
 
 class Controller:
@@ -192,7 +188,8 @@ class Controller:
         names = ('INVALID_GOAL', *_LASTING, 'GOAL_TOLERANCE_VIOLATED')
         name = next((name for name in names if getattr(self._kind.Result, name) == result.error_code), 'no error code')
         text = f'the controller aborts a trajectory ({name}, {result.error_code}): {result.error_string}'
-        is_dropped = name == 'INVALID_GOAL' and _DEACTIVATED not in result.error_string
+        # what it says of a goal that it dropped as it was deactivated; of one in whose place another came it does not
+        is_dropped = name == 'INVALID_GOAL' and 'deactivat' not in result.error_string
         passes = not is_dropped and name not in ('no error code', *_LASTING)
         self._failed(text + is_dropped * ': somebody else commands the robot', passes)
 

@@ -75,8 +75,6 @@ _LARGEST_ZERO = 0.5
 """Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
 _LIFT_SPEED = 0.05
 """Of the lift, m/s."""
-_HALT = 0.05
-"""Time within which it stops, s."""
 _BACK = 0.02
 """How far it goes back after a contact on the way, m."""
 _FAST = 0.02
@@ -239,10 +237,10 @@ class Runner:
     # Commands
 
     def _halt(self, place: Floats) -> Command:
-        """To stop at once where the robot is to be; from where it was seen it gets there no faster than in travel."""
+        """To stop within 0.05 s where it is to be; from where it was seen it gets there no faster than in travel."""
         speed = self.cell.touch.speed
         way = Track.of(np.stack([self._seen_place(place), place]), self._parameters, max(speed / _LIFT_SPEED, 1.0))
-        return self._commander.command(place, (np.array([max(_HALT, way.length / speed)]), place[None]), is_halt=True)
+        return self._commander.command(place, (np.array([max(0.05, way.length / speed)]), place[None]), is_halt=True)
 
     def _seen_place(self, place: Floats) -> Floats:
         """Where the robot was seen last, (3,); the lift at a place where that is not known."""

@@ -48,9 +48,7 @@ _FORMS = {
     'outline': (('outline',), ('corner_radius', 'closed')),
 }
 """Keys that each form of an outline must and may have, by the key that tells it."""
-LARGEST_FORCE = 10_000.0
-"""Largest force of a planned touch, N."""
-_FORCE = Within(0.0, LARGEST_FORCE, positive=True, unit='N')
+_FORCE = Within(0.0, 10_000.0, positive=True, unit='N')
 _PRELOAD = Within(0.0, LARGEST_PRELOAD, unit='of the force')
 
 

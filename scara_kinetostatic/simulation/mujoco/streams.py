@@ -282,13 +282,9 @@ def _minimum_jerk_steps(duration: float) -> Floats:
     return minimum_jerk(np.linspace(0.0, 1.0, max(2, round(duration / TICK)) + 1)[1:])
 
 
-PRELOAD = 1.0
-"""Preload of every other touch of `preload_plan`: it is pressed to twice its force first."""
-
-
 def preload_plan(cell: Cell, per_disc: int = 12) -> Plan:
-    """The simulator's default plan, every other touch with preload."""
-    return default_plan(cell, per_disc=per_disc, preload=PRELOAD)
+    """The simulator's default plan, every other touch pressed to twice its force first."""
+    return default_plan(cell, per_disc=per_disc, preload=1.0)
 
 
 def simulate_streams(
