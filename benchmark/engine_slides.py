@@ -61,9 +61,8 @@ class EngineSlide(NamedTuple):
         values = np.column_stack([self.joints, self.force, self.tip])
         at = np.column_stack([np.interp(time, self.time, column) for column in values.T])
         row = np.clip(np.searchsorted(self.time, time), 0, len(self.time) - 1)
-        unknown = np.full((len(time), 2), np.nan)
         number = np.zeros(len(time), dtype=np.intp)
-        return SlideState(at[:, :2], at[:, 2:4], at[:, 4:], unknown, number, self.phase[row])
+        return SlideState(at[:, :2], at[:, 2:4], at[:, 4:], number, self.phase[row])
 
 
 class SlideController:

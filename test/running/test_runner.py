@@ -873,7 +873,7 @@ def test_a_robot_that_is_driven_beyond_its_way_is_stopped() -> None:
     motion, command = one.runner._motion, one.plant.command
     assert motion is not None
     lengths = np.linspace(motion.at, motion.track.length, 50)[1:]
-    command(one.plant.names, (lengths - motion.at) / 0.06, motion.track.place(lengths)[0].tolist())
+    command(one.plant.names, (lengths - motion.at) / 0.06, motion.track.place(lengths)[:, :2].tolist())
     one.plant.command = lambda *_: None
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert 'ahead on its way' in one.runner.status.text
