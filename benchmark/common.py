@@ -25,7 +25,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, EffectSizes, Noise, SizeMode, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.simulation.outline import SAMPLES, Outline
+from scara_kinetostatic.simulation.slides import SAMPLES, Outline
 
 NOISE = Noise(joint=1e-5, force=0.3)
 EXACT = Noise(joint=0.0, force=0.0)

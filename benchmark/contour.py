@@ -34,9 +34,8 @@ from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.mujoco.engine import Scene
-from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.slides import Slide, sensed, simulate_slides
+from scara_kinetostatic.simulation.slides import Outline, Slide, circle, ellipse, polygon, sensed, simulate_slides
 from scara_kinetostatic.simulation.streams import START, SensorModel, simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams

@@ -17,9 +17,8 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine, Scene
-from scara_kinetostatic.simulation.outline import Track
-from scara_kinetostatic.simulation.slides import Slide, SlidePhase, SlideState, SlideTiming
-from scara_kinetostatic.simulation.trajectory import minimum_jerk
+from scara_kinetostatic.simulation.slides import Slide, SlidePhase, SlideState, SlideTiming, Track
+from scara_kinetostatic.simulation.streams import minimum_jerk
 
 COMPLIANCE = 2.5e-5
 """Compliance of the arm that the controller assumes, m/N."""
@@ -62,9 +61,8 @@ class EngineSlide(NamedTuple):
         values = np.column_stack([self.joints, self.force, self.tip])
         at = np.column_stack([np.interp(time, self.time, column) for column in values.T])
         row = np.clip(np.searchsorted(self.time, time), 0, len(self.time) - 1)
-        unknown = np.full((len(time), 2), np.nan)
         number = np.zeros(len(time), dtype=np.intp)
-        return SlideState(at[:, :2], at[:, 2:4], at[:, 4:], unknown, number, self.phase[row])
+        return SlideState(at[:, :2], at[:, 2:4], at[:, 4:], number, self.phase[row])
 
 
 class SlideController:

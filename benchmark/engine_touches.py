@@ -6,9 +6,8 @@ import numpy as np
 
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.mujoco.engine import Scene
-from scara_kinetostatic.simulation.mujoco.streams import as_sensed
+from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchController, as_sensed
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import SensorModel
 
@@ -34,6 +33,6 @@ def as_touches(motion: SimulatedMotion, cell: Cell, plan: Plan) -> TouchSet:
 
 def with_noise(touches: TouchSet, cell: Cell, noise: Noise | None = None, seed: int = 0) -> TouchSet:
     """Touches with the noise of a touch, that of the cell if None; the seed is that of `simulate_streams`."""
-    random = np.random.default_rng([seed, 0])
-    joint_errors, force_errors = SensorModel(touch_noise=noise).touch_errors(cell, len(touches), random, touches.force)
+    unit = np.random.default_rng([seed, 0]).standard_normal((2, len(touches), 2))
+    joint_errors, force_errors = SensorModel(touch_noise=noise).touch_errors(cell, unit, touches.force)
     return touches.replace(joints=touches.joints + joint_errors, force=touches.force + force_errors)

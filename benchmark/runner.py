@@ -29,6 +29,7 @@ import numpy as np
 
 from benchmark.common import parser, print_and_save
 from benchmark.next import case, even
+from benchmark.rehearsal import Rehearsal
 from benchmark.urdf import SOURCES, displaced, masses_of, true_robot, urdf_cell
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
@@ -42,7 +43,6 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.motion import inside
 from scara_kinetostatic.planning.next_touches import known_or_infinite
-from scara_kinetostatic.running.rehearsal import Rehearsal
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Body, ModelBody, Plant
 from scara_kinetostatic.simulation.mujoco.engine import EngineBody, Scene
 from scara_kinetostatic.simulation.streams import simulate_touches

@@ -64,6 +64,7 @@ SHARED = {
     'engine_slides',
     'engine_touches',
     'marker_picture',
+    'rehearsal',
     'smoke',
     'svg',
     'urdf',

@@ -22,7 +22,7 @@ from scara_kinetostatic.cli.arguments import add_cell, add_options, add_seed, re
 from scara_kinetostatic.errors import InputError, OutputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.nodes.demo import DemoResult, Progress
+    from scara_kinetostatic.nodes.demo import DemoResult
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,15 +67,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _print_progress(now: Progress) -> None:
+def _print_progress(accepted: int, known: float | None, touch: str) -> None:
     """One line for a touch; the bar is shorter by 10 where the uncertainty is a tenth."""
     from math import isinf, log10
 
-    known, bar = now.uncertainty, ''
+    bar = ''
     text = '' if known is None else 'not yet' if isinf(known) else f'{1e6 * known:.0f} µm'
     if known is not None and not isinf(known):
         bar = '█' * max(1, round(10 * log10(known / 5e-6)))
-    print(f'{now.accepted:5}  {text:>8}  {bar:24}  {now.touch}', flush=True)
+    print(f'{accepted:5}  {text:>8}  {bar:24}  {touch}', flush=True)
 
 
 def _print_result(result: DemoResult) -> None:

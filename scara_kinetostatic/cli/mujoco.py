@@ -47,12 +47,12 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.files.atomic import all_or_nothing
     from scara_kinetostatic.simulation.mujoco import scene_named, simulate_streams
-    from scara_kinetostatic.simulation.mujoco.streams import preload_plan, truth_of_scene, truth_text
-    from scara_kinetostatic.simulation.truth import truth_named
+    from scara_kinetostatic.simulation.mujoco.streams import preload_plan, truth_of_scene
+    from scara_kinetostatic.simulation.truth import dump, truth_named
 
     cell = cell_or_paper(args.cell)
     scene = replace(scene_named(args.scene), parameters=truth_named('paper', cell).parameters)
-    truth = truth_text(truth_of_scene(scene, cell, args.seed))
+    truth = dump(truth_of_scene(scene, cell, args.seed))
     beside = args.out.with_name(args.out.name + '.truth.yaml')
     if args.out.exists():
         raise OutputError(args.out, 'exists already and is never overwritten', 'choose another name')

@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.model.cell import SensorFrame, SensorSign
     from scara_kinetostatic.report.quantities import count
     from scara_kinetostatic.simulation.plan import default_plan
-    from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
+    from scara_kinetostatic.simulation.plan_file import load_planned
     from scara_kinetostatic.simulation.slides import simulate_slides
     from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
     from scara_kinetostatic.simulation.truth import parse_effect, truth_named, truth_text, with_effects
@@ -106,25 +106,22 @@ def run(args: argparse.Namespace) -> int:
     rates = {'joint_rate': args.joint_rate, 'wrench_rate': args.wrench_rate}
     sensors = SensorModel(touch_noise=noise, **{name: rate for name, rate in rates.items() if rate is not None})
     truth = with_effects(truth_named(args.truth, cell), [parse_effect(text, cell) for text in args.effect])
-    slides = load_slides(args.plan, cell) if args.plan and holds_slides(args.plan) else ()
-    if args.plan:
-        plan = None if slides else load_plan(args.plan, cell)
-    else:
-        choices = {'per_disc': args.per_disc, 'levels': args.levels, 'preload': args.preload}
-        plan = default_plan(cell, **{name: value for name, value in choices.items() if value is not None})
+    choices = {'per_disc': args.per_disc, 'levels': args.levels, 'preload': args.preload}
+    choices = {name: value for name, value in choices.items() if value is not None}
+    plan = load_planned(args.plan, cell) if args.plan else default_plan(cell, **choices)
     with ExitStack() as together:
         if args.truth_file:
             workshop = together.enter_context(all_or_nothing(args.truth_file))
             (workshop / args.truth_file.name).write_text(truth_text(truth, args.seed), encoding='utf-8')
         more = {'sensors': sensors, 'seed': args.seed}
-        if plan is None:
-            streams = simulate_slides(cell, truth, slides, **more)
+        if isinstance(plan, tuple):
+            streams = simulate_slides(cell, truth, plan, **more)
         else:
             streams = simulate_streams(cell, truth, plan, **more)
         form = {'storage': args.storage, 'compression': args.compression, 'with_cell': not args.plain}
         write_streams(args.out, streams, cell, **form)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
-    what = count(len(slides), 'slide') if plan is None else count(len(plan), 'touch', 'touches')
+    what = count(len(plan), *(('slide',) if isinstance(plan, tuple) else ('touch', 'touches')))
     print(f'{args.out}: {what} in {duration:.0f} s of simulated time')
     print('truth: ' + ', '.join(f'{name} {value:.6g}' for name, value in truth.parameters.as_dict().items()))
     for effect, values in zip(truth.effects, truth.effect_values, strict=True):

@@ -282,7 +282,7 @@ def known_surfaces(objects: tuple[object, ...], tip_radius: float | None) -> Sur
 
 def _elements(outline: Outline, tip_radius: float) -> list[tuple[complex, float, complex, complex, float]]:
     """Centre, radius, tangent, normal and half of each edge and rounded corner, in the order of travel."""
-    point, tangent, length, turn, cut = _polygon(outline, tip_radius)
+    point, tangent, length, turn, cut = edges_of(outline, tip_radius)
     rows: list[tuple[complex, float, complex, complex, float]] = []
     for k in range(len(tangent)):
         normal = -1j * tangent[k]
@@ -304,7 +304,7 @@ _STRAIGHT = 1e-9
 """Angle below which an outline does not turn at a corner, rad."""
 
 
-def _polygon(outline: Outline, tip_radius: float = 0.0) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+def edges_of(outline: Outline, tip_radius: float = 0.0) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Corners and, of each edge, unit tangent and length; where each edge begins and after the last: the angle by which
     the outline turns, and what its rounding takes of the edge, or of an inner corner the tip that does not reach in.
     """
@@ -331,7 +331,7 @@ def outline_problem(outline: Outline, tip_radius: float) -> tuple[str, str] | No
     least = 2 if outline.is_open else 3
     if len(outline.corners) < least:
         return f'expected {least} corners or more, got {len(outline.corners)}', 'give each corner as [x, y]'
-    point, _, length, turn, cut = _polygon(outline)
+    point, _, length, turn, cut = edges_of(outline)
     if not (length > 1e-6).all():
         return f'corner {int(np.argmin(length))} is given twice', 'give each corner once; the outline closes by itself'
     nearly = np.flatnonzero(np.abs(turn) > np.pi - 1e-3)
@@ -342,7 +342,7 @@ def outline_problem(outline: Outline, tip_radius: float) -> tuple[str, str] | No
     if (short := np.flatnonzero(cut[:-1] + cut[1:] >= length)).size:
         problem = f'corner_radius {outline.corner_radius:g} m is larger than edge {int(short[0])} allows'
         return problem, 'it is in m'
-    cut, grown = _polygon(outline, tip_radius)[-1], surfaces_of([outline], tip_radius)
+    cut, grown = edges_of(outline, tip_radius)[-1], surfaces_of([outline], tip_radius)
     places = np.concatenate([grown.at(np.full(len(grown.radii), part))[0] for part in np.linspace(-1, 1, 21)])
     bare = surfaces_of([outline], 0.0)
     nearest = bare.select(bare.is_edge).distances(places).min()

@@ -10,6 +10,6 @@
 - `touch_runner` moves the robot, touches and calibrates by itself.
 
 The only modules of the package that import `rclpy`. Shared by them: `executables` and `runtime` (start, spin, stop),
-`cell_node` (status, services, a calibration followed), `streams` (the two topics), `declare` (parameters with
-descriptors), `conversion` (messages to numbers and back).
+`cell_node` (parameters, status, services, a calibration followed) with `parameters.yaml`, `streams` (the two topics),
+`conversion` (messages to numbers and back).
 """

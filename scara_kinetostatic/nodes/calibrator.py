@@ -5,11 +5,17 @@ collector has announced on `collector/recording`. The result becomes parameters 
 and files in the folder `output`, where an earlier result is kept under its date; one that is not fit for use replaces
 no earlier one. A calibration runs in a process of its own, so that the node answers meanwhile and `~/cancel` can end
 it; there is only one at a time. One that fails does not change the former results.
+
+The parameters `calibrated.<name>`, `calibrated_std.<name>` and `calibration.<name>` exist once there is a result, from
+a calibration or from a parameter file of an earlier one, and the node alone changes them. Those of effects exist as
+long as the last calibration has found them: `effects.<name>.<target>.<parameter>` and `effects_std…`.
 """
 
 from __future__ import annotations
 
 import json
+import math
+import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -18,31 +24,176 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import CalibrationFileError, ParameterError, ScaraKinetostaticError, UnsupportedDataError
+from scara_kinetostatic.calibration.calibrate import parse_fixed
+from scara_kinetostatic.errors import (
+    CalibrationFileError,
+    ParameterError,
+    RecordingError,
+    ScaraKinetostaticError,
+    UnsupportedDataError,
+)
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA, nominal_arm, read_document
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import quantity
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS, quantity
 from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
-from scara_kinetostatic.nodes.calibrator_parameters import Announced, CalibratorSettings, ResultParameters
-from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, WARN, CellNode, Condition, RefusedError
+from scara_kinetostatic.nodes.cell_node import CALLS, ERROR, OK, PARAMETERS, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.conversion import diagnostic, pose_stamped, touch_of, touches_in
 from scara_kinetostatic.nodes.monitor import was_seen
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
 from scara_kinetostatic.planning.next_touches import PlannedTouches, Planner
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results import calibration_json, parameter_file
-from scara_kinetostatic.results.parameter_file import StoredResult, load_result
+from scara_kinetostatic.results.parameter_file import FACTS, GROUP, StoredResult, Value, load_result
 from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.touches.left_out import parse_left_out
+
+CHOICES = 'session', 'last', 'all'
+_EFFECTS = (f'{parameter_file.EFFECTS}.', f'{parameter_file.EFFECTS_STD}.')
+"""How the names of effects' parameters begin."""
+_TYPES = {
+    str: Parameter.Type.STRING,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    list: Parameter.Type.STRING_ARRAY,
+}
+_RESULT = {
+    **{f'calibrated.{name}': (float, f'{DESCRIPTIONS[name]}, {unit}') for name, unit in UNITS.items()},
+    **{f'calibrated_std.{name}': (float, f'standard deviation of {name}, {unit}') for name, unit in UNITS.items()},
+    **{f'{GROUP}.{name}': (fact.kind, fact.meaning) for name, fact in FACTS.items()},
+}
+"""Type and description of parameters of a result, but those of effects: values, their standard deviations, facts."""
+
+
+class Announced:
+    """Recordings in the order in which they were announced.
+
+    A collector that was started anew, after a crash say, goes on with the same session in another recording. One that
+    was told to stop begins another session when it is told to start, also by another process, the next day say. The
+    middleware tells which process: every publisher numbers its messages from 1.
+    """
+
+    def __init__(self) -> None:
+        self._all: list[str] = []
+        self._session: list[str] = []
+        self._stopped = ''
+
+    def note(self, path: str, number: int | None) -> bool:
+        """Notes an announcement.
+
+        Args:
+            path: of the recording.
+            number: of the message among those of its publisher; None or 0 where the middleware does not state it.
+
+        Returns:
+            Whether the collector was started anew, so that the recording belongs to those before it.
+        """
+        if not path or self._session[-1:] == [path]:
+            return False
+        continued = number == 1 and bool(self._session) and self._session[-1] != self._stopped
+        self._session = [*(item for item in self._session if continued and item != path), path]
+        self._all = [*(item for item in self._all if item != path), path]
+        return continued
+
+    def stop(self, path: str) -> None:
+        """Notes that the collector was told to stop a recording."""
+        self._stopped = path
+
+    def chosen(self, which: str) -> list[str]:
+        """The recordings to calibrate together.
+
+        Args:
+            which: one of `CHOICES`.
+        """
+        return list({'session': self._session, 'last': self._session[-1:], 'all': self._all}[which])
+
+
+class ResultParameters:
+    """Holds the parameters of the node and guards them.
+
+    In `rclpy` not even its own node may change a parameter declared read-only. So these are ordinary ones with a
+    callback that accepts what `publish` sets, and rejects the rest.
+
+    Args:
+        node: whose parameters they are. One thread spins it. Values given at its start (`--params-file`) are taken
+            over.
+
+    Raises:
+        InvalidParameterTypeException: such a value has another type.
+        ParameterError: a parameter of the base model is not finite.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._writing = False
+        for full in _RESULT:
+            self._declare(full)
+            given = node.get_parameter_or(full)
+            if given.type_ == Parameter.Type.NOT_SET:
+                node.undeclare_parameter(full)
+            elif full.startswith('calibrated.') and not math.isfinite(given.value):
+                raise ParameterError(f'parameter {full}', f'expected a finite number, got {given.value}')
+        self._effects = [full for full in node._parameter_overrides if full.startswith(_EFFECTS)]
+        for full in self._effects:
+            self._declare(full)
+        node.add_on_set_parameters_callback(self._guard)
+
+    @property
+    def exist(self) -> bool:
+        """Whether there is a result."""
+        return bool(self._node.has_parameter('calibrated.l1'))
+
+    def facts(self) -> dict[str, Any]:
+        """What the present result is made from and worth, by the names of `FACTS`, as far as it says so."""
+        present = self._node.get_parameters_by_prefix(GROUP)
+        return {name: present[name].value for name in FACTS if name in present}
+
+    def publish(self, result: StoredResult) -> None:
+        """Sets all of them at once; those of effects that are no longer found are removed."""
+        named: dict[str, Value] = {}
+        for start, numbers in (('calibrated', result.values), ('calibrated_std', result.deviations)):
+            named |= {f'{start}.{name}': value for name, value in zip(UNITS, numbers, strict=False)}  # s1 and s2 or not
+        named |= {f'{GROUP}.{name}': value for name, value in result.facts.items()}
+        for item in result.effects:
+            for start, number in zip(_EFFECTS, (item.value, item.std), strict=True):
+                named[start + '.'.join(item.path)] = number
+        self._writing = True
+        try:
+            for full in {*self._effects, *_RESULT}.difference(named):
+                if self._node.has_parameter(full):
+                    self._node.undeclare_parameter(full)
+            for full in named:
+                if not self._node.has_parameter(full):
+                    self._declare(full)
+            self._effects = [full for full in named if full not in _RESULT]
+            parameters = [Parameter(full, _TYPES[type(value)], value) for full, value in named.items()]
+            self._node.set_parameters_atomically(parameters)
+        finally:
+            self._writing = False
+
+    def _declare(self, full: str) -> None:
+        kind, description = _RESULT.get(full, (float, 'of an effect'))
+        fixed = 'read-only, the result of ~/calibrate'
+        descriptor = ParameterDescriptor(description=description, additional_constraints=fixed)
+        self._node.declare_parameter(full, _TYPES[kind], descriptor)
+
+    def _guard(self, parameters: list[Parameter]) -> SetParametersResult:
+        taken = [p.name for p in parameters if p.name in _RESULT or p.name.startswith(_EFFECTS)]
+        if taken and not self._writing:
+            reason = f'{taken[0]} is read-only, the result of a calibration; call ~/calibrate'
+            return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
 
 
 class Guidance:
@@ -152,8 +303,10 @@ class Calibrator(CellNode):
 
     def __init__(self) -> None:
         super().__init__('calibrator')
+        for name in PARAMETERS['calibrator']:
+            _check(name, self.value(name))
+        self.add_on_set_parameters_callback(_check_parameters)
         self._announced = Announced()
-        self._settings = CalibratorSettings(self, self._announced)
         self._results = ResultParameters(self)
         self._process: CalibrationProcess | None = None
         self._part = 0.0
@@ -163,8 +316,6 @@ class Calibrator(CellNode):
             facts = self._results.facts()
             self._condition = _condition(facts, _loaded(facts, 'a parameter file'))
             self.say(self._condition.level, self._condition.message)
-        taken = 'take the result that is in the folder of the results at the start, as after a crash'
-        self._restore = declare.parameter(self, 'restore', False, taken)
         self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
         self.create_subscription(String, 'collector/stopped', lambda said: self._announced.stop(said.data), LATCHED)
         self._result = self.create_publisher(String, '~/result', LATCHED)
@@ -194,9 +345,9 @@ class Calibrator(CellNode):
 
     def _restore_result(self) -> None:
         """Takes the result in the folder of the results where it is newer than the present one."""
-        if self._restore and self._process is None:
+        if self.value('restore') and self._process is None:
             with suppress(ScaraKinetostaticError, OSError):  # there is none yet
-                stored = load_result(self._settings.stored / parameter_file.NAME)
+                stored = load_result(self._stored() / parameter_file.NAME)
                 if str(stored.facts.get('created', '')) > str(self._results.facts().get('created', '')):
                     self._load()
 
@@ -206,7 +357,7 @@ class Calibrator(CellNode):
             return response
         former, self._part = self._condition, 0.0
         try:
-            job = self._settings.job()
+            job = self._job()
             self._ended, self._process = Future(), CalibrationProcess(job)
             self._show(f'starting, {", ".join(job.recordings)}', 0.0)
             self._timer.reset()
@@ -241,17 +392,71 @@ class Calibrator(CellNode):
         """Takes an earlier result, that of the parameter `name`, as the present one."""
         if self._process is not None:
             raise RefusedError('a calibration is running; call again when it is done, or ~/cancel')
-        folder = self._settings.stored
+        folder = self._stored()
         stored = load_result(folder / parameter_file.NAME)
-        if stored.facts.get('assessment') == UNFIT and not self._settings['publish_unfit']:
+        if stored.facts.get('assessment') == UNFIT and not self.value('publish_unfit'):
             raise ParameterError(folder, 'the result is unfit for use', 'publish_unfit:=true takes it all the same')
         message = _loaded(stored.facts, str(folder))
-        self._publish(stored, folder, self._settings['name'], True, message)
+        self._publish(stored, folder, self.value('name'), True, message)
         return message
+
+    def _folder(self) -> Path:
+        """For the results.
+
+        Raises:
+            ParameterError: it is not named, nor is a recording.
+        """
+        if named := self.value('output'):
+            return self.place('output', named) / self.value('name')
+        last = self.place('recording', self._recordings()[-1]).absolute()
+        return last.with_name(f'{last.name}_calibration') / self.value('name')
+
+    def _stored(self) -> Path:
+        """The folder of an earlier result, that of the parameter `name`.
+
+        Raises:
+            ParameterError: there is none.
+        """
+        folder = self._folder()
+        if (folder / parameter_file.NAME).is_file():
+            return folder
+        home = folder.parent if self.value('name') else folder
+        names = sorted(path.parent.name for path in home.glob(f'*/{parameter_file.NAME}') if path.parent.name != UNFIT)
+        problem = f'there is no result {self.value("name")!r} in {home}'
+        raise ParameterError('parameter name', problem, f'there are {", ".join(names)}' if names else 'calibrate first')
+
+    def _job(self) -> Job:
+        """What the parameters tell to do.
+
+        Raises:
+            InputError: no recording is named, or one is not there.
+        """
+        paths = [self.place('recording', recording) for recording in self._recordings()]
+        for path in paths:
+            if not path.exists():
+                raise RecordingError(path, 'there is no such recording', 'check the path')
+        return Job(
+            recordings=[str(path.absolute()) for path in paths],
+            cell=str(self.place('cell', self.value('cell'))) if self.value('cell') else '',
+            fixed=self.value('fixed'),
+            left_out=self.value('leave_out'),
+            output=str(self._folder()),
+            publish_unfit=self.value('publish_unfit'),
+            name=self.value('name'),
+        )
+
+    def _recordings(self) -> list[str]:
+        """Those named, else those that a collector has announced."""
+        named = [*filter(None, [self.value('recording')]), *self.value('recordings')]
+        chosen = named or self._announced.chosen(self.value('announced'))
+        if not chosen:
+            problem = 'no recording is named, and no collector has announced one'
+            raise ParameterError('parameter recording', problem, 'set it')
+        return list(chosen)
 
     def _cell(self) -> Cell | None:
         """That of the parameter `cell`; None where it is empty."""
-        return load_cell(declare.place('cell', self._settings['cell'])) if self._settings['cell'] else None
+        return load_cell(self.place('cell', path)) if (path := self.value('cell')) else None
 
     def _poll(self) -> None:
         """Looks what the running calibration does."""
@@ -321,6 +526,42 @@ class Calibrator(CellNode):
         present = f'{facts.get("assessment") or "not assessed"}, {_origin(facts)}' if self._results.exist else 'none'
         values = {'present result': present, 'next touch': self._guidance.text or 'none: a cell with limits is needed'}
         return self._condition._replace(values=self._condition.values | values)
+
+
+def _listed(value: Any) -> list[str]:
+    return [str(text) for text in value or [] if str(text).strip()]
+
+
+def _check(name: str, value: Any) -> None:
+    """Check the value of a parameter.
+
+    Raises:
+        InputError: it makes no sense.
+    """
+    where = f'parameter {name}'
+    if name == 'cell' and value:
+        load_cell(CellNode.place(name, str(value)))
+    elif name == 'announced' and value not in CHOICES:
+        raise ParameterError(where, f'expected {", ".join(CHOICES)}, got {value!r}')
+    elif name == 'name' and value and not re.fullmatch(r'[A-Za-z0-9_-][A-Za-z0-9._-]*', str(value)):
+        raise ParameterError(where, f'expected letters, digits, . _ or -, got {value!r}')
+    elif name == 'name' and value == UNFIT:
+        raise ParameterError(where, f'{UNFIT!r} is the folder of results that are not fit for use', 'take another')
+    elif name == 'leave_out':
+        parse_left_out(_listed(value), where)
+    elif name == 'fixed':
+        for text in _listed(value):
+            parse_fixed(text, f'{where}:')
+
+
+def _check_parameters(parameters: list[Parameter]) -> SetParametersResult:
+    """Refuses values that cannot be used."""
+    try:
+        for parameter in parameters:
+            _check(parameter.name, parameter.value)
+    except ScaraKinetostaticError as error:
+        return SetParametersResult(successful=False, reason=str(error))
+    return SetParametersResult(successful=True)
 
 
 def _in_one_line(facts: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""What the nodes of a cell share: services of one sentence, the status on `/diagnostics`, a calibration followed.
+"""What the nodes of a cell share: parameters, services of one sentence, the status on `/diagnostics`, a calibration.
 
 The status is published once a second. Its name begins with the full name of the node, `/left/collector: recording`: two
 cells in two namespaces do not collide, and `rqt_robot_monitor` groups by namespace. Its `hardware_id` is the cell: the
@@ -14,7 +14,9 @@ from time import time_ns
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -24,10 +26,12 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError, one_line
 from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell
+from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_identification
-from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.conversion import diagnostic
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.report.json_file import Document
@@ -35,6 +39,16 @@ from scara_kinetostatic.report.json_file import Document
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 CALLS = QoSProfile(depth=1000)
 """Of services: so many calls at once wait for their answer; with the default of 10 the others are lost unanswered."""
+_KINDS = {
+    str: 'a string',
+    list: 'a list of strings',
+    bool: 'true or false',
+    float: 'a number with a decimal point',
+    int: 'a whole number',
+}
+_FILE = Path(__file__).with_name('parameters.yaml')
+PARAMETERS: dict[str, dict[str, dict[str, Any]]] = parse_yaml(read_text(_FILE, ParameterError), _FILE, ParameterError)
+"""Of each node, by name: what that file states."""
 
 
 class Condition(NamedTuple):
@@ -56,7 +70,7 @@ class RefusedError(ScaraKinetostaticError):
 
 
 class CellNode(Node):
-    """A node that says how it is. It has no arguments: its parameters are those of ROS.
+    """A node that declares its parameters, those of `parameters.yaml`, and says how it is.
 
     Attributes:
         executor_type: of the executor that spins it.
@@ -69,6 +83,78 @@ class CellNode(Node):
     rest = 0.0
     exit_status: int | None = None
 
+    def __init__(self, name: str = '') -> None:
+        super().__init__(name)
+        self._stated = PARAMETERS[name]
+        for each, stated in self._stated.items():
+            if 'default' in stated:
+                self.declare(each, stated['default'])
+
+    def declare(self, name: str, default: Any) -> Any:
+        """Declares a parameter of the type of its default, and gives its value.
+
+        Args:
+            name: of the parameter, stated in `parameters.yaml`.
+            default: text, switch, number with a decimal point, whole number or list of texts.
+
+        Raises:
+            ParameterError: the node was started with a value that is not valid.
+        """
+        stated = self._stated[name]
+        is_fixed, range, choices = not stated.get('changes'), stated.get('range'), stated.get('choices')
+        descriptor = ParameterDescriptor(description=stated['meaning'], read_only=is_fixed)
+        if range and isinstance(default, float):
+            low, high = map(float, range)
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif range:
+            low, high = map(int, range)
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+        given = [''] if default == [] else default  # an empty list has no type in ROS
+        try:
+            self.declare_parameter(name, given, descriptor)
+        except InvalidParameterTypeException as error:
+            raise ParameterError(f'parameter {name}', f'expected {_KINDS[type(default)]} ({error})') from error
+        except InvalidParameterValueException as error:
+            raise ParameterError(f'parameter {name}', str(error)) from error
+        value = self.value(name)
+        if choices and value not in choices:
+            raise ParameterError(f'parameter {name}', f'expected {", ".join(choices)}, got {value!r}')
+        return value
+
+    def value(self, name: str) -> Any:
+        """The value of a parameter now; of a list, the texts that are not empty."""
+        value = self.get_parameter(name).value
+        return list(filter(str.strip, value)) if isinstance(value, (list, tuple)) else value
+
+    @staticmethod
+    def place(name: str, path: str) -> Path:
+        """The file or folder that a parameter names; `~` is the home of the user.
+
+        Raises:
+            ParameterError: the home of an unknown user, say.
+        """
+        if not path.isprintable():
+            raise ParameterError(f'parameter {name}', f'{path!r} holds control characters', 'give a plain path')
+        try:
+            return Path(path).expanduser()
+        except RuntimeError as error:
+            raise ParameterError(f'parameter {name}', f'{path!r}: {error}', 'write the path out') from error
+
+    def cell_or_example(self, example: Cell = PAPER_CELL) -> Cell:
+        """The cell in the file that the parameter `cell` names; the example cell if it is empty.
+
+        Raises:
+            CellError: the file cannot be read, or its content is not valid.
+        """
+        if path := self.value('cell'):
+            return load_cell(self.place('cell', path))
+        self.get_logger().warning('no cell given, taking the example cell of figure 3; set the parameter cell')
+        return example
+
+    def plane_of(self, cell: Cell) -> Plane:
+        """The plane of the arm, with the parameter `frame_prefix` before the name of its frame."""
+        return cell.plane._replace(frame=self.value('frame_prefix') + cell.plane.frame)
+
     def close(self) -> None:
         """Closes files and ends processes; called once, after the last callback has begun."""
 
@@ -76,18 +162,19 @@ class CellNode(Node):
         """Does something every `period` seconds of wall time, whatever simulated time does."""
         return self.create_timer(period, do, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def serve(self, name: str, do: Callable[[], str]) -> None:
+    def serve(self, name: str, do: Callable[[], str | None], done: str = '') -> None:
         """Answers a Trigger service.
 
         Args:
             name: of the service; without a slash it is below that of the node.
             do: returns the answer; an error of this package or of the file system says why there is no success.
                 Both are logged.
+            done: the answer where it returns none.
         """
 
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
-                response.success, response.message = True, do()
+                response.success, response.message = True, do() or done
                 self.get_logger().info(response.message)
             except (ScaraKinetostaticError, OSError) as error:
                 response.success, response.message = False, one_line(str(error))
@@ -122,6 +209,24 @@ class CellNode(Node):
         else:
             logger.info(message)
 
+    def now(self) -> int:
+        """Time of the node's clock, ns; 0 before the first message on `/clock` where it is simulated."""
+        return int(self.get_clock().now().nanoseconds)
+
+    def status(self, title: str, level: bytes, text: str, values: Mapping[str, object]) -> DiagnosticArray:
+        """One status of the node, stamped now.
+
+        Args:
+            title: after the node's name.
+            level: `OK`, `WARN` or `ERROR`.
+            text: one line.
+            values: details by name.
+        """
+        hardware = self.get_namespace().strip('/') or 'scara_kinetostatic'
+        array = diagnostic(f'{self.get_fully_qualified_name()}: {title}', level, text, values, hardware)
+        array.header.stamp = self.get_clock().now().to_msg()
+        return array
+
     def publish_status(self, title: str, examine: Callable[[], Condition]) -> None:
         """Publishes the status of the node once a second; a second node of its name is a warning there and in the log.
 
@@ -130,8 +235,6 @@ class CellNode(Node):
             examine: returns the status.
         """
         publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        name = f'{self.get_fully_qualified_name()}: {title}'
-        hardware = self.get_namespace().strip('/') or 'scara_kinetostatic'
         own, complaints = (self.get_name(), self.get_namespace()), PersistentComplaints(self.get_logger().warning)
         twin = f'another node is named {self.get_fully_qualified_name()} (one that was killed counts for 20 s): end one'
 
@@ -140,9 +243,7 @@ class CellNode(Node):
             if complaints.note([twin] * (self.get_node_names_and_namespaces().count(own) > 1)):
                 level, message = max(condition.level, WARN), f'{twin}; {condition.message}'
                 condition = condition._replace(level=level, message=message)
-            array = diagnostic(name, *condition, hardware)
-            array.header.stamp = self.get_clock().now().to_msg()
-            publisher.publish(array)
+            publisher.publish(self.status(title, *condition))
 
         self.every(1.0, publish)
 
@@ -172,7 +273,7 @@ Calibration = TypeVar('Calibration', CalibratedArm, CalibrationRecord)
 
 
 class FollowedCalibration(Generic[Calibration]):
-    """Declares the parameters `calibration` and `follow`, and follows the calibrator.
+    """The calibration of the parameters `calibration` and `follow`.
 
     Args:
         node: that uses the calibration.
@@ -192,7 +293,7 @@ class FollowedCalibration(Generic[Calibration]):
 
     def __init__(
         self,
-        node: Node,
+        node: CellNode,
         load: Callable[[Path], Calibration],
         read: Callable[[Document], Calibration],
         take: Callable[[Calibration], None],
@@ -202,11 +303,9 @@ class FollowedCalibration(Generic[Calibration]):
         self._take: Callable[[Calibration], None] = take
         self.present: Calibration | None = None
         self.origin, self.refused = 'none', ''
-        meaning = 'calibration.json of a result; empty: from the calibrator'
-        self._path = declare.parameter(node, 'calibration', '', meaning)
-        follow = declare.parameter(node, 'follow', True, 'take each result that the calibrator publishes')
-        self.given: Calibration | None = load(declare.place('calibration', self._path)) if self._path else None
-        if follow:
+        self._path = node.value('calibration')
+        self.given: Calibration | None = load(node.place('calibration', self._path)) if self._path else None
+        if node.value('follow'):
             node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
 
     def start(self) -> None:
@@ -248,7 +347,7 @@ class FollowedCalibration(Generic[Calibration]):
 
 
 class FollowedArm(FollowedCalibration[CalibratedArm]):
-    """Declares the parameters `take_unfit` and `cell` as well, and takes arms of this cell alone.
+    """The same with the parameters `take_unfit` and `cell`: takes arms of this cell alone.
 
     Attributes:
         cell: of the calibration that the node is started with, or of the parameter `cell`.
@@ -257,18 +356,14 @@ class FollowedArm(FollowedCalibration[CalibratedArm]):
         InputError: a parameter, the cell or the calibration is not valid.
     """
 
-    def __init__(self, node: Node, take: Callable[[CalibratedArm], None]) -> None:
+    def __init__(self, node: CellNode, take: Callable[[CalibratedArm], None]) -> None:
         def checked(arm: CalibratedArm) -> None:
             self._check(arm)
             take(arm)
 
         super().__init__(node, load_calibration, lambda document: read_arm(document, 'calibrator/result'), checked)
-        self._take_unfit = declare.parameter(node, 'take_unfit', False, 'take a calibration that is unfit for use')
-        if self.given is None:
-            self.cell: Cell = declare.cell_or_example(node)
-        else:
-            declare.parameter(node, 'cell', '', 'cell description; not used where a calibration is given')
-            self.cell = self.given.cell
+        self._take_unfit = node.value('take_unfit')
+        self.cell: Cell = node.cell_or_example() if self.given is None else self.given.cell
 
     def condition(self, found: Iterable[str], values: Mapping[str, str], good: str) -> Condition:
         """The status of the node: an error without a calibration, or where one was refused.

@@ -25,7 +25,6 @@ from std_msgs.msg import String, UInt32
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Indices
-from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, PersistentComplaints, RefusedError
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.session import JudgedTouch, Session
@@ -43,10 +42,8 @@ class Collector(CellNode):
 
     def __init__(self) -> None:
         super().__init__('collector')
-        self._cell = declare.cell_or_example(self)
-        output = 'folder in which each recording gets a folder of its own'
-        declare.parameter(self, 'output', 'recordings', output, read_only=False)
-        self._autostart = declare.parameter(self, 'autostart', False, 'start recording at once')
+        self._cell = self.cell_or_example()
+        self._autostart = self.value('autostart')
         self._session: Session | None = None
         self._by_ros_time = self.get_clock().ros_time_is_active
         self._heard_before, self._failure = np.zeros((2, 3), dtype=np.intp), ''
@@ -64,7 +61,7 @@ class Collector(CellNode):
         self.publish_status('recording', self._examine)
         if not self._autostart:
             self.get_logger().info(f'not recording yet; call {self.resolve_service_name("~/start")}')
-        elif not self._now():
+        elif not self.now():
             self.get_logger().warning('use_sim_time is set: recording begins with the first message on /clock')
         else:
             with self._guarded():
@@ -78,7 +75,7 @@ class Collector(CellNode):
     def _start(self) -> str:
         if self._session is not None:
             raise RefusedError(f'recording already, to {self._session.folder}; call ~/stop first')
-        if not self._now():
+        if not self.now():
             raise RefusedError('parameter use_sim_time is set, but there is no message on /clock; publish it')
         with self._guarded():
             self._begin()
@@ -95,7 +92,7 @@ class Collector(CellNode):
         session = self._running()
         touch = None
         with self._guarded():
-            touch = session.discard_last(self._now())
+            touch = session.discard_last(self.now())
         self._running()
         if touch is None:
             raise RefusedError('there is no accepted touch to discard')
@@ -133,11 +130,11 @@ class Collector(CellNode):
 
     def _begin(self) -> None:
         self._autostart = False
-        parent = declare.place('output', str(self.get_parameter('output').value)).absolute()
+        parent = self.place('output', self.value('output')).absolute()
         joint_states, wrench = (monitor.topic for monitor in self._streams.monitors.values())
-        self._session = Session(parent, self._cell, self._now(), (joint_states, wrench))
+        self._session = Session(parent, self._cell, self.now(), (joint_states, wrench))
         for message in self._streams.frame.messages:
-            self._session.take_transforms(message, self._now())
+            self._session.take_transforms(message, self.now())
         self._streams.look_at_publishers()
         self._heard_before, self._failure = self._heard(), ''
         self._publish(self._session)
@@ -166,7 +163,7 @@ class Collector(CellNode):
 
     def _example_cell(self) -> str:
         """That a robot other than the simulated one is taken for the example cell; empty if it is not."""
-        named = bool(self.get_parameter('cell').value)
+        named = bool(self.value('cell'))
         robots = {name.rpartition('/')[2] for each in self._streams.monitors.values() for name in each.publishers}
         if named or robots <= {'contact_simulator'}:
             return ''
@@ -186,7 +183,7 @@ class Collector(CellNode):
     def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
         """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
         if self._session is not None:
-            log_time = self._now() if self._by_ros_time or not received else received
+            log_time = self.now() if self._by_ros_time or not received else received
             with self._guarded():
                 self._session.take(stream, message, log_time, sample)
 
@@ -196,19 +193,15 @@ class Collector(CellNode):
         if session is None:
             return
         with self._guarded():
-            self._publish(session, session.take_transforms(message, self._now(), anew))
+            self._publish(session, session.take_transforms(message, self.now(), anew))
         if anew and session.touches + session.rejected:
             last, how = session.touches + session.rejected - 1, self._streams.frame.description()
             text = f'/tf_static came after touch {last}: {how}; a calibration turns the forces before as well'
             self.get_logger().warning(text)
 
-    def _now(self) -> int:
-        """Time of the node's clock, ns; 0 before the first message on `/clock`."""
-        return int(self.get_clock().now().nanoseconds)
-
     def _poll(self) -> None:
         self._by_ros_time = self.get_clock().ros_time_is_active
-        if self._autostart and self._now():
+        if self._autostart and self.now():
             with self._guarded():
                 self._begin()
         if (session := self._session) is None:

@@ -38,20 +38,19 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState, MultiDOFJointState
 from trajectory_msgs.msg import JointTrajectory
 
-from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError, UnsupportedDataError, one_line
+from scara_kinetostatic.errors import InputError, ScaraKinetostaticError, UnsupportedDataError, one_line
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import MotionSense, OnlineArm, OnlinePosition
-from scara_kinetostatic.nodes import conversion, declare
+from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedArm
 from scara_kinetostatic.nodes.conversion import NANOSECONDS, PlanarPose, Sample, UnusableMessageError, planar
 from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor
 from scara_kinetostatic.nodes.streams import CellStreams, Stream, TFMessage, waiting
 from scara_kinetostatic.planning.motion import Space
 
-_ELBOWS = ('present', 'left', 'right')
 _SURE = ('ok', 'unloaded')
 
 
@@ -222,20 +221,10 @@ class Compensator(CellNode):
         super().__init__('compensator')
         self._calibration = FollowedArm(self, self._use)
         cell = self._calibration.cell
-        age = 'age of a message beyond which it is stale, s'
-        timeout = declare.parameter(self, 'timeout', 0.1, age, declare.Range(0.001, 60))
-        meaning = 'standard deviation of one force, N; 0: that of the calibration'
-        noise = declare.parameter(self, 'force_noise', 0.0, meaning, declare.Range(0, 100))
-        self._elbow = declare.parameter(self, 'elbow', 'present', f'of the answers: {", ".join(_ELBOWS)}')
-        if self._elbow not in _ELBOWS:
-            raise ParameterError('parameter elbow', f'expected {", ".join(_ELBOWS)}, got {self._elbow!r}')
-        meaning = 'of a joint at most in an answer, rad/s'
-        self._speed = declare.parameter(self, 'speed', 0.2, meaning, declare.Range(1e-3, 100))
-        prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
-        tip_frame = declare.parameter(self, 'tip_frame', 'compensated_tip', 'frame of the tip; empty: no transform')
-        self._plane = cell.plane._replace(frame=prefix + cell.plane.frame)
-        self._tip_frame = prefix + tip_frame if tip_frame else ''
-        self._tip = FollowedTip(cell, timeout, noise)
+        self._elbow, self._speed = self.value('elbow'), self.value('speed')
+        self._plane, tip_frame = self.plane_of(cell), self.value('tip_frame')
+        self._tip_frame = self.value('frame_prefix') + tip_frame if tip_frame else ''
+        self._tip = FollowedTip(cell, self.value('timeout'), self.value('force_noise'))
         self._answered, self._answer_problem = 'none', ''
         self._wanted: tuple[float, float] | None = (0.0, 0.0)
         self._next_transform = self._polls = 0
@@ -297,7 +286,7 @@ class Compensator(CellNode):
         found = self._tip.take_joints(sample)
         if found is None or not isfinite(found.x):
             return
-        stamp = sample.stamp_ns or int(self.get_clock().now().nanoseconds)
+        stamp = sample.stamp_ns or self.now()
         pose = PlanarPose(found.x, found.y, found.yaw, found.covariance.tolist())
         self._pose.publish(conversion.pose_bytes(stamp, self._plane, pose))
         if self._transform is not None and not 0 <= self._next_transform - stamp <= NANOSECONDS:

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import tau
 from time import monotonic
 from typing import Any
 
@@ -38,125 +37,20 @@ from scara_kinetostatic.errors import InputError, ParameterError
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, UNITS
-from scara_kinetostatic.nodes import conversion, declare
+from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
-from scara_kinetostatic.nodes.controller import follow_joint_trajectory
-from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.commanded import Body, Fault, ModelBody, Plant, PlantSettings
-from scara_kinetostatic.simulation.mujoco import SCENES, scene_named
+from scara_kinetostatic.simulation.mujoco import scene_named
 from scara_kinetostatic.simulation.mujoco.engine import EngineBody
-from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
-from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
+from scara_kinetostatic.simulation.plan import Plan, default_plan
+from scara_kinetostatic.simulation.plan_file import load_planned
 from scara_kinetostatic.simulation.slides import Slide, simulate_slides
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, simulate_streams
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
 
-
-def declare_cell(node: Node) -> Cell:
-    """Declares the cell, with the frame and the sign that the simulated sensor really has."""
-    cell, taken = declare.cell_or_example(node), dict[str, Any]()
-    for name in ('frame', 'sign'):
-        kind = type(getattr(cell.sensor, name))
-        choices = ' or '.join(choice.value for choice in kind)
-        given = declare.parameter(node, name, '', f'{name} of the sensor, {choices}; empty: as the cell says')
-        try:
-            taken |= {name: kind(given)} if given else {}
-        except ValueError:
-            raise ParameterError(f'parameter {name}', f'expected {choices}, got {given!r}') from None
-    return replace(cell, sensor=cell.sensor._replace(**taken))
-
-
-def declare_plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...] | None:
-    """Declares the touches, or the slides along objects; None for a robot that is commanded.
-
-    Raises:
-        InputError: the plan cannot be read.
-    """
-    meaning = 'plan of touches, or of slides along objects (YAML file); empty: touches over all discs of the cell'
-    file = declare.parameter(node, 'plan', '', meaning)
-    meaning = 'preload of every other touch: force beyond that of the hold, over it; with a plan: 0'
-    preload = declare.parameter(node, 'preload', 0.0, meaning, Range(0.0, LARGEST_PRELOAD))
-    if declare.parameter(node, 'commanded', False, 'obey joint_trajectory, instead of a plan'):
-        if file or preload > 0:
-            raise ParameterError('parameter commanded', 'a commanded robot has no plan', 'leave out plan and preload')
-        return None
-    if file and preload > 0:
-        raise ParameterError('parameter preload', 'a plan defines all touches', 'leave out preload or plan')
-    if file and holds_slides(file):
-        return load_slides(file, cell)
-    return load_plan(file, cell) if file else default_plan(cell, preload=preload)
-
-
-def declare_truth(node: Node, cell: Cell) -> ExtendedModel:
-    """Declares the simulated robot with its effects; by default it deviates from the nominal one as in table 2.
-
-    Raises:
-        ParameterError: an effect is not valid.
-    """
-    ranges = {
-        'x0': Range(-100, 100), 'y0': Range(-100, 100), 'theta1': Range(-tau, tau), 'theta2': Range(-tau, tau),
-        'l1': Range(1e-3, 100), 'l2': Range(1e-3, 100), 'g1': Range(0, 0.1), 'g2': Range(0, 0.1),
-        **dict.fromkeys(MOMENTS, Range(-1e4, 1e4)),
-    }  # fmt: skip
-    values = []
-    for name, default in deviating_robot(cell.nominal).as_dict().items():
-        meaning = f'true {DESCRIPTIONS[name]}, {UNITS[name]}'
-        values.append(declare.parameter(node, f'truth.{name}', default, meaning, ranges.get(name, Range(0, 1e-2))))
-    how = "effects of the simulated robot, each as 'name[target]:parameter=value,parameter=value', SI units"
-    effects = [parse_effect(text, cell) for text in declare.parameter(node, 'effects', list[str](), how)]
-    return with_effects(cell.nominal.with_array(values), effects)
-
-
-def declare_sensors(node: Node, cell: Cell) -> SensorModel:
-    """Declares noise, bias and rates of the sensors."""
-    usual, noise = SensorModel(), cell.noise or TYPICAL_NOISE
-    angles, forces, bias, rates = Range(0, 0.1), Range(0, 100), Range(-100, 100), Range(1, 2000)
-    table = {
-        'noise.joint': (noise.joint_rms, 'repeatability of a joint angle from touch to touch, rad', angles),
-        'noise.force': (noise.force_rms, 'repeatability of the force from touch to touch, N', forces),
-        'noise.joint_sample': (usual.joint_noise, 'white noise of the joint samples, rad', angles),
-        'noise.force_sample': (usual.force_noise, 'white noise of the force samples, N', forces),
-        'bias.x': (usual.bias[0], 'bias of the force sensor along x, N', bias),
-        'bias.y': (usual.bias[1], 'bias of the force sensor along y, N', bias),
-        'joint_rate': (usual.joint_rate, 'joint states per simulated second, Hz', rates),
-        'wrench_rate': (usual.wrench_rate, 'wrenches per simulated second, Hz', rates),
-    }
-    angle, force, of_joints, of_force, x, y, joint_rate, wrench_rate = (
-        declare.parameter(node, name, *row) for name, row in table.items()
-    )
-    touch = noise.with_rms(angle, force)
-    return SensorModel(touch, of_joints, of_force, (x, y), usual.resolution, joint_rate, wrench_rate)
-
-
-def declare_drives(node: Node) -> PlantSettings:
-    """Declares the drives of a robot that is commanded.
-
-    Raises:
-        ParameterError: they cannot be.
-    """
-    usual = PlantSettings()
-    lag = declare.parameter(node, 'lag', usual.lag, 'commanded: time constant of the joints, s', Range(0.0, 1.0))
-    fastest = 'commanded: largest speed of a joint, rad/s'
-    speed = declare.parameter(node, 'speed_limit', usual.speed, fastest, Range(1e-3, 100.0))
-    meaning = 'commanded: force at which the drives stop, N; 0: twice the max_force of the cell'
-    overload = declare.parameter(node, 'overload', usual.overload, meaning, Range(0.0, 1e5))
-    meaning = f'commanded: scene of MuJoCo, with the robot of truth: {", ".join(SCENES)}; empty: by the model'
-    declare.parameter(node, 'scene', '', meaning)
-    faults = ', '.join(fault.value for fault in Fault if fault.value)
-
-    def is_known(parameters: Sequence[Parameter]) -> SetParametersResult:
-        unknown = [p for p in parameters if p.name == 'fault' and p.value not in [fault.value for fault in Fault]]
-        return SetParametersResult(successful=not unknown, reason=f'expected one of {faults}' if unknown else '')
-
-    node.add_on_set_parameters_callback(is_known)
-    declare.parameter(node, 'fault', '', f'commanded: what goes wrong: {faults}; empty: nothing', read_only=False)
-    scaling = 'commanded: scaling of the time of trajectories, as of a speed slider'
-    declare.parameter(node, 'scaling', 1.0, scaling, Range(0.0, 1.0), read_only=False)
-    declare.parameter(node, 'active', True, 'commanded: whether the controller is active', read_only=False)
-    return PlantSettings(lag, speed, usual.lift_speed, overload)
+_FAULTS = ', '.join(fault.value for fault in Fault if fault.value)
 
 
 class Commanded:
@@ -204,7 +98,7 @@ class GoalServer:
     """
 
     def __init__(self, node: Node, plant: Plant, take: Callable[[JointTrajectory], bool]) -> None:
-        self._kind, self._plant = follow_joint_trajectory('action', 'use joint_trajectory'), plant
+        self._kind, self._plant = conversion.follow_joint_trajectory('action', 'use joint_trajectory'), plant
         self._goal: Any = None
         self._ended = Future()
 
@@ -293,33 +187,25 @@ class ContactSimulator(CellNode):
 
     def __init__(self) -> None:
         super().__init__('contact_simulator')
-        self._cell = declare_cell(self)
-        self._plan = declare_plan(self, self._cell)
-        self._truth = declare_truth(self, self._cell)
-        self._sensors, drives = declare_sensors(self, self._cell), declare_drives(self)
-        self._seed = declare.parameter(self, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1))
-        waiting = 'subscribers that both topics need before the simulation starts'
-        self._needed = declare.parameter(self, 'wait_for_subscribers', 0, waiting, Range(0, 100))
-        faster = 'simulated seconds per second of wall time'
-        declare.parameter(self, 'time_factor', 1.0, faster, Range(0.01, 1000.0), read_only=False)
-        declare.parameter(self, 'loop', False, 'start again after the last touch', read_only=False)
+        self.add_on_set_parameters_callback(_check_fault)
+        self.declare('fault', '')  # after its check
+        self._cell = self._declared_cell()
+        self._plan = self._declared_plan()
+        self._truth = self._declared_truth()
+        self._sensors = self._declared_sensors()
         sensor = self._cell.sensor
         self._joints = self.create_publisher(JointState, sensor.joint_states, RELIABLE_STREAM)
         self._wrench = self.create_publisher(WrenchStamped, sensor.wrench, RELIABLE_STREAM)
         self._finished = self.create_publisher(Bool, '~/finished', LATCHED)
         self._finished.publish(Bool(data=False))
-        meaning = 'publish the simulated time on /clock'
-        with_clock = declare.parameter(self, 'publish_clock', False, meaning)
-        self._time_of_cell = self.create_publisher(Clock, '/clock', 10) if with_clock else None
-        prefix = declare.parameter(self, 'frame_prefix', '', 'before the frame_id of the wrench')
+        self._time_of_cell = self.create_publisher(Clock, '/clock', 10) if self.value('publish_clock') else None
         plane, self._axes = self._cell.plane, self._cell.force_axes
-        link = declare.parameter(self, 'sensor_link', '', 'frame_id of the wrench; empty: the tip, or the base')
-        of_tool = sensor.frame is SensorFrame.TOOL
-        self._frame_id = prefix + (link or (plane.tip or TOOL_FRAME if of_tool else plane.frame))
+        mount = plane.tip or TOOL_FRAME if sensor.frame is SensorFrame.TOOL else plane.frame
+        self._frame_id = self.value('frame_prefix') + (self.value('sensor_link') or mount)
         self._stopped = ''
         self._goals: GoalServer | None = None
         self._passes, self._names = 0, tuple(self._cell.joint_names)
-        self._playback: Playback | Commanded = self._obey(drives) if self._plan is None else self._simulate()
+        self._playback: Playback | Commanded = self._obey() if self._plan is None else self._simulate()
         self._elapsed = 0.0
         self._ready_since: float | None = None
         self._last_tick: float | None = None
@@ -328,14 +214,70 @@ class ContactSimulator(CellNode):
             kind = 'slides' if isinstance(self._plan, tuple) else 'touches'
             self.get_logger().info(f'{len(self._plan)} {kind} planned')
 
-    def _obey(self, drives: PlantSettings) -> Commanded:
+    def _declared_cell(self) -> Cell:
+        """The cell, with the frame and the sign that the simulated sensor really has."""
+        cell, taken = self.cell_or_example(), dict[str, Any]()
+        for name in ('frame', 'sign'):
+            kind = type(getattr(cell.sensor, name))
+            choices = ' or '.join(choice.value for choice in kind)
+            given = self.value(name)
+            try:
+                taken |= {name: kind(given)} if given else {}
+            except ValueError:
+                raise ParameterError(f'parameter {name}', f'expected {choices}, got {given!r}') from None
+        return replace(cell, sensor=cell.sensor._replace(**taken))
+
+    def _declared_plan(self) -> Plan | tuple[Slide, ...] | None:
+        """The touches, or the slides along objects; None for a robot that is commanded.
+
+        Raises:
+            InputError: the plan cannot be read.
+        """
+        file, preload, cell = self.value('plan'), self.value('preload'), self._cell
+        if self.value('commanded'):
+            if file or preload > 0:
+                problem, remedy = 'a commanded robot has no plan', 'leave out plan and preload'
+                raise ParameterError('parameter commanded', problem, remedy)
+            return None
+        if file and preload > 0:
+            raise ParameterError('parameter preload', 'a plan defines all touches', 'leave out preload or plan')
+        return load_planned(file, cell) if file else default_plan(cell, preload=preload)
+
+    def _declared_truth(self) -> ExtendedModel:
+        """The simulated robot with its effects; by default it deviates from the nominal one as in table 2.
+
+        Raises:
+            ParameterError: an effect is not valid.
+        """
+        nominal = self._cell.nominal
+        truth = deviating_robot(nominal).as_dict().items()
+        values = [self.declare(f'truth.{name}', default) for name, default in truth]
+        effects = [parse_effect(text, self._cell) for text in self.value('effects')]
+        return with_effects(nominal.with_array(values), effects)
+
+    def _declared_sensors(self) -> SensorModel:
+        """Noise, bias and rates of the sensors."""
+        noise = self._cell.noise or TYPICAL_NOISE
+        joint, force = self.declare('noise.joint', noise.joint_rms), self.declare('noise.force', noise.force_rms)
+        value = self.value
+        return SensorModel(
+            noise.with_rms(joint, force),
+            value('noise.joint_sample'),
+            value('noise.force_sample'),
+            (value('bias.x'), value('bias.y')),
+            joint_rate=value('joint_rate'),
+            wrench_rate=value('wrench_rate'),
+        )
+
+    def _obey(self) -> Commanded:
         """A robot that is commanded, by the model or in MuJoCo."""
         body: Body = ModelBody(self._cell, self._truth)
-        if scene := self.get_parameter('scene').value:
+        if scene := self.value('scene'):
             if self._truth.effects:
                 raise ParameterError('parameter effects', 'a scene has its own', 'leave out scene or effects')
             body = EngineBody(replace(scene_named(scene), parameters=self._truth.parameters), self._cell)
-        plant = Plant(self._cell, body, settings=drives, sensors=self._sensors, seed=self._seed)
+        drives = PlantSettings(self.value('lag'), self.value('speed_limit'), overload=self.value('overload'))
+        plant = Plant(self._cell, body, settings=drives, sensors=self._sensors, seed=self.value('seed'))
         self._names = plant.names
 
         def take(message: JointTrajectory) -> bool:
@@ -343,7 +285,7 @@ class ContactSimulator(CellNode):
                 times, *points = conversion.trajectory_points(message)
                 begins = 1e-9 * conversion.nanoseconds_of(message.header.stamp)
                 ends = begins + max(times, default=0.0)
-                if begins and ends < (now := 1e-9 * self.get_clock().now().nanoseconds):
+                if begins and ends < (now := 1e-9 * self.now()):
                     raise ParameterError('trajectory refused', f'it ended {now - ends:.1f} s ago', 'stamp it with 0')
                 plant.command(message.joint_names, times, *points)
             except ParameterError as error:
@@ -351,27 +293,19 @@ class ContactSimulator(CellNode):
                 return False
             return True
 
-        def reset() -> str:
-            plant.reset()
-            return 'the drives are on'
-
-        def zero() -> str:
-            plant.zero()
-            return 'the force is zero'
-
         if service := self._cell.sensor.zero_service:
-            self.serve(self.resolve_service_name(service), zero)
+            self.serve(self.resolve_service_name(service), plant.zero, 'the force is zero')
         self.create_subscription(JointTrajectory, 'joint_trajectory', take, 10)
         with suppress(InputError):
             self._goals = GoalServer(self, plant, take)
-        self.serve('reset', reset)
+        self.serve('reset', plant.reset, 'the drives are on')
         self.get_logger().info(f'obeys {self.resolve_topic_name("joint_trajectory")}: {" ".join(plant.names)}')
         return Commanded(plant, (self._sensors.joint_rate, self._sensors.wrench_rate))
 
     def _simulate(self, start: int = 0) -> Playback:
         """The next pass through the plan, with noise of its own; joints with memory keep what the last one left."""
         assert self._plan is not None
-        given: dict[str, Any] = {'sensors': self._sensors, 'seed': self._seed + self._passes, 'start': 0}
+        given: dict[str, Any] = {'sensors': self._sensors, 'seed': self.value('seed') + self._passes, 'start': 0}
         if isinstance(self._plan, tuple):
             streams = simulate_slides(self._cell, self._truth, self._plan, **given)
         else:
@@ -385,7 +319,7 @@ class ContactSimulator(CellNode):
             self._start_if_ready()
             return
         now = monotonic()
-        factor = self.get_parameter('time_factor').value
+        factor = self.value('time_factor')
         passed = min(now - self._last_tick, 0.05) * factor  # a slow machine slows it down: no bursts
         self._elapsed += passed if self._plan is not None else min(passed, 0.02)  # what commands it has to react
         self._last_tick = now
@@ -413,31 +347,39 @@ class ContactSimulator(CellNode):
 
     def _set_fault(self, plant: Plant) -> None:
         """The fault as the parameter has it now; says an overload once."""
-        plant.fault = Fault(self.get_parameter('fault').value)
-        plant.scaling = self.get_parameter('scaling').value
-        plant.active = self.get_parameter('active').value
+        plant.fault = Fault(self.value('fault'))
+        plant.scaling = self.value('scaling')
+        plant.active = self.value('active')
         if plant.stopped != self._stopped:
             self._stopped = plant.stopped
             if plant.stopped:
                 self.get_logger().error(f'the drives have stopped: {plant.stopped}; call ~/reset')
 
     def _start_if_ready(self) -> None:
-        if min(self._joints.get_subscription_count(), self._wrench.get_subscription_count()) < self._needed:
+        if min(self._joints.get_subscription_count(), self._wrench.get_subscription_count()) < self.value(
+            'wait_for_subscribers'
+        ):
             self._ready_since = None
             return
         now = monotonic()
         self._ready_since = self._ready_since or now
         if now - self._ready_since >= 0.5:  # the subscriber has then discovered both publishers
-            self._playback.start = self.get_clock().now().nanoseconds
+            self._playback.start = self.now()
             self._last_tick = now
             self.get_logger().info('the simulation starts')
 
     def _end_pass(self) -> None:
         assert isinstance(self._playback, Playback)
-        if self.get_parameter('loop').value:
+        if self.value('loop'):
             self._playback = self._simulate(self._playback.end + 10**9)  # after a pause of 1 simulated s
             self._elapsed = -1.0
             return
         self._timer.cancel()
         self._finished.publish(Bool(data=True))
         self.get_logger().info('the plan is finished')
+
+
+def _check_fault(parameters: Sequence[Parameter]) -> SetParametersResult:
+    """Refuses a fault that does not exist."""
+    unknown = [p for p in parameters if p.name == 'fault' and p.value not in [fault.value for fault in Fault]]
+    return SetParametersResult(successful=not unknown, reason=f'expected one of {_FAULTS}' if unknown else '')

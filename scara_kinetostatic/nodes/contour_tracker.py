@@ -22,13 +22,10 @@ from visualization_msgs.msg import MarkerArray
 
 from scara_kinetostatic.contour.online import SECOND, OnlineContour, known_markers, outline_markers, tip_markers
 from scara_kinetostatic.contour.result import NO_RADIUS, Outline, remarks_on
-from scara_kinetostatic.contour.trace import LARGEST_TIP
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedArm
 from scara_kinetostatic.nodes.conversion import Sample, marker_array, path
-from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 
 
@@ -45,13 +42,7 @@ class ContourTracker(CellNode):
         super().__init__('contour_tracker')
         self._calibration = FollowedArm(self, self._use)
         self._cell = cell = self._calibration.cell
-        meaning = 'radius of the tip, m; 0: as the calibration has it'
-        self._radius = declare.parameter(self, 'tip_radius', 0.0, meaning, Range(0, LARGEST_TIP)) or cell.tip_radius
-        period = declare.parameter(self, 'period', 0.5, 'between two evaluations, s', Range(0.05, 10))
-        magnified = 'magnification of the uncertainty in the markers; 0: not shown'
-        declare.parameter(self, 'uncertainty_scale', 500.0, magnified, Range(0, 1e6), read_only=False)
-        prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames')
-        self._plane = cell.plane._replace(frame=prefix + cell.plane.frame)
+        self._radius, self._plane = self.value('tip_radius') or cell.tip_radius, self.plane_of(cell)
         self._online: OnlineContour | None = None
         self._next = self._felt = 0.0
         self._path = self.create_publisher(Path, '~/path', LATCHED)
@@ -60,7 +51,7 @@ class ContourTracker(CellNode):
         self._streams.subscribe(self._take)
         self.serve('clear', self._clear)
         self.serve_tare(self._tare)
-        self.every(period, self._evaluate)
+        self.every(self.value('period'), self._evaluate)
         self.publish_status('contour', self._report)
         self._calibration.start()
 
@@ -98,8 +89,9 @@ class ContourTracker(CellNode):
         online = self._calibrated()
         present = online.present
         self._path.publish(path(online.now, self._plane, [] if present is None else _places(present)))
-        scale = float(self.get_parameter('uncertainty_scale').value)
-        scene = known_markers(self._cell.discs, online.tip_radius) + outline_markers(online.outlines, scale)
+        scene = known_markers(self._cell.discs, online.tip_radius) + outline_markers(
+            online.outlines, self.value('uncertainty_scale')
+        )
         self._markers.publish(marker_array(scene + tip_markers(online.contour, 0.002), self._plane))
 
     def _clear(self) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from importlib import import_module
 from math import atan2, cos, nan, sin
 from pathlib import Path
 from time import time_ns
@@ -173,6 +174,22 @@ def joint_trajectory(
     return JointTrajectory(joint_names=list(names), points=points)
 
 
+def follow_joint_trajectory(purpose: str, remedy: str) -> Any:
+    """The type of the action.
+
+    Args:
+        purpose: the parameter that asks for it.
+        remedy: what to do without it.
+
+    Raises:
+        InputError: `control_msgs` cannot be imported.
+    """
+    try:
+        return import_module('control_msgs.action').FollowJointTrajectory
+    except ImportError as error:
+        raise InputError(purpose, 'control_msgs cannot be imported', f'install control_msgs, or {remedy}') from error
+
+
 def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float]) -> PoseStamped:
     """A pose in the plane, x, y, m, and the angle of its x axis, rad, in the robot's frame."""
     pose = PoseStamped()
@@ -182,17 +199,11 @@ def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float])
 
 
 def _pose(place: Sequence[float], quaternion: Sequence[float]) -> Pose:
-    return Pose(position=_point(place), orientation=_quaternion(quaternion))
+    return Pose(position=Point(**_axes(place)), orientation=Quaternion(**_axes(quaternion)))
 
 
-def _quaternion(quaternion: Sequence[float]) -> Quaternion:
-    x, y, z, w = quaternion
-    return Quaternion(x=x, y=y, z=z, w=w)
-
-
-def _point(place: Sequence[float]) -> Point:
-    x, y, z = place
-    return Point(x=x, y=y, z=z)
+def _axes(numbers: Sequence[float]) -> dict[str, float]:
+    return dict(zip('xyzw', numbers, strict=False))
 
 
 def place_of(pose: Any, plane: Plane) -> tuple[float, float, float]:
@@ -221,9 +232,9 @@ def transform(stamp_ns: int, plane: Plane, pose: PlanarPose, child: str) -> Tran
     """The transform from the robot's frame to a child at a pose in the plane."""
     message = TransformStamped(child_frame_id=child)
     message.header.frame_id, message.header.stamp = plane.frame, stamp_of(stamp_ns)
-    (x, y, z), quaternion = pose.in_robot(plane)
-    message.transform.translation = Vector3(x=x, y=y, z=z)
-    message.transform.rotation = _quaternion(quaternion)
+    place, quaternion = pose.in_robot(plane)
+    message.transform.translation = Vector3(**_axes(place))
+    message.transform.rotation = Quaternion(**_axes(quaternion))
     return message
 
 
@@ -396,7 +407,7 @@ def marker_array(primitives: Iterable[Primitive], plane: Plane) -> MarkerArray:
 
 def _marker(primitive: Primitive, plane: Plane) -> Marker:
     size, height = primitive.size, primitive.height or primitive.size
-    kind, (x, y, z) = {  # what RViz takes each component of the scale for, by the type of the marker
+    kind, scale = {  # what RViz takes each component of the scale for, by the type of the marker
         Shape.STRIP: (Marker.LINE_STRIP, (size, 0.0, 0.0)),
         Shape.CYLINDER: (Marker.CYLINDER, (size, size, height)),
         Shape.ARROW: (Marker.ARROW, (size, 3.0 * size, 0.0)),  # tail, head; 0: length of the head as RViz takes it
@@ -406,10 +417,10 @@ def _marker(primitive: Primitive, plane: Plane) -> Marker:
     red, green, blue, opacity = primitive.colour
     marker = Marker(ns=primitive.group, type=kind, action=Marker.ADD, text=primitive.text)
     marker.color = ColorRGBA(r=red, g=green, b=blue, a=opacity)
-    marker.scale = Vector3(x=x, y=y, z=z)
+    marker.scale = Vector3(**_axes(scale))
     at: tuple[float, ...] = (0.0, 0.0, 0.0)
     if primitive.shape in (Shape.STRIP, Shape.ARROW):
-        marker.points = [_point(point) for point in primitive.points]
+        marker.points = [Point(**_axes(point)) for point in primitive.points]
     else:
         at = primitive.points[0]
     marker.pose = _pose(plane.in_robot(np.array(at)).tolist(), plane.quaternion)

@@ -54,24 +54,13 @@ class DemoResult(NamedTuple):
     results: Path
 
 
-class Progress(NamedTuple):
-    """How far the run is.
-
-    Attributes:
-        accepted: touches so far.
-        uncertainty: largest expanded uncertainty of the tip by those that are calibrated already, m; None before the
-            first calibration.
-        touch: the last touch, and why it was made.
-    """
-
-    accepted: int
-    uncertainty: float | None
-    touch: str
+Progress = Callable[[int, float | None, str], None]
+"""Called with the number of touches so far, the largest expanded uncertainty of the tip by those that are calibrated
+already, m, None before the first calibration, and the last touch, and why it was made.
+"""
 
 
-def run_demo(
-    folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Callable[[Progress], None]
-) -> DemoResult:
+def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Progress) -> DemoResult:
     """A simulated robot touches by itself, and is calibrated.
 
     Args:
@@ -139,7 +128,7 @@ def ros_value(value: object) -> str:
     return repr(value) if isinstance(value, (int, float)) else "'" + str(value).replace("'", "''") + "'"
 
 
-def _spin(simulator: CellNode, runner: TouchRunner, progress: Callable[[Progress], None]) -> dict[str, str]:
+def _spin(simulator: CellNode, runner: TouchRunner, progress: Progress) -> dict[str, str]:
     """Both nodes in turn until the run has ended; returns the last state of the runner."""
     executor, touch, accepted, recording = SingleThreadedExecutor(), '', 0, ''
     for node in (simulator, runner):
@@ -149,7 +138,7 @@ def _spin(simulator: CellNode, runner: TouchRunner, progress: Callable[[Progress
         facts = runner.facts()
         if int(facts.get('accepted', 0)) > accepted:
             accepted, found = int(facts['accepted']), facts['uncertainty_m']
-            progress(Progress(accepted, float(found) if found else None, touch))
+            progress(accepted, float(found) if found else None, touch)
         if 'next' in facts:
             touch = f'{facts["next"]}: {facts["why"]}'
         recording = facts['recording'] or recording

@@ -60,8 +60,15 @@ class Stream(Enum):
     WRENCH = 'wrench'
 
 
+def waiting(subscription: Subscription) -> Iterator[tuple[bytes, dict[str, Any]]]:
+    """The messages of a raw subscription that have come already, and what the middleware says of each."""
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+            yield taken
+
+
 class StreamMonitor:
-    """Counts the messages of one topic; what is wrong with them is said in reports, one a second.
+    """Hears one topic and counts its messages; what is wrong with them is said in reports, one a second.
 
     Args:
         topic: its full name.
@@ -88,6 +95,7 @@ class StreamMonitor:
         self.refusal, self.has_moved, self._mixed = '', False, ''
         self._stamp, self._stamped, self._constant = -1, monotonic(), False
         self._number = 0
+        self._retry: Timer | None = None
         self._reported, self._others, self._parted = (monotonic(), 0, 0, 0, 0), 0, 0
 
     def accept(self, stamp: int, values: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -168,50 +176,36 @@ class StreamMonitor:
         several = f'{len(self.publishers)} publishers ({", ".join(sorted(self.publishers))})'
         return f'{self.topic}: {several}, whose messages mix: give each cell a namespace'
 
+    def subscribe(self, node: Node, kind: type, name: str, callback: Callable[[bytes, int], None]) -> None:
+        """Requests a reliable stream; where a publisher offers best effort only, requests that.
 
-def waiting(subscription: Subscription) -> Iterator[tuple[bytes, dict[str, Any]]]:
-    """The messages of a raw subscription that have come already, and what the middleware says of each."""
-    with subscription.handle:
-        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-            yield taken
+        The middleware reports such a publisher by an "incompatible QoS" event. Best effort matches reliable publishers,
+        too, so one step down is enough. An executor takes one message per round, and a round costs three times as much
+        as a message. So each round empties the queue.
 
+        Args:
+            node: on which to subscribe.
+            kind: of the messages.
+            name: of the topic as the node says it.
+            callback: gets each message as its serialized bytes (CDR), and when the middleware received it, ns of the
+                system's clock; 0 where it does not say.
+        """
+        self._node, self._kind, self._name, self._callback = node, kind, name, callback
+        self._request(RELIABLE_STREAM, SubscriptionEventCallbacks(incompatible_qos=self._notice))
 
-class StreamSubscription:
-    """Requests a reliable stream; where a publisher offers best effort only, requests that.
-
-    The middleware reports such a publisher by an "incompatible QoS" event. Best effort matches reliable publishers,
-    too, so one step down is enough. An executor takes one message per round, and a round costs three times as much as a
-    message. So each round empties the queue.
-
-    Args:
-        node: on which to subscribe.
-        kind: of the messages.
-        topic: its name.
-        monitor: of the topic.
-        callback: gets each message as its serialized bytes (CDR), and when the middleware received it, ns of the
-            system's clock; 0 where it does not say.
-    """
-
-    def __init__(
-        self, node: Node, kind: type, topic: str, monitor: StreamMonitor, callback: Callable[[bytes, int], None]
-    ) -> None:
-        self._node, self._kind, self._topic, self._monitor, self._callback = node, kind, topic, monitor, callback
-        self._retry: Timer | None = None
-        self._subscribe(RELIABLE_STREAM, SubscriptionEventCallbacks(incompatible_qos=self._notice))
-
-    def _subscribe(self, profile: QoSProfile, events: SubscriptionEventCallbacks | None = None) -> None:
+    def _request(self, profile: QoSProfile, events: SubscriptionEventCallbacks | None = None) -> None:
         self._subscription = self._node.create_subscription(
-            self._kind, self._topic, self._receive, profile, event_callbacks=events, raw=True
+            self._kind, self._name, self._receive, profile, event_callbacks=events, raw=True
         )
 
     def _receive(self, message: bytes, info: dict[str, Any]) -> None:
         for each, known in chain([(message, info)], islice(waiting(self._subscription), 200)):  # then timers are served
-            self._monitor.follow(known.get('publication_sequence_number'), self._subscription.get_publisher_count)
+            self.follow(known.get('publication_sequence_number'), self._subscription.get_publisher_count)
             self._callback(each, int(known.get('received_timestamp') or 0))
 
     def _notice(self, event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
-        text = f'{self._monitor.topic}: a publisher offers another {policy}; asking for best effort'
+        text = f'{self.topic}: a publisher offers another {policy}; asking for best effort'
         self._node.get_logger().info(text)
         if self._retry is None:  # Not here: the executor still holds the subscription whose event this is.
             self._retry = self._node.create_timer(0.0, self._step_down)
@@ -220,7 +214,7 @@ class StreamSubscription:
         if self._retry is not None:
             self._retry.cancel()
         self._node.destroy_subscription(self._subscription)
-        self._subscribe(BEST_EFFORT_STREAM)
+        self._request(BEST_EFFORT_STREAM)
 
 
 class FrameCheck:
@@ -320,7 +314,6 @@ class CellStreams:
             stream: StreamMonitor(node.resolve_topic_name(topic), stream is Stream.JOINTS)
             for stream, topic in zip(Stream, cell.sensor[:2], strict=True)
         }
-        self._subscriptions: list[StreamSubscription] = []
 
     def subscribe(self, take: Callable[[Stream, bytes, int, Sample | None], None]) -> None:
         """Hears both topics.
@@ -335,7 +328,7 @@ class CellStreams:
 
         for topic, (stream, monitor) in zip(self._topics, self.monitors.items(), strict=True):
             kind = JointState if stream is Stream.JOINTS else WrenchStamped
-            self._subscriptions.append(StreamSubscription(self._node, kind, topic, monitor, receive(stream)))
+            monitor.subscribe(self._node, kind, topic, receive(stream))
 
     def sample(self, stream: Stream, message: bytes, received: int = 0) -> Sample | None:
         """The numbers of a message, which is counted; None where it cannot be used, or more has to come.

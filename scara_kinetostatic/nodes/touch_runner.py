@@ -15,6 +15,10 @@ What may pass by itself, as a controller that is not active or a sensor that is 
 `patience` at most. Before the run the sensor is set to zero by `sensor.zero_service`, where the cell names one.
 
 With `use_sim_time` all times are those of `/clock`.
+
+The controller is commanded as `joint_trajectory_controller` of ros2_control has it: every command replaces the one
+before, which then ends as aborted; a goal that is not for an active controller, or not of its joints, is rejected. Its
+parameter `joints` is asked for where it has one.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ import signal
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
+from functools import partial
 from math import isnan
 from multiprocessing import get_context, parent_process
 from pathlib import Path
@@ -31,28 +36,163 @@ from threading import Thread
 from time import monotonic_ns
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.srv import GetParameters
+from rclpy.action import ActionClient, get_action_names_and_types
+from rclpy.node import Node
+from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future as RclpyFuture
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
-from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
-from scara_kinetostatic.nodes.controller import Controller
-from scara_kinetostatic.nodes.conversion import Sample, pose_stamped
-from scara_kinetostatic.nodes.declare import Range
+from scara_kinetostatic.nodes.conversion import Sample, follow_joint_trajectory, joint_trajectory, pose_stamped
 from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import Session
 from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
 from scara_kinetostatic.results.parameter_file import NAME, load_result
 from scara_kinetostatic.running.campaign import FIRST
+from scara_kinetostatic.running.robot import Command
 from scara_kinetostatic.running.runner import Runner, Status
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 from scara_kinetostatic.touches.detection import Detection, no_touches
+
+_TYPE = 'control_msgs/action/FollowJointTrajectory'
+_LASTING = ('INVALID_JOINTS', 'OLD_HEADER_TIMESTAMP', 'PATH_TOLERANCE_VIOLATED')
+"""Errors of a result that do not pass by themselves."""
+
+
+class Controller:
+    """Commands the robot, and hears how that ends.
+
+    Args:
+        node: that commands.
+        action: of the server; empty for messages on `joint_trajectory`.
+        failed: called where a command failed, with the reason, one sentence, and whether it may pass by itself.
+
+    Attributes:
+        is_action: whether it is commanded by goals.
+        error: largest difference of a joint from where the controller wants it, by its feedback, rad; None without.
+
+    Raises:
+        InputError: `control_msgs` cannot be imported.
+    """
+
+    def __init__(self, node: Node, action: str, failed: Callable[[str, bool], None]) -> None:
+        self._node, self._failed = node, failed
+        self._publisher = node.create_publisher(JointTrajectory, 'joint_trajectory', 10)
+        self._client: ActionClient | None = None
+        self._name = self._publisher.topic_name
+        if action:
+            self._kind = follow_joint_trajectory('action', 'leave action empty and command by joint_trajectory')
+            self._client, self._name = ActionClient(node, self._kind, action), node.resolve_service_name(action)
+        self.is_action, self._number = bool(action), 0
+        self.error: float | None = None
+        own = f'{self._name}'.rpartition('/')[0]
+        self._topic = f'{own}/joint_trajectory' if action else self._name
+        self._parameters = node.create_client(GetParameters, f'{own}/get_parameters')
+        self._asked: RclpyFuture | None = None
+        self._foreign, self._goals = '', f'{own}/follow_joint_trajectory'
+        if not action:
+            status, quality = f'{self._goals}/_action/status', qos_profile_action_status_default
+            node.create_subscription(GoalStatusArray, status, self._hear, quality)
+
+    def absence(self) -> str:
+        """That nobody moves the robot; empty where somebody does."""
+        if self._client is None:
+            heard = self._publisher.get_subscription_count() > 0
+            return '' if heard else f'nobody hears {self._name}: start the controller, or remap the topic'
+        if self._client.server_is_ready():
+            return ''
+        kinds = [kind for name, kinds in get_action_names_and_types(self._node) if name == self._name for kind in kinds]
+        if kinds and _TYPE not in kinds:
+            return f'the action {self._name} is a {" and ".join(kinds)}, expected {_TYPE}'
+        return f'nobody serves the action {self._name}: start the controller, or set action'
+
+    def problem(self, joints: tuple[str, ...]) -> str:
+        """That somebody else commands as well, or that the controller has other joints; empty where all is well.
+
+        Args:
+            joints: that are commanded.
+        """
+        own = self._node.get_namespace(), self._node.get_name()
+        found = self._node.get_publishers_info_by_topic(self._topic)
+        others = [
+            f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+            for info in found
+            if (info.node_namespace, info.node_name) != own
+        ]
+        if others or len(found) > 1:
+            return f'another node publishes {self._topic}, {", ".join(others) or "of the same name"}: end it'
+        if self._foreign and self._node.count_publishers(f'{self._goals}/_action/status'):
+            return self._foreign
+        if not self._parameters.service_is_ready():
+            self._asked = None  # the next controller is asked anew
+        elif self._asked is None:
+            request = GetParameters.Request(names=['joints', 'allow_partial_joints_goal'])
+            self._asked = self._parameters.call_async(request)
+        values = self._asked.result().values if self._asked and self._asked.done() else []
+        known = list(values[0].string_array_value) if values else []
+        if known and (set(joints) - set(known) or (set(known) - set(joints) and not values[1].bool_value)):
+            return (
+                f'the controller of {self._name} moves {" ".join(known)}, the cell names {" ".join(joints)}: '
+                f'correct robot.joint_names, robot.lift and robot.hold'
+            )
+        return ''
+
+    def send(self, command: Command) -> None:
+        """Sends a command, which replaces the former."""
+        trajectory = joint_trajectory(command.names, *(part.tolist() for part in command[1:]))
+        if self._client is None:
+            self._publisher.publish(trajectory)
+            return
+        self._number += 1
+        goal = self._kind.Goal(trajectory=trajectory)
+        answer = self._client.send_goal_async(goal, feedback_callback=self._follow)
+        answer.add_done_callback(partial(self._take_answer, self._number))
+
+    def _hear(self, message: GoalStatusArray) -> None:
+        """Of goals of the controller that is commanded by messages: each is somebody else's."""
+        under_way = {GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING}
+        is_commanded = any(goal.status in under_way for goal in message.status_list)
+        self._foreign = f'somebody else sends goals to {self._goals}: end that' if is_commanded else ''
+        if is_commanded:
+            self._failed(self._foreign, False)
+
+    def _follow(self, message: Any) -> None:
+        self.error = max((abs(each) for each in message.feedback.error.positions), default=0.0)
+
+    def _take_answer(self, number: int, future: RclpyFuture) -> None:
+        if future.exception() is not None:
+            self._failed(f'the controller does not answer: {future.exception()}', True)
+        elif future.result().accepted:
+            future.result().get_result_async().add_done_callback(partial(self._take_result, number))
+        elif number == self._number:
+            self._failed('the controller rejects a trajectory: it is not active, or its log says why', True)
+
+    def _take_result(self, number: int, future: RclpyFuture) -> None:
+        if future.exception() is not None:
+            return  # the next goal tells
+        status, result = future.result().status, future.result().result
+        if number != self._number or status == GoalStatus.STATUS_SUCCEEDED:
+            return
+        if status == GoalStatus.STATUS_CANCELED:
+            self._failed('somebody cancelled a trajectory', False)
+            return
+        names = ('INVALID_GOAL', *_LASTING, 'GOAL_TOLERANCE_VIOLATED')
+        name = next((name for name in names if getattr(self._kind.Result, name) == result.error_code), 'no error code')
+        text = f'the controller aborts a trajectory ({name}, {result.error_code}): {result.error_string}'
+        # what it says of a goal that it dropped as it was deactivated; of one in whose place another came it does not
+        is_dropped = name == 'INVALID_GOAL' and 'deactivat' not in result.error_string
+        passes = not is_dropped and name not in ('no error code', *_LASTING)
+        self._failed(text + is_dropped * ': somebody else commands the robot', passes)
+
 
 RESULT = 'calibration'
 """Folder of the result, in `output`."""
@@ -89,17 +229,9 @@ class TouchRunner(CellNode):
 
     def __init__(self) -> None:
         super().__init__('touch_runner')
-        self._cell = declare.cell_or_example(self, DEMO_CELL)
-        output = declare.parameter(self, 'output', 'recordings', 'folder for recording and result')
-        self._output = declare.place('output', output).absolute()
-        path = declare.parameter(self, 'calibration', '', 'calibration.json to begin with; empty: the nominal arm')
-        self._planner = self._known(declare.place('calibration', path)) if path else None
-        autostart = declare.parameter(self, 'autostart', False, 'begin at once')
-        self._exits = declare.parameter(self, 'exit_when_done', False, 'end the node when the run has ended')
-        meaning = 'accepted touches after which the run ends'
-        self._most = declare.parameter(self, 'max_touches', 100, meaning, Range(FIRST, 1000))
-        meaning = 'how long a touch waits for what may pass by itself, s; 0: the run ends'
-        self._patience = declare.parameter(self, 'patience', 30.0, meaning, Range(0.0, 3600.0))
+        self._cell = self.cell_or_example(DEMO_CELL)
+        self._output, path = self.place('output', self.value('output')).absolute(), self.value('calibration')
+        self._planner = self._known(self.place('calibration', path)) if path else None
         if self._cell.limits is None:
             raise CellError('robot.limits', 'the limits of the joints are missing', 'add them to the cell description')
         self._work: ProcessPoolExecutor | None = None
@@ -108,10 +240,7 @@ class TouchRunner(CellNode):
         self._result = ''
         self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * _SECOND)
         self._said: tuple[str, str] = ('', '')
-        action = declare.parameter(
-            self, 'action', '', 'FollowJointTrajectory server to move by; empty: joint_trajectory'
-        )
-        self._controller = Controller(self, action, self._take_failure)
+        self._controller = Controller(self, self.value('action'), self._take_failure)
         self._runner = self._new_runner()
         zero = self._cell.sensor.zero_service
         self._zero_client = self.create_client(Trigger, zero) if zero else None
@@ -121,7 +250,7 @@ class TouchRunner(CellNode):
         self._next = self.create_publisher(PoseStamped, '~/next_touch', LATCHED)
         self._streams = CellStreams(self, self._cell, self._take_transforms)
         self._streams.subscribe(self._take)
-        self._autostart = autostart
+        self._autostart = self.value('autostart')
         self.serve('start', self._start)
         self.serve('pause', self._pause)
         self.serve('stop', self._stop)
@@ -157,7 +286,9 @@ class TouchRunner(CellNode):
             self._runner.fail(reason, may_retract=passes, passes=passes)
 
     def _new_runner(self) -> Runner:
-        runner = Runner(self._cell, self._most, self._detect, self._submit, self._planner, self._patience)
+        runner = Runner(
+            self._cell, self.value('max_touches'), self._detect, self._submit, self._planner, self.value('patience')
+        )
         runner.streams = not self._controller.is_action
         return runner
 
@@ -183,9 +314,9 @@ class TouchRunner(CellNode):
         if self._runner.end is not None:
             self._runner = self._new_runner()
         topics = tuple(monitor.topic for monitor in self._streams.monitors.values())
-        self._session = Session(self._output, self._cell, self._now(), (topics[0], topics[1]))
+        self._session = Session(self._output, self._cell, self.now(), (topics[0], topics[1]))
         for message in self._streams.frame.messages:
-            self._session.take_transforms(message, self._now())
+            self._session.take_transforms(message, self.now())
         self._submit(abs, 0)  # the process has started, and imported what it needs, before it is needed
         self._autostart, self._is_running, self._result = False, True, ''
         self._runner.start()
@@ -222,7 +353,7 @@ class TouchRunner(CellNode):
                     topic, remedy = self._streams.monitors[stream].topic, 'set use_sim_time, or synchronise the clocks'
                     return f'{topic}: stamps of another clock, {apart:.0f} s apart from that of this node: {remedy}'
         robots = {name.rpartition('/')[2] for each in self._streams.monitors.values() for name in each.publishers}
-        if not self.get_parameter('cell').value and robots - {'contact_simulator'}:
+        if not self.value('cell') and robots - {'contact_simulator'}:
             return 'the parameter cell is empty: name the cell description of this robot'
         return ''
 
@@ -241,24 +372,21 @@ class TouchRunner(CellNode):
 
     # Samples and commands
 
-    def _now(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
-
     def _time(self) -> int:
         """Of the run, ns: steady, or that of the simulation."""
-        return self._now() if self.get_clock().ros_time_is_active else monotonic_ns()
+        return self.now() if self.get_clock().ros_time_is_active else monotonic_ns()
 
     def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
         if self._session is not None:
             by_ros_time = self.get_clock().ros_time_is_active
             try:
-                log_time = self._now() if by_ros_time or not received else received
+                log_time = self.now() if by_ros_time or not received else received
                 self._session.take(stream, message, log_time, sample)
             except (ScaraKinetostaticError, OSError) as error:
                 self._lose_recording(error)
         senses, now = self._runner.senses, 1e-9 * self._time()
         if sample is not None:
-            self._apart[stream] = 1e-9 * (self._now() - sample.stamp_ns)
+            self._apart[stream] = 1e-9 * (self.now() - sample.stamp_ns)
         if sample is None:
             monitor = self._streams.monitors[stream]
             senses.refuse(monitor.refusal, moved=monitor.has_moved)
@@ -271,7 +399,7 @@ class TouchRunner(CellNode):
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:
         if self._session is not None:
-            self._session.take_transforms(message, self._now(), anew)
+            self._session.take_transforms(message, self.now(), anew)
 
     def _detect(self) -> Detection:
         """The touches that were found and are on the disk."""
@@ -373,7 +501,7 @@ class TouchRunner(CellNode):
     def _end(self) -> None:
         self._publish_state()
         end = self._runner.end
-        if self._exits and end is not None:
+        if self.value('exit_when_done') and end is not None:
             self.exit_status = end.status
 
     # What it says
@@ -395,25 +523,15 @@ class TouchRunner(CellNode):
 
     def _publish_state(self) -> None:
         status = self._runner.status
-        diagnostic = DiagnosticStatus(
-            level=self._level(status),
-            name=f'{self.get_fully_qualified_name()}: run',
-            message=status.text,
-            hardware_id=self.get_namespace().strip('/') or 'scara_kinetostatic',
-            values=[KeyValue(key=key, value=value) for key, value in self.facts().items()],
-        )
-        array = DiagnosticArray(status=[diagnostic])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._state.publish(array)
+        self._state.publish(self.status('run', self._level(status), status.text, self.facts()))
 
     def _publish_next(self) -> None:
         target = self._runner.target
         if target is not None and self._runner.status.phase == 'travel':
             (x, y), angle = target.plan.contact(self._cell)[0].tolist(), float(target.plan.direction(self._cell)[0])
-            self._next.publish(pose_stamped(self._now(), self._cell.plane, (x, y, angle)))
+            self._next.publish(pose_stamped(self.now(), self._cell.plane, (x, y, angle)))
 
     def _report(self) -> Condition:
-        self._streams.look_at_publishers()
         complaints, values = self._streams.examine(expected=self._is_running)
         status = self._runner.status
         text = '; '.join(filter(None, (status.text, self._result, *dict.fromkeys(complaints))))

@@ -34,17 +34,8 @@ from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import CellNode
-from scara_kinetostatic.nodes.conversion import (
-    JointReader,
-    UnusableMessageError,
-    marker_array,
-    place_of,
-    stored_document,
-    touches_in,
-)
-from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, waiting
 from scara_kinetostatic.report import markers
 from scara_kinetostatic.report.markers import Scales, SeenTouch, estimated
@@ -62,22 +53,13 @@ class Visualizer(CellNode):
 
     def __init__(self) -> None:
         super().__init__('visualizer')
-        self._cell = declare.cell_or_example(self)
-        prefix = declare.parameter(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
-        self._plane = self._cell.plane._replace(frame=prefix + self._cell.plane.frame)
+        self._cell = self.cell_or_example()
+        self._plane = self.plane_of(self._cell)
         self._joints: tuple[float, float] | None = None
         self._touches: dict[tuple[str, str], SeenTouch] = {}
         self._document: Mapping[str, Any] | None = None  # the last result
         self._calibrated: Mapping[str, Any] | None = None  # the last one that is in the calibrator's parameters
         self._changed = True
-        meanings = (
-            'length of the arrow of a force, m/N',
-            'the same of a residual force, m/N',
-            'magnification of displacements of objects',
-            'magnification of the uncertainty of the tip',
-        )
-        for (name, usual), meaning in zip(Scales()._asdict().items(), meanings, strict=True):
-            declare.parameter(self, f'{name}_scale', usual, meaning, Range(0.0, 1e6), read_only=False)
         self.add_post_set_parameters_callback(self._draw_again)
         self._next_scene = 0.0
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
@@ -88,7 +70,7 @@ class Visualizer(CellNode):
         newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)  # matches every publisher
         topic = self._cell.sensor.joint_states
         self._joint_states = self.create_subscription(JointState, topic, self._note_joints, newest, raw=True)
-        self._reader = JointReader(self._cell.joint_names)
+        self._reader = conversion.JointReader(self._cell.joint_names)
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
         self._next_touch: PoseStamped | None = None
@@ -102,7 +84,7 @@ class Visualizer(CellNode):
 
     @property
     def _scales(self) -> Scales:
-        return Scales(*(float(self.get_parameter(f'{name}_scale').value) for name in Scales._fields))
+        return Scales(*(self.value(f'{name}_scale') for name in Scales._fields))
 
     def _draw_again(self, _: Sequence[Any]) -> None:
         self._changed = True
@@ -110,13 +92,13 @@ class Visualizer(CellNode):
     def _note_joints(self, message: bytes) -> None:
         later = [other for other, _ in waiting(self._joint_states)]
         for each in (message, *later):  # of several publishers, each with a part of the joints
-            with suppress(UnusableMessageError):  # the collector says so
+            with suppress(conversion.UnusableMessageError):  # the collector says so
                 if sample := self._reader.sample(each):
                     q1, q2 = self._cell.angles(np.array(sample[1:3])).tolist()
                     self._joints = q1, q2
 
     def _note_touch(self, message: DiagnosticArray) -> None:
-        for key, values in touches_in(message):
+        for key, values in conversion.touches_in(message):
             touch = SeenTouch.from_values(values, self._cell.nominal)
             if touch is not None:
                 self._touches[key] = touch
@@ -128,7 +110,7 @@ class Visualizer(CellNode):
         try:
             document = said = parse_document(message.data, 'calibrator/result')
             try:
-                document = stored_document(said)
+                document = conversion.stored_document(said)
             except InputError as error:
                 self.get_logger().warning(f'residual forces and the uncertainty of the tip are not shown: {error}')
             calibrated = estimated(document)
@@ -175,11 +157,11 @@ class Visualizer(CellNode):
         scene = markers.object_markers(discs)
         scene += markers.touch_markers(self._touches.values(), parameters, discs, self._scales)
         if self._next_touch is not None:
-            x, y, angle = place_of(self._next_touch.pose, self._plane)
+            x, y, angle = conversion.place_of(self._next_touch.pose, self._plane)
             scene += markers.next_markers((x, y), angle, self._next_text)
         if document is not None:
             scene += markers.result_markers(document, discs, self._scales)
-        self._markers.publish(marker_array(scene, self._plane))
+        self._markers.publish(conversion.marker_array(scene, self._plane))
         self._changed = False
         self._next_scene = began + 20 * (monotonic() - began)  # many touches take a while
 
@@ -190,4 +172,4 @@ class Visualizer(CellNode):
         if self._calibrated is not None:
             arms += markers.arm_markers('calibrated', estimated(self._calibrated), self._joints, CALIBRATED_COLOUR)
             arms += markers.uncertainty_markers(self._calibrated, self._joints, self._scales)
-        self._arm.publish(marker_array(arms, self._plane))
+        self._arm.publish(conversion.marker_array(arms, self._plane))

@@ -34,8 +34,17 @@ from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
 from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker
-from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, PERIOD, Command, Commander, Fault, Motion, Track
-from scara_kinetostatic.running.senses import SILENT, Senses
+from scara_kinetostatic.running.robot import (
+    AHEAD_OF_CONTACT,
+    PERIOD,
+    SILENT,
+    Command,
+    Commander,
+    Fault,
+    Motion,
+    Senses,
+    Track,
+)
 from scara_kinetostatic.touches.detection import Detection
 
 DELAY = 0.08
@@ -66,8 +75,6 @@ _LARGEST_ZERO = 0.5
 """Zero of the sensor at the start up to this part of the smallest force of a touch: more is a contact, or no zero."""
 _LIFT_SPEED = 0.05
 """Of the lift, m/s."""
-_HALT = 0.05
-"""Time within which it stops, s."""
 _BACK = 0.02
 """How far it goes back after a contact on the way, m."""
 _FAST = 0.02
@@ -208,7 +215,7 @@ class Runner:
         elapsed = self.note(now)
         if self._motion is not None and not self._is_behind:  # also while nobody has ticked
             self._motion.advance(elapsed)
-            self._commander.joints, self._commander.lift = self._motion.place
+            self._commander.place = self._motion.place
         if self._script is None:
             return None
         self._command = None
@@ -229,29 +236,30 @@ class Runner:
 
     # Commands
 
-    def _halt(self, joints: Floats, lift: float) -> Command:
-        """To stop at once where the robot is to be; from where it was seen it gets there no faster than in travel."""
-        speed, lifts = self.cell.touch.speed, np.array([lift if self.senses.lift is None else self.senses.lift, lift])
-        way = Track.of(np.stack([self.senses.joints, joints]), lifts, self._parameters, max(speed / _LIFT_SPEED, 1.0))
-        points = np.array([max(_HALT, way.length / speed)]), joints[None], lifts[1:]
-        return self._commander.command((joints, lift), points, is_halt=True)
+    def _halt(self, place: Floats) -> Command:
+        """To stop within 0.05 s where it is to be; from where it was seen it gets there no faster than in travel."""
+        speed = self.cell.touch.speed
+        way = Track.of(np.stack([self._seen_place(place), place]), self._parameters, max(speed / _LIFT_SPEED, 1.0))
+        return self._commander.command(place, (np.array([max(0.05, way.length / speed)]), place[None]), is_halt=True)
+
+    def _seen_place(self, place: Floats) -> Floats:
+        """Where the robot was seen last, (3,); the lift at a place where that is not known."""
+        return np.where(np.isnan(self.senses.place), place, self.senses.place)
 
     def _halt_motion(self, motion: Motion) -> None:
         """Stops a motion where it is; where the robot is late, there."""
         if abs(self._near - motion.at) > 1.5 * _BEHIND and self.senses.knows_joints(self._now):
             motion.at, motion.followed = self._near, None
         if motion.sent != motion.at:
-            self._command, motion.sent = self._halt(*motion.place), motion.at
+            self._command, motion.sent = self._halt(motion.place), motion.at
 
     def _stand(self) -> Command | None:
         """Stops where the robot is; where that is not known, where it is to be."""
-        at, is_known = self._commander.joints, self.senses.knows_joints(self._now)
-        if at is None:
+        if (at := self._commander.place) is None:
             return None
         if self._motion is not None:
             self._motion.sent = self._motion.at
-        lift = self.senses.lift if is_known else None
-        return self._halt(self.senses.joints if is_known else at, self._commander.lift if lift is None else lift)
+        return self._halt(self._seen_place(at) if self.senses.knows_joints(self._now) else at)
 
     def _move(self, motion: Motion, goal: float, until: float | None = None, *, is_free: bool = False) -> None:
         """Commands more of a motion where that is due and nothing is against it.
@@ -298,11 +306,11 @@ class Runner:
         Raises:
             Fault: it is off its way.
         """
-        stood, near, away = self._commander.joints, 0.0, 0.0
+        stood, near, away = self._commander.place, 0.0, 0.0
         if motion is not None:
-            near, away = motion.track.nearest(self.senses.joints, self.senses.lift, motion.at)
+            near, away = motion.track.nearest(self.senses.place, motion.at)
         elif stood is not None:
-            away = float(np.nanmax(np.abs(self.senses.place - [*stood, self._commander.lift])))
+            away = float(np.nanmax(np.abs(self.senses.place - stood)))
         if away > off_track:
             text = f'the robot is {1e3 * away:.1f} mrad off its way: it does not follow, or is moved by something else'
             raise Fault(text, may_retract=False)
@@ -311,27 +319,27 @@ class Runner:
     def _check_place(self, off_track: float) -> None:
         """Check that the robot is on its track, and not far from where it is to be; where it stands, there."""
         motion, near = self._motion, self._on_way(self._motion, off_track)
-        behind = 0.0 if motion is None else abs(motion.at - near)
-        is_at_end = motion is not None and motion.at in (0.0, motion.track.length)
-        late = _ARRIVED if motion is None or is_at_end else _LATE * motion.speed * (motion.sent != motion.at) + _BEHIND
-        sent, is_stuck = None if motion is None else motion.sent, False
-        if motion is not None:
-            at, seen, when = motion.followed or (motion.at, near, self._now)
-            way = np.sign(motion.at - at)
-            if (near - seen) * way >= _FOLLOWS * (motion.at - at) * way:
-                at, seen, when = motion.at, near, self._now
-            motion.followed, is_late = (at, seen, when), self._now - when > _LATE
-            is_stuck = self._contact and is_late and min((motion.at - at) * way, (motion.at - near) * way) > _BEHIND
+        if motion is None:
+            self._near, self._is_behind, self._seen, self._seen_at = near, False, near, self._now
+            return
+        behind, sent = abs(motion.at - near), motion.sent
+        is_at_end = motion.at in (0.0, motion.track.length)
+        late = _ARRIVED if is_at_end else _LATE * motion.speed * (sent != motion.at) + _BEHIND
+        at, seen, when = motion.followed or (motion.at, near, self._now)
+        way = np.sign(motion.at - at)
+        if (near - seen) * way >= _FOLLOWS * (motion.at - at) * way:
+            at, seen, when = motion.at, near, self._now
+        motion.followed, is_late = (at, seen, when), self._now - when > _LATE
+        is_stuck = self._contact and is_late and min((motion.at - at) * way, (motion.at - near) * way) > _BEHIND
         self._near, self._is_behind = near, (behind > late or is_stuck) and self.senses.knows_joints(self._now, SILENT)
-        is_ahead = motion is not None and sent is not None and (near - motion.at) * (sent - motion.at) > 0
+        is_ahead = sent is not None and (near - motion.at) * (sent - motion.at) > 0
         if is_ahead and self._is_behind and not is_stuck:
             text = f'the robot is {1e3 * behind:.1f} mm ahead on its way: it is faster than commanded'
             raise Fault(text, may_retract=False)
         if not self._is_behind or abs(near - self._seen) > _MOVED:
             self._seen, self._seen_at = near, self._now
-        if motion is not None and self._now - self._seen_at > _STANDS:
-            joints, lift = motion.place
-            slowest = int(np.nanargmax(np.abs(self.senses.place - [*joints, lift])))
+        if self._now - self._seen_at > _STANDS:
+            slowest = int(np.nanargmax(np.abs(self.senses.place - motion.place)))
             name = (*self.cell.joint_names, *self.cell.other_joints)[slowest]
             text = f'the robot stands {1e3 * behind:.2f} mm behind, {name} most: it does not follow'
             raise Fault(text, may_retract=False, passes=True)
@@ -344,8 +352,7 @@ class Runner:
         self.status = Status(phase, text, values=self._values())
 
     def _values(self) -> dict[str, str]:
-        campaign, tolerance = self.campaign, self.cell.tolerance
-        known = campaign.knowledge
+        campaign, tolerance, known = self.campaign, self.cell.tolerance, self.campaign.knowledge
         now = known.now
         values = {
             'touch': str(campaign.accepted + 1),
@@ -369,21 +376,18 @@ class Runner:
     def _go_on(self) -> Iterator[None]:
         """Touch by touch; first the one that was interrupted."""
         while True:
-            if (end := self.campaign.poll()) is not None:
-                yield from self._finish(end)
-                return
-            if self._paused:
-                self._say('paused', 'paused; call ~/start to go on')
-                self._check(_OFF_TRACK)
-                yield
-                continue
-            chosen = self.campaign.choose(self._here(), self.target)
+            chosen: tuple[Target, Poses] | End | None = self.campaign.poll()
+            if chosen is None and not self._paused:
+                chosen = self.campaign.choose(self._here()[:2], self.target)
             if isinstance(chosen, End):
                 yield from self._finish(chosen)
                 return
             if chosen is None:
-                self.target, self._waits_until = None, np.inf
-                self._say('plan', 'calibrating and planning the next touches')
+                if self._paused:
+                    self._say('paused', 'paused; call ~/start to go on')
+                else:
+                    self.target, self._waits_until = None, np.inf
+                    self._say('plan', 'calibrating and planning the next touches')
                 self._check(_OFF_TRACK)
                 yield
                 continue
@@ -397,8 +401,10 @@ class Runner:
             self.target, self._waits_until = None, np.inf
 
     def _here(self) -> Floats:
-        """Q where the robot is told to be; at first where it is."""
-        return self.senses.joints if self._commander.joints is None else self._commander.joints
+        """Q, rad, and lift, m, where the robot is told to be, (3,); at first where it is."""
+        if self._commander.place is not None:
+            return self._commander.place
+        return self._seen_place(np.full(3, 0.0 if self.cell.lift is None else self.cell.lift.down))
 
     def _begin(self) -> Iterator[None]:
         """Waits for the sensors, and checks all that can be checked before anything moves.
@@ -426,9 +432,7 @@ class Runner:
         limits = np.array(cell.limits)
         if not ((self.senses.joints > limits[:, 0]) & (self.senses.joints < limits[:, 1])).all():
             raise Fault('the robot stands beyond robot.limits: move it', may_retract=False)
-        if cell.lift is not None and self.senses.lift is not None:
-            self._commander.lift = self.senses.lift
-        self._command = self._halt(self.senses.joints, self._commander.lift)  # a controller that refuses says so now
+        self._command = self._halt(self._here())  # a controller that refuses says so now
         began = self._now
         while self._now - began < 0.2:
             yield
@@ -442,11 +446,11 @@ class Runner:
         Raises:
             Fault: it does not.
         """
-        lift, joints = self.cell.lift, self._here()
+        lift, here = self.cell.lift, self._here()
         assert lift is not None
-        if abs(self._commander.lift - goal) < 1e-6 and self._arrived(goal):
+        if abs(here[2] - goal) < 1e-6 and self._arrived(goal):
             return
-        track = Track.of(np.tile(joints, (2, 1)), np.array([self._commander.lift, goal]), self._parameters)
+        track = Track.of(np.array([here, [*here[:2], goal]]), self._parameters)
         yield from self._follow(track, min(_LIFT_SPEED, self.cell.touch.speed), 'the lift moves')
         began = self._now
         while not self._arrived(goal):
@@ -502,9 +506,9 @@ class Runner:
         Raises:
             Fault: it is not.
         """
-        at, up = self.senses.lift, float(track.lift[len(track.lift) // 2])
-        away = float(np.abs(track.joints[[0, -1]] - self.senses.joints).max(axis=1).min())
-        if np.ptp(track.lift) and at is not None and away > _OFF_APPROACH and abs(at - up) > 2 * HELD_WITHIN:
+        at, lift = self.senses.lift, track.places[:, 2]
+        up, away = lift[len(lift) // 2], np.abs(track.places[[0, -1], :2] - self.senses.joints).max(axis=1).min()
+        if np.ptp(lift) and at is not None and away > _OFF_APPROACH and abs(at - up) > 2 * HELD_WITHIN:
             raise Fault(f'the lift is at {at:.4f} m, not at {up:g} m, while the arm moves', may_retract=False)
 
     def _stopped(self) -> Iterator[None]:
@@ -529,7 +533,8 @@ class Runner:
             )
             raise Fault(text, may_retract=False)
         corners = joint_angles(planner, way)
-        pieces = [self._here()[None]]
+        here = self._here()
+        pieces = [here[None, :2]]
         for k in range(len(corners)):
             before, after = pieces[-1][-1:], corners[k : k + 1]
             same = k == 0 or way.posture[k] == way.posture[k - 1]
@@ -542,15 +547,15 @@ class Runner:
                 part = np.linspace(0.0, 1.0, 20)[1:, None]
                 pieces.append(before + part * (after - before))
         joints, weight = np.concatenate(pieces), 1.0
-        lift = np.full(len(joints), self._commander.lift)
+        lift = np.full(len(joints), here[2])
         is_low_clear = len(set(way.posture.tolist())) == 1 and planner.space.is_clear(way.tip[:-1], way.tip[1:]).all()
-        rises = cell.lift is not None and not (is_low_clear and self._commander.lift == cell.lift.down)
+        rises = cell.lift is not None and not (is_low_clear and here[2] == cell.lift.down)
         speed = self._travel_speed(raised=rises)
         if cell.lift is not None and rises:  # raised first, lowered last
             joints = np.concatenate([joints[:1], joints, joints[-1:]])
             lift = np.concatenate([lift[:1], np.full(len(lift), cell.lift.up), [cell.lift.down]])
             weight = max(speed / _LIFT_SPEED, 1.0)
-        yield from self._follow(Track.of(joints, lift, self._parameters, weight), speed, text)
+        yield from self._follow(Track.of(np.column_stack([joints, lift]), self._parameters, weight), speed, text)
 
     def _travel_speed(self, *, raised: bool = False) -> float:
         """At which an obstacle that nobody knows is met with at most 1.5 times the largest force, m/s; raised the tip
@@ -574,8 +579,9 @@ class Runner:
         count = int((begin + 4e-3) / (0.1 * _STEP)) + 2
         tips = start - np.linspace(0.0, begin + 4e-3, count)[:, None] * normal
         joints = joint_angles(planner, Poses(tips, np.full(count, plan.posture[0])))
-        joints[0] = self._here()
-        track = Track.of(joints, np.full(count, self._commander.lift), self._parameters)
+        here = self._here()
+        joints[0] = here[:2]
+        track = Track.of(np.column_stack([joints, np.full(count, here[2])]), self._parameters)
         compliance = self._compliance(target, joints[0])
         if (zero := self.senses.tare(self._now)) > self._free_limit:
             raise Fault(f'the force in free motion changed by {zero:.1f} N: the sensor, or something touches the arm')
@@ -609,7 +615,7 @@ class Runner:
         yield from self._press(motion, goal * (1 + float(plan.preload[0])), way)
         if plan.preload[0] > 0:
             track, way = self._out_of(motion.track, self._motion.at, target)
-            self._surface = track.nearest(motion.track.place(np.array([surface]))[0][0], None, surface)[0]
+            self._surface = track.nearest(motion.track.place(surface), surface)[0]
             yield from self._release(track, goal, way)
         self._say('hold', f'holding {self.senses.force:.1f} N')
         began = self._now
@@ -621,23 +627,23 @@ class Runner:
 
     def _into(self, track: Track, surface: float, target: Target) -> tuple[Track, float]:
         """The way of an approach, from the surface on of a press that drags the tip aside; length per force, m/N."""
-        here, lift = track.place(np.array([surface]))
-        newtons = (track.length - surface) / self._compliance(target, here[0])
-        per_newton = press_aside(self._parameters, here, -target.plan.normal(self.cell), target.plan.aside)
-        joints = here + np.linspace(0.0, newtons, 60)[:, None] * per_newton
-        joints = np.concatenate([track.joints[track.at < surface], joints])
-        whole = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
+        newtons = (track.length - surface) / self._compliance(target, track.place(surface)[:2])
+        pressed = self._pressed(track.place(surface), np.linspace(0.0, newtons, 60), -1.0, target)
+        whole = Track.of(np.concatenate([track.places[track.at < surface], pressed]), self._parameters)
         return whole, (whole.length - surface) / newtons
 
     def _out_of(self, track: Track, at: float, target: Target) -> tuple[Track, float]:
         """Backwards a way out of a press: some of it drags the tip to the same side; length per force, m/N."""
-        here, lift = track.place(np.array([at]))
         newtons = 1.5 * float((target.plan.preload * target.plan.force)[0])
-        per_newton = press_aside(self._parameters, here, target.plan.normal(self.cell), -target.plan.aside)
-        joints = here + np.linspace(newtons, 0.0, 60)[:, None] * per_newton
-        joints = np.concatenate([track.joints[:1], joints])
-        whole = Track.of(joints, np.full(len(joints), lift[0]), self._parameters)
+        pressed = self._pressed(track.place(at), np.linspace(newtons, 0.0, 60), 1.0, target)
+        whole = Track.of(np.concatenate([track.places[:1], pressed]), self._parameters)
         return whole, (whole.length - float(whole.at[1])) / newtons
+
+    def _pressed(self, here: Floats, newtons: Floats, sense: float, target: Target) -> Floats:
+        """Places beside one, (k, 3), under k forces along the normal of a touch, into the object or out of it."""
+        normal, aside = sense * target.plan.normal(self.cell), -sense * target.plan.aside
+        per_newton = press_aside(self._parameters, here[None, :2], normal, aside)
+        return here + np.pad(newtons[:, None] * per_newton, ((0, 0), (0, 1)))
 
     def _pushed(self, motion: Motion, step: float, until: float) -> Iterator[None]:
         """Moves by a step towards the contact, or back, and waits; ends early where the force comes to a value."""
@@ -710,7 +716,7 @@ class Runner:
             Fault: a force remains.
         """
         assert self._motion is not None and self.target is not None
-        self._steepest = _STIFFER * self.cell.touch.contact_speed / self._compliance(self.target, self._here())
+        self._steepest = _STIFFER * self.cell.touch.contact_speed / self._compliance(self.target, self._here()[:2])
         clear, track = max(self._surface - _CLEAR, 0.0), self._motion.track
         motion = Motion(track, self._travel_speed(), self._motion.at, slow=(clear, self.cell.touch.contact_speed))
         self._motion = motion
@@ -749,7 +755,7 @@ class Runner:
 
     def _finish(self, end: End) -> Iterator[None]:
         """The robot stands free; with a lift, the tip is raised."""
-        if self.cell.lift is not None and self._commander.joints is not None:
+        if self.cell.lift is not None and self._commander.place is not None:
             yield from self._raise(self.cell.lift.up)
         self.end = end
         self.status = Status('done', end.reason, end.status == 1, self._values())
@@ -793,7 +799,7 @@ class Runner:
             yield
         if self._motion is not None:
             self._motion.at, self._motion.sent = near, None
-            self._commander.joints, self._commander.lift = self._motion.place
+            self._commander.place = self._motion.place
         if not self._contact and self.senses.force > self._free_limit:
             text = f'{reason}; now there is a force of {self.senses.force:.1f} N where nothing must be touched'
             raise Fault(text, may_retract=False)

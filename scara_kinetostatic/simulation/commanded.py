@@ -33,11 +33,10 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import forward, posture
-from scara_kinetostatic.model.outline import Outline, Surfaces
+from scara_kinetostatic.model.outline import Outline, Surfaces, inside
 from scara_kinetostatic.model.touch import remembered, torques_of
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, reported_force
-from scara_kinetostatic.simulation.trajectory import Robot
+from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, Robot, SensorModel, reported_force
 from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL
 
 FULL = 10.0
@@ -132,10 +131,7 @@ def _circle_of_outline(name: str, number: int, outline: Floats, tip: Floats, tip
     distances = np.hypot(*(tip - feet).T)
     k = int(distances.argmin())
     foot, distance = feet[k], max(float(distances[k]), 1e-12)
-    (x, y), (u, v) = outline.T, np.roll(outline, -1, axis=0).T
-    with np.errstate(divide='ignore', invalid='ignore'):
-        crossed = ((tip[1] < y) != (tip[1] < v)) & (tip[0] < x + (tip[1] - y) / (v - y) * (u - x))
-    side = -1.0 if crossed.sum() % 2 else 1.0
+    side = -1.0 if inside(outline, tip[None])[0] else 1.0
     is_edge = 0.0 < part[k] < 1.0 or side < 0
     inner, outward = _FLAT if is_edge else 0.0, side * (tip - foot) / distance
     center = foot - inner * outward
@@ -339,8 +335,6 @@ _Rows = Sequence[Sequence[float]]
 """Of joints, one value each."""
 _CREEP = 0.05
 """Speed at which a joint creeps off, rad/s or m/s."""
-_FREE_FORCE = 30.0
-_LATE = 0.3
 
 
 @dataclass(frozen=True)
@@ -519,7 +513,7 @@ class Plant:
             self._delayed.clear()
             return reading
         self._delayed.append(reading)
-        while len(self._delayed) > 1 and self._delayed[1].time <= self.time - _LATE:
+        while len(self._delayed) > 1 and self._delayed[1].time <= self.time - 0.3:
             self._delayed.popleft()
         return self._delayed[0]
 
@@ -604,6 +598,6 @@ class Plant:
             share, grown = min(force / FULL, 1.0), self._noise.growth * force
             levels = [hypot(level * share, grown) for level in self._noise.force_levels]
             x, y = (self.body.sensed(share) + np.array(levels) * self._error[2:4]).tolist()
-        x += _FREE_FORCE * (self.fault is Fault.FREE_FORCE)
+        x += 30.0 * (self.fault is Fault.FREE_FORCE)
         sign = -1.0 if self.cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
         return sign * x, sign * y

@@ -35,9 +35,8 @@ from scara_kinetostatic.files.yaml_file import Section, Within, parse_yaml, read
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.outline import Outline as KnownOutline
-from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, REACH_MARGIN, Plan, within_reach
-from scara_kinetostatic.simulation.slides import Slide
+from scara_kinetostatic.simulation.slides import Outline, Slide, circle, ellipse, polygon
 
 POSTURES = {'left': 1, 'right': -1, 1: 1, -1: -1}
 POSTURE_NAMES = {1: 'left', -1: 'right'}
@@ -49,9 +48,7 @@ _FORMS = {
     'outline': (('outline',), ('corner_radius', 'closed')),
 }
 """Keys that each form of an outline must and may have, by the key that tells it."""
-LARGEST_FORCE = 10_000.0
-"""Largest force of a planned touch, N."""
-_FORCE = Within(0.0, LARGEST_FORCE, positive=True, unit='N')
+_FORCE = Within(0.0, 10_000.0, positive=True, unit='N')
 _PRELOAD = Within(0.0, LARGEST_PRELOAD, unit='of the force')
 
 
@@ -133,14 +130,11 @@ def _decimal(value: float) -> str:
     return np.format_float_positional(round(float(value), 9), trim='-')
 
 
-def holds_slides(path: str | Path) -> bool:
-    """Whether a plan is one of slides: its first entry has the key `slide`.
-
-    Raises:
-        PlanError: the file cannot be read.
-    """
+def load_planned(path: str | Path, cell: Cell) -> Plan | tuple[Slide, ...]:
+    """Read a plan of touches, or one of slides, whose first entry has the key `slide`."""
     entries = parse_yaml(read_text(path, PlanError), path, PlanError)
-    return isinstance(entries, list) and bool(entries) and isinstance(entries[0], dict) and 'slide' in entries[0]
+    is_sliding = isinstance(entries, list) and entries and isinstance(entries[0], dict) and 'slide' in entries[0]
+    return load_slides(path, cell) if is_sliding else load_plan(path, cell)
 
 
 def load_slides(path: str | Path, cell: Cell) -> tuple[Slide, ...]:

@@ -1,4 +1,9 @@
-"""The recording of slides: joint angles and forces as the sensors report them.
+"""Slides of the tip along the outline of an object: the motion, and its recording as the sensors report it.
+
+The outline consists of straight edges, arcs of circles and of ellipses, one after the other. The object is on the left
+of the direction of travel along it, the tip slides on the right: a closed outline is counter-clockwise. With n the
+outward normal and r the radius of the tip, the centre of the tip is at S = P + r n. At a sharp corner P stays while n
+turns, so that S moves on an arc around the corner.
 
 The repeatability of a touch (`cell.noise`) is here an error of the same size that changes slowly along the slide
 (`SlideTiming.variation_time`); its force part grows and falls with the force, as in a touch. White noise, zero, frame,
@@ -13,6 +18,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
@@ -20,11 +26,182 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.simulation.outline import Outline, Track
+from scara_kinetostatic.model.outline import Outline as KnownOutline
+from scara_kinetostatic.model.outline import edges_of
 from scara_kinetostatic.simulation.plan import check_numbers
-from scara_kinetostatic.simulation.streams import START, SensorModel, recorded, sensor_angle
-from scara_kinetostatic.simulation.trajectory import CellState, Phase, Robot, minimum_jerk
+from scara_kinetostatic.simulation.streams import (
+    FIRST_FORCE,
+    START,
+    CellState,
+    Phase,
+    Robot,
+    SensorModel,
+    minimum_jerk,
+    recorded,
+    sensor_angle,
+)
 from scara_kinetostatic.touches.streams import Streams
+
+SAMPLES = 4000
+"""Places along a piece at which lengths and distances are worked out."""
+
+
+class Edge(NamedTuple):
+    """A straight edge.
+
+    Attributes:
+        begin: (x, y), m.
+        end: (x, y), m.
+    """
+
+    begin: tuple[float, float]
+    end: tuple[float, float]
+
+    def at(self, part: Floats) -> tuple[Floats, Floats]:
+        """Places at parts 0 to 1 of it, (k,), and outward unit vectors there: (k, 2) each, m."""
+        begin, along = np.array(self.begin), np.subtract(self.end, self.begin)
+        normal = np.array([along[1], -along[0]]) / np.hypot(*along)
+        return begin + part[:, None] * along, np.broadcast_to(normal, (len(part), 2))
+
+
+class Arc(NamedTuple):
+    """An arc of a circle or of an ellipse.
+
+    Attributes:
+        center: (x, y), m.
+        semi_axes: of the ellipse, m; equal ones of a circle may be zero (a sharp corner) or negative (hollow).
+        rotation: of the first semi-axis from x, rad.
+        begin: angle of the parametric form where it begins, rad.
+        end: where it ends, rad; less than `begin` for a hollow arc.
+    """
+
+    center: tuple[float, float]
+    semi_axes: tuple[float, float]
+    rotation: float
+    begin: float
+    end: float
+
+    def at(self, part: Floats) -> tuple[Floats, Floats]:
+        """Places at parts 0 to 1 of it, (k,), and outward unit vectors there: (k, 2) each, m."""
+        angle = self.begin + part * (self.end - self.begin)
+        c, s, (a, b) = np.cos(angle), np.sin(angle), self.semi_axes
+        normal = np.column_stack([c, s] if a == b else [b * c, a * s])
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        along = np.cos(self.rotation), np.sin(self.rotation)
+        turn = np.array([along, (-along[1], along[0])])
+        return np.column_stack([a * c, b * s]) @ turn + self.center, normal @ turn
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The outline of an object.
+
+    Attributes:
+        pieces: one after the other.
+        closed: whether the last one ends where the first one begins.
+    """
+
+    pieces: tuple[Edge | Arc, ...]
+    closed: bool
+
+    def at(self, place: Floats) -> tuple[Floats, Floats]:
+        """The surface, (k, 2), m, and its outward unit vectors, (k, 2), at places (k,): number and part of the piece.
+
+        Those of a closed outline repeat.
+        """
+        count = len(self.pieces)
+        place = np.mod(place, count) if self.closed else np.clip(place, 0.0, count)
+        number = np.minimum(place.astype(np.intp), count - 1)
+        point, normal = np.empty((len(place), 2)), np.empty((len(place), 2))
+        for k, piece in enumerate(self.pieces):
+            here = number == k
+            point[here], normal[here] = piece.at(place[here] - k)
+        return point, normal
+
+
+class Track(NamedTuple):
+    """The path of the tip's centre along an outline.
+
+    Attributes:
+        places: on the outline, (k,); see `Outline.at`.
+        travelled: length of the path up to each, (k,), m.
+    """
+
+    places: Floats
+    travelled: Floats
+
+    @classmethod
+    def along(cls, outline: Outline, tip_radius: float) -> Track:
+        """The path on the right of an outline.
+
+        Raises:
+            ParameterError: a hollow arc is narrower than the tip.
+        """
+        for piece in outline.pieces:
+            if isinstance(piece, Arc) and piece.end < piece.begin and -piece.semi_axes[0] < tip_radius:
+                problem = f'a hollow corner of radius {abs(piece.semi_axes[0]):g} m is narrower than the tip'
+                raise ParameterError('outline', problem, f'give it the radius {tip_radius:g} m or more')
+        places = np.arange(len(outline.pieces) * SAMPLES + 1) / SAMPLES
+        point, normal = outline.at(places * (1 - 1e-15))
+        steps = np.diff(point + tip_radius * normal, axis=0)
+        return cls(places, np.append(0.0, np.cumsum(np.hypot(*steps.T))))
+
+    @property
+    def length(self) -> float:
+        """Of the whole path, m."""
+        return float(self.travelled[-1])
+
+    def place(self, travelled: Floats) -> Floats:
+        """The places after lengths of the path, (k,), m; a closed outline goes on behind its end."""
+        # the end belongs to its turn: that of an open one is not its begin
+        turns = np.ceil(travelled / self.length) - 1
+        within = np.interp(travelled - turns * self.length, self.travelled, self.places)
+        return np.asarray(turns * self.places[-1] + within)
+
+
+def circle(center: tuple[float, float], radius: float) -> Outline:
+    """The outline of a disc."""
+    return ellipse(center, (radius, radius))
+
+
+def ellipse(center: tuple[float, float], semi_axes: tuple[float, float], rotation: float = 0.0) -> Outline:
+    """The outline of an ellipse, its first semi-axis turned by an angle in rad."""
+    if not min(semi_axes) > 0:
+        raise ParameterError('outline', f'expected a radius above 0 m, got {min(semi_axes):g}')
+    return Outline((Arc(center, semi_axes, rotation, 0.0, 2 * np.pi),), closed=True)
+
+
+def polygon(corners: ArrayLike, corner_radius: float = 0.0, closed: bool = True) -> Outline:
+    """The outline of straight edges, its corners rounded.
+
+    Args:
+        corners: (k, 2), m, the object on the left.
+        corner_radius: 0 for sharp corners, m.
+        closed: whether an edge leads from the last corner to the first.
+
+    Raises:
+        ParameterError: too few corners, two at one place, or an edge too short for the roundings of its corners.
+    """
+    points = np.asarray(corners, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < (3 if closed else 2):
+        raise ParameterError('outline', f'expected {3 if closed else 2} or more corners [x, y], got {len(points)}')
+    places = tuple((float(x), float(y)) for x, y in points)
+    point, along, lengths, turns, cut = edges_of(KnownOutline('', places, corner_radius, not closed))
+    if not lengths.all():
+        raise ParameterError('outline', 'two corners after each other are at the same place')
+    if turns[1:].sum() < 0 and closed:
+        raise ParameterError('outline', 'the corners are clockwise', 'list them counter-clockwise')
+    if np.any(cut[:-1] + cut[1:] > lengths):
+        raise ParameterError('outline', f'an edge is too short for corners of radius {corner_radius:g} m')
+    pieces: list[Edge | Arc] = []
+    for k, direction in enumerate(along):
+        begin, foot = point[k] + cut[k] * direction, point[k] + (lengths[k] - cut[k + 1]) * direction
+        pieces.append(Edge((begin.real, begin.imag), (foot.real, foot.imag)))
+        if turn := float(turns[k + 1]):
+            radius, angle = np.sign(turn) * corner_radius, np.angle(-1j * direction)
+            center = foot + 1j * radius * direction
+            pieces.append(Arc((center.real, center.imag), (radius, radius), 0.0, angle, angle + turn))
+    return Outline(tuple(pieces), closed)
 
 
 @dataclass(frozen=True)
@@ -98,8 +275,6 @@ SlidePhase = IntEnum('SlidePhase', 'TRAVEL PAUSE APPROACH PRESS STICK SLIDE STOP
 """Of a slide."""
 CROSSING = 2e-3
 """Lever arm of the force within which a joint crosses its backlash, m."""
-FIRST_FORCE = 1e-6
-"""Force that stands for 0+ in the free motion beside an object, N: it defines the direction of the force."""
 
 
 class SlideState(NamedTuple):
@@ -109,7 +284,6 @@ class SlideState(NamedTuple):
         joints: actuator angles Q, (k, 2), rad.
         force: force of the tip on the object, base frame, (k, 2), N.
         tip: centre of the tip, (k, 2), m; between two slides, where the third axis is lifted, NaN.
-        surface: the point of contact, (k, 2), m; NaN where there is none.
         slide: number of the slide, (k,).
         phase: which `SlidePhase`, (k,).
     """
@@ -117,7 +291,6 @@ class SlideState(NamedTuple):
     joints: Floats
     force: Floats
     tip: Floats
-    surface: Floats
     slide: Indices
     phase: Indices
 
@@ -178,14 +351,14 @@ class SlidingMotion:
         phase = (self._knots[slide, 1:-1] <= time[:, None]).sum(axis=1)
         phase[slide == len(self.slides)] = SlidePhase.TRAVEL
         joints, force = np.empty((len(time), 2)), np.zeros((len(time), 2))
-        tip, surface = np.full((len(time), 2), np.nan), np.full((len(time), 2), np.nan)
+        tip = np.full((len(time), 2), np.nan)
         travelling = phase == SlidePhase.TRAVEL
         joints[travelling] = self._between(slide[travelling], time[travelling])
         for number in range(len(self.slides)):
             here = np.flatnonzero((slide == number) & ~travelling)
-            joints[here], tip[here], pressed, point, loaded = self._states(number, time[here])
-            force[here[loaded]], surface[here[loaded]] = pressed[loaded], point[loaded]
-        return SlideState(joints, force, tip, surface, slide.clip(max=len(self.slides) - 1), phase)
+            joints[here], tip[here], pressed, loaded = self._states(number, time[here])
+            force[here[loaded]] = pressed[loaded]
+        return SlideState(joints, force, tip, slide.clip(max=len(self.slides) - 1), phase)
 
     def _between(self, slide: Indices, time: Floats) -> Floats:
         """Joint angles on the way to a slide, (k, 2), rad."""
@@ -193,8 +366,8 @@ class SlidingMotion:
         part = minimum_jerk((time - self._knots[slide, 0]) / self.timing.travel)
         return np.asarray(begin + part[:, None] * (end - begin))
 
-    def _states(self, number: int, time: Floats) -> tuple[Floats, Floats, Floats, Floats, Mask]:
-        """Joint angles, rad, tip, m, force, N, and surface, m, at times within a slide, (k, 2) each; where it presses.
+    def _states(self, number: int, time: Floats) -> tuple[Floats, Floats, Floats, Mask]:
+        """Joint angles, rad, tip, m, and force, N, at times within a slide, (k, 2) each; where it presses.
 
         The angles are Ḡ, each joint crossing its backlash within `CROSSING`, near the path of the slide. The force is
         F = N (-n + μ τ t); 0+ along -n in the free motion.
@@ -221,7 +394,7 @@ class SlidingMotion:
         tip = point + (self.tip_radius + clearance)[:, None] * normal
         places, path = self._paths[number]
         near = np.column_stack([np.interp(travelled, places, column) for column in path.T])
-        return near + wrap(self._poses(number, tip, force) - near), tip, force, point, normal_force > 0
+        return near + wrap(self._poses(number, tip, force) - near), tip, force, normal_force > 0
 
     def _poses(self, number: int, tip: Floats, force: Floats) -> Floats:
         p, posture = self.model.parameters, self.slides[number].posture
@@ -264,10 +437,10 @@ class SlowNoise:
         random: source.
         columns: independent ones.
         duration: T, s.
-        waves: of which they are made.
     """
 
-    def __init__(self, random: np.random.Generator, columns: int, duration: float, waves: int = 48) -> None:
+    def __init__(self, random: np.random.Generator, columns: int, duration: float) -> None:
+        waves = 48  # of which they are made
         shape = waves, columns
         self._frequency = random.standard_normal(shape) / duration
         self._phase = random.uniform(0, 2 * np.pi, shape)
@@ -316,7 +489,7 @@ def sensed(motion: SlidingMotion, cell: Cell, sensors: SensorModel, seed: int, s
         """The state at times, each instant as the hold of a touch of its own, the force over that of the slide."""
         state, unit = motion.state_at(time), errors.at(time)
         angle = sensor_angle(cell, motion.model.parameters, state.joints)
-        both_errors = sensors.scaled_errors(cell, unit[:, :2], unit[:, 2:], state.force, angle)
+        both_errors = sensors.touch_errors(cell, np.stack([unit[:, :2], unit[:, 2:]]), state.force, angle)
         planned = np.array([slide.force for slide in motion.slides])[state.slide]
         relative_force = np.minimum(np.hypot(*state.force.T) / planned, 1.0)
         touch, hold = np.arange(len(planned)), np.full(len(planned), Phase.HOLD)

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import yaml
@@ -161,8 +161,12 @@ def truth_text(truth: ExtendedModel | Parameters, seed: int = 0) -> str:
         {'name': effect.name, 'target': effect.target, 'parameters': model.values[effect.label]}
         for effect in cast('tuple[Effect, ...]', model.effects)
     ]
-    content = {'schema': SCHEMA, 'seed': seed, 'parameters': model.parameters.as_dict(), 'effects': listed}
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+    return dump({'schema': SCHEMA, 'seed': seed, 'parameters': model.parameters.as_dict(), 'effects': listed})
+
+
+def dump(truth: dict[str, Any]) -> str:
+    """A truth as YAML."""
+    return yaml.safe_dump(truth, sort_keys=False, default_flow_style=None, width=120)
 
 
 class World(NamedTuple):

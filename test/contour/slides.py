@@ -8,8 +8,8 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.simulation.outline import circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.slides import circle, ellipse, polygon
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3), tip_radius=0.005)

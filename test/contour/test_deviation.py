@@ -15,8 +15,7 @@ from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.simulation.outline import polygon
-from scara_kinetostatic.simulation.slides import Slide, simulate_slides
+from scara_kinetostatic.simulation.slides import Slide, polygon, simulate_slides
 
 BLOCK = Outline('block', ((0.10, 0.30), (0.20, 0.30), (0.20, 0.40), (0.10, 0.40)), 0.01)
 WITH_BLOCK = replace(CELL, discs=(Disc('far', -0.25, 0.30, 0.15), BLOCK))

@@ -21,8 +21,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.simulation.outline import polygon
-from scara_kinetostatic.simulation.slides import Slide, SlideTiming, simulate_slides
+from scara_kinetostatic.simulation.slides import Slide, SlideTiming, polygon, simulate_slides
 
 
 @pytest.fixture(scope='module')

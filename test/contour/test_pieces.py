@@ -12,8 +12,7 @@ from scara_kinetostatic.contour.result import Outline
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.outline import polygon
-from scara_kinetostatic.simulation.slides import Slide, simulate_slides
+from scara_kinetostatic.simulation.slides import Slide, polygon, simulate_slides
 
 
 def traced(outline, **more):

@@ -16,8 +16,7 @@ from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, inverse, posture
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.outline import Arc, Outline, circle, polygon
-from scara_kinetostatic.simulation.slides import Slide, simulate_slides
+from scara_kinetostatic.simulation.slides import Arc, Outline, Slide, circle, polygon, simulate_slides
 from scara_kinetostatic.simulation.streams import SensorModel
 
 DISC_CENTER = np.array([0.2, 0.3])

@@ -38,11 +38,11 @@ def test_simulated_errors_are_those_of_the_axes_of_the_sensor(frame):
 
 
 def test_plain_errors_are_the_same_whatever_the_frame():
-    random = [np.random.default_rng(3) for _ in range(2)]
+    unit = np.random.default_rng(3).standard_normal((2, 5, 2))
     force, angle = np.full((5, 2), 20.0), np.ones(5)
     plain, turned = (
-        SensorModel(touch_noise=Noise(1e-5, 0.3)).touch_errors(PAPER_CELL, 5, rng, force, where)[1]
-        for rng, where in zip(random, (None, angle), strict=True)
+        SensorModel(touch_noise=Noise(1e-5, 0.3)).touch_errors(PAPER_CELL, unit, force, where)[1]
+        for where in (None, angle)
     )
     np.testing.assert_array_equal(plain, turned)
     assert np.abs(rotate(plain, angle) - plain).max() > 0.1

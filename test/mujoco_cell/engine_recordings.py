@@ -17,10 +17,10 @@ from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.simulation.mujoco import Scene, scene_named, simulate_streams
-from scara_kinetostatic.simulation.mujoco.streams import preload_plan, truth_of_scene, truth_text
+from scara_kinetostatic.simulation.mujoco.streams import preload_plan, truth_of_scene
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import SensorModel
-from scara_kinetostatic.simulation.truth import truth_named
+from scara_kinetostatic.simulation.truth import dump, truth_named
 
 BAGS = Path(__file__).parents[2] / 'bags'
 TRUTH = Path(__file__).parents[1] / 'pipeline' / 'truth'
@@ -69,7 +69,7 @@ def make(recording: EngineRecording, folder: Path, truths: Path) -> None:
     streams = simulate_streams(one.robot, cell, one.plan, sensors=SENSORS, seed=one.seed)
     write_streams(folder / f'{one.name}.mcap', streams, cell, compression='zstd', with_cell=not one.plain)
     first = f'# What was built for bags/{one.name}.mcap. Only tests read this.\n'
-    text = first + truth_text(truth_of_scene(one.robot, cell, one.seed))
+    text = first + dump(truth_of_scene(one.robot, cell, one.seed))
     (truths / f'{one.name}.yaml').write_text(text, encoding='utf-8')
 
 

@@ -17,8 +17,8 @@ from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinetostatics import joint_torques
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.mujoco.engine import SCENES, Engine, Scene, scene_named
+from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.plan import Plan
 
 Play = Callable[[str], SimulatedMotion]

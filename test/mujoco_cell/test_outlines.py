@@ -12,8 +12,8 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.mujoco.controller import TouchController
 from scara_kinetostatic.simulation.mujoco.engine import SCENES, build
+from scara_kinetostatic.simulation.mujoco.streams import TouchController
 from scara_kinetostatic.simulation.plan import default_plan
 
 BLOCK = Outline('block', ((-0.03, 0.34), (0.07, 0.34), (0.07, 0.44), (-0.03, 0.44)), 0.003)

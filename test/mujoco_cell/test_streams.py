@@ -89,7 +89,7 @@ def test_the_press_is_the_part_of_the_last_movement_in_contact(few: Plan) -> Non
 def test_recordings_kept_with_the_project_are_what_the_engine_plays(one: EngineRecording) -> None:
     kept = find_touches(read_streams(BAGS / f'{one.name}.mcap', one.cell), one.cell).touches
     count = 3
-    errors = SENSORS.touch_errors(one.cell, len(kept), np.random.default_rng([one.seed, 0]))
+    errors = SENSORS.touch_errors(one.cell, np.random.default_rng([one.seed, 0]).standard_normal((2, len(kept), 2)))
     motion = simulate_touches(one.robot, one.cell, one.plan.select(np.arange(count)), noise=EXACT)
     assert np.abs(kept.joints[:count] - errors[0][:count] - motion.joints).max() < 2e-5
     force = kept.force[:count] - errors[1][:count]

@@ -163,7 +163,7 @@ def test_a_calibrator_that_is_started_again_takes_its_result(
     node = spin(Calibrator, '--ros-args', '-p', 'restore:=true', '-p', 'recording:=touches')
     np.testing.assert_array_equal(values(node, 'calibrated'), grown_outcome.final.parameters.as_array())
     assert 'result loaded from' in node._report().message
-    assert node._settings.job().recordings == [str(recording)]
+    assert node._job().recordings == [str(recording)]
 
 
 @pytest.mark.parametrize(

@@ -35,8 +35,7 @@ from scara_kinetostatic.nodes.contour_tracker import ContourTracker
 from scara_kinetostatic.nodes.conversion import joint_state, wrench
 from scara_kinetostatic.nodes.demo import THIS_MACHINE
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
-from scara_kinetostatic.simulation.outline import circle
-from scara_kinetostatic.simulation.slides import Slide, simulate_slides
+from scara_kinetostatic.simulation.slides import Slide, circle, simulate_slides
 from scara_kinetostatic.touches.streams import Streams
 
 CELL = replace(PAPER_CELL, tip_radius=0.005)

@@ -48,7 +48,7 @@ def play(collector: Node, names: list[str], start: int) -> None:
     assert eventually(lambda: [monitor.count for monitor in monitors] == expected)
     collector.destroy_publisher(joints)
     collector.destroy_publisher(wrench)
-    heard = [item._subscription for item in collector._streams._subscriptions]
+    heard = [item._subscription for item in collector._streams.monitors.values()]
     assert eventually(lambda: not any(item.get_publisher_count() for item in heard))
 
 

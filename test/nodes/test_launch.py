@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import runpy
 import sys
 from pathlib import Path
@@ -10,6 +9,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+import yaml
 
 LAUNCH = Path(__file__).parents[2] / 'launch'
 MODULES = {
@@ -238,16 +238,16 @@ def test_the_runner_on_ros2_control(launched: Launched) -> None:
     given = {name: value.given['value_type'] for name, value in parameters(by_action).items()}
     assert given.keys() - parameters(by_topic).keys() == {'action'}
     assert parameters(by_action)['action'].args[0][1] == '/follow_joint_trajectory'
-    source = (LAUNCH.parent / 'scara_kinetostatic' / 'nodes' / 'touch_runner.py').read_text()
-    declared = dict(re.findall(r"declare\.parameter\(\s*self, '(\w+)', ([^,]+),", source))
-    assert declared.pop('patience') == arguments['patience']['default_value'] == '30.0'
-    assert declared.pop('max_touches') == arguments['max_touches']['default_value'] == '100'
+    source = (LAUNCH.parent / 'scara_kinetostatic' / 'nodes' / 'parameters.yaml').read_text()
+    declared = {name: stated['default'] for name, stated in yaml.safe_load(source)['touch_runner'].items()}
+    assert str(declared.pop('patience')) == arguments['patience']['default_value'] == '30.0'
+    assert str(declared.pop('max_touches')) == arguments['max_touches']['default_value'] == '100'
     assert (
         given.pop('patience') is float
         and given.pop('max_touches') is int
         and given.pop('use_sim_time') is bool
         and given.pop('cell') is str
     )
-    assert set(given) == {'output', 'action', 'calibration'} and all(declared[name].startswith("'") for name in given)
+    assert set(given) == {'output', 'action', 'calibration'} and all(isinstance(declared[name], str) for name in given)
     assert arguments.keys() == {*parameters(by_topic), 'controller', 'use_action', 'namespace'}
     assert [name for name, item in arguments.items() if 'default_value' not in item] == ['cell']

@@ -117,7 +117,7 @@ def test_a_result_keeps_the_rules_with_which_it_was_begun(
 ) -> None:
     """Its files are written by these rules already."""
     node = start(spin, tmp_path)
-    job = node._settings.job()
+    job = node._job()
     node.set_parameters([Parameter('publish_unfit', value=True), Parameter('name', value='next')])
     shown: list[str] = []
     node._result = SimpleNamespace(publish=lambda message: shown.append(message.data))
@@ -229,16 +229,16 @@ def test_recordings_of_a_collector_that_was_started_anew_go_together(
         client._node.destroy_publisher(publisher)
 
     announce(bags[0], bags[1])
-    assert node._settings.job().recordings == [str(bags[1])]
+    assert node._job().recordings == [str(bags[1])]
     announce(bags[2])
-    job = node._settings.job()
+    job = node._job()
     assert job.recordings == [str(bags[1]), str(bags[2])]
     assert job.output == f'{bags[2]}_calibration'
     node.set_parameters([Parameter('announced', value='all'), Parameter('name', value='all_of_them')])
-    assert node._settings.job().recordings == [str(bag) for bag in bags[:3]]
-    assert node._settings.job().output == f'{bags[2]}_calibration/all_of_them'
+    assert node._job().recordings == [str(bag) for bag in bags[:3]]
+    assert node._job().output == f'{bags[2]}_calibration/all_of_them'
     node.set_parameters([Parameter('recordings', value=[str(bags[3]), '']), Parameter('recording', value=str(bags[0]))])
-    assert node._settings.job().recordings == [str(bags[0]), str(bags[3])]
+    assert node._job().recordings == [str(bags[0]), str(bags[3])]
 
 
 def test_after_stop_another_session_begins(spin: Callable[..., Node], client: DemoClient, tmp_path: Path) -> None:
@@ -256,7 +256,7 @@ def test_after_stop_another_session_begins(spin: Callable[..., Node], client: De
     say('/collector/recording', bags[0], lambda: node._announced.chosen('last') == [str(bags[0])])
     say('/collector/stopped', bags[0], lambda: node._announced._stopped == str(bags[0]))
     say('/collector/recording', bags[1], lambda: node._announced.chosen('last') == [str(bags[1])])
-    assert node._settings.job().recordings == [str(bags[1])]
+    assert node._job().recordings == [str(bags[1])]
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,20 @@ import pytest
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
+from scara_kinetostatic.contour.trace import LARGEST_TIP
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame, SensorSign
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL, UNITS
+from scara_kinetostatic.nodes.cell_node import PARAMETERS
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator, Playback
+from scara_kinetostatic.report.markers import Scales
+from scara_kinetostatic.running.campaign import FIRST
+from scara_kinetostatic.simulation.commanded import Fault, PlantSettings
+from scara_kinetostatic.simulation.mujoco import SCENES
+from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD
 from scara_kinetostatic.simulation.plan_file import load_slides
 from scara_kinetostatic.simulation.slides import simulate_slides
+from scara_kinetostatic.simulation.streams import SensorModel
 from scara_kinetostatic.simulation.truth import deviating_robot
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
@@ -50,6 +58,30 @@ def test_parameters_have_descriptions_and_ranges(spin: Callable[..., Node]) -> N
     assert [simulator.get_parameter(f'truth.{name}').value for name in PAPER_ACTUAL.as_dict()] == list(
         PAPER_ACTUAL.as_array()
     )
+
+
+def test_stated_defaults_and_ranges_are_those_of_what_they_set() -> None:
+    stated, usual, drives = PARAMETERS['contact_simulator'], SensorModel(), PlantSettings()
+    expected = {
+        'noise.joint_sample': usual.joint_noise,
+        'noise.force_sample': usual.force_noise,
+        'bias.x': usual.bias[0],
+        'bias.y': usual.bias[1],
+        'joint_rate': usual.joint_rate,
+        'wrench_rate': usual.wrench_rate,
+        'lag': drives.lag,
+        'speed_limit': drives.speed,
+        'overload': drives.overload,
+    }
+    assert {name: stated[name]['default'] for name in expected} == expected
+    assert stated['preload']['range'] == [0, LARGEST_PRELOAD]
+    assert ', '.join(SCENES) in stated['scene']['meaning']
+    assert ', '.join(fault.value for fault in Fault if fault.value) in stated['fault']['meaning']
+    assert {name.removeprefix('truth.') for name in stated if name.startswith('truth.')} == set(UNITS)
+    shown = PARAMETERS['visualizer']
+    assert [shown[f'{name}_scale']['default'] for name in Scales._fields] == list(Scales())
+    assert PARAMETERS['contour_tracker']['tip_radius']['range'][1] == LARGEST_TIP
+    assert PARAMETERS['touch_runner']['max_touches']['range'][0] == FIRST
 
 
 def test_the_default_truth_deviates_from_the_nominal_values_as_in_the_paper() -> None:

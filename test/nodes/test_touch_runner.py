@@ -32,7 +32,7 @@ from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL
-from scara_kinetostatic.nodes import controller, touch_runner
+from scara_kinetostatic.nodes import touch_runner
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.nodes.touch_runner import TouchRunner
 from scara_kinetostatic.pipeline import gather_touches
@@ -225,9 +225,9 @@ class StandIn:
 @pytest.fixture
 def action(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     """Arguments of a runner that commands by goals, to the stand-in."""
-    monkeypatch.setattr(controller, 'ActionClient', StandIn)
+    monkeypatch.setattr(touch_runner, 'ActionClient', StandIn)
     kind = SimpleNamespace(Goal=lambda trajectory: SimpleNamespace(trajectory=trajectory), Result=RESULT)
-    monkeypatch.setattr(controller, 'follow_joint_trajectory', lambda *_: kind)
+    monkeypatch.setattr(touch_runner, 'follow_joint_trajectory', lambda *_: kind)
     given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'action': 'arm/follow', 'use_sim_time': 'true'}
     return ['--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}'))]
 

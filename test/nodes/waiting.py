@@ -27,7 +27,7 @@ def meet(node: Node, *publishers: Publisher) -> None:
     """Waits until each publisher and the subscription of a cell's node know each other: then nothing is missed."""
 
     def met() -> bool:
-        heard = {item._subscription.topic_name: item._subscription for item in node._streams._subscriptions}
+        heard = {item._subscription.topic_name: item._subscription for item in node._streams.monitors.values()}
         return all(one.get_subscription_count() and heard[one.topic_name].get_publisher_count() for one in publishers)
 
     assert eventually(met)

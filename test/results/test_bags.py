@@ -16,7 +16,7 @@ from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.simulation.outline import polygon
+from scara_kinetostatic.simulation.slides import polygon
 
 BAGS = Path(__file__).parents[2] / 'bags'
 LARGEST = 300_000

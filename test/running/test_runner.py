@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmark.rehearsal import Rehearsal
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.model.cell import Cell, Disc, Lift, Noise, Region
@@ -21,10 +22,9 @@ from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.next_touches import Planner
-from scara_kinetostatic.running import commands
 from scara_kinetostatic.running.campaign import calibrated
-from scara_kinetostatic.running.commands import AHEAD_OF_CONTACT, Command, Commander, Track
-from scara_kinetostatic.running.rehearsal import Rehearsal
+from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Track
+from scara_kinetostatic.running.robot import Fault as PlannedFault
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings, Reading
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -213,7 +213,7 @@ def test_the_robot_stands_when_the_runner_dies(phase: str) -> None:
     one.plant.step(one.time + 0.3)
     if phase == 'travel':  # one command is the whole way, through free space
         one.plant.step(one.time + 20.0)
-        assert one.plant.body.joints == pytest.approx(one.runner._motion.track.joints[-1], abs=1e-4)
+        assert one.plant.body.joints == pytest.approx(one.runner._motion.track.places[-1, :2], abs=1e-4)
     before = one.plant.step(one.plant.time + 1e-4).joints
     after = one.plant.step(one.plant.time + 2.0).joints
     assert before is not None
@@ -223,10 +223,9 @@ def test_the_robot_stands_when_the_runner_dies(phase: str) -> None:
 
 
 def test_a_way_that_begins_where_it_ends() -> None:
-    joints = np.array([[0.3, 1.0]] * 2)
-    track = Track.of(joints, np.zeros(2), TRUTH)
+    track = Track.of(np.array([[0.3, 1.0, 0.0]] * 2), TRUTH)
     assert track.length == 0.0
-    assert track.nearest(np.array([0.3, 1.02]), None, 0.0) == (0.0, pytest.approx(0.02))
+    assert track.nearest(np.array([0.3, 1.02, np.nan]), 0.0) == (0.0, pytest.approx(0.02))
 
 
 def test_somebody_else_moves_the_robot() -> None:
@@ -380,14 +379,13 @@ def test_a_robot_that_stands_at_an_object_is_refused() -> None:
 
 def test_a_way_that_turns_back_is_followed_where_it_is_meant() -> None:
     """Out and back along the same joints: the robot on its way back is not behind by the whole loop."""
-    out = np.linspace(0.0, 0.1, 21)[:, None] * [1.0, -1.0] + [1.3, -1.2]
-    track = Track.of(np.concatenate([out, out[-2::-1]]), np.zeros(41), TRUTH)
+    out = np.linspace(0.0, 0.1, 21)[:, None] * [1.0, -1.0, 0.0] + [1.3, -1.2, 0.0]
+    track = Track.of(np.concatenate([out, out[-2::-1]]), TRUTH)
     for at in (0.3, 0.7):
-        joints = track.place(np.array([at * track.length]))[0][0]
-        near, off = track.nearest(joints + 1e-5, None, at * track.length)
+        near, off = track.nearest(track.place(at * track.length) + np.array([1e-5, 1e-5, np.nan]), at * track.length)
         assert near == pytest.approx(at * track.length, abs=1e-4)
         assert off < 1e-4
-    far, _ = track.nearest(out[2], None, 0.4 * track.length)
+    far, _ = track.nearest(out[2], 0.4 * track.length)
     assert far == pytest.approx(track.at[2], abs=1e-4), 'a robot that stands behind is found there'
 
 
@@ -795,12 +793,12 @@ def test_a_delay_that_the_first_messages_told_wrongly_is_forgotten_before_anythi
 
 def test_a_halt_is_never_refused() -> None:
     commander = Commander(CELL)
-    beyond = np.array(CELL.limits)[:, 1] + 1e-5
-    points = np.array([0.05]), beyond[None], np.zeros(1)
-    with pytest.raises(commands.Fault, match='beyond the limits'):
-        commander.command((beyond, 0.0), points)
-    halt = commander.command((beyond, 0.0), points, is_halt=True)
-    np.testing.assert_array_equal(halt.positions[-1][:2], beyond)
+    beyond = np.append(np.array(CELL.limits)[:, 1] + 1e-5, 0.0)
+    points = np.array([0.05]), beyond[None]
+    with pytest.raises(PlannedFault, match='beyond the limits'):
+        commander.command(beyond, points)
+    halt = commander.command(beyond, points, is_halt=True)
+    np.testing.assert_array_equal(halt.positions[-1][:2], beyond[:2])
 
 
 @pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
@@ -843,8 +841,8 @@ def test_a_robot_that_was_moved_in_a_pause_is_not_thrown_back() -> None:
     one.run(longest=0.5)
     motion = one.runner._motion
     assert motion is not None
-    ahead, _ = motion.track.place(np.array([motion.at + 0.12 * motion.speed]))
-    one.plant.command(one.plant.names, [1.0], ahead.tolist())
+    ahead = motion.track.place(motion.at + 0.12 * motion.speed)
+    one.plant.command(one.plant.names, [1.0], [ahead[:2].tolist()])
     one.run(longest=2.0)
     moved = one.plant._position[:2]
     one.runner.start()
@@ -862,7 +860,7 @@ def test_a_retract_ends_half_a_millimetre_beside_its_place() -> None:
     one.run(lambda at: at.runner.status.phase == 'retract', 3.0)
     assert one.runner._motion is not None
     track, command = one.runner._motion.track, one.plant.command
-    beside = np.subtract(*track.place(np.array([5e-4, 0.0]))[0])
+    beside = np.subtract(*track.place(np.array([5e-4, 0.0])))[:2]
     one.plant.command = lambda names, times, places, *more: command(names, times, (places + beside).tolist(), *more)
     one.run(lambda at: at.runner.status.phase != 'retract', 10.0)
     assert one.runner.status.phase == 'judge'
@@ -875,7 +873,7 @@ def test_a_robot_that_is_driven_beyond_its_way_is_stopped() -> None:
     motion, command = one.runner._motion, one.plant.command
     assert motion is not None
     lengths = np.linspace(motion.at, motion.track.length, 50)[1:]
-    command(one.plant.names, (lengths - motion.at) / 0.06, motion.track.place(lengths)[0].tolist())
+    command(one.plant.names, (lengths - motion.at) / 0.06, motion.track.place(lengths)[:, :2].tolist())
     one.plant.command = lambda *_: None
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert 'ahead on its way' in one.runner.status.text

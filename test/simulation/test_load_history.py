@@ -13,8 +13,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.play_operator import play_operator
 from scara_kinetostatic.model.touch import torques_of
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import SensorModel, simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import Trajectory
+from scara_kinetostatic.simulation.streams import SensorModel, Trajectory, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import find_touches
 
 PLAN = default_plan(CELL, 12, preload=0.4)

@@ -13,8 +13,15 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinematics import forward, posture, rotate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import START, SensorModel, simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import Phase, Timing, Trajectory
+from scara_kinetostatic.simulation.streams import (
+    START,
+    Phase,
+    SensorModel,
+    Timing,
+    Trajectory,
+    simulate_streams,
+    simulate_touches,
+)
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
 PLAN = default_plan(CELL)

@@ -12,9 +12,18 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
-from scara_kinetostatic.simulation.outline import Track, circle, ellipse, polygon
-from scara_kinetostatic.simulation.plan_file import PlanError, holds_slides, load_slides
-from scara_kinetostatic.simulation.slides import CROSSING, Slide, SlidePhase, SlidingMotion, simulate_slides
+from scara_kinetostatic.simulation.plan_file import PlanError, load_planned, load_slides
+from scara_kinetostatic.simulation.slides import (
+    CROSSING,
+    Slide,
+    SlidePhase,
+    SlidingMotion,
+    Track,
+    circle,
+    ellipse,
+    polygon,
+    simulate_slides,
+)
 from scara_kinetostatic.simulation.streams import SensorModel
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3), tip_radius=0.005)
@@ -102,7 +111,7 @@ def test_plan_of_slides(tmp_path):
         '- {slide: {center: [0.2, 0.35], semi_axes: [0.08, 0.05], angle_deg: 20}, from: 1, to: 0, posture: right}\n'
         '- {slide: {outline: [[0.1, 0.3], [0.2, 0.3]], closed: false}, speed: 0.03}\n'
     )
-    assert holds_slides(plan)
+    assert load_planned(plan, CELL) == load_slides(plan, CELL)
     first, second, third = load_slides(plan, CELL)
     assert first == Slide(circle((-0.25, 0.3), 0.15 - 0.005), 15, 0.1)
     assert second == Slide(ellipse((0.2, 0.35), (0.08, 0.05), np.radians(20)), posture=-1, begin=1.0, end=0.0)

@@ -15,8 +15,13 @@ from scara_kinetostatic.model.kinematics import jacobian
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet, torques_of
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import SensorModel, in_sensor_frame, simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import Trajectory
+from scara_kinetostatic.simulation.streams import (
+    SensorModel,
+    Trajectory,
+    in_sensor_frame,
+    simulate_streams,
+    simulate_touches,
+)
 from scara_kinetostatic.touches import load_history
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.load_history import LoadMemory, nested_extremes

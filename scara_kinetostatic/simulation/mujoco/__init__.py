@@ -1,7 +1,7 @@
 """A cell in the physics engine MuJoCo: bodies, springs, friction and contact, independent of this package's model.
 
-`engine` describes the robot, builds it of bodies by the template `scene.xml.j2` and integrates it, `controller` makes
-the touches of a plan, `streams` applies the sensors and states the truth. MuJoCo comes with the extra `physics` and is
+`engine` describes the robot, builds it of bodies by the template `scene.xml.j2` and integrates it, `streams` makes the
+touches of a plan, applies the sensors and states the truth. MuJoCo comes with the extra `physics` and is
 imported when the engine starts.
 """
 

@@ -19,8 +19,8 @@ from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
-from scara_kinetostatic.simulation.outline import Arc, Outline, polygon
 from scara_kinetostatic.simulation.plan import check_numbers
+from scara_kinetostatic.simulation.slides import Arc, Outline, polygon
 
 if TYPE_CHECKING:
     import mujoco
@@ -148,21 +148,12 @@ LARGEST_TIP = 5e-3
 """Radius of the ball at the tip, m, unless a disc is small."""
 LIFT = 0.02
 """How far the third axis lifts the tip above its place between the discs, m."""
-PIECES = 8
-"""Hinges of a link that bends."""
-HARD = (f'{2 * TIMESTEP} 1', '0.9999 0.9999 0.001 0.5 2')
-"""Reference and impedance of contacts, stops and friction as hard as the engine makes them."""
-PAD_ONSET, PAD_FULL = 0.3, 0.7
-"""Impedance of a coat on a disc at no pressure, and from the depth on for which its stiffness is stated."""
-BACKLASH_INERTIA, BACKLASH_DAMPING = 0.5, 1.0
-"""Of the hinge with backlash, kg m² and Nm s/rad."""
-LIGHT_ARM, LIGHT_TIP = 0.1, 0.3
-"""Inertia of a quasi-static scene's arm, and of its parts behind the third axis, over that of the others: as light as
-the contacts stay closed with this time step."""
+PAD_FULL = 0.7
+"""Impedance of a coat on a disc from the depth on for which its stiffness is stated."""
 
 
 class Settings:
-    """Size, stiffness and mass of what the robot consists of.
+    """Size, stiffness and mass of what the robot consists of; the template has those that it alone uses.
 
     Attributes:
         disc_height: half the height of a disc, m.
@@ -173,15 +164,8 @@ class Settings:
         sliding_time: damping of that contact over its stiffness, s.
         sliding_impedance: impedance of that contact at any depth: with 0.9 and this damping the tip bounces where
             it has no backlash.
-        link_inertia: inertia for which each transmission is critically damped, kg m².
-        rotor: inertia of a rotor, reduced to the output of its gear, kg m².
-        motor_gain: stiffness of a motor's position servo, Nm/rad.
-        lift_servo: stiffness of the third axis' servo, N/m, and the mass that its damping is laid out for, kg.
         small_mass: mass of the third axis, of the gripper, of the tip, and of the base's upper part by 100, kg.
         elbow_mass: of joint 2 and the end of link 1, kg.
-        tip_damping: of the ball on its pin, N s/m.
-        light_backlash_damping: of the hinge with backlash in such a scene, Nm s/rad: its stops are reached without
-            an impact.
         friction_hardness: how much harder the friction inside a transmission is than MuJoCo's hardest: at rest it
             yields to a load f at the speed f R/b, with R = A (1 - d)/d, d and b its impedance and damping and A the
             inverse inertia that the engine ascribes to the joint, which is reduced by this. With ten times as much
@@ -194,14 +178,8 @@ class Settings:
     sliding_stiffness: float = 1e7
     sliding_time: float = 2e-5
     sliding_impedance: float = 0.7
-    link_inertia: tuple[float, float] = (0.9, 0.2)
-    rotor: float = 4.0
-    motor_gain: float = 4e6
-    lift_servo: tuple[float, float] = (1e5, 1.0)
     small_mass: float = 0.3
     elbow_mass: float = 2.1
-    tip_damping: float = 50.0
-    light_backlash_damping: float = 20.0
     friction_hardness: float = 1e3
 
 
@@ -221,7 +199,7 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
         outline: of one object that stands there instead of the discs.
     """
     a, b = scene.tilt
-    tip, light = _tip_radius(cell), scene.quasi_static
+    tip = _tip_radius(cell)
     moved = (scene.displaced_disc(cell), *scene.displacement)
     condim = 3 if scene.contact_friction else 1
     return render(
@@ -230,17 +208,12 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
         sqrt=math.sqrt,
         settings=Settings,
         timestep=TIMESTEP,
-        hard=HARD,
         scene=scene,
         p=scene.parameters,
         # 9.81 m/s² downwards in the frame of a base turned by `tilt` about its x and then its y axis
         gravity=(*scene.parameters.gravity, 0.0)
         if scene.parameters.has_gravity
         else (9.81 * np.cos(a) * np.sin(b), -9.81 * np.sin(a), -9.81 * np.cos(a) * np.cos(b)),
-        light=LIGHT_ARM if light else 1.0,
-        light_tip=LIGHT_TIP if light else 1.0,
-        backlash_inertia=BACKLASH_INERTIA,
-        backlash_damping=Settings.light_backlash_damping if light else BACKLASH_DAMPING,
         tip_radius=tip,
         discs=[
             {
@@ -252,12 +225,10 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
             for k, disc in enumerate(cell.discs)
         ],
         padded=scene.padded_discs(cell),
-        pad_onset=PAD_ONSET,
         pad_full=PAD_FULL,
         sliding=Markup(f'friction="{scene.contact_friction} 0.0 0.0" condim="{condim}" priority="1"'),
         outline=outline,
         pieces={} if outline is None else _geoms(outline),
-        bends=PIECES,
     )
 
 

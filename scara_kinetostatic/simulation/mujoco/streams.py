@@ -1,76 +1,323 @@
-"""A recording simulated in MuJoCo."""
+"""A recording simulated in MuJoCo: a controller makes the touches of a plan, the sensors report them.
+
+The controller travels, approaches, presses up to a force, holds and retracts. It uses the nominal arm and the declared
+discs alone: it commands a point on the normal of the disc, moves it inwards until the sensed force reaches the planned
+one, and then keeps the motor angles. A touch with preload is pressed harder first and then eased down, so that the
+joints reach the force from the other side.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
-from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.kinematics import inverse, rotate, wrap
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
-from scara_kinetostatic.simulation.mujoco.engine import Scene, load_engine
+from scara_kinetostatic.simulation.mujoco.engine import LIFT, TICK, Engine, Scene, load_engine
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-from scara_kinetostatic.simulation.streams import START, SensorModel, recorded
-from scara_kinetostatic.simulation.trajectory import CellState, Timing
+from scara_kinetostatic.simulation.streams import START, CellState, Phase, SensorModel, Timing, minimum_jerk, recorded
+from scara_kinetostatic.touches.load_history import last_movement
 from scara_kinetostatic.touches.streams import Streams
 
-PRELOAD = 1.0
-"""Preload of every other touch of `preload_plan`: it is pressed to twice its force first."""
+
+class Settings:
+    """The simulated controller.
+
+    Attributes:
+        largest_depth: largest commanded depth in a disc; if the force is not reached there the touch is given up,
+            m.
+        depths: depths from the free pose to the largest for which the motor angles are computed.
+        slow_distance: distance from the expected contact, m, within which the tip moves
+        slow_speed: at this speed, m/s, to limit the impact.
+        firm_force: after the approach the tip moves up to this force, N,
+        creep_speed: at this speed, m/s.
+        slowest_press: slowest commanded motion while it presses, m/s.
+        compliance_limits: limits of the compliance that the controller estimates, m/N.
+        longest_press: longest time for a press, s.
+        lift_time: duration of lifting or lowering the tip by the third axis, s.
+    """
+
+    largest_depth: float = 0.02
+    depths: int = 60
+    slow_distance: float = 7e-3
+    slow_speed: float = 0.01
+    firm_force: float = 2.0
+    creep_speed: float = 4e-3
+    slowest_press: float = 2e-4
+    compliance_limits: tuple[float, float] = (5e-6, 3e-4)
+    longest_press: float = 5.0
+    lift_time: float = 0.1
+
+
+class Pace(NamedTuple):
+    """Durations and speeds.
+
+    Attributes:
+        timing: durations of the phases but the press.
+        press: fastest commanded motion while it presses, m/s.
+        control_time: time constant with which the force approaches its target, s.
+        peak: rest under the largest force of a touch with preload, s.
+    """
+
+    timing: Timing
+    press: float
+    control_time: float
+    peak: float
+
+
+USUAL = Pace(Timing(), press=0.015, control_time=0.05, peak=0.0)
+SLOW = Pace(
+    Timing(travel=1.5, approach=1.8, release=0.5, retract=0.5, speed=1.0), press=0.005, control_time=0.15, peak=0.1
+)
+"""So that the approach has the speed of its last millimetres throughout."""
+
+
+class SimulatedMotion(NamedTuple):
+    """The motion, tick by tick, and at the end of each hold.
+
+    Attributes:
+        time: (k,), s.
+        joints: motor angles, (k, 2), rad.
+        force: of the tip on the discs, base frame, (k, 2), N.
+        link2_angle: direction of link 2, (k,), rad.
+        touch: number of the touch in the plan, (k,).
+        phase: which `Phase`, (k,).
+        progress: completed part of a travel, 0 to 1, (k,).
+        holds: tick at the end of each hold, (m,).
+        approach: last movement of each joint before each hold, (m, 2), rad.
+        press: the part of it in contact, from the first tick with a force on, (m, 2), rad.
+        links: angles of the links at the end of each hold, without offsets, (m, 2), rad.
+        speed: largest speed of any joint of the engine then, (m,), rad/s or m/s.
+    """
+
+    time: Floats
+    joints: Floats
+    force: Floats
+    link2_angle: Floats
+    touch: Indices
+    phase: Indices
+    progress: Floats
+    holds: Indices
+    approach: Floats
+    press: Floats
+    links: Floats
+    speed: Floats
+
+
+CONTACT_FORCE = 0.5
+"""Sensed force that ends the approach, N."""
+REST = 0.04
+"""Rest after the first contact, s."""
+FILTER = 0.004
+"""Time constant of the controller's filter of the force, s."""
+FORCE_TOLERANCE = 0.005
+"""Relative error of the force at which a press ends."""
+
+
+class TouchController:
+    """One pass through a plan.
+
+    Args:
+        scene: the robot.
+        cell: nominal arm and declared discs.
+        plan: the touches.
+        timing: durations of the phases; that of the press follows from the force. None: as is right for the scene.
+
+    Raises:
+        InputError: MuJoCo is not installed.
+        UnsupportedDataError: the plan is empty or out of reach.
+    """
+
+    def __init__(self, scene: Scene, cell: Cell, plan: Plan, timing: Timing | None = None) -> None:
+        self._pace = SLOW if scene.quasi_static else USUAL
+        self.plan, self.timing = plan, timing or self._pace.timing
+        if not len(plan):
+            raise UnsupportedDataError('the plan holds no touch', 'plan at least one')
+        self._depths = np.linspace(-self.timing.clearance, Settings.largest_depth, Settings.depths)
+        self._paths = self._motor_paths(cell)
+        self._home = self._paths[[0, -1], 0] + (0.25, -0.15)
+        self.engine = Engine(scene, cell, self._home[0])
+        self._command, self._depth, self._lift = self._home[0], 0.0, LIFT
+        self._touch, self._phase = 0, Phase.TRAVEL
+        self._force, self._first, self._compliance = 0.0, (0.0, 0.0), Settings.compliance_limits[0]
+        self._ticks: list[tuple[Floats, Floats, float, int, int, float]] = []
+
+    def run(self) -> SimulatedMotion:
+        """Makes all touches.
+
+        Raises:
+            UnsupportedDataError: a force is not reached.
+        """
+        holds, begins, links, speed = [], [], [], []
+        for touch in range(len(self.plan)):
+            self._touch = touch
+            self._travel(self._paths[touch, 0])
+            begins.append(self._lower())
+            self._approach_and_press()
+            self._rest(Phase.HOLD, self.timing.hold)
+            holds.append(len(self._ticks) - 1)
+            links.append(self.engine.links)
+            speed.append(self.engine.speed)
+            self._retract()
+        self._travel(self._home[1])
+        columns = (np.array(column) for column in zip(*self._ticks, strict=True))
+        joints, force, angle, number, phase, progress = columns
+        touching = [a + int(force[a:b].any(axis=1).argmax()) for a, b in zip(begins, holds, strict=True)]
+        approach, press = (
+            np.array([last_movement(joints[a:b], joints[b]) for a, b in zip(starts, holds, strict=True)])
+            for starts in (begins, touching)
+        )
+        time = np.asarray(TICK * np.arange(1, len(joints) + 1), dtype=float)
+        ends = np.array(holds), approach, press, np.array(links), np.array(speed)
+        return SimulatedMotion(time, joints, force, angle, number, phase, progress, *ends)
+
+    def _motor_paths(self, cell: Cell) -> Floats:
+        """Motor angles for the depths of each touch by the nominal arm, (m, Settings.depths, 2), rad."""
+        aims = self.plan.contact(cell)[:, None] - self._depths[:, None] * self.plan.normal(cell)[:, None]
+        poses = inverse(cell.nominal, aims, self.plan.posture[:, None])
+        lost = np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2)))
+        if len(lost):
+            problem = f'the nominal arm cannot press touch {lost[0]} of the plan'
+            raise UnsupportedDataError(problem, 'leave it out, or move the disc')
+        return poses[:, :1] + wrap(poses - poses[:, :1])
+
+    def _tick(self, progress: float = 0.0) -> None:
+        self.engine.command(self._command, self._lift)
+        self.engine.advance()
+        force = self.engine.force()
+        self._force += TICK / (TICK + FILTER) * (float(np.hypot(*force)) - self._force)
+        self._ticks.append((self.engine.joints, force, self.engine.link2_angle, self._touch, self._phase, progress))
+
+    def _at(self, depth: float) -> Floats:
+        path = self._paths[self._touch]
+        return np.array([np.interp(depth, self._depths, path[:, joint]) for joint in (0, 1)])
+
+    def _travel(self, goal: Floats) -> None:
+        self._phase, start = Phase.TRAVEL, self._command
+        distance = float(np.abs(goal - start).max())
+        for part in _minimum_jerk_steps(max(self.timing.travel, distance / self.timing.speed)):
+            self._command = start + part * (goal - start)
+            self._tick(part)
+
+    def _raise(self, lift: float) -> None:
+        start = self._lift
+        for part in _minimum_jerk_steps(Settings.lift_time):
+            self._lift = start + part * (lift - start)
+            self._tick()
+
+    def _rest(self, phase: Phase, duration: float) -> None:
+        self._phase = phase
+        for _ in range(round(duration / TICK)):
+            self._tick()
+
+    def _lower(self) -> int:
+        """Lowers the tip beside the disc; returns the number of the tick then."""
+        self._phase = Phase.PAUSE
+        self._raise(0.0)
+        self._rest(Phase.PAUSE, self.timing.pause)
+        return len(self._ticks) - 1
+
+    def _approach_and_press(self) -> None:
+        """From the free pose to the force of the hold."""
+        speed, passed = self.timing.clearance / self.timing.approach, 0.0
+        self._phase, self._depth = Phase.APPROACH, -self.timing.clearance
+        while self._force < CONTACT_FORCE:
+            passed += TICK
+            is_near, fast = self._depth > -Settings.slow_distance, speed * min(1.0, passed / Settings.lift_time)
+            self._advance(Settings.slow_speed if is_near else fast)
+        self._rest(Phase.PRESS, REST)
+        while self._force < Settings.firm_force:
+            self._advance(Settings.creep_speed)
+        self._first, self._compliance = (self._depth, self._force), Settings.compliance_limits[0]
+        level, beyond = float(self.plan.force[self._touch]), float(self.plan.preload[self._touch])
+        self._press((1.0 + beyond) * level)
+        if beyond:
+            self._rest(Phase.PRESS, self._pace.peak)
+            self._phase = Phase.EASE
+            self._press(level)
+
+    def _advance(self, speed: float) -> None:
+        self._depth += speed * TICK
+        if self._depth > Settings.largest_depth:
+            problem = f'no such force {1e3 * Settings.largest_depth:.0f} mm inside the disc'
+            remedy = 'check the discs, or simulate a stiffer robot'
+            raise UnsupportedDataError(f'touch {self._touch} of the plan: {problem}', remedy)
+        self._command = self._at(self._depth)
+        self._tick()
+
+    def _press(self, level: float) -> None:
+        """Moves the commanded point, in one sense only, until the force reaches a level."""
+        sense, (depth, force) = np.sign(level - self._force), self._first
+        for _ in range(round(Settings.longest_press / TICK)):
+            missing = sense * (level - self._force)
+            if missing < FORCE_TOLERANCE * level:
+                return
+            if sense > 0 and self._force > force + Settings.firm_force:
+                compliance = (self._depth - depth) / (self._force - force)
+                self._compliance = float(np.clip(compliance, *Settings.compliance_limits))
+            speed = missing * self._compliance / self._pace.control_time
+            self._advance(sense * float(np.clip(speed, Settings.slowest_press, self._pace.press)))
+        problem = f'the force stays at {self._force:.1f} N instead of {level:.1f} N'
+        remedy = 'simulate a robot with less friction, or a stiffer one'
+        raise UnsupportedDataError(f'touch {self._touch} of the plan: {problem}', remedy)
+
+    def _retract(self) -> None:
+        """Retracts and lifts the tip."""
+        start, goal = self._depth, -self.timing.clearance
+        for part in _minimum_jerk_steps(self.timing.release + self.timing.retract):
+            self._phase = Phase.RELEASE if self._ticks[-1][1].any() else Phase.RETRACT
+            self._command = self._at(start + part * (goal - start))
+            self._tick()
+        self._phase = Phase.RETRACT
+        self._raise(LIFT)
+
+
+def _minimum_jerk_steps(duration: float) -> Floats:
+    """The minimum-jerk law at each tick of a movement, (k,), the last one 1."""
+    return minimum_jerk(np.linspace(0.0, 1.0, max(2, round(duration / TICK)) + 1)[1:])
 
 
 def preload_plan(cell: Cell, per_disc: int = 12) -> Plan:
-    """The simulator's default plan, every other touch with preload."""
-    return default_plan(cell, per_disc=per_disc, preload=PRELOAD)
+    """The simulator's default plan, every other touch pressed to twice its force first."""
+    return default_plan(cell, per_disc=per_disc, preload=1.0)
 
 
 def simulate_streams(
-    scene: Scene,
-    cell: Cell,
-    plan: Plan | None = None,
-    *,
-    timing: Timing | None = None,
-    sensors: SensorModel | None = None,
-    seed: int = 0,
-    start: int = START,
+    scene: Scene, cell: Cell, plan: Plan, sensors: SensorModel | None = None, seed: int = 0
 ) -> Streams:
     """Both streams of one pass through a plan.
 
     Args:
         scene: the true robot.
         cell: its description: nominal arm, discs, sensor, noise of a touch.
-        plan: the touches; None: `preload_plan`.
-        timing: durations of the phases.
+        plan: the touches.
         sensors: noise, bias and rates.
         seed: of all random numbers.
-        start: stamp of the start, ns.
 
     Raises:
         InputError: MuJoCo is not installed.
         UnsupportedDataError: a touch is out of reach, or its force is not reached.
     """
-    plan = preload_plan(cell) if plan is None else plan
-    motion = TouchController(scene, cell, plan, timing).run()
-    return as_streams(motion, scene, cell, sensors or SensorModel(), seed, start)
+    return as_streams(TouchController(scene, cell, plan).run(), scene, cell, sensors or SensorModel(), seed)
 
 
-def as_streams(
-    motion: SimulatedMotion, scene: Scene, cell: Cell, sensors: SensorModel, seed: int = 0, start: int = START
-) -> Streams:
+def as_streams(motion: SimulatedMotion, scene: Scene, cell: Cell, sensors: SensorModel, seed: int = 0) -> Streams:
     """Both streams of a motion; the arguments are those of `simulate_streams`."""
     held = as_sensed(motion, cell)[motion.holds]
-    joint_errors, force_errors = sensors.touch_errors(cell, len(held), np.random.default_rng([seed, 0]), held)
+    unit = np.random.default_rng([seed, 0]).standard_normal((2, len(held), 2))
+    errors = sensors.touch_errors(cell, unit, held)
     turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `_state_at` has turned the force
 
     def at(time: Floats) -> tuple[CellState, Floats, Floats]:
-        return _state_at(motion, cell, time), joint_errors, force_errors
+        return _state_at(motion, cell, time), *errors
 
     duration = float(motion.time[-1])
-    return recorded(f'physics: {scene.name}', turned, scene.parameters, sensors, duration, at, seed, start)
+    return recorded(f'physics: {scene.name}', turned, scene.parameters, sensors, duration, at, seed, START)
 
 
 def as_sensed(motion: SimulatedMotion, cell: Cell) -> Floats:
@@ -113,11 +360,6 @@ def truth_of_scene(scene: Scene, cell: Cell, seed: int = 0) -> dict[str, Any]:
         'expected': expected_parameters(scene).as_dict(),
         'effects': built_effects(scene, cell),
     }
-
-
-def truth_text(truth: dict[str, Any]) -> str:
-    """The truth as YAML."""
-    return yaml.safe_dump(truth, sort_keys=False, default_flow_style=None, width=120)
 
 
 def expected_parameters(scene: Scene) -> Parameters:

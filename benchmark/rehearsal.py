@@ -14,7 +14,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.planning.next_touches import Planner
-from scara_kinetostatic.running.commands import Command
+from scara_kinetostatic.running.robot import Command
 from scara_kinetostatic.running.runner import Runner, Status
 from scara_kinetostatic.simulation.commanded import Plant, Reading
 from scara_kinetostatic.touches.online import OnlineDetector
