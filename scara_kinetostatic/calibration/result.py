@@ -28,7 +28,7 @@ from scara_kinetostatic.calibration.fit_point import (
 from scara_kinetostatic.calibration.identifiability import Identifiability, identify, scales_of, shape_notes
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, observe
-from scara_kinetostatic.calibration.random_effects import RandomEffects
+from scara_kinetostatic.calibration.random_effects import LARGE_EFFECT, RandomEffects
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, read_only
@@ -541,11 +541,11 @@ class JointCovariance(NamedTuple):
 
 
 def joint_covariance(calibration: Calibration) -> JointCovariance:
-    """What a later prediction of touches on the same objects needs."""
+    """What a later prediction of touches on the same objects needs; without a large effect, which stays as it is."""
     c, size = calibration, len(calibration.covariance)
     names, every, scale = _of_model_and_cell(c)
     matrix = scale[:, None] * c.covariance_with_errors[np.ix_(every, every)] * scale
-    matrix[:size, :size] = c.covariance
+    matrix[:size, :size] = c.covariance - sum(p.covariance for p in c.contributions if p.label == LARGE_EFFECT)
     values = np.concatenate([c.full_model.as_array(), scale[len(scale) - len(c.errors) :] * c.errors])
     return JointCovariance(names, values, matrix)
 

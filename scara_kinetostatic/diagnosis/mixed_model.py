@@ -14,9 +14,8 @@ scale 1, and τ_0 half-Cauchy (Gelman, Bayesian Analysis 1 (2006) 515). While fl
 named, τ_g / τ_0 is half-Cauchy, too: its tails leave one large flaw among small errors as large as it is, and these
 small. What is left is more alike: three degrees of freedom. The density in log τ counts: what the touches say nothing
 of has the common size, not none. The root mean square of τ is taken, as squares add up in a variance: exp(log τ + v)
-with the variance v of log τ by Laplace's approximation, at most √3 τ as by the prior. The likelihood may have another
-maximum where one effect is large and all others are smaller; what that would change is in the final covariance with its
-probability (`with_large_effects`).
+with the variance v of log τ by Laplace's approximation, at most √3 τ as by the prior. What one large effect
+would change that the touches do not exclude is in the final covariance (`with_large_effects`).
 Sizes that the cell description declares are held. Where the fit has estimated the noise, its levels are estimated
 along with the sizes, by expectation and maximisation.
 
@@ -293,17 +292,13 @@ class _Problem(NamedTuple):
 
     Attributes:
         inner: in the metric of the noise, the columns of known size first.
-        fixed: how many these are.
-        group: of the others.
-        freedoms: of the prior of their sizes.
+        group: of the random effects whose size is estimated; -1 of other columns, (c,).
         weights: sizes of the columns, (c,).
         back: places of the columns of `_Sizes` in this order, (c,).
     """
 
     inner: Whitened
-    fixed: int
     group: Indices
-    freedoms: Floats
     weights: Floats
     back: Indices
 
@@ -392,7 +387,8 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     rms = np.exp((logs + np.minimum(variance, np.log(_LARGEST_RATIO)))[:-1])
     weights = np.concatenate([np.ones(fixed), rms[group]])
     y, u, covariance = posterior(inner, weights)
-    problem = _Problem(inner, fixed, group, sizes.freedoms, weights, np.argsort(order))
+    unnamed = np.where(np.arange(len(order)) < len(order) - len(c.random_values), -1, sizes.group)[order]
+    problem = _Problem(inner, unnamed, weights, np.argsort(order))
     every = problem.every(len(y))
     tau = (sizes.typical * weights_held)[order] * weights
     chi_square = float(inner.square + weights * inner.projected @ u)
@@ -568,33 +564,17 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
     return MixedModel(c, float(np.exp(solved.logs[-1])), typical, solved.deviance + rejected, solved)
 
 
-def with_large_effects(model: MixedModel) -> Calibration:
-    """The fit with what one large effect would change of it in its covariance, as far as the touches do not exclude it:
-    the estimate is that at the maximum of the likelihood of the sizes, where all are small.
+def with_large_effects(c: Calibration, model: MixedModel) -> Calibration:
+    """A calibration by a model with what one large effect would change of it in its covariance, as far as the touches
+    do not exclude that: the estimate is that at the maximum of the likelihood of the sizes.
     """
-    c, solved, problem = model.fit, model.solved, model.solved.problem
-    found = large_sizes(problem.inner, problem.fixed, problem.group, solved.logs, problem.freedoms)
+    solved, problem = model.solved, model.solved.problem
+    found = large_sizes(problem.inner, problem.group, problem.weights)
+    if not found:
+        return c
     every, (kept, sizes), lift = problem.every(len(solved.y)), of_full_model(c), _lift(c, solved)
     more = lift @ scatter(problem.inner, problem.weights, found)[np.ix_(every, every)] @ lift.T
-    return _with_contribution(c, LARGE_EFFECT, sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
-
-
-def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:
-    """A calibration with more covariance of all values of `full_model`, as far as it is positive."""
-    scale = np.sqrt(np.diag(c.covariance))
-    scale[scale == 0] = 1.0
-    values, vectors = np.linalg.eigh(more / np.outer(scale, scale))
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    covariance, count = c.covariance + root @ root.T, c.model.base_count
-    std = np.sqrt(np.diag(covariance))
-    changed = replace(
-        c,
-        covariance=covariance,
-        std=np.where(c.std > 0, std[:count], c.std),
-        effect_std=np.where(c.effect_std > 0, np.fmax(c.effect_std, std[count:][: len(c.effect_std)]), c.effect_std),
-        contributions=(*c.contributions, Contribution(label, None, '', root @ root.T)),
-    )
-    return with_projection(changed, c.projection)
+    return _with_contribution(c, LARGE_EFFECT, c.enlargement * sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
 
 
 def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
@@ -607,8 +587,27 @@ def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
     count, more = c.model.base_count, np.zeros_like(c.covariance)
     off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in rivals])
     theirs = np.mean([rival.fit.covariance[:count, :count] for rival in rivals], axis=0)
-    more[:count, :count] = off.T @ off / len(rivals) + theirs - c.covariance[:count, :count]
+    own = c.covariance[:count, :count]
+    scale = np.sqrt(np.diag(own + theirs))
+    scale[scale == 0] = 1.0
+    values, vectors = np.linalg.eigh((off.T @ off / len(rivals) + theirs - own) / np.outer(scale, scale))
+    root = np.where(np.diag(own + theirs) > 0, scale, 0.0)[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    more[:count, :count] = root @ root.T
     return _with_contribution(c, RIVALS, more)
+
+
+def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:
+    """A calibration with more covariance of all values of `full_model`."""
+    covariance, count = c.covariance + more, c.model.base_count
+    std = np.sqrt(np.diag(covariance))
+    changed = replace(
+        c,
+        covariance=covariance,
+        std=np.where(c.std > 0, std[:count], c.std),
+        effect_std=np.where(c.effect_std > 0, np.fmax(c.effect_std, std[count:][: len(c.effect_std)]), c.effect_std),
+        contributions=(*c.contributions, Contribution(label, None, '', more)),
+    )
+    return with_projection(changed, c.projection)
 
 
 def _known(c: Calibration, solved: _Solved) -> Prior | None:

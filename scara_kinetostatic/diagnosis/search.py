@@ -27,6 +27,7 @@ from scara_kinetostatic.diagnosis.candidates import (
 )
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
+    CREDIBLE,
     FRICTION_SIGNIFICANCE,
     INDEPENDENT_PART,
     Problem,
@@ -191,13 +192,28 @@ def start_from(problem: Problem, members: Sequence[Candidate], others: Sequence[
     return ExtendedModel(base, tuple(member.effect for member in every), tuple(map(tuple, values)))
 
 
-def fit_rivals(found: Search, known: Sequence[Effect]) -> list[MixedModel]:
-    """The mixed model with each of the likeliest credible sets named by itself."""
+def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, list[MixedModel]]:
+    """The mixed model with each of the likeliest credible sets named by itself, and the search with those alone that
+    are credible with the sizes that their effects need there.
+    """
     sets, base = found.scored_subsets, replace(found.base, used=found.fit.used)
-    fits = [
-        _fit(base, known, start_from(found.problem, sets.members(one)), most=3) for one in sets.credible[:_MOST_RIVALS]
+    pairs = [
+        (one, _fit(base, known, start_from(found.problem, sets.members(one)), most=3))
+        for one in sets.credible[:_MOST_RIVALS]
     ]
-    return [fit for fit in fits if fit is not None]
+    fits = [(one, fit, fit.deviance + one.penalty) for one, fit in pairs if fit is not None]
+    least = min((deviance for *_, deviance in fits), default=0.0)
+    kept = [(one, fit) for one, fit, deviance in fits if deviance <= least + CREDIBLE]
+    if not kept:
+        return found, []
+    ruled_out = [one for one, *_ in fits if all(one is not other for other, _ in kept)]
+    sets = sets._replace(credible=tuple(one for one in sets.credible if all(one is not other for other in ruled_out)))
+    labels, rivals = _partition(sets)
+    model = found.model
+    if ruled_out and not rivals:
+        model = _fit(base, known, start_from(found.problem, sets.members(kept[0][0]))) or kept[0][1]
+    found = found._replace(model=model, scored_subsets=sets, in_every_model=labels, rivals=rivals)
+    return found, [fit for _, fit in kept]
 
 
 def _union(scored_subsets: ScoredSubsets) -> list[Candidate]:

@@ -38,7 +38,7 @@ _MOST_FAILED = 9
 _ASIDE = np.deg2rad(8)
 """How far aside the last try of a place is, rad."""
 _TO_DECIDE = 12
-"""Touches that decide between effects, after which the tolerance is enough."""
+"""Touches that are made at most to decide between effects."""
 _WELL_KNOWN = 2e-3
 """Expanded uncertainty of the tip above which the motions stay those of the former arm, at first the nominal one, m."""
 _STALLED, _PROGRESS = 12, 0.95
@@ -186,10 +186,11 @@ class Campaign:
         self._is_due = self._job is not None
         if self._is_due:
             return
-        enough = self.cell.tolerance if self._made_to_decide >= _TO_DECIDE else None
         touches = TouchSet.concatenate(self.touches)
         former = replace(self.knowledge.planner)  # without what it has worked out: that is large
-        self._job = self._work(calibrated, self.cell, touches, former, self._given_up, enough or 0.0)
+        self._job = self._work(
+            calibrated, self.cell, touches, former, self._given_up, self._made_to_decide < _TO_DECIDE
+        )
 
     def poll(self) -> End | None:
         """Takes what has been found out; returns why the run ends, where it does."""
@@ -331,7 +332,7 @@ def clear_start(planner: Planner, joints: Floats) -> tuple[Poses | None, str]:
 
 
 def calibrated(
-    cell: Cell, touches: TouchSet, former: Planner, given_up: tuple[tuple[int, float, int], ...], enough: float
+    cell: Cell, touches: TouchSet, former: Planner, given_up: tuple[tuple[int, float, int], ...], decides: bool
 ) -> Knowledge:
     """Calibrates touches, and plans the next ones.
 
@@ -340,7 +341,7 @@ def calibrated(
         touches: all that were accepted.
         former: whose arm stays that of the motions where the calibration does not tell where the tip is.
         given_up: places not to be touched.
-        enough: expanded uncertainty of the tip with which effects that are not distinguished need no decision, m.
+        decides: whether effects that are not distinguished are to be decided.
 
     Raises:
         UnsupportedDataError: no touch can be reached.
@@ -358,7 +359,7 @@ def calibrated(
     if now is None or now > _WELL_KNOWN:
         planner = replace(former, touches=planner.touches, suspected=planner.suspected, given_up=given_up)
     those = found.discriminating if outcome.verdict == 'ambiguous' else ()
-    if those and now is not None and enough < now < np.inf:
+    if those and decides and now is not None and now < np.inf:
         try:
             planned = planner.discriminating(those, _FEW)
         except UnsupportedDataError:

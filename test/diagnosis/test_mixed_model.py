@@ -195,18 +195,22 @@ def test_a_flaw_that_the_touches_hardly_show_counts(hardly_shown):
 def test_what_a_large_size_changes_is_that_of_a_fit_with_it(hardly_shown):
     model = fit_mixed(hardly_shown, catalogue(hardly_shown.cell))
     problem, b = model.solved.problem, len(model.solved.y)
-    found = large_sizes(problem.inner, problem.fixed, problem.group, model.solved.logs, problem.freedoms)
-    assert len(found) > 20
+    found = large_sizes(problem.inner, problem.group, problem.weights)
+    assert len(found) > 200
     assert 0 < sum(item.probability for item in found) < 1
-    y, u, covariance = posterior(problem.inner, problem.weights)
+    y, u, _ = posterior(problem.inner, problem.weights)
     unit, more = np.concatenate([np.ones(b), problem.weights]), 0.0
     for item in found:
         weights = item.weights.copy()
         weights[item.columns] = item.size
+        before = posterior(problem.inner, item.weights)[2]
+        known = np.concatenate([np.ones(b), item.weights]) / unit
         other_y, other_u, other = posterior(problem.inner, weights)
         scale = np.concatenate([np.ones(b), weights]) / unit
         off = np.concatenate([other_y - y, other_u * scale[b:] - u])
-        more += item.probability * (scale[:, None] * other * scale - covariance + np.outer(off, off))
+        more += item.probability * (
+            scale[:, None] * other * scale - known[:, None] * before * known + np.outer(off, off)
+        )
     np.testing.assert_allclose(scatter(problem.inner, problem.weights, found), more, atol=1e-7 * np.abs(more).max())
 
 
