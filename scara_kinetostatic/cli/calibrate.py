@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Calibrates.
 
     Raises:
@@ -99,4 +99,3 @@ def run(args: argparse.Namespace) -> int:
     if args.strict and outcome.assessment.grade is Grade.UNFIT:
         remedy = f'the results are written to {files.folder} all the same'
         raise UnsupportedDataError(outcome.assessment.headline, remedy)
-    return 0

@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Exports.
 
     Raises:
@@ -92,4 +92,3 @@ def run(args: argparse.Namespace) -> int:
         print(*(out.parent / each for each in named), sep='\n')
     for each in notes:
         note(each)
-    return 0

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_max_bytes(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Verifies.
 
     Raises:
@@ -54,4 +54,3 @@ def run(args: argparse.Namespace) -> int:
     print_report(args, 'verification', verification_report(found), verification_document(found))
     if args.strict and found.assessment.grade is Grade.UNFIT:
         raise UnsupportedDataError(found.assessment.headline, f'the results are written to {args.out} all the same')
-    return 0

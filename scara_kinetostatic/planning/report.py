@@ -20,19 +20,7 @@ from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning.candidates import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design, Row
 from scara_kinetostatic.planning.prediction import free_tip, loaded_tip, make_workspace, tip_std
-from scara_kinetostatic.report import (
-    NOT_DETERMINED,
-    Block,
-    Figure,
-    Legend,
-    Note,
-    Report,
-    Section,
-    Table,
-    Verdict,
-    as_page,
-    json_text,
-)
+from scara_kinetostatic.report import NOT_DETERMINED, Block, Figure, Legend, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.figure import COLOURS, FAINT, INK, MICRO, PAPER, SERIES, WARN, in_mm, mark
 from scara_kinetostatic.report.quantities import SCALES, count, micrometres
@@ -408,11 +396,6 @@ def _touches(design: Design) -> tuple[Block, ...]:
     )
 
 
-def design_files(design: Design) -> dict[str, str]:
-    """The text of each file of a design by its name: the plan, the numbers, the page."""
-    remarks = (*noise_sentences(design), *set_sentences(design))
-    return {
-        'plan.yaml': dump_plan(design.plan, design.robot.cell, remarks),
-        'design.json': json_text(design_document(design)),
-        'design.html': as_page(design_report(design)),
-    }
+def plan_text(design: Design) -> str:
+    """`plan.yaml`: the recommended touches, below what is to be known of them."""
+    return dump_plan(design.plan, design.robot.cell, (*noise_sentences(design), *set_sentences(design)))

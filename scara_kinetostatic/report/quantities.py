@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
-from scara_kinetostatic.report.table import NOT_DETERMINED
+from scara_kinetostatic.report import NOT_DETERMINED
 
 
 class Scale(NamedTuple):

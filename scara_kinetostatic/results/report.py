@@ -151,13 +151,13 @@ def _uncertainty(outcome: Outcome) -> Fact:
 
 def _maps(outcome: Outcome) -> list[Section]:
     """Uncertainty and deviation of the tip, where the data determine them."""
-    from scara_kinetostatic.results import tip_maps
+    from scara_kinetostatic.results.figures import deviation_figures, uncertainty_figures
 
-    found = (
-        ('Uncertainty of the tip', tip_maps.uncertainty_figures(outcome)),
-        ('Deviation of the tip, nominal → calibrated', tip_maps.deviation_figures(outcome)),
-    )
-    return [Section(title, (figures,)) for title, figures in found if figures is not None]
+    found = {
+        'Uncertainty of the tip': uncertainty_figures(outcome),
+        'Deviation of the tip, nominal → calibrated': deviation_figures(outcome),
+    }
+    return [Section(title, (maps,)) for title, maps in found.items() if maps is not None]
 
 
 def _diagnosis(outcome: Outcome) -> Section:
