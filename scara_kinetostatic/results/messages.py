@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from scara_kinetostatic.assessment.criteria import rivals_in_words
+from scara_kinetostatic.assessment.criteria import advice, rivals_in_words
 from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.assessment.tolerance import advice
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.comparison import Comparison

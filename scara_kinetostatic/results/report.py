@@ -8,8 +8,8 @@ from functools import partial
 
 import numpy as np
 
+from scara_kinetostatic.assessment.criteria import stated_conformity
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.assessment.tolerance import stated_conformity
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
