@@ -31,20 +31,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.report import Figure, Figures
-from scara_kinetostatic.report.figure import (
-    FAINT,
-    INK,
-    LINE,
-    PAPER,
-    SERIES,
-    WARN,
-    Margins,
-    as_svg,
-    draw_object,
-    in_mm,
-    mark,
-    new_figure,
-)
+from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.quantities import micrometres
 
 _WIDTH = 920.0
@@ -64,17 +51,17 @@ def cell_picture(c: Calibration) -> Markup:
     margin = _LONGEST_ARROW * arm * 1.05
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     height = _WIDTH * float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.3, 1.0))
-    figure, (axes,) = new_figure(_WIDTH, height, margins=Margins())
+    figure, (axes,) = draw.new_figure(_WIDTH, height, margins=draw.Margins())
     for number, disc in enumerate(c.cell.discs):
-        draw_object(axes, disc, mark(number).colour, filled=True)
-        text = axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK)
+        draw.draw_object(axes, disc, draw.mark(number).colour, filled=True)
+        text = axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=draw.INK)
         text.set_parse_math(False)
     _draw_arms(axes, c, tip, elbow, base, arm)
     _draw_touches(axes, c, tip, arm)
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal')
-    in_mm(axes)
+    draw.in_mm(axes)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    return as_svg(figure, 'cell', 'the cell from above with its discs, the arm and the touches')
+    return draw.as_svg(figure, 'cell', 'the cell from above with its discs, the arm and the touches')
 
 
 def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float) -> None:
@@ -82,18 +69,18 @@ def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Flo
     touched = np.unique(c.touches.disc)
     farthest = touched[np.argmax(np.linalg.norm(c.cell.centers[touched] - base, axis=1))]
     lines = np.stack([np.broadcast_to(base, tip.shape), elbow, tip], axis=1)
-    axes.add_collection(LineCollection(list(lines), colors=FAINT, linewidths=0.6, alpha=0.16))
+    axes.add_collection(LineCollection(list(lines), colors=draw.FAINT, linewidths=0.6, alpha=0.16))
     for posture, dashes in ((1, 'solid'), (-1, (0, (5, 2.5)))):
         members = np.flatnonzero((c.touches.posture == posture) & (c.touches.disc == farthest))
         if len(members):
             nearest = members[np.argmin(np.linalg.norm(tip[members] - base, axis=1))]
             x, y = lines[nearest].T
-            axes.plot(x, y, color=INK, lw=2.2, ls=dashes, solid_capstyle='round', dash_capstyle='round')
-            axes.plot(x[1], y[1], 'o', ms=6.5, mfc=PAPER, mec=INK, mew=1.4)
-    axes.add_patch(Circle((base[0], base[1]), 0.022 * arm, facecolor=PAPER, edgecolor=INK, lw=1.6, zorder=4))
-    axes.add_patch(Circle((base[0], base[1]), 0.006 * arm, facecolor=INK, lw=0, zorder=5))
-    axes.annotate('base', (base[0], base[1]), (11, -18), textcoords='offset points', color=FAINT)
-    axes.axhline(base[1], color=LINE, lw=0.7, zorder=0)
+            axes.plot(x, y, color=draw.INK, lw=2.2, ls=dashes, solid_capstyle='round', dash_capstyle='round')
+            axes.plot(x[1], y[1], 'o', ms=6.5, mfc=draw.PAPER, mec=draw.INK, mew=1.4)
+    axes.add_patch(Circle((base[0], base[1]), 0.022 * arm, facecolor=draw.PAPER, edgecolor=draw.INK, lw=1.6, zorder=4))
+    axes.add_patch(Circle((base[0], base[1]), 0.006 * arm, facecolor=draw.INK, lw=0, zorder=5))
+    axes.annotate('base', (base[0], base[1]), (11, -18), textcoords='offset points', color=draw.FAINT)
+    axes.axhline(base[1], color=draw.LINE, lw=0.7, zorder=0)
 
 
 def _draw_touches(axes: Axes, c: Calibration, tip: Floats, arm: float) -> None:
@@ -105,12 +92,14 @@ def _draw_touches(axes: Axes, c: Calibration, tip: Floats, arm: float) -> None:
     tail = head - _LONGEST_ARROW * arm * c.force / max(float(magnitude.max()), 1e-9)
     disc, posture = c.touches.disc[c.used], c.touches.posture[c.used]
     shafts = np.stack([tail, head], axis=1)[c.used]
-    colours = [mark(number).colour for number in disc.tolist()]
+    colours = [draw.mark(number).colour for number in disc.tolist()]
     axes.add_collection(LineCollection(list(shafts), colors=colours, linewidths=1.0, alpha=0.55))
     _draw_marks(axes, disc, posture, head[c.used], 4.6)
     for k in np.flatnonzero(~c.used):
-        axes.plot(*tip[k], 'X', ms=9, mfc=WARN, mec=PAPER, zorder=6)
-        axes.annotate(str(c.touches.index[k]), (tip[k, 0], tip[k, 1]), (7, -4), textcoords='offset points', color=WARN)
+        axes.plot(*tip[k], 'X', ms=9, mfc=draw.WARN, mec=draw.PAPER, zorder=6)
+        axes.annotate(
+            str(c.touches.index[k]), (tip[k, 0], tip[k, 1]), (7, -4), textcoords='offset points', color=draw.WARN
+        )
 
 
 def residual_picture(c: Calibration) -> Markup:
@@ -120,34 +109,34 @@ def residual_picture(c: Calibration) -> Markup:
         ('along the force  [N]', (c.residual * along).sum(axis=1)),
         ('across it  [N]', c.residual[:, 1] * along[:, 0] - c.residual[:, 0] * along[:, 1]),
     )
-    figure, (first, second) = new_figure(_WIDTH, 380, rows=2, margins=Margins(), sharex=True)
+    figure, (first, second) = draw.new_figure(_WIDTH, 380, rows=2, margins=draw.Margins(), sharex=True)
     t, used = c.touches, c.used
     for axes, (label, values) in zip((first, second), parts, strict=True):
         largest = 1.25 * float(np.abs(values[used]).max(initial=1e-6))
-        axes.axhline(0, color=FAINT, lw=0.9)
+        axes.axhline(0, color=draw.FAINT, lw=0.9)
         places = np.stack([t.index, np.clip(values, -0.94 * largest, 0.94 * largest)], axis=-1)
         _draw_marks(axes, t.disc[used], t.posture[used], places[used], 5)
-        axes.plot(*places[~used].T, 'X', ls='none', ms=8, mfc=WARN, mec=PAPER)
+        axes.plot(*places[~used].T, 'X', ls='none', ms=8, mfc=draw.WARN, mec=draw.PAPER)
         axes.set(ylabel=label, ylim=(-largest, largest))
         axes.grid(visible=False, axis='x')
     second.set(xlabel='touch')
     second.margins(x=0.015)
     figure.align_ylabels()
-    return as_svg(figure, 'residuals', 'residual force of each touch along and across the force')
+    return draw.as_svg(figure, 'residuals', 'residual force of each touch along and across the force')
 
 
 def _draw_marks(axes: Axes, disc: Indices, posture: Indices, places: Floats, size: float) -> None:
     """Touches at places (n, 2) by disc (colour and shape) and posture (full: left, hollow: right)."""
     for number in np.unique(disc).tolist():
-        look = mark(number)
-        for side, fill in ((1, look.colour), (-1, PAPER)):
+        look = draw.mark(number)
+        for side, fill in ((1, look.colour), (-1, draw.PAPER)):
             x, y = places[(disc == number) & (posture == side)].T
             axes.plot(x, y, look.shape, ls='none', ms=size, mfc=fill, mec=look.colour, mew=1.1, zorder=3)
 
 
 def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = ('without it', 'with it')) -> Markup:
     """The deviation by an effect, estimated from each touch, without it in the model and with it, on the same axes."""
-    figure, axes = new_figure(_WIDTH, 340, columns=2, sharey=True, sharex=True)
+    figure, axes = draw.new_figure(_WIDTH, 340, columns=2, sharey=True, sharex=True)
     x = _side_by_side(found.x)
     kinds = len(x) > 0 and len(np.unique(found.x)) <= _FEW
     size = np.abs(np.concatenate([found.before, found.after, found.expected, [0.0] * (not len(found.x))]))
@@ -156,8 +145,8 @@ def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = (
     sides = ((found.before, found.std_before), (found.after, found.std_after))
     for one, (deviation, std), title in zip(axes, sides, titles, strict=True):
         values = np.clip(deviation, -0.97 * largest, 0.97 * largest)
-        one.axhline(0, color=FAINT, lw=0.9)
-        one.vlines(x, values - std, values + std, color=LINE, lw=1.0, zorder=1)
+        one.axhline(0, color=draw.FAINT, lw=0.9)
+        one.vlines(x, values - std, values + std, color=draw.LINE, lw=1.0, zorder=1)
         _draw_marks(one, found.disc, found.posture, np.stack([x, values], axis=-1), 4.4)
         one.set(title=title, xlabel=found.x_label, ylim=(-largest, largest))
         one.grid(visible=False, axis='x')
@@ -166,9 +155,9 @@ def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = (
         else:
             one.xaxis.set_major_locator(MaxNLocator(7))
     if found.expected.any():  # an effect that only scatters leaves no pattern
-        axes[0].plot(x, found.expected, '_', ms=8, mew=1.6, color=INK, zorder=4)
+        axes[0].plot(x, found.expected, '_', ms=8, mew=1.6, color=draw.INK, zorder=4)
     axes[0].set(ylabel=found.y_label)
-    return as_svg(figure, name, 'deviation by the effect, estimated from each touch, without it and with it')
+    return draw.as_svg(figure, name, 'deviation by the effect, estimated from each touch, without it and with it')
 
 
 def _side_by_side(x: Floats) -> Floats:
@@ -268,10 +257,10 @@ def deviation_picture(c: Calibration, places: UncertaintyMap, found: Deviation) 
     largest = float(np.nanmax(np.hypot(u, v), initial=0.0))
     if largest > 0:
         per_mm = 2.7 * (places.x[1] - places.x[0]) * _MILLI / largest
-        look: dict[str, Any] = {'color': INK, 'width': 0.0045, 'zorder': 4, 'clip_on': False}
+        look: dict[str, Any] = {'color': draw.INK, 'width': 0.0045, 'zorder': 4, 'clip_on': False}
         axes.quiver(x, y, u, v, angles='xy', scale_units='xy', scale=1 / per_mm, **look)
     name = _posture(places)
-    return as_svg(figure, f'deviation_{name}', f'deviation of the tip, nominal to calibrated, posture {name}')
+    return draw.as_svg(figure, f'deviation_{name}', f'deviation of the tip, nominal to calibrated, posture {name}')
 
 
 def uncertainty_picture(c: Calibration, places: UncertaintyMap) -> Markup:
@@ -280,9 +269,9 @@ def uncertainty_picture(c: Calibration, places: UncertaintyMap) -> Markup:
     tolerance = c.cell.tolerance
     if tolerance is not None and np.nanmin(places.expanded) < tolerance < np.nanmax(places.expanded):
         grid = (np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y))
-        axes.contour(*grid, _smooth(places.expanded), levels=[tolerance], colors=[WARN], linewidths=2.2)
+        axes.contour(*grid, _smooth(places.expanded), levels=[tolerance], colors=[draw.WARN], linewidths=2.2)
     name = _posture(places)
-    return as_svg(figure, f'uncertainty_{name}', f'uncertainty of the tip, posture {name}')
+    return draw.as_svg(figure, f'uncertainty_{name}', f'uncertainty of the tip, posture {name}')
 
 
 def _posture(places: UncertaintyMap) -> str:
@@ -309,26 +298,28 @@ def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats, unit: str)
     shown = np.where((lost & (away < 0.9 * reach)) | ~fine, np.nan, _smooth(values))
     ends = np.nanmin(shown), np.nanmax(shown)
     height = 380.0 * np.ptp(places.y) / np.ptp(places.x) + 70.0
-    figure, (axes,) = new_figure(450.0, height, margins=Margins(left=60, bottom=44, top=26))
+    figure, (axes,) = draw.new_figure(450.0, height, margins=draw.Margins(left=60, bottom=44, top=26))
     levels = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*ends) if ends[1] > ends[0] else np.array([])
     if len(levels) > 1:
-        fills = [to_rgba(SERIES[0], 0.05 + 0.5 * k / len(levels)) for k in range(len(levels) + 1)]
+        fills = [to_rgba(draw.SERIES[0], 0.05 + 0.5 * k / len(levels)) for k in range(len(levels) + 1)]
         axes.contourf(*grid, shown, levels=levels, colors=fills, extend='both')
-        lines = axes.contour(*grid, shown, levels=levels, colors=[SERIES[0]], linewidths=0.8)
-        axes.clabel(lines, fontsize=10, colors=[INK], inline=True, zorder=5, fmt=lambda value: f'{value:g}')
+        lines = axes.contour(*grid, shown, levels=levels, colors=[draw.SERIES[0]], linewidths=0.8)
+        axes.clabel(lines, fontsize=10, colors=[draw.INK], inline=True, zorder=5, fmt=lambda value: f'{value:g}')
     touched = _smooth(places.touched.astype(float))
-    axes.contourf(*grid, touched, levels=[-1.0, 0.5], colors=[to_rgba(PAPER, 0.62)], zorder=2)
-    beyond = Wedge((base[0], base[1]), 4 * reach, 0, 360, width=3 * reach, color=PAPER, zorder=2.5)
+    axes.contourf(*grid, touched, levels=[-1.0, 0.5], colors=[to_rgba(draw.PAPER, 0.62)], zorder=2)
+    beyond = Wedge((base[0], base[1]), 4 * reach, 0, 360, width=3 * reach, color=draw.PAPER, zorder=2.5)
     axes.add_patch(beyond)
     tip = forward(p, touches.joints) * _MILLI
     for number, disc in enumerate(c.cell.discs):
-        look, chosen = mark(number), (touches.disc == number) & (touches.posture == places.posture)
+        look, chosen = draw.mark(number), (touches.disc == number) & (touches.posture == places.posture)
         centre = (disc.x * _MILLI, disc.y * _MILLI)
-        draw_object(axes, disc, look.colour, scale=_MILLI, width=1.3, order=3)
-        name = axes.text(*centre, disc.name, ha='center', va='center', fontsize=9.5, color=INK, zorder=5, clip_on=True)
+        draw.draw_object(axes, disc, look.colour, scale=_MILLI, width=1.3, order=3)
+        name = axes.text(
+            *centre, disc.name, ha='center', va='center', fontsize=9.5, color=draw.INK, zorder=5, clip_on=True
+        )
         name.set_parse_math(False)
         axes.plot(*tip[chosen].T, look.shape, ls='none', ms=3.2, color=look.colour, mew=0, zorder=3)
-    axes.plot(p.x0 * _MILLI, p.y0 * _MILLI, 'o', ms=8, mfc=PAPER, mec=INK, mew=1.5, zorder=4)
+    axes.plot(p.x0 * _MILLI, p.y0 * _MILLI, 'o', ms=8, mfc=draw.PAPER, mec=draw.INK, mew=1.5, zorder=4)
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', title=f'posture {_posture(places)}, lines in {unit}')
     axes.set(xlim=(grid[0][0], grid[0][-1]), ylim=(grid[1][0], grid[1][-1]))
     axes.grid(visible=False)
