@@ -408,8 +408,6 @@ CRITERIA = (
     *(unexplained, ambiguous, shifted, noise, rejections.unusable, large_backlash, conformity, alike, places),
 )
 """In the order in which equally grave reasons are given."""
-_MISTAKE = 3.0
-"""Plausible sizes of an effect (`Parameter.scale`) beyond which it is a mistake of the cell description."""
 
 
 def assess(evidence: Evidence) -> Assessment:
@@ -429,7 +427,8 @@ def assess(evidence: Evidence) -> Assessment:
             continue
         known = bool(values) and bool(np.isfinite(list(values.values())).all())
         sizes = np.abs(effect.amplitudes(np.array(list(values.values()))))
-        most = _MISTAKE * np.array([parameter.scale for parameter in effect.parameters])
+        # beyond three plausible sizes it is a mistake of the cell description
+        most = 3.0 * np.array([parameter.scale for parameter in effect.parameters])
         large = known and len(sizes) == len(most) and bool((sizes > most).any())
         what = ', by more than an error of measurement: a mistake, corrected' if large else ': corrected'
         action = effect.correction(values) if known else ''

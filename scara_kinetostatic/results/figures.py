@@ -30,7 +30,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
-from scara_kinetostatic.report import Figure, Figures
+from scara_kinetostatic.report import Figure, Figures, Legend
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.quantities import micrometres
 
@@ -100,6 +100,14 @@ def _draw_touches(axes: Axes, c: Calibration, tip: Floats, arm: float) -> None:
         axes.annotate(
             str(c.touches.index[k]), (tip[k, 0], tip[k, 1]), (7, -4), textcoords='offset points', color=draw.WARN
         )
+
+
+def legend(c: Calibration) -> Legend:
+    """Sign, colour and name of each disc that was touched."""
+    looks = [(draw.mark(number), c.cell.discs[number].name) for number in sorted(set(c.touches.disc.tolist()))]
+    unused = () if c.used.all() else (('✖', draw.COLOURS[draw.WARN], 'not used'),)
+    discs = ((look.sign, draw.COLOURS[look.colour], name) for look, name in looks)
+    return Legend((*discs, ('', 'inherit', 'filled: posture left, hollow: right'), *unused))
 
 
 def residual_picture(c: Calibration) -> Markup:
