@@ -11,9 +11,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from scara_kinetostatic.errors import OutputError
+from scara_kinetostatic.errors import OutputError, UnsupportedDataError
 
 if TYPE_CHECKING:
+    from scara_kinetostatic.assessment.grade import Assessment
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.report import Document, Report
 
@@ -239,6 +240,12 @@ def print_result(text: str, folder: Path, files: Mapping[str, str], document: Do
     print(json_text(document).rstrip() if document else text)
     if files and not document:
         print(f'\nwritten: {", ".join(str(folder / name) for name in files)}')
+
+
+def check_strict(args: argparse.Namespace, assessment: Assessment) -> None:
+    """Where ``--strict`` is given, raises `UnsupportedDataError` for a result that is unfit; it is in ``--out``."""
+    if args.strict and assessment.grade.value == 'unfit':
+        raise UnsupportedDataError(assessment.headline, f'the results are written to {args.out} all the same')
 
 
 def print_report(

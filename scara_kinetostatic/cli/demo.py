@@ -61,9 +61,8 @@ def run(args: argparse.Namespace) -> None:
         folder.mkdir(parents=True)
     except OSError as error:
         raise OutputError(args.out, f'cannot make a folder in it ({error.strerror})', 'choose another --out') from error
-    settings = {'seed': args.seed, 'time_factor': args.time_factor}
     print('touch       tip, expanded uncertainty so far', flush=True)
-    _print_result(run_demo(folder, cell, settings, _print_progress))
+    _print_result(run_demo(folder, cell, {'seed': args.seed, 'time_factor': args.time_factor}, _print_progress))
 
 
 def _print_progress(accepted: int, known: float | None, touch: str) -> None:
