@@ -80,25 +80,14 @@ def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:
 
     touches = detection.touches
     force = base_force(observe(touches, cell), ExtendedModel(cell.nominal))
-    accepted = {
-        int(touches.index[k]): {
-            'object': cell.discs[touches.disc[k]].name,
-            'posture': int(touches.posture[k]),
-            'force': force[k].tolist(),
-        }
-        for k in range(len(touches))
-    }
-    return [
-        {
-            'index': episode.index,
-            'time': float(episode.hold[0] + episode.hold[1]) / 2,
-            'hold': float(episode.hold[1] - episode.hold[0]),
-            'accepted': not episode.reason,
-            **accepted.get(episode.index, {}),
-            'reason': episode.reason,
-        }
-        for episode in detection.episodes
-    ]
+    place, rows = {int(index): k for k, index in enumerate(touches.index)}, []
+    for episode in detection.episodes:
+        time, hold = sum(episode.hold) / 2, episode.hold[1] - episode.hold[0]
+        row: dict[str, Any] = {'index': episode.index, 'time': time, 'hold': hold, 'accepted': not episode.reason}
+        if (k := place.get(episode.index)) is not None:
+            row |= {'object': cell.discs[touches.disc[k]].name, 'posture': touches.posture[k], 'force': force[k]}
+        rows.append(row | {'reason': episode.reason})
+    return rows
 
 
 def _as_text(found: dict[str, Any]) -> str:
