@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmark.common import parser, print_and_save
 from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs
-from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2
+from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2
 from scara_kinetostatic.studies.paper.study import DialGaugeBench, simulate_experiments
 
 

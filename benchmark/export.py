@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmark.common import CELL, parser, print_and_save
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.files.export.formats import exported
+from scara_kinetostatic.files.export import exported
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm

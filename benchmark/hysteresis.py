@@ -19,11 +19,18 @@ import numpy as np
 from scipy.signal import lfilter
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.studies.loops.dependence import p_independent
 from scara_kinetostatic.studies.loops.fit import Fit, evaluate
 from scara_kinetostatic.studies.loops.laws import BACKLASH, MOTION_LAWS, Law, Values
 from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, RecordPath
-from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, UNEXPLAINED, Selection, Study, select_model
+from scara_kinetostatic.studies.loops.selection import (
+    NONE,
+    UNDECIDED,
+    UNEXPLAINED,
+    Selection,
+    Study,
+    p_independent,
+    select_model,
+)
 
 NOISE = 100.0
 CORRELATIONS = (0.0, 0.9)

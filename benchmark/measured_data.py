@@ -35,12 +35,17 @@ from scara_kinetostatic.model.kinetostatics import joint_deflection
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style
 from scara_kinetostatic.report.quantities import p_equals
-from scara_kinetostatic.studies.loops.dependence import p_independent
 from scara_kinetostatic.studies.loops.fit import Fit, Moments, Prediction, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS, Law
-from scara_kinetostatic.studies.loops.readings import load_record
-from scara_kinetostatic.studies.loops.record import LEVEL, Record, RecordPath
-from scara_kinetostatic.studies.loops.selection import Candidate, Selection, Study, predict_records, select_model
+from scara_kinetostatic.studies.loops.record import LEVEL, Record, RecordPath, load_record
+from scara_kinetostatic.studies.loops.selection import (
+    Candidate,
+    Selection,
+    Study,
+    p_independent,
+    predict_records,
+    select_model,
+)
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'panda'
 LOADING = 'loading.csv'

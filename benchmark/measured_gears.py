@@ -37,8 +37,7 @@ from scara_kinetostatic.report.figure import INK, SERIES, Margins, as_svg, new_f
 from scara_kinetostatic.report.quantities import p_equals
 from scara_kinetostatic.studies.loops.fit import Moments, fit_law, predict
 from scara_kinetostatic.studies.loops.laws import LOAD_BACKLASH, LOAD_LAWS
-from scara_kinetostatic.studies.loops.readings import load_record
-from scara_kinetostatic.studies.loops.record import Record, RecordPath
+from scara_kinetostatic.studies.loops.record import Record, RecordPath, load_record
 from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, Candidate, Study, select_model
 
 FOLDER = Path(__file__).parents[1] / 'bags' / 'cycloidal'

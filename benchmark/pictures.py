@@ -50,7 +50,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.studies.loops.dial_gauge import analyse_runs
-from scara_kinetostatic.studies.loops.dial_gauge_report import force_picture, map_picture
+from scara_kinetostatic.studies.loops.report import force_picture, map_picture
 from scara_kinetostatic.studies.paper import report as paper_pictures
 from scara_kinetostatic.studies.paper.study import reproduce, simulate_experiments
 

@@ -40,6 +40,7 @@ ARGUMENTS = {
     'hysteresis': '--seeds 0 --alarms 2',
     'joint_slip': '--seeds 1 --clean 2 --cells short',
     'live': '--seconds 10 --rate 100',
+    'lone_flaws': '--robots 1 --effect sensor_bias --jobs 1',
     'measured_data': '--joints 2',
     'measured_gears': '--only base_init1 base_init1_again',
     'mujoco': '--scene tilted_base --per-disc 3',

@@ -29,8 +29,7 @@ from benchmark.faults.outcomes import FAILURES, Verdict, outcome_of
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.files.calibration_file import load_calibration
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.pose_table import POSES, STATES, PoseTable, load_pose_table
-from scara_kinetostatic.files.touch_table import load_touch_table
+from scara_kinetostatic.files.touch_table import POSES, STATES, PoseTable, load_pose_table, load_touch_table
 from scara_kinetostatic.interface import diagnose, simulate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.monitoring.history import History
@@ -38,7 +37,7 @@ from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.results.parameter_file import load_result
 from scara_kinetostatic.results.write import write_results
 from scara_kinetostatic.simulation.plan_file import load_plan, load_slides
-from scara_kinetostatic.studies.loops.readings import load_readings, load_record
+from scara_kinetostatic.studies.loops.record import load_readings, load_record
 from scara_kinetostatic.touches.detection import find_touches
 
 MEMORY = 500e6

@@ -21,7 +21,7 @@ class Recording(NamedTuple):
 
     Attributes:
         path: as given.
-        sha256: of the file, or of the files of a rosbag2 folder (`files.checksum`), hexadecimal.
+        sha256: of the file, or of the files of a rosbag2 folder (`files.atomic`), hexadecimal.
         start: time of its first sample by the clock of the recording, UTC; None where unknown, as of a touch table.
         turned: how its forces were turned by their `frame_id`; empty where they were not.
     """

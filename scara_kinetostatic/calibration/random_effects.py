@@ -27,6 +27,9 @@ UNDETECTED = 'undetected'
 RIVALS = 'rivals'
 """Label of what the choice between rival effects contributes."""
 
+LARGE_EFFECT = f'{UNDETECTED}[large_effect]'
+"""Label of what a single large effect contributes that the touches neither show nor exclude."""
+
 
 class RandomEffects(NamedTuple):
     """The columns of all random effects at n touches.

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
-from scara_kinetostatic.calibration.random_effects import RIVALS, UNDETECTED
+from scara_kinetostatic.calibration.random_effects import LARGE_EFFECT, RIVALS, UNDETECTED
 from scara_kinetostatic.calibration.result import Calibration, of_full_model
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
@@ -224,8 +224,8 @@ def _improvement(
     c: Calibration, area: Workspace, labels: tuple[str, ...], sizes: tuple[float, float], unit: str, covariance: Floats
 ) -> Improvement:
     kept, scale = of_full_model(c)
-    rivals = sum(part.covariance for part in c.contributions if part.label == RIVALS)
-    expanded = COVERAGE_FACTOR * area.std(scale[:, None] * covariance[np.ix_(kept, kept)] * scale + rivals)
+    beside = sum(part.covariance for part in c.contributions if part.label in (RIVALS, LARGE_EFFECT))
+    expanded = COVERAGE_FACTOR * area.std(scale[:, None] * covariance[np.ix_(kept, kept)] * scale + beside)
     known = expanded[np.isfinite(expanded)]
     median, worst = (float(np.median(known)), float(known.max())) if len(known) else (np.nan, np.nan)
     return Improvement(labels, *sizes, unit, median, worst)

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> None:
         InputError: a calibration cannot be read or is of another robot, there are fewer than two, or DIR cannot be
             written.
     """
-    from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.monitoring.comparison import compare_records
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.monitoring.report import comparison_document, comparison_report

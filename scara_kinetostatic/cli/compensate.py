@@ -37,7 +37,7 @@ from scara_kinetostatic.cli.arguments import add_options, check_file, note
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from scara_kinetostatic.files.pose_table import PoseTable
+    from scara_kinetostatic.files.touch_table import PoseTable
     from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.arrays import Indices
     from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
 
     from scara_kinetostatic.errors import UnsupportedDataError
     from scara_kinetostatic.files.calibration_file import load_predictor
-    from scara_kinetostatic.files.pose_table import POSES, load_pose_table
+    from scara_kinetostatic.files.touch_table import POSES, load_pose_table
     from scara_kinetostatic.model.arm import STATUSES
 
     check_file(args.out, [args.calibration, args.table], suffix='.csv')
@@ -108,15 +108,15 @@ def metadata_of(table: PoseTable, sides: Indices, predictor: Predictor) -> Touch
 
 def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predictor: Predictor) -> None:
     """Writes the table, and says what is to be known of it."""
-    from scara_kinetostatic.files.pose_table import write_pose_table
+    from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.model.arm import STATUSES
     from scara_kinetostatic.report.quantities import count
 
-    write_pose_table(path, table, results)
+    write_texts(path.parent, {path.name: table.text_with(results)})
     reservations = () if predictor.nominal else predictor.arm.reservations
     for text in reservations:
         note(text)
-    if same := ', '.join(table.replaced(list(results))):
+    if same := ', '.join(name for name in table.heading if name in results):
         note(f'{table.source}: replaced by results: {same}')
     columns = (('time', table.time, 'time_s'), ('approach', table.approach, 'approach1, approach2'))
     for name, given, wanted in columns:

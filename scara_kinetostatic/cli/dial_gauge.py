@@ -52,10 +52,10 @@ def run(args: argparse.Namespace) -> None:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: there is no reversal, or there are too few rows.
     """
-    from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.studies.loops.dial_gauge import analyse_tables
-    from scara_kinetostatic.studies.loops.dial_gauge_report import dial_gauge_document, dial_gauge_report
-    from scara_kinetostatic.studies.loops.readings import load_readings
+    from scara_kinetostatic.studies.loops.record import load_readings
+    from scara_kinetostatic.studies.loops.report import dial_gauge_document, dial_gauge_report
 
     if args.zero_band >= 1:
         raise InputError('--zero-band', f'expected a share below 1, got {args.zero_band:g}')

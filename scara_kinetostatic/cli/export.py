@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
     """
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.files.calibration_file import load_calibration
-    from scara_kinetostatic.files.export.formats import Options, exported, exported_into
+    from scara_kinetostatic.files.export import Options, exported, exported_into
 
     out, inputs = args.out, [args.calibration, *([args.into] if args.into else [])]
     if args.into and (out is None or args.format != 'urdf'):

@@ -51,9 +51,8 @@ def run(args: argparse.Namespace) -> None:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: the records are too short, or not of full loops or of a load that comes and goes.
     """
-    from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.studies.loops.readings import load_record
-    from scara_kinetostatic.studies.loops.record import MOTION, check_alike, what_drives
+    from scara_kinetostatic.files.atomic import check_different
+    from scara_kinetostatic.studies.loops.record import MOTION, check_alike, load_record, what_drives
     from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report
     from scara_kinetostatic.studies.loops.selection import analyse, predict_records
 

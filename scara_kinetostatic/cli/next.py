@@ -92,7 +92,7 @@ def _known(args: argparse.Namespace, cell: Cell) -> tuple[Planner, Diagnosis | N
     nominal = nominal_arm(cell)
     if not args.calibration and not args.bags:
         return Planner(nominal), None
-    from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
     from scara_kinetostatic.pipeline import calibrate_touches, gather_touches
 

@@ -46,8 +46,8 @@ def run(args: argparse.Namespace) -> None:
         InputError: an option is wrong, or the history cannot be written.
         UnsupportedDataError: a recording cannot be calibrated.
     """
+    from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.monitoring.archive import in_processes, on_cluster, tasks_of
     from scara_kinetostatic.monitoring.history import History
     from scara_kinetostatic.monitoring.record import CalibrationRecord

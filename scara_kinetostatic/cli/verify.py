@@ -40,8 +40,8 @@ def run(args: argparse.Namespace) -> None:
         InputError: a recording, the calibration or the cell is wrong, or DIR cannot be written.
         UnsupportedDataError: there is no touch; with ``--strict``, or the calibration is unfit.
     """
+    from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.monitoring.report import verification_document, verification_report
     from scara_kinetostatic.monitoring.verification import verify_recordings

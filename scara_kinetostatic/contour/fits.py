@@ -36,8 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.contour.joining import Outline
-from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.contour.result import Contour, Outline
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, correlated_samples, rms
@@ -78,10 +77,8 @@ def _slow_noise(inverse: Floats, contour: Contour, points: Mask, residual: Float
     size = np.maximum(np.linalg.norm(by_noise, axis=1), 1e-30)
     loading = by_noise * (std / size)[:, None]
     group = np.arange(len(time)) * min(100, len(time)) // len(time)  # groups of neighbouring points
-    count = np.bincount(group)
-    terms = (inverse.T[:, :, None] * loading[:, None, :]).reshape(len(time), -1)
+    count, terms = np.bincount(group), inverse.T[:, :, None] * loading[:, None, :]
     sums = np.add.reduceat(terms, np.searchsorted(group, np.arange(len(count))))
-    sums = sums.reshape(len(count), len(inverse), -1)
     middle = np.bincount(group, time) / count
     lag = (middle[:, None] - middle) / max(float(np.ptp(time)), 1e-9)
     alike = [np.exp(-0.5 * (lag / part) ** 2) for part in (0.25, 0.5, 1.0, np.inf)]  # parts of the time of all
@@ -204,9 +201,8 @@ def extent(angle: Floats) -> tuple[float, float]:
     """The shortest arc that holds all angles, counter-clockwise from its begin, -π to π, rad."""
     ordered = np.sort(angle)
     gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
-    last = int(gaps.argmax())
-    begin = float(ordered[(last + 1) % len(ordered)])
-    return begin, begin + 2 * np.pi - float(gaps[last])
+    begin = float(np.roll(ordered, -1)[gaps.argmax()])
+    return begin, begin + 2 * np.pi - float(gaps.max())
 
 
 def _round(place: Floats, normal: Floats, whole: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
@@ -237,9 +233,8 @@ def _round(place: Floats, normal: Floats, whole: Floats) -> tuple[tuple[float, .
 def _line(place: Floats, outward: Floats, whole: Floats) -> tuple[tuple[float, ...], Floats, Floats]:
     """A line: its middle, the angle of its normal, its length; residuals along the normal; their design matrix."""
     origin = place.mean(axis=0)
-    along = np.linalg.svd(place - origin, full_matrices=False)[2][0]
-    normal = np.array([along[1], -along[0]])
-    normal *= np.sign(np.sum(outward @ normal)) or 1.0
+    x, y = np.linalg.svd(place - origin, full_matrices=False)[2][0]
+    normal = np.array([y, -x]) * (np.sign(np.sum(outward @ [y, -x])) or 1.0)
     across = np.array([-normal[1], normal[0]])
     distance = (place - origin) @ across
     found = (*origin, np.arctan2(normal[1], normal[0]), np.ptp(whole @ across))
@@ -285,9 +280,8 @@ def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indic
     weight = 5e-3  # m: points with opposite normals are taken to be farther apart by twice this length
     nodes = np.column_stack([outline.points, weight * outline.normals])
     wanted = np.column_stack([contour.surface[points], weight * contour.normal[points]])
-    square = (nodes**2).sum(axis=1)
     parts = np.array_split(wanted, len(wanted) // 512 + 1)  # worked out together
-    return np.concatenate([(square - 2.0 * part @ nodes.T).argmin(axis=1) for part in parts])
+    return np.concatenate([((nodes**2).sum(axis=1) - 2.0 * part @ nodes.T).argmin(axis=1) for part in parts])
 
 
 def divided(outline: Outline, most: int = 500) -> list[tuple[Indices, bool]]:
@@ -325,8 +319,7 @@ def _division(
         arc_penalty: λ of an arc: it has one value more, and every line is nearly an arc, too.
         fewest: nodes of a piece.
     """
-    count = len(points)
-    moments = _cumulative_moments(points - points.mean(axis=0), std)
+    count, moments = len(points), _cumulative_moments(points - points.mean(axis=0), std)
     least = np.concatenate([[0.0], np.full(count, np.inf)])
     begin, is_arc = np.zeros(count + 1, dtype=np.intp), np.zeros(count + 1, dtype=bool)
     for end in range(min(fewest, count), count + 1):

@@ -19,12 +19,10 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
-from scara_kinetostatic.contour.contact import LARGEST_ZERO, LONGEST_SMOOTHING, force_zero, zero_if_free
-from scara_kinetostatic.contour.joining import Outline, Parts, add_pass, outlines_of
-from scara_kinetostatic.contour.result import Contour
-from scara_kinetostatic.contour.trace import JumpError, trace_signals
+from scara_kinetostatic.contour import trace
+from scara_kinetostatic.contour.result import Contour, Outline, Parts, add_pass, outlines_of
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc, Sensor
@@ -67,9 +65,8 @@ class OnlineContour:
         tip_radius: float | None = None,
         topics: tuple[str, str] | None = None,
     ) -> None:
-        self.arm, self._sensor = arm, sensor or arm.cell.sensor
+        self.arm, self._sensor, self._topics = arm, sensor or arm.cell.sensor, topics or arm.cell.sensor.topics
         self.tip_radius = (arm.cell.tip_radius if tip_radius is None else tip_radius) or 0.0
-        self._topics = topics or arm.cell.sensor.topics
         self._shown: Parts = ()
         self.restart()
         self.clear()
@@ -105,8 +102,7 @@ class OnlineContour:
     @property
     def present(self) -> Outline | None:
         """The outline along which the tip slides, or slid last; None before the first."""
-        outlines = self.outlines
-        return outlines[self._present] if self._present < len(outlines) else None
+        return next(iter(self.outlines[self._present :]), None)
 
     @property
     def now(self) -> int:
@@ -132,8 +128,7 @@ class OnlineContour:
         Raises:
             UnsupportedDataError: there is no force yet.
         """
-        recent = self._pair.wrench.latest(span)
-        if not len(recent):
+        if not len(recent := self._pair.wrench.latest(span)):
             raise UnsupportedDataError('there is no force yet')
         self.zero = recent.mean(axis=0)
         return self.zero
@@ -146,8 +141,8 @@ class OnlineContour:
             return False
         last, touching = self._last_contact(signals)
         try:
-            contour = trace_signals(signals, _SOURCE, self.arm, self._sensor, self.tip_radius, self.zero)
-        except JumpError as jump:
+            contour = trace.trace_signals(signals, _SOURCE, self.arm, self._sensor, self.tip_radius, self.zero)
+        except trace.JumpError as jump:
             self._event, self._until = f'{jump.what}; {jump.remedy}', self.now + 30 * SECOND
             self._joined = self._shown
             self._drop(self.now)
@@ -170,14 +165,13 @@ class OnlineContour:
             self._clock_problem = self._pair.problem
             self._pair, self._joined = StreamPair(self._topics, 300_000, self._sensor.time_offset), self._shown
         else:
-            self._problem = (
-                'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
-            )
+            what = 'the clocks of the topics seem to differ'
+            self._problem = f'{what}: nothing is traced until that is sure, for 15 s at most'
         return None
 
     def _last_contact(self, signals: Signals) -> tuple[float, bool]:
         """End of the last contact by the zero that is known, s, and whether it still lasts; minus infinity for none."""
-        ends = np.empty(0) if self.zero is None else find_contacts(signals, self.zero, LONGEST_SMOOTHING).end
+        ends = np.empty(0) if self.zero is None else find_contacts(signals, self.zero, trace.LONGEST_SMOOTHING).end
         last = float(ends[-1]) if len(ends) else -np.inf
         # s: a contact is over when the force has been back at its zero for so long
         return last, float(signals.wrench.time[-1]) - last < 0.25
@@ -190,17 +184,16 @@ class OnlineContour:
         last, touching = self._last_contact(signals)
         if self.zero is None or not touching:
             try:
-                self.zero = force_zero(signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
+                self.zero = trace.force_zero(signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
             except UnsupportedDataError as error:
                 self._problem = '' if self.zero is not None else error.problem
             return self.zero is not None
-        found = zero_if_free(signals, self.zero, forward(self.arm.model.parameters, signals.joints.value))
+        found = trace.zero_if_free(signals, self.zero, forward(self.arm.model.parameters, signals.joints.value))
         if found is not None:
             wrong, self.zero = float(np.hypot(*(found - self.zero))), found
-            if wrong > LARGEST_ZERO and self.outlines:
-                self._doubt = (
-                    f'the zero of the force was wrong by {wrong:.1f} N, and what was traced with it: call clear'
-                )
+            if wrong > trace.LARGEST_ZERO and self.outlines:
+                what = f'the zero of the force was wrong by {wrong:.1f} N'
+                self._doubt = f'{what}, and what was traced with it: call clear'
         return True
 
     def _join(self, contour: Contour, signals: Signals, touching: bool, last: float) -> None:
@@ -227,7 +220,6 @@ class OnlineContour:
             buffer.drop_before(stamp)
 
 
-_BOUND: Colour = (*CALIBRATED_COLOUR[:3], 0.5)
 _ABOVE = 0.012
 """Height at which a contour is drawn, m: above the objects."""
 
@@ -237,7 +229,7 @@ def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> li
 
     There are no bounds where the uncertainty is not known.
     """
-    made = []
+    made, pale = [], (*CALIBRATED_COLOUR[:3], 0.5)
     for outline in outlines:
         ring = outline.ring
         closing = [*range(len(outline.points)), 0][: len(ring)]
@@ -247,7 +239,7 @@ def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> li
         for bound in (ring + away, ring - away):
             for begin, end in zip(*runs(np.asarray(np.isfinite(bound).all(axis=1))), strict=True):
                 part = places(bound[begin : end + 1], _ABOVE)
-                made += [Primitive('uncertainty', 'strip', part, _BOUND, 0.0008)] if end > begin else []
+                made += [Primitive('uncertainty', 'strip', part, pale, 0.0008)] if end > begin else []
         if np.isfinite(expanded).any() and uncertainty_scale > 0:
             text = f'±{quantity(float(np.nanmedian(expanded)), "m")} (k = 2), × {uncertainty_scale:g}'
             x, y = outline.points[outline.points[:, 1].argmin()].tolist()
@@ -257,13 +249,8 @@ def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> li
 
 def known_markers(discs: Sequence[Disc | KnownOutline], tip_radius: float) -> list[Primitive]:
     """The objects of the cell, as large as their surfaces; a disc is described by the place of the tip's centre."""
-    return object_markers(
-        [
-            disc._replace(radius=disc.radius - tip_radius) if isinstance(disc, Disc) else disc
-            for disc in discs
-            if disc.radius > tip_radius
-        ]
-    )
+    seen = [disc for disc in discs if disc.radius > tip_radius]
+    return object_markers([d._replace(radius=d.radius - tip_radius) if isinstance(d, Disc) else d for d in seen])
 
 
 def tip_markers(contour: Contour | None, force_scale: float) -> list[Primitive]:

@@ -59,23 +59,19 @@ def _sentences(contour: Contour) -> tuple[str, ...]:
     """What the recording holds and what was cut out."""
     low, high = np.quantile(np.hypot(*contour.force.T), (0.05, 0.95))
     held = f'{count(len(contour), "point")} in {count(int(contour.passes.max()) + 1, "pass", "passes")}'
-    lines = [
-        f'{held} under {low:.1f} to {high:.1f} N; ± is the expanded uncertainty (k = 2, about 95 %), median of all '
-        'points.'
-    ]
+    held += f' under {low:.1f} to {high:.1f} N'
+    lines = [f'{held}; ± is the expanded uncertainty (k = 2, about 95 %), median of all points.']
     cut = [(contour.stuck, 'the tip did not slide'), (contour.lost, 'contact was lost')]
     parts = [f'{seconds:.2f} s in which {what}' for seconds, what in cut if seconds > 0]
     lines += [f'Left out: {" and ".join(parts)}.'] if parts else []
     coefficient, std, rotation, rotation_std = contour.friction
-    value = f'Coefficient of friction {coefficient:.3f} ± {std:.3f}'
-    if np.isfinite(rotation):
-        turn = shown(rotation, rotation_std, 'rad', FIT_UNITS).text
-        return (*lines, f'{value}, apparent rotation of the force sensor {turn} (standard uncertainty).')
-    return (
-        *lines,
-        f'{value} (standard uncertainty), if the force sensor is not turned: travel in one direction cannot '
-        'distinguish the two. The normals come from the path of the tip and need neither.',
+    rest = (
+        ', if the force sensor is not turned: travel in one direction cannot distinguish the two. The normals come '
+        'from the path of the tip and need neither.'
     )
+    turn = f', apparent rotation of the force sensor {shown(rotation, rotation_std, "rad", FIT_UNITS).text}'
+    turn, rest = (turn, '.') if np.isfinite(rotation) else ('', rest)
+    return (*lines, f'Coefficient of friction {coefficient:.3f} ± {std:.3f}{turn} (standard uncertainty){rest}')
 
 
 def _deviation_sentence(contour: Contour, deviation: Deviation) -> str:
@@ -97,19 +93,14 @@ def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
         rows, remarks = [], []
         own = [fit for fit in fits if (fit.outline, fit.shape) == (outline, shape)]
         for fit in own:
-            name = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
-            values = [
-                shown(*item, FIT_UNITS)._replace(unit='').text
-                if item.std > 0
-                else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}'
-                for item in fit.values.values()
-            ]
+            name, values = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}', []
+            for item in fit.values.values():
+                with_std = shown(*item, FIT_UNITS)._replace(unit='').text
+                values.append(with_std if item.std > 0 else f'{FIT_UNITS[item.unit].per_si * item.value:.1f}')
             rows.append((name, *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
             if not fit.fits:
-                remarks.append(
-                    f'Remark: {name} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of the '
-                    'points (rms); the parameters and their uncertainties do not describe it.'
-                )
+                remark = f'Remark: {name} is no {shape}: the residuals are {fit.misfit:.0f} times the uncertainty of'
+                remarks.append(f'{remark} the points (rms); the parameters and their uncertainties do not describe it.')
         heading = ('fit', *(name.replace('_', ' ') for name in own[0].values), 'rms', 'largest')
         units = ('', *(FIT_UNITS[item.unit].unit for item in own[0].values.values()), 'µm', 'µm')
         sections.append(Section(f'Outline {outline + 1}: {shape}', (Table(heading, units, tuple(rows)), *remarks)))
@@ -134,10 +125,7 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Seq
         'left_out': {'no_sliding': contour.stuck, 'no_contact': contour.lost},
         'fits': [
             {
-                'shape': fit.shape,
-                'outline': fit.outline,
-                'piece': fit.piece,
-                'values': fit.values,
+                **{key: getattr(fit, key) for key in ('shape', 'outline', 'piece', 'values')},
                 'residual': {'rms': fit.rms, 'largest': fit.largest},
                 'misfit': fit.misfit,
                 'fits': fit.fits,
@@ -193,11 +181,9 @@ def uncertainty_picture(contour: Contour) -> Markup:
     step = np.hypot(*np.diff(contour.surface, axis=0).T) * (np.diff(contour.passes) == 0)
     drawn = np.linspace(0, len(contour) - 1, min(1500, len(contour))).astype(np.intp)
     along, breaks = np.append(0.0, np.cumsum(step))[drawn], np.flatnonzero(np.diff(contour.passes[drawn])) + 1
-    curves = (
-        (contour.std_normal, SERIES[0], 'combined'),
-        (contour.std_systematic, SERIES[2], 'calibration and tip alone'),
-    )
-    for std, colour, label in curves:
+    combined = contour.std_normal, SERIES[0], 'combined'
+    systematic = contour.std_systematic, SERIES[2], 'calibration and tip alone'
+    for std, colour, label in (combined, systematic):
         x, y = (np.insert(values, breaks, np.nan) for values in (_MILLI * along, _MICRO * std[drawn]))
         axes.plot(x, y, color=colour, lw=1.2, label=label)
     axes.set_ylim(bottom=0)

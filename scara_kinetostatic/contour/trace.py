@@ -15,6 +15,12 @@ An error along the surface by the noise of joint angles and force counts there i
 The standard uncertainty of P along n has three parts: the calibration's, nᵀ D Σ Dᵀ n with D = ∂S/∂L̄; the noise of a
 touch, which does not average out along a slide, to which that of the smoothed force is added, and the white noise of
 the places; that of the normal and the tip's radius.
+
+**Contact.** The zero of the force sensor cannot be taken from where the arm moves most, as with touches: here it moves
+in contact. It is the steady force at the begin of the recording, where the arm is free; each contact has the zero of
+the free motion right before it, where there is one. The force is taken to the stamps of the joint states by a mean over
+`SMOOTHING`. A slide lasts for longer than a touch: where the noise asks for it, contact is sought in a mean over up to
+`LONGEST_SMOOTHING`.
 """
 
 from __future__ import annotations
@@ -26,26 +32,161 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from scara_kinetostatic.contour.contact import ContactSamples, contact_samples
 from scara_kinetostatic.contour.result import NO_RADIUS, Contour, estimate_friction, off_normal_angle, remarks_on
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model import tip
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Sensor, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture, quarter_turn
 from scara_kinetostatic.model.online import motion_senses
-from scara_kinetostatic.model.tip import (
-    Force,
-    band_covariance,
-    inverse_of_rows,
-    tip_by_joints,
-    tip_by_noise,
-    tip_by_values,
-    tip_under_load,
-)
-from scara_kinetostatic.touches.signals import Signals, as_signals
+from scara_kinetostatic.touches.contacts import SHORTEST_FREE, find_contacts, tare_before
+from scara_kinetostatic.touches.signals import SMOOTHING, Signals, as_signals, moving_mean, white_noise
 from scara_kinetostatic.touches.streams import Streams
+
+LARGEST_ZERO = 2.0
+"""A zero that is larger by more than this than another steady force, N, was taken in contact."""
+LONGEST_SMOOTHING = 0.25
+"""Of the force in which contact is sought, s."""
+
+
+class ContactSamples(NamedTuple):
+    """Instants in contact, at the stamps of the joint states.
+
+    Attributes:
+        time: since the start of the recording, (n,), s.
+        joints: Q, (n, 2), rad.
+        force: as the sensor reports it, less its zero, (n, 2), N.
+        contact: number of the contact, (n,).
+        force_noise: standard deviation of the white noise of a component of the force, smoothed, N.
+        lost: time that contact was lost between the first and the last contact, s.
+        zero: that of the last contact.
+        warnings: what is unusual, one sentence each.
+    """
+
+    time: Floats
+    joints: Floats
+    force: Floats
+    contact: Indices
+    force_noise: float
+    lost: float
+    zero: Floats
+    warnings: tuple[str, ...]
+
+
+def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -> ContactSamples:
+    """The instants in contact.
+
+    Args:
+        signals: the recording.
+        source: its name, for messages.
+        zero: what the sensor reports without force, (2,), N, where it is known; None: from the recording.
+
+    Raises:
+        UnsupportedDataError: the tip never touches anything, or is never free.
+    """
+    zero = force_zero(signals, source) if zero is None else zero
+    contacts = find_contacts(signals, zero, LONGEST_SMOOTHING)
+    if not len(contacts.begin):
+        reach = float(np.hypot(*(signals.filtered.value - zero).T).max())
+        problem = f'{source}: the tip touches nothing: the force changes by {reach:.2g} N at most'
+        remedy = 'record while the tip slides along the object, and begin and end with free motion'
+        raise UnsupportedDataError(problem, remedy)
+    time, joints = signals.joints.time, signals.joints.value
+    width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
+    smooth = moving_mean(signals.filtered.value, width)
+    force = np.column_stack([np.interp(time, signals.wrench.time, column) for column in smooth.T])
+    # the begin and the end of a contact are left out: there a smoothed force contains some of the free motion
+    margin = 0.5 * contacts.smoothing + SMOOTHING
+    number = np.searchsorted(contacts.begin + margin, time, side='right') - 1
+    number = np.where(time <= np.append(contacts.end - margin, -np.inf)[number], number, -1)
+    own = zero
+    for k, (begin, previous) in enumerate(zip(contacts.begin, [-np.inf, *contacts.end[:-1]], strict=True)):
+        tare = tare_before(signals, begin, previous)
+        own = zero if isinstance(tare, str) else tare.force
+        force[number == k] -= own
+    size = np.hypot(*force.T)
+    typical = float(np.median(size[number >= 0])) if (number >= 0).any() else 0.0
+    later = np.clip(np.searchsorted(signals.wrench.time, time), 1, len(signals.wrench.time) - 1)
+    # nothing is interpolated over a pause
+    is_near = np.diff(signals.wrench.time)[later - 1] <= signals.wrench.gap_limit
+    used = (number >= 0) & (size > 0.3 * typical) & is_near
+    if used.sum() < 2:
+        problem = f'{source}: contact lasts for {int(used.sum())} joint states only'
+        raise UnsupportedDataError(problem, 'slide for longer, or record joint states at a higher rate')
+    weak = f'the force in contact, {typical:.1f} N, is close to the {contacts.threshold:.1f} N from which on contact is'
+    weak += ' seen: parts may be missing or wrong; slide with more force'
+    warnings = (*signals.warnings, *[weak][: typical <= 2 * contacts.threshold])
+    first, last = np.flatnonzero(used)[[0, -1]]
+    # a contact that is lost in between counts as two
+    breaks = np.append(True, ~used[:-1]) | np.append(True, np.diff(number) != 0)
+    contact = (np.cumsum(breaks & used) - 1)[used]
+    noise = white_noise(signals.wrench.value) / float(np.sqrt(width))
+    lost = float((~used[first:last]).sum() * signals.joints.period)
+    return ContactSamples(time[used], joints[used], force[used], contact, noise, lost, own, warnings)
+
+
+def force_zero(signals: Signals, source: str) -> Floats:
+    """What the sensor reports without force, (2,), N: the first steady force, and all like it.
+
+    Args:
+        signals: the recording.
+        source: its name, for messages.
+
+    Raises:
+        UnsupportedDataError: no steady force lasts long enough, or the recording begins in contact.
+    """
+    _, mean, steady, tolerance = _blocks(signals)
+    problem, mean = '', mean[steady]
+    if not len(mean):
+        problem = f'the force is never steady for {SHORTEST_FREE:g} s: there is no zero of the force sensor'
+    elif np.hypot(*(mean[0] - mean[-1])) >= tolerance:
+        excess = float(np.hypot(*mean[0]) - np.hypot(*mean.T).min())
+        problem = f'it begins in contact: later the force is {excess:.1f} N smaller' if excess > LARGEST_ZERO else ''
+    if problem:
+        raise UnsupportedDataError(f'{source}: {problem}', 'begin and end the recording with free motion')
+    return np.asarray(np.median(mean[np.hypot(*(mean - mean[0]).T) < tolerance], axis=0))
+
+
+def zero_if_free(signals: Signals, zero: Floats, places: Floats) -> Floats | None:
+    """The zero of a part at whose end nothing is touched, (2,), N, though by another zero something is; else None.
+
+    There the force stays, and the tip moves along the supposed force farther than anything rigid would let it.
+
+    Args:
+        signals: the part.
+        zero: by which something is touched, (2,), N.
+        places: of the tip at the stamps of the joint states, (n, 2), m; deflections do not matter.
+    """
+    time, mean, steady, tolerance = _blocks(signals)
+    if not len(mean):
+        return None
+    other = np.flatnonzero(~steady | (np.hypot(*(mean - mean[-1]).T) > tolerance))
+    if (first := int(other[-1]) + 1 if len(other) else 0) >= len(mean) - 1:
+        return None
+    found: Floats = np.median(mean[first:], axis=0)
+    way = np.diff(
+        np.column_stack([np.interp(time[first:], signals.joints.time, column) for column in places.T]), axis=0
+    )
+    length, along = np.hypot(*way.T), np.abs(way @ (found - zero)) / max(float(np.hypot(*(found - zero))), 1e-9)
+    counts = (length > 3e-4) & (along > np.sqrt(0.5) * length)  # shorter: may be noise
+    return found if float(along[counts].sum()) > 5e-3 else None
+
+
+def _blocks(signals: Signals) -> tuple[Floats, Floats, Mask, float]:
+    """The middle of intervals of `SHORTEST_FREE`, (k,), s; the mean force in each, (k, 2), N; in which it is steady,
+    (k,); and the difference from which on means are not the same, N.
+    """
+    wrench, noise = signals.filtered, white_noise(signals.wrench.value)
+    size = max(5, round(SHORTEST_FREE / wrench.period))
+    count = len(wrench.time) // size
+    blocks = wrench.value[: count * size].reshape(count, size, 2)
+    scatter = blocks.std(axis=1).max(axis=1, initial=0.0)
+    time = wrench.time[: count * size].reshape(count, size).mean(axis=1)
+    steady = scatter <= 3 * noise + 1e-6
+    return time, blocks.mean(axis=1), steady, max(0.5, 4 * noise / float(np.sqrt(size)))
+
 
 WINDOWS = (4e-3, 2e-3, 1e-3, 0.5e-3)
 """Half lengths of the windows along the path, m."""
@@ -85,8 +226,7 @@ def speed_of(time: Floats, places: Floats, contact: Indices) -> Floats:
     first, last = np.searchsorted(contact, contact, 'left'), np.searchsorted(contact, contact, 'right') - 1
     index = np.arange(len(time))
     low, high = np.maximum(index - half, first), np.minimum(index + half, last)
-    elapsed = np.maximum(time[high] - time[low], 1e-9)
-    return np.asarray(np.hypot(*(places[high] - places[low]).T) / elapsed)
+    return np.asarray(np.hypot(*(places[high] - places[low]).T) / np.maximum(time[high] - time[low], 1e-9))
 
 
 def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
@@ -94,12 +234,10 @@ def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
 
     A pass is a motion without loss of contact and without a reversal; a stick within it is left out.
     """
-    number = np.full(len(places), -1)
-    used = np.flatnonzero(slides)
+    number, used = np.full(len(places), -1), np.flatnonzero(slides)
     if not len(used):
         return number
-    new_contact = np.diff(contact[used]) != 0
-    gap = np.diff(used) > 1
+    new_contact, gap = np.diff(contact[used]) != 0, np.diff(used) > 1
     index = np.arange(len(used))
     back, ahead = np.maximum(index - FEWEST, 0), np.minimum(index + FEWEST, len(used) - 1)
     before, after = places[used] - places[used[back]], places[used[ahead]] - places[used]
@@ -121,10 +259,8 @@ def course_of(time: Floats, places: Floats, force: Floats) -> Course:
         places: of the tip's centre, (n, 2), m.
         force: F on the object, (n, 2), N.
     """
-    count = len(places)
-    steps = np.diff(time)
-    period = float(np.median(steps))
-    clock = np.append(0.0, np.cumsum(np.minimum(steps, 3 * period)))
+    count, steps = len(places), np.diff(time)
+    clock = np.append(0.0, np.cumsum(np.minimum(steps, 3 * float(np.median(steps)))))
     length = float(np.hypot(*np.diff(places, axis=0).T).sum()) / max(count - 1, 1)
     halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, 400)) for half in WINDOWS]
     # where the samples are sparse, a further window of two: its difference tells how far the others may be wrong
@@ -142,8 +278,7 @@ def course_of(time: Floats, places: Floats, force: Floats) -> Course:
     left = quarter_turn(along)
     side = 1.0 if np.median((force * left).sum(axis=1)) > 0 else -1.0
     convex, hollow = (_sure_curvature(fits[-1], way, noise, halves[-1]) for way in (side, -side))
-    index = np.arange(count)
-    end = np.minimum(index, index[::-1]) < 3
+    end = np.minimum(np.arange(count), np.arange(count)[::-1]) < 3
     return Course(-side * left, along, np.hypot(std, doubt), convex, hollow, np.full(count, noise), end)
 
 
@@ -175,11 +310,9 @@ class _LocalFit(NamedTuple):
 
 def _local_fit(clock: Floats, places: Floats, half: int) -> _LocalFit:
     """Quadratic fits in windows of `half` samples on each side, moved inwards at the ends."""
-    count, size = len(places), max(2 * half + 1, 512)  # worked out together at so many places
-    parts = [
-        _fit_part(clock, places, np.arange(first, min(first + size, count)), half) for first in range(0, count, size)
-    ]
-    return _LocalFit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    rows, size = np.arange(len(places)), max(2 * half + 1, 512)  # worked out together at so many places
+    parts = [_fit_part(clock, places, rows[first : first + size], half) for first in range(0, len(places), size)]
+    return _LocalFit(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _LocalFit:
@@ -198,7 +331,9 @@ def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _Local
     offset = places[begin:end] - places[middle]
     moments = _window_sums(powers, start - begin, width)
     products = _window_sums((offset[:, None, :] * powers[:, :3, None]).reshape(-1, 6), start - begin, width)
-    shift = _about(u[rows - begin])
+    k = np.arange(5)  # (5, 5) matrices that turn Σ uᵏ into Σ (u - o)ᵏ for the origins o of the rows
+    power, binomial = np.subtract.outer(k, k), np.array([[comb(i, j) for j in k] for i in k])
+    shift = np.where(power >= 0, binomial * (-u[rows - begin, None, None]) ** np.maximum(power, 0), 0.0)
     of_time = np.einsum('nij,nj->ni', shift, moments)
     of_place = np.einsum('nij,njc->nic', shift[:, :3, :3], products.reshape(-1, 3, 2))
     of_place -= of_time[:, :3, None] * (center - places[middle])[:, None, :]
@@ -212,22 +347,13 @@ def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _Local
     residual = -(value[:, 0] * across).sum(axis=1) / np.sqrt(leverage)
     angle, slope_std = np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed
     curvature = 2.0 * (value[:, 2] * across).sum(axis=1) / speed**2
-    curvature_std = 2.0 * np.sqrt(inverse[:, 2, 2]) / speed**2
-    return _LocalFit(angle, slope_std, curvature, curvature_std, residual)
+    return _LocalFit(angle, slope_std, curvature, 2.0 * np.sqrt(inverse[:, 2, 2]) / speed**2, residual)
 
 
 def _window_sums(values: Floats, start: Indices, width: int) -> Floats:
     """Sums of values (m, k) over windows that begin at rows `start`, (n,): (n, k)."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     return np.asarray(sums[start + width] - sums[start])
-
-
-def _about(origin: Floats) -> Floats:
-    """Matrices that turn Σ uᵏ into Σ (u - o)ᵏ, k = 0 … 4, for origins o, (n,): (n, 5, 5)."""
-    k = np.arange(5)
-    power = np.subtract.outer(k, k)
-    binomial = np.array([[comb(i, j) for j in k] for i in k])
-    return np.asarray(np.where(power >= 0, binomial * (-origin[:, None, None]) ** np.maximum(power, 0), 0.0))
 
 
 def metadata_of(arm: CalibratedArm, joints: Floats) -> TouchMetadata:
@@ -273,14 +399,14 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: f
     """
     first, second = np.hypot(arm.noise.force_levels, force_noise).tolist()
     arm = replace(arm, noise=arm.noise._replace(force=(first, second)))
-    law, f = Predictor(arm).law, Force.of(force, arm.noise)
-    found = tip_under_load(law, joints, f, metadata_of(arm, joints))
+    law, f = Predictor(arm).law, tip.Force.of(force, arm.noise)
+    found = tip.tip_under_load(law, joints, f, metadata_of(arm, joints))
     at = found.loading
-    jacobian = tip_by_joints(at, inverse_of_rows(at, f))
-    by_model = tip_by_values(law, jacobian, at, f, found.state)
+    jacobian = tip.tip_by_joints(at, tip.inverse_of_rows(at, f))
+    by_model = tip.tip_by_values(law, jacobian, at, f, found.state)
     spread = arm.spread
-    by_noise, systematic = tip_by_noise(law, jacobian, at, f), spread.tip(by_model)
-    noise = by_noise @ by_noise.swapaxes(1, 2) + band_covariance(spread.gaps, jacobian, at, f)
+    by_noise, systematic = tip.tip_by_noise(law, jacobian, at, f), spread.tip(by_model)
+    noise = by_noise @ by_noise.swapaxes(1, 2) + tip.band_covariance(spread.gaps, jacobian, at, f)
     known = np.isfinite(spread.with_dead_bands(systematic, jacobian, at, f)[:, :1, :1])
     return TipPlaces(found.tip, by_model, np.where(known, systematic, np.nan), noise, by_noise)
 
@@ -321,7 +447,7 @@ def trace_contour(
     if signals is None:
         raise UnsupportedDataError(f'{streams.source}: fewer than two samples of a topic', 'record a whole slide')
     contour = trace_signals(signals, streams.source, arm, sensor or arm.cell.sensor, radius or 0.0)
-    remarks = remarks_on(contour, arm) if radius is not None else (NO_RADIUS, *remarks_on(contour, arm))
+    remarks = *([] if radius is not None else [NO_RADIUS]), *remarks_on(contour, arm)
     return replace(contour, warnings=(*streams.warnings, *contour.warnings, *remarks))
 
 
@@ -341,18 +467,16 @@ def trace_signals(
     Raises:
         UnsupportedDataError: as `trace_contour`.
     """
-    samples = contact_samples(signals, source, zero)
+    samples, measured = contact_samples(signals, source, zero), replace(arm, cell=replace(arm.cell, sensor=sensor))
     reported = -samples.force if sensor.sign is SensorSign.ON_ROBOT else samples.force
-    measured = replace(arm, cell=replace(arm.cell, sensor=sensor))
     force = force_on_object(measured, reported, samples.joints, metadata_of(arm, samples.joints))
     places = tip_places(arm, samples.joints, force, samples.force_noise)
     if not np.isfinite(places.center).all():
         raise UnsupportedDataError(f'{source}: there is no place of the tip for its joint angles and forces')
     if np.isnan(places.systematic).all():
-        raise UnsupportedDataError(
-            f'{source}: the touches of the calibration do not determine where the tip is',
-            'see the assessment in its report, and calibrate with the touches that it asks for',
-        )
+        problem = f'{source}: the touches of the calibration do not determine where the tip is'
+        remedy = 'see the assessment in its report, and calibrate with the touches that it asks for'
+        raise UnsupportedDataError(problem, remedy)
     number, stuck = _passes(samples, places.center, source, signals.joints.period)
     rows = [np.flatnonzero(number == k) for k in range(number.max() + 1)]
     parts = [course_of(samples.time[here], places.center[here], force[here]) for here in rows]
@@ -369,7 +493,7 @@ def trace_signals(
     common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
     force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
     passes = np.unique(number[used], return_inverse=True)[1]
-    cut = (f'{left_out} points left out: the force is not across the motion of the tip',) if left_out else ()
+    cut = [f'{left_out} points left out: the force is not across the motion of the tip'][:left_out]
     return Contour(
         source=source,
         time=samples.time[used],
@@ -410,10 +534,8 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
     slides = speed > 0.1 * np.quantile(speed, 0.75)  # rather than sticks
     number = passes_of(center, contact, slides)
     if not (number >= 0).any():
-        raise UnsupportedDataError(
-            f'{source}: the tip does not slide',
-            'record a slide of some millimetres at least; a recording of touches is for calibrate',
-        )
+        remedy = 'record a slide of some millimetres at least; a recording of touches is for calibrate'
+        raise UnsupportedDataError(f'{source}: the tip does not slide', remedy)
     return number, float((~slides).sum() * period)
 
 

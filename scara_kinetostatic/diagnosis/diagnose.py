@@ -30,7 +30,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     fitted_effects,
     pose_problem,
 )
-from scara_kinetostatic.diagnosis.mixed_model import averaged, fit_mixed, with_projection
+from scara_kinetostatic.diagnosis.mixed_model import averaged, fit_mixed, with_large_effects, with_projection
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, rank_singles, score_singles
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
@@ -131,7 +131,7 @@ def _with_noise_that_fits(calibration: Calibration, known: tuple[Effect, ...]) -
         found = _examine(fit_again(calibration, cell=cell) or calibration, known)
     diagnosis, deviance = found
     if overstated and diagnosis.verdict == 'none' and diagnosis.refitted is not None:
-        diagnosis = replace(diagnosis, refitted=fit_mixed(calibration, known).fit)
+        diagnosis = replace(diagnosis, refitted=with_large_effects(fit_mixed(calibration, known)))
     noise = advice.noise_found(diagnosis.extended or calibration)
     fixed = advice.fixed_parameters(calibration) if diagnosis.verdict != 'none' else ''
     unknown, premises = advice.unknown_history(calibration.touches, diagnosis), advice.premises(diagnosis)
@@ -156,7 +156,7 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     if p_value >= SIGNIFICANCE and not implausible and c.used.all():
         ranking = _ranking(problem, rank_singles(problem, candidate_set))
         mixed = fit_mixed(c, known)
-        refitted = mixed.fit if mixed.fit.random is not None else None
+        refitted = with_large_effects(mixed) if mixed.fit.random is not None else None
         nothing = Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, refitted=refitted)
         return nothing, mixed.deviance
     found = likeliest(c, known, off_normal < SIGNIFICANCE / 2)
@@ -168,7 +168,9 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     after, gross = adequacy(found.fit), advice.gross(suspects(found.fit, _GROSS)) if alarm and fit.dependences else ''
     ranking = _ranking(found.problem, found.scored_subsets)
     # noise stated too small is no model error
-    refitted = found.fit if found.fit.random is not None and (fit.dependences or not alarm) else None
+    refitted = (
+        with_large_effects(found.model) if found.fit.random is not None and (fit.dependences or not alarm) else None
+    )
     if not alarm or (after.p_value >= SIGNIFICANCE and fit.dependences and not found.is_unpredictable and not gross):
         many = advice.many_small(p_value, suspects(found.fit)) if alarm else ''
         verdict = Diagnosis('none', p_value, ranking=ranking, refitted=refitted, advice=many)
@@ -197,7 +199,7 @@ def _with_extended_model(
         found: the effects that are named.
         known: the catalogue.
     """
-    fit, when = found.fit, moments(found.fit)
+    fit, when = with_large_effects(found.model), moments(found.fit)
     fit = _with_moments(fit, when)
     after = adequacy(fit)
     weighted = fit_rivals(found, known) if found.rivals else []

@@ -14,7 +14,9 @@ scale 1, and τ_0 half-Cauchy (Gelman, Bayesian Analysis 1 (2006) 515). While fl
 named, τ_g / τ_0 is half-Cauchy, too: its tails leave one large flaw among small errors as large as it is, and these
 small. What is left is more alike: three degrees of freedom. The density in log τ counts: what the touches say nothing
 of has the common size, not none. The root mean square of τ is taken, as squares add up in a variance: exp(log τ + v)
-with the variance v of log τ by Laplace's approximation, at most √3 τ as by the prior.
+with the variance v of log τ by Laplace's approximation, at most √3 τ as by the prior. The likelihood may have another
+maximum where one effect is large and all others are smaller; what that would change is in the final covariance with its
+probability (`with_large_effects`).
 Sizes that the cell description declares are held. Where the fit has estimated the noise, its levels are estimated
 along with the sizes, by expectation and maximisation.
 
@@ -30,7 +32,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg
 
 from scara_kinetostatic.calibration.declared_errors import Prior, Source
 from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, fewest_touches, find_good, studentised
@@ -38,7 +39,7 @@ from scara_kinetostatic.calibration.fit_point import Point, base_force, select
 from scara_kinetostatic.calibration.gauss_helmert import outer
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels, whiten_matrix
-from scara_kinetostatic.calibration.random_effects import RIVALS, RandomEffects
+from scara_kinetostatic.calibration.random_effects import LARGE_EFFECT, RIVALS, RandomEffects
 from scara_kinetostatic.calibration.result import Calibration, Contribution, enlargement_of, of_full_model
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
@@ -46,7 +47,10 @@ from scara_kinetostatic.diagnosis.restricted_likelihood import (
     Whitened,
     estimate_levels,
     estimate_sizes,
+    large_sizes,
     penalised,
+    posterior,
+    scatter,
     size_prior,
 )
 from scara_kinetostatic.effects.base import Effect
@@ -81,12 +85,14 @@ class MixedModel(NamedTuple):
         common: τ_0, the size of the robot's errors in typical sizes.
         typical: typical sizes of the columns of the random effects, (r,).
         deviance: -2 log restricted likelihood and priors of the sizes, with what rejected touches cost.
+        solved: of the last linearisation.
     """
 
     fit: Calibration
     common: float
     typical: Floats
     deviance: float
+    solved: _Solved
 
     @property
     def level(self) -> Floats:
@@ -282,6 +288,30 @@ def _first_logs(c: Calibration, sizes: _Sizes) -> Floats:
     return np.where(squares > 0, 0.5 * np.log(np.maximum(squares, 1e-4)), 0.0)
 
 
+class _Problem(NamedTuple):
+    """The penalised problem of one linearisation, its columns in the order of `inner`.
+
+    Attributes:
+        inner: in the metric of the noise, the columns of known size first.
+        fixed: how many these are.
+        group: of the others.
+        freedoms: of the prior of their sizes.
+        weights: sizes of the columns, (c,).
+        back: places of the columns of `_Sizes` in this order, (c,).
+    """
+
+    inner: Whitened
+    fixed: int
+    group: Indices
+    freedoms: Floats
+    weights: Floats
+    back: Indices
+
+    def every(self, b: int) -> Indices:
+        """Places of y, of length b, and of the columns of `_Sizes`."""
+        return np.concatenate([np.arange(b), b + self.back])
+
+
 class _Solved(NamedTuple):
     """The mixed model at one linearisation.
 
@@ -296,6 +326,7 @@ class _Solved(NamedTuple):
         freedoms: its degrees of freedom.
         deviance: as in `MixedModel`, of the used touches.
         shift: largest change of a value by this step, in standard deviations.
+        problem: what was solved.
     """
 
     logs: Floats
@@ -308,6 +339,7 @@ class _Solved(NamedTuple):
     freedoms: int
     deviance: float
     shift: float
+    problem: _Problem
 
 
 def _columns(c: Calibration, point: Point, base: Calibration) -> tuple[Floats, Floats, Floats]:
@@ -359,26 +391,27 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     deviance = penalised(inner, weights)[0] + size_prior(logs, sizes.freedoms)[0]
     rms = np.exp((logs + np.minimum(variance, np.log(_LARGEST_RATIO)))[:-1])
     weights = np.concatenate([np.ones(fixed), rms[group]])
-    _, inverse, effects = penalised(inner, weights)
-    u = -effects
-    by_fitted = np.linalg.solve(inner.triangle, inner.of_columns * weights)
-    y = -linalg.solve_triangular(inner.triangle, inner.of_residual, check_finite=False) - by_fitted @ u
-    root = linalg.solve_triangular(inner.triangle, np.eye(len(y)), check_finite=False)
-    crossed = -by_fitted @ inverse
-    b = len(y)
-    covariance = np.empty((b + len(u), b + len(u)))
-    covariance[:b, :b] = root @ root.T - crossed @ by_fitted.T
-    covariance[:b, b:], covariance[b:, :b], covariance[b:, b:] = crossed, crossed.T, inverse
-    back = np.argsort(order)
-    every = np.concatenate([np.arange(b), b + back])
+    y, u, covariance = posterior(inner, weights)
+    problem = _Problem(inner, fixed, group, sizes.freedoms, weights, np.argsort(order))
+    every = problem.every(len(y))
     tau = (sizes.typical * weights_held)[order] * weights
     chi_square = float(inner.square + weights * inner.projected @ u)
     l11, _, l22 = point.whitened.root
     deviance += 2 * np.log(np.abs(np.diag(inner.triangle))).sum()
     deviance += 2 * np.log(l11 * l22).sum() - 2 * np.log(np.linalg.det(inner.inverse)).sum()
-    freedoms = 2 * n + len(trusted[0]) - b
+    freedoms = 2 * n + len(trusted[0]) - len(y)
     solved = _Solved(
-        logs, tau[back], levels, y, u[back], covariance[np.ix_(every, every)], chi_square, freedoms, deviance, np.inf
+        logs,
+        tau[problem.back],
+        levels,
+        y,
+        u[problem.back],
+        covariance[np.ix_(every, every)],
+        chi_square,
+        freedoms,
+        deviance,
+        np.inf,
+        problem,
     )
     return solved._replace(shift=_shift(c, solved))
 
@@ -532,7 +565,36 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
     )
     c = with_projection(c, point)
     rejected = float((~c.used).sum()) * -2 * np.log(FALSE_REJECTIONS / len(c.used))
-    return MixedModel(c, float(np.exp(solved.logs[-1])), typical, solved.deviance + rejected)
+    return MixedModel(c, float(np.exp(solved.logs[-1])), typical, solved.deviance + rejected, solved)
+
+
+def with_large_effects(model: MixedModel) -> Calibration:
+    """The fit with what one large effect would change of it in its covariance, as far as the touches do not exclude it:
+    the estimate is that at the maximum of the likelihood of the sizes, where all are small.
+    """
+    c, solved, problem = model.fit, model.solved, model.solved.problem
+    found = large_sizes(problem.inner, problem.fixed, problem.group, solved.logs, problem.freedoms)
+    every, (kept, sizes), lift = problem.every(len(solved.y)), of_full_model(c), _lift(c, solved)
+    more = lift @ scatter(problem.inner, problem.weights, found)[np.ix_(every, every)] @ lift.T
+    return _with_contribution(c, LARGE_EFFECT, sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
+
+
+def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:
+    """A calibration with more covariance of all values of `full_model`, as far as it is positive."""
+    scale = np.sqrt(np.diag(c.covariance))
+    scale[scale == 0] = 1.0
+    values, vectors = np.linalg.eigh(more / np.outer(scale, scale))
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    covariance, count = c.covariance + root @ root.T, c.model.base_count
+    std = np.sqrt(np.diag(covariance))
+    changed = replace(
+        c,
+        covariance=covariance,
+        std=np.where(c.std > 0, std[:count], c.std),
+        effect_std=np.where(c.effect_std > 0, np.fmax(c.effect_std, std[count:][: len(c.effect_std)]), c.effect_std),
+        contributions=(*c.contributions, Contribution(label, None, '', root @ root.T)),
+    )
+    return with_projection(changed, c.projection)
 
 
 def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
@@ -542,20 +604,11 @@ def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
     """
     if len(rivals) < 2:
         return c
-    count = c.model.base_count
+    count, more = c.model.base_count, np.zeros_like(c.covariance)
     off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in rivals])
-    own = c.covariance[:count, :count]
     theirs = np.mean([rival.fit.covariance[:count, :count] for rival in rivals], axis=0)
-    scale = np.sqrt(np.maximum(np.diag(own), np.diag(theirs)))
-    scale[scale == 0] = 1.0
-    values, vectors = np.linalg.eigh((theirs - own) / np.outer(scale, scale))
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    more = np.zeros_like(c.covariance)
-    more[:count, :count] = off.T @ off / len(rivals) + root @ root.T
-    covariance = c.covariance + more
-    std = np.where(c.std > 0, np.sqrt(np.diag(covariance)[:count]), c.std)
-    contributions = (*c.contributions, Contribution(RIVALS, None, '', more))
-    return with_projection(replace(c, covariance=covariance, std=std, contributions=contributions), c.projection)
+    more[:count, :count] = off.T @ off / len(rivals) + theirs - c.covariance[:count, :count]
+    return _with_contribution(c, RIVALS, more)
 
 
 def _known(c: Calibration, solved: _Solved) -> Prior | None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
+from scipy.special import gammaln
 
 from scara_kinetostatic.model.arrays import Floats, Indices
 
@@ -13,6 +16,12 @@ _LARGEST_STEP = 1.5
 """Of log τ."""
 _STEPS = 12
 """Of Fisher scoring."""
+_OTHERS = (1.0, 0.3)
+"""Sizes of all others beside a large one, in those of the maximum."""
+_NEAR, _LARGE = np.geomspace(1 / 27, 3.0, 5), np.geomspace(1.0, 30.0, 5)
+"""Sizes of one: about the maximum, in that there; large ones, in typical sizes."""
+_LEAST_PROBABILITY = 1e-3
+"""Of a large size that counts."""
 
 
 def size_prior(logs: Floats, freedoms: Floats) -> tuple[float, Floats, Floats]:
@@ -25,6 +34,12 @@ def size_prior(logs: Floats, freedoms: Floats) -> tuple[float, Floats, Floats]:
     share, more = square / (freedoms + square), freedoms + 1
     value = more * np.log1p(square / freedoms) - 2 * off
     return float(value.sum()), 2 * more * share - 2, 4 * more * share * (1 - share)
+
+
+def _log_half_t(ratio: Floats, freedoms: float) -> Floats:
+    """Log density of log x at x = `ratio`, of a half-t with scale 1."""
+    constant = gammaln((freedoms + 1) / 2) - gammaln(freedoms / 2) - 0.5 * np.log(freedoms * np.pi)
+    return np.asarray(constant + np.log(2 * ratio) - (freedoms + 1) / 2 * np.log1p(ratio**2 / freedoms))
 
 
 class Whitened(NamedTuple):
@@ -92,6 +107,16 @@ def penalised(inner: Whitened, weights: Floats) -> tuple[float, Floats, Floats]:
     return float(2 * np.log(np.diag(factor)).sum() + inner.square - h @ effects), inverse, effects
 
 
+def posterior(inner: Whitened, weights: Floats) -> tuple[Floats, Floats, Floats]:
+    """y, u and their covariance at sizes of the columns, (c,)."""
+    _, inverse, effects = penalised(inner, weights)
+    by_fitted = np.linalg.solve(inner.triangle, inner.of_columns * weights)
+    y = -linalg.solve_triangular(inner.triangle, inner.of_residual, check_finite=False) + by_fitted @ effects
+    root = linalg.solve_triangular(inner.triangle, np.eye(len(y)), check_finite=False)
+    crossed = -by_fitted @ inverse
+    return y, -effects, np.block([[root @ root.T - crossed @ by_fitted.T, crossed], [crossed.T, inverse]])
+
+
 def estimate_sizes(
     inner: Whitened, fixed: int, group: Indices, start: Floats, freedoms: Floats
 ) -> tuple[Floats, Floats]:
@@ -142,3 +167,80 @@ def estimate_levels(inner: Whitened, of_joints: Floats, levels: Floats, weights:
         whitened = levels[k] * inner.inverse @ part @ inner.inverse.swapaxes(1, 2)
         found[k] *= np.einsum('ni,nij,nj->', rest, whitened, rest) / np.einsum('nij,nji->', whitened, kept)
     return np.clip(found, 1e-4, 2.0)
+
+
+class LargeSize(NamedTuple):
+    """One size large, the others as they are or smaller.
+
+    Attributes:
+        probability: of it.
+        size: this.
+        weights: sizes of all columns before, (c,).
+        columns: which of them have the large one.
+    """
+
+    probability: float
+    size: float
+    weights: Floats
+    columns: Indices
+
+
+def large_sizes(inner: Whitened, fixed: int, group: Indices, logs: Floats, freedoms: Floats) -> list[LargeSize]:
+    """The large sizes that the touches do not exclude, by the likelihood along the size of each group, with a
+    half-Cauchy prior.
+    """
+    common, modes = np.exp(logs[-1]), np.exp(logs[:-1])
+    usual, levels, found = np.zeros(len(modes)), list[float](), list[LargeSize]()
+    steps = np.log([_NEAR[1] / _NEAR[0], _LARGE[1] / _LARGE[0]])
+    for others in _OTHERS:
+        weights = np.concatenate([np.ones(fixed), others * modes[group]])
+        deviance, inverse, effects = penalised(inner, weights)
+        levels.append(-0.5 * deviance + float(_log_half_t(others * common, 1.0)))
+        spread = inner.gram - inner.gram @ (weights[:, None] * inverse * weights) @ inner.gram
+        score = inner.projected - inner.gram @ (weights * effects)
+        for g, mode in enumerate(modes):
+            at = fixed + np.flatnonzero(group == g)
+            part = spread[np.ix_(at, at)], score[at]
+            if others == 1.0:
+                density = _gained(*part, (_NEAR**2 - 1) * mode**2) + _log_half_t(_NEAR * mode / common, freedoms[g])
+                usual[g] = np.log(np.exp(density).sum() * steps[0])
+            large = _LARGE[_NEAR[-1] * mode < _LARGE]
+            density = _gained(*part, large**2 - (others * mode) ** 2) + _log_half_t(large / (others * common), 1.0)
+            odds = np.exp(density + levels[-1] - levels[0] - usual[g]) * steps[1]
+            found += [LargeSize(*pair, weights, at) for pair in zip(odds.tolist(), large.tolist(), strict=True)]
+    total = float(np.exp(np.array(levels) - levels[0]).sum()) + sum(item.probability for item in found)
+    every = (item._replace(probability=item.probability / total) for item in found)
+    return [item for item in every if item.probability > _LEAST_PROBABILITY]
+
+
+def scatter(inner: Whitened, weights: Floats, found: Sequence[LargeSize]) -> Floats:
+    """By what large sizes enlarge the covariance of `posterior` at sizes of the columns, (b + c, b + c): that of each,
+    and the square of what it changes of the estimate, by its probability.
+    """
+    estimate, covariance, unit = _in_typical_sizes(inner, weights)
+    b, more = len(unit) - len(weights), np.zeros_like(covariance)
+    for _, group in groupby(found, key=lambda item: id(item.weights)):
+        items = list(group)
+        before, spread, _ = _in_typical_sizes(inner, items[0].weights)
+        more += sum(item.probability for item in items) * (spread - covariance)
+        for probability, size, others, columns in items:
+            at, now = b + columns, others[columns[0]]
+            across = spread[:, at]  # less is known of these columns beforehand: information is taken away
+            gain = np.linalg.inv(spread[np.ix_(at, at)] - np.eye(len(at)) / (1 / now**2 - 1 / size**2))
+            off = before - across @ gain @ before[at] - estimate
+            more += probability * (np.outer(off, off) - across @ gain @ across.T)
+    return np.asarray(more / np.outer(unit, unit))
+
+
+def _in_typical_sizes(inner: Whitened, weights: Floats) -> tuple[Floats, Floats, Floats]:
+    """Y and the columns' values in typical sizes, their covariance, and these units."""
+    y, u, covariance = posterior(inner, weights)
+    unit = np.concatenate([np.ones(len(y)), weights])
+    return np.concatenate([y, u]) * unit, unit[:, None] * covariance * unit, unit
+
+
+def _gained(spread: Floats, score: Floats, more: Floats) -> Floats:
+    """Log likelihood gained by more variance of some columns, (m,), by their part of X'V⁻¹X and X'V⁻¹y."""
+    value, vector = np.linalg.eigh(spread)
+    inside = np.maximum(1 + more[:, None] * value, 1e-9)
+    return np.asarray(0.5 * (more[:, None] * np.square(vector.T @ score) / inside - np.log(inside)).sum(axis=1))

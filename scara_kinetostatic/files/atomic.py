@@ -1,4 +1,6 @@
-"""Atomic writing: a new file or folder, or a set of replaced files, appears completely or not at all.
+"""Files on the disk: written completely or not at all, and told by their checksums.
+
+**Atomic writing.** A new file or folder, or a set of replaced files, appears completely or not at all.
 
 Everything is written into a hidden folder beside its place first, seen to the disk (fsync) and then renamed, which the
 file system does in one step. New things never replace anything: `all_or_nothing`. Files that may exist are replaced by
@@ -7,14 +9,17 @@ file system does in one step. New things never replace anything: `all_or_nothing
 
 from __future__ import annotations
 
+import hashlib
 import os
+import re
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain, count
 from pathlib import Path
 
-from scara_kinetostatic.errors import OutputError, ScaraKinetostaticError
+from scara_kinetostatic.errors import InputError, OutputError, ScaraKinetostaticError
 
 
 @contextmanager
@@ -73,11 +78,8 @@ def fresh_folder(parent: str | Path, stem: str) -> Path:
         stem: first part of its name.
     """
     base = Path(parent) / time.strftime(f'{stem}_%Y_%m_%d-%H_%M_%S')
-    number, path = 1, base
-    while path.exists():
-        number += 1
-        path = base.with_name(f'{base.name}_{number}')
-    return path
+    paths = chain([base], (base.with_name(f'{base.name}_{number}') for number in count(2)))
+    return next(path for path in paths if not path.exists())
 
 
 def replace_text(path: Path, text: str) -> None:
@@ -202,12 +204,13 @@ def _exchange(drafts: Path, folder: Path, names: list[str]) -> None:
     former = drafts / 'former'
     former.mkdir()
     for name in names:
-        if (folder / name).is_dir():
-            raise OutputError(folder / name, 'is a folder where a file is to be written', 'move it, or choose another')
-        if (folder / name).exists() and not (folder / name).is_file():
-            raise OutputError(folder / name, 'is a device or pipe, and would be replaced by a file', 'choose another')
-        if (folder / name).exists():
-            shutil.copy2(folder / name, former / name)
+        place = folder / name
+        if place.is_dir():
+            raise OutputError(place, 'is a folder where a file is to be written', 'move it, or choose another')
+        if place.exists() and not place.is_file():
+            raise OutputError(place, 'is a device or pipe, and would be replaced by a file', 'choose another')
+        if place.exists():
+            shutil.copy2(place, former / name)
     try:
         for name in names:
             (drafts / name).replace(folder / name)
@@ -222,3 +225,46 @@ def _exchange(drafts: Path, folder: Path, names: list[str]) -> None:
 
 def _exists(path: Path) -> OutputError:
     return OutputError(path, 'exists already and is never overwritten', 'choose another name')
+
+
+def recording_checksum(path: str | Path) -> str:
+    r"""SHA-256 of a recording, hexadecimal, to tell later from which data a result was calculated.
+
+    Of a file it is that of its bytes, as `sha256sum FILE` prints it. Of a rosbag2 folder it is that of the list that
+    `sha256sum` prints of its files, sorted by name; others, such as notes or results, do not count:
+
+        cd FOLDER
+        find . -maxdepth 1 -type f \( -name metadata.yaml -o -name '*.mcap' -o -name '*.db3' -o -name '*.zstd' \
+          -o -name '*.part' \) -exec sha256sum {} + | LC_ALL=C sort -k2 | sha256sum
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        return _file_checksum(path)
+    stored = re.compile(r'metadata\.yaml|.+\.(mcap|db3|zstd|part)', re.DOTALL)
+    files = [file for file in path.iterdir() if stored.fullmatch(file.name) and file.is_file()]
+    files.sort(key=lambda file: file.name.encode())
+    listing = ''.join(f'{_file_checksum(file)}  ./{file.name}\n' for file in files)
+    return hashlib.sha256(listing.encode('utf-8', 'surrogateescape')).hexdigest()
+
+
+def _file_checksum(file: Path) -> str:
+    digest = hashlib.sha256()
+    with file.open('rb') as stream:
+        while piece := stream.read(1 << 20):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+def check_different(paths: Sequence[Path]) -> None:
+    """Check that no input is given twice: counted twice, its data would make the result look better than it is.
+
+    Raises:
+        InputError: two paths are the same file or folder.
+    """
+    places = [path.resolve() for path in paths]
+    for k, path in enumerate(paths):
+        if places[k] in places[:k]:
+            raise InputError(path, 'is given twice', 'give each input once')

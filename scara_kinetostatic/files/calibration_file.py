@@ -167,17 +167,6 @@ def _load_yaml(path: Path) -> CalibratedArm:
     return arm
 
 
-def _grade(grade: object) -> str:
-    """The grade; empty where nobody has assessed the calibration.
-
-    Raises:
-        ValueError: it is none.
-    """
-    if grade not in ('', 'fit', 'caution', 'unfit'):
-        raise ValueError(f'assessment.grade: expected fit, caution or unfit, got {grade!r:.40}')
-    return str(grade)
-
-
 def is_readable(text: str) -> bool:
     """Whether a `calibration.json` is small enough to be read again."""
     return len(text) <= _MAX_BYTES and sum(map(text.count, '[{,')) <= _MOST_VALUES
@@ -215,8 +204,6 @@ def read_arm(document: Any, where: str | Path) -> CalibratedArm:
             raise CalibrationFileError(where, problem, 'calibrate again with this version')
     try:
         return _arm(document, where)
-    except CalibrationFileError:
-        raise
     except CellError as error:
         raise CalibrationFileError(error.where, error.problem, error.remedy) from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, ParameterError) as error:
@@ -252,16 +239,19 @@ def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:
     model = _model(entry, cell, where)
     stated = {name: part['value'] for name, part in document.get('parameters', {}).items()}
     _check_agreement(stated, 'parameters', model, where)
-    size, directions = len(model.names), entry['undetermined']
+    size, directions, noise = len(model.names), entry['undetermined'], entry['noise']
+    grade = document['assessment']['grade']
+    if grade not in ('', 'fit', 'caution', 'unfit'):  # empty where nobody has assessed it
+        raise ValueError(f'assessment.grade: expected fit, caution or unfit, got {grade!r:.40}')
     return CalibratedArm(
         cell=cell,
         model=model,
         covariance=stored_covariance(entry['covariance'], size),
         undetermined=stored_numbers(directions, (len(directions), size)).T,
-        noise=_noise(entry['noise']),
+        noise=Noise(_level(noise['joint']), _level(noise['force']), noise.get('force_relative')),
         sensor=_sensor(entry['sensor']),
         used=_used(entry['used']),
-        grade=_grade(document['assessment']['grade']),
+        grade=grade,
         verdict=str(document['diagnosis']['verdict']),
         created=str(document['created']),
     )
@@ -278,10 +268,9 @@ def stored_cell(entry: Mapping[str, Any], where: str | Path) -> Cell:
         CellError: it is not valid.
         KeyError, TypeError: something is missing.
     """
-    model = {'gripper_sign': entry['gripper_sign'], 'gripper_excess': entry['gripper_excess']}
-    robot = {'joint_names': entry['joint_names'], 'nominal': entry['nominal']}
+    model = {key: entry[key] for key in ('gripper_sign', 'gripper_excess')}
     stated = ('coupling', 'direction', 'plane', 'limits', 'lift', 'hold', 'moments')
-    robot |= {key: entry[key] for key in stated if key in entry}
+    robot = {key: entry[key] for key in ('joint_names', 'nominal', *(key for key in stated if key in entry))}
     description = {'robot': robot, 'objects': entry['objects'], 'sensor': entry['sensor'], 'model': model}
     description |= {key: entry[key] for key in ('noise', *OPTIONAL) if entry.get(key)}
     return read_cell(description, f'{where}: cell', check_layout=False)
@@ -340,14 +329,12 @@ def _sensor(entry: Mapping[str, Any]) -> SensorErrors:
     return found
 
 
-def _noise(entry: Mapping[str, Any]) -> Noise:
-    return Noise(_level(entry['joint']), _level(entry['force']), entry.get('force_relative'))
-
-
 def _level(level: Any) -> Level:
     """One number or one per axis."""
-    first, second = level if isinstance(level, list) else (level, level)
-    return (float(first), float(second)) if isinstance(level, list) else float(first)
+    if not isinstance(level, list):
+        return float(level)
+    first, second = map(float, level)
+    return first, second
 
 
 def _used(entry: Mapping[str, Any]) -> UsedRange:
@@ -411,15 +398,10 @@ def _checked(effect: Effect, stored: Mapping[str, Any]) -> dict[str, Any]:
     values = {name: tuple(value) if isinstance(value, list) else value for name, value in stored.items()}
     own = {item.name: getattr(effect, item.name) for item in fields(effect)}
     for name, value in values.items():
-        if name not in own or not _is_like(value, own[name]):
+        example, numbers = own.get(name), (int, float)
+        is_like = type(value) is type(example) or (type(value) in numbers and type(example) in numbers)
+        if example is None or value is None:  # anything plain for nothing
+            is_like = value is None or isinstance(value, (str, int, float))
+        if name not in own or not is_like:
             raise ValueError(f'effect {effect.label}: {name} is {value!r:.40}')
     return values
-
-
-def _is_like(value: object, example: object) -> bool:
-    """Whether a value may stand for another one: one number for another, or anything plain for nothing."""
-    if example is None or value is None:
-        return value is None or isinstance(value, (str, int, float))
-    if type(example) in (int, float):
-        return type(value) in (int, float)
-    return type(value) is type(example)

@@ -18,36 +18,8 @@ from typing import Any
 
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError
-from scara_kinetostatic.files.yaml_file import (
-    ANY,
-    NOT_NEGATIVE,
-    POSITIVE,
-    Section,
-    Within,
-    dump_yaml,
-    parse_yaml,
-    read_text,
-    shown,
-)
-from scara_kinetostatic.model.cell import (
-    Cell,
-    Disc,
-    EffectSizes,
-    GripperSign,
-    Identification,
-    Level,
-    Lift,
-    Limits,
-    Noise,
-    Plate,
-    Region,
-    Sensor,
-    SensorFrame,
-    SizeMode,
-    TouchMotion,
-    Uncertainty,
-    layout_problems,
-)
+from scara_kinetostatic.files.yaml_file import POSITIVE, Section, Within, dump_yaml, parse_yaml, read_text, shown
+from scara_kinetostatic.model import cell as cells
 from scara_kinetostatic.model.effect_law import Parameter
 from scara_kinetostatic.model.outline import Outline, outline_problem
 from scara_kinetostatic.model.parameters import MOMENTS, MOST_GRAVITY, NAMES, UNITS, Parameters
@@ -60,17 +32,18 @@ OPTIONAL = ('plates', 'uncertainty', 'tolerance', 'region', 'tip', 'gravity', 'o
 """Keys that may be left out, beside `sensor`, `noise` and `model`."""
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
 
-_COMMON = ('radius', 'force_gain', 'force_rotation')
-"""Keys of the section `uncertainty` beside `nominal`."""
 _LENGTH = Within(0.0, 2e-3, 'it is in m: 1.5e-5 for 15 µm', unit='m')
 """Standard uncertainties that are accepted: what is known worse than that is not known."""
 _ANGLE = Within(0.0, 0.2, 'it is in rad: 1.0e-3 for 0.06 deg', unit='rad')
-_PART = Within(0.0, 0.2, 'it is a part of 1: 0.005 for 0.5 %')
-_TOLERANCE = Within(0.0, 5e-3, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')
-"""Tolerances of the tip that are accepted: any calibration meets a larger one."""
+_COMMON = {
+    'radius': _LENGTH,
+    'force_gain': Within(0.0, 0.2, 'it is a part of 1: 0.005 for 0.5 %'),
+    'force_rotation': _ANGLE,
+}
+"""Keys of the section `uncertainty` beside `nominal` and `effects`, with their limits."""
 
 
-def load_cell(path: str | Path) -> Cell:
+def load_cell(path: str | Path) -> cells.Cell:
     """Reads a cell description.
 
     Args:
@@ -92,7 +65,7 @@ def load_cell(path: str | Path) -> Cell:
     return parse_cell(read_text(path, CellError), path)
 
 
-def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
+def parse_cell(text: str, where: str | Path = 'cell description') -> cells.Cell:
     """The cell that a YAML text describes.
 
     Args:
@@ -105,7 +78,7 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
     return read_cell(parse_yaml(text, where, CellError), where)
 
 
-def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be_empty: bool = False) -> Cell:
+def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be_empty: bool = False) -> cells.Cell:
     """The cell of a parsed description.
 
     Args:
@@ -122,32 +95,36 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
     robot = top.section('robot', ('nominal',), (*of_arm, 'limits', 'lift', 'hold'))
     joint_names, direction = _joint_names(robot), _direction(robot)
     ratio = Within(-2.0, 2.0, 'it is a ratio of angles: 0.2105 for pulleys of 16 and 76 teeth')
+    # any calibration meets a larger one
+    tolerance = Within(0.0, 5e-3, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')
     lift = _lift(robot, joint_names)
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
-    plates = _plates(top)
-    base = _nominal(top, robot)
-    cell = Cell(
+    plates, base = _plates(top), _nominal(top, robot)
+    named = top.section('identification', (), cells.Identification._fields)
+    # a number must be in quotes, so that no digit of it is lost
+    texts = {key: named.word(key) for key in named.data if named.data[key] is not None}
+    cell = cells.Cell(
         nominal=base,
         discs=() if may_be_empty and top.data['objects'] == [] else _discs(top, plates),
         joint_names=joint_names,
         coupling=robot.optional('coupling', within=ratio) or 0.0,
         direction=direction,
         plane=_plane(robot),
-        sensor=_sensor(top.section('sensor', (), Sensor._fields)),
+        sensor=_sensor(top.section('sensor', (), cells.Sensor._fields)),
         noise=_noise(top),
-        gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
+        gripper_sign=model.choice('gripper_sign', cells.GripperSign.PHYSICAL),
         gripper_excess=_excess(model),
         plates=plates,
         uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), base.names),
-        tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=_TOLERANCE),
-        tip_radius=top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE),
+        tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=tolerance),
+        tip_radius=_tip_radius(top),
         region=_region(top),
         limits=turned_limits(_limits(robot, joint_names), direction),
         lift=lift,
         hold=_hold(robot, (*joint_names, *([lift.joint] if lift else []))),
         obstacles=_obstacles(top),
         touch=_touch(top),
-        identification=_identification(top),
+        identification=cells.Identification(**texts),
     )
     cell = replace(cell, uncertainty=replace(cell.uncertainty, effects=_effects(top, cell)))
     if check_layout and cell.discs:
@@ -155,21 +132,24 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
     return cell
 
 
-def cell_description(cell: Cell) -> dict[str, Any]:
+def cell_description(cell: cells.Cell) -> dict[str, Any]:
     """The keys of a cell description; what is not stated is left out."""
-    nominal, sensor, u, sizes = cell.nominal, cell.sensor, cell.uncertainty, cell.uncertainty.effects
-    limits = turned_limits(cell.limits, cell.direction) or ()
+    nominal, u, sizes = cell.nominal, cell.uncertainty, cell.uncertainty.effects
+    sensor = cell.sensor._asdict() | {'frame': cell.sensor.frame.value, 'sign': cell.sensor.sign.value}
+    sensor['axes'] = cell.sensor.axes and dict(zip('xy', map(list, cell.sensor.axes), strict=True))
+    limits, plane = turned_limits(cell.limits, cell.direction) or (), cell.plane
+    axes = {name: list(getattr(plane, name)) for name in ('origin', 'x', 'y')}
     motion = _given(
         coupling=cell.coupling,
         direction=list(cell.direction) if cell.direction != (1, 1) else None,
-        plane=_plane_description(cell.plane),
+        plane={'frame': plane.frame, **axes, **_given(tip=plane.tip)} if plane.is_stated else {},
         moments={name: getattr(nominal, name) for name in nominal.names[len(NAMES) :]}
         | _given(phi1=nominal.phi1, phi2=nominal.phi2),
         limits={name: list(pair) for name, pair in zip(cell.joint_names, limits, strict=False)},
         lift=cell.lift and cell.lift._asdict(),
         hold=dict(cell.hold),
     )
-    arm = {} if sizes.arm is EffectSizes().arm else {'arm': sizes.arm.value}
+    arm = {} if sizes.arm is cells.EffectSizes().arm else {'arm': sizes.arm.value}
     stated = {'sizes': sizes.sizes.value, **arm, **sizes.stated} if arm or sizes.stated else sizes.sizes.value
     return {
         'robot': {
@@ -178,18 +158,7 @@ def cell_description(cell: Cell) -> dict[str, Any]:
             **motion,
         },
         'objects': [_object_description(disc) | _given(plate=disc.plate) for disc in cell.discs],
-        'sensor': {
-            'joint_states': sensor.joint_states,
-            'wrench': sensor.wrench,
-            'frame': sensor.frame.value,
-            'sign': sensor.sign.value,
-            **({} if sensor.time_offset is None else {'time_offset': sensor.time_offset}),
-            **_given(
-                rotation=sensor.rotation,
-                axes=sensor.axes and dict(zip('xy', map(list, sensor.axes), strict=True)),
-                zero_service=sensor.zero_service,
-            ),
-        },
+        'sensor': {key: v for key, v in sensor.items() if v or (key == 'time_offset' and v is not None)},
         **_given(
             gravity=list(nominal.gravity) if nominal.has_gravity else None,
             noise=cell.noise and cell.noise.as_dict(as_stated=True),
@@ -203,15 +172,15 @@ def cell_description(cell: Cell) -> dict[str, Any]:
             uncertainty=_given(
                 **{name: getattr(u, name) for name in _COMMON},
                 nominal=dict(u.nominal),
-                effects=stated if sizes != EffectSizes() else None,
+                effects=stated if sizes != cells.EffectSizes() else None,
             ),
             tolerance=_given(tip=cell.tolerance),
             tip=_given(radius=cell.tip_radius),
             obstacles=[{'outline': [list(corner) for corner in outline]} for outline in cell.obstacles],
             touch={name: list(v) if isinstance(v, tuple) else v for name, v in cell.touch._asdict().items()}
-            if cell.touch != TouchMotion()
+            if cell.touch != cells.TouchMotion()
             else None,
-            region={'x': list(cell.region[:2]), 'y': list(cell.region[2:])} if cell.region != Region() else None,
+            region={'x': list(cell.region[:2]), 'y': list(cell.region[2:])} if cell.region != cells.Region() else None,
             identification=cell.identification.given(),
         ),
     }
@@ -222,7 +191,7 @@ def _given(**values: Any) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value}
 
 
-def _object_description(disc: Disc | Outline) -> dict[str, Any]:
+def _object_description(disc: cells.Disc | Outline) -> dict[str, Any]:
     if isinstance(disc, Outline):
         return {
             'name': disc.name,
@@ -234,7 +203,7 @@ def _object_description(disc: Disc | Outline) -> dict[str, Any]:
     return {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius} | stated
 
 
-def dump_cell(cell: Cell) -> str:
+def dump_cell(cell: cells.Cell) -> str:
     """The YAML text of a cell; `parse_cell` gives the same cell back."""
     lines = []
     for key, value in cell_description(cell).items():
@@ -254,10 +223,9 @@ _PHI = ('phi1', 'phi2')
 def _nominal(top: Section, robot: Section) -> Parameters:
     section = robot.section('nominal', NAMES)
     limits = dict.fromkeys(('l1', 'l2'), POSITIVE)
-    limits |= dict.fromkeys(('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'), NOT_NEGATIVE)
-    values = {name: section.number(name, UNITS[name], limits.get(name, ANY)) for name in NAMES}
-    given = top.data.get('gravity') is not None
-    gx, gy = top.vector('gravity', ('x', 'y'), 'm/s²') if given else (0.0, 0.0)
+    limits |= dict.fromkeys(('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'), Within(0.0))
+    values = {name: section.number(name, UNITS[name], limits.get(name, Within())) for name in NAMES}
+    gx, gy = (0.0, 0.0) if top.data.get('gravity') is None else top.vector('gravity', ('x', 'y'), 'm/s²')
     if (gx * gx + gy * gy) ** 0.5 > MOST_GRAVITY:
         problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {shown([gx, gy])}'
         raise top.error('gravity', problem, 'give it in m/s²: [0.0, -9.81]')
@@ -287,12 +255,11 @@ def _direction(robot: Section) -> tuple[int, int]:
     return int(signs[0]), int(signs[1])
 
 
-def turned_limits(limits: Limits | None, direction: tuple[int, int]) -> Limits | None:
+def turned_limits(limits: cells.Limits | None, direction: tuple[int, int]) -> cells.Limits | None:
     """Limits of the readings as those of the angles, or back: turned round where a joint turns clockwise."""
     if limits is None:
         return None
-    pairs = zip(limits, direction, strict=True)
-    one, other = ((low, high) if sign > 0 else (-high, -low) for (low, high), sign in pairs)
+    one, other = (pair if sign > 0 else (-pair[1], -pair[0]) for pair, sign in zip(limits, direction, strict=True))
     return one, other
 
 
@@ -302,11 +269,6 @@ def _plane(robot: Section) -> Plane:
     section = robot.section('plane', ('frame', 'origin', 'x', 'y'), ('tip',))
     origin = section.vector('origin', ('x', 'y', 'z'), 'm')
     return Plane(section.word('frame'), origin, *_axes(section), section.word('tip') if 'tip' in section.data else '')
-
-
-def _plane_description(plane: Plane) -> dict[str, Any]:
-    axes = {name: list(getattr(plane, name)) for name in ('origin', 'x', 'y')}
-    return {'frame': plane.frame, **axes, **_given(tip=plane.tip)} if plane.is_stated else {}
 
 
 def _axes(section: Section) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -320,22 +282,22 @@ def _axes(section: Section) -> tuple[tuple[float, ...], tuple[float, ...]]:
 def _sensor_axes(sensor: Section) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     if sensor.data.get('axes') is None:
         return None
-    if sensor.choice('frame', SensorFrame.BASE) is not SensorFrame.TOOL or sensor.data.get('rotation'):
+    if sensor.choice('frame', cells.SensorFrame.BASE) is not cells.SensorFrame.TOOL or sensor.data.get('rotation'):
         raise sensor.error('axes', 'they are those of link 2 in the sensor', 'set frame to tool and leave out rotation')
     return _axes(sensor.section('axes', ('x', 'y')))
 
 
-def _limits(robot: Section, names: tuple[str, str]) -> Limits | None:
+def _limits(robot: Section, names: tuple[str, str]) -> cells.Limits | None:
     if robot.data.get('limits') is None:
         return None
     section = robot.section('limits', names)
     within = Within(-12.6, 12.6, 'it is in rad: 2.6 for 150 degrees', unit='rad')
-    one, other = (_interval(section, name, ('lower limit', 'upper limit'), within=within) for name in names)
+    one, other = (_interval(section, name, ('lower limit', 'upper limit'), within) for name in names)
     return one, other
 
 
 def _interval(
-    section: Section, key: str, labels: tuple[str, str], unit: str = '', within: Within = ANY
+    section: Section, key: str, labels: tuple[str, str], within: Within, unit: str = ''
 ) -> tuple[float, float]:
     """Two numbers, the smaller one first."""
     low, high = section.vector(key, labels, unit, within)
@@ -344,7 +306,7 @@ def _interval(
     return low, high
 
 
-def _lift(robot: Section, names: tuple[str, str]) -> Lift | None:
+def _lift(robot: Section, names: tuple[str, str]) -> cells.Lift | None:
     if robot.data.get('lift') is None:
         return None
     section = robot.section('lift', ('joint', 'up', 'down'))
@@ -353,7 +315,7 @@ def _lift(robot: Section, names: tuple[str, str]) -> Lift | None:
         raise section.error('joint', f'{joint!r} is one of joint_names', 'name the joint that raises the tip')
     if up == down:
         raise section.error('up', f'up and down are both {up:g}: it does not lift', 'give two positions, m')
-    return Lift(joint, up, down)
+    return cells.Lift(joint, up, down)
 
 
 def _hold(robot: Section, others: tuple[str, ...]) -> dict[str, float]:
@@ -367,10 +329,13 @@ def _hold(robot: Section, others: tuple[str, ...]) -> dict[str, float]:
     return {name: section.number(name) for name in section.data}
 
 
+def _tip_radius(top: Section) -> float | None:
+    return top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE)
+
+
 def _obstacles(top: Section) -> tuple[tuple[tuple[float, float], ...], ...]:
-    if not top.data.get('obstacles'):
-        return ()
-    sections = top.items('obstacles', 'outlines', ('outline',), (), _MOST_OBSTACLES)
+    given = bool(top.data.get('obstacles'))
+    sections = top.items('obstacles', 'outlines', ('outline',), (), _MOST_OBSTACLES) if given else ()
     return tuple(_corners(section, 3) for section in sections)
 
 
@@ -396,29 +361,30 @@ _TOUCH = {
 }
 
 
-def _touch(top: Section) -> TouchMotion:
-    section, usual = top.section('touch', (), TouchMotion._fields), TouchMotion()
+def _touch(top: Section) -> cells.TouchMotion:
+    section, usual = top.section('touch', (), cells.TouchMotion._fields), cells.TouchMotion()
     force = usual.force
     if section.data.get('force') is not None:
-        force = _interval(section, 'force', ('smallest force', 'largest force'), '', _TOUCH['max_force'])
+        force = _interval(section, 'force', ('smallest force', 'largest force'), _TOUCH['max_force'])
     given = (section.optional(name, within=within) for name, within in _TOUCH.items())
-    found = TouchMotion(force, *(default if v is None else v for v, default in zip(given, usual[1:], strict=True)))
+    found = cells.TouchMotion(
+        force, *(default if v is None else v for v, default in zip(given, usual[1:], strict=True))
+    )
     if force[1] >= found.max_force:
         raise section.error('max_force', f'expected more than the largest force of {force[1]:g} N')
     return found
 
 
-def _region(top: Section) -> Region:
+def _region(top: Section) -> cells.Region:
     if top.data.get('region') is None:
-        return Region()
+        return cells.Region()
     section = top.section('region', ('x', 'y'))
-    x, y = (_interval(section, axis, ('lower limit', 'upper limit'), 'm') for axis in ('x', 'y'))
-    return Region(*x, *y)
+    x, y = (_interval(section, axis, ('lower limit', 'upper limit'), Within(), 'm') for axis in ('x', 'y'))
+    return cells.Region(*x, *y)
 
 
-def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc | Outline, ...]:
-    discs: list[Disc | Outline] = []
-    known = [plate.name for plate in plates]
+def _discs(top: Section, plates: tuple[cells.Plate, ...]) -> tuple[cells.Disc | Outline, ...]:
+    discs, known = list[cells.Disc | Outline](), [plate.name for plate in plates]
     keys, optional = ('name', 'center', 'radius'), ('uncertainty', 'plate')
     other = ('name', 'outline'), ('corner_radius', 'open', *optional)
     for section in top.items('objects', 'discs', keys, optional, other=other):
@@ -432,10 +398,9 @@ def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc | Outline, ...
         if 'outline' in section.data:
             discs.append(_outline(section, top, name, plate))
             continue
-        x, y = section.vector('center', ('x', 'y'), 'm')
-        radius = section.number('radius', 'm', POSITIVE)
+        (x, y), radius = section.vector('center', ('x', 'y'), 'm'), section.number('radius', 'm', POSITIVE)
         center_std, radius_std = _stds(section, center=_LENGTH, radius=_LENGTH)
-        discs.append(Disc(name, x, y, radius, center_std, radius_std, plate))
+        discs.append(cells.Disc(name, x, y, radius, center_std, radius_std, plate))
     if empty := [plate.name for plate in plates if plate.name not in {disc.plate for disc in discs}]:
         raise top.error('plates', f'no disc is on plate {empty[0]!r}', 'leave it out, or name it at its discs')
     return tuple(discs)
@@ -446,11 +411,10 @@ def _outline(section: Section, top: Section, name: str, plate: str) -> Outline:
     if not isinstance(is_open, bool):
         raise section.error('open', f'expected true or false, got {shown(is_open)}')
     corners = _corners(section, 2 if is_open else 3)
-    radius = section.optional('corner_radius', 'm', NOT_NEGATIVE) or 0.0
+    radius = section.optional('corner_radius', 'm', Within(0.0)) or 0.0
     center, angle, offset = _stds(section, center=_LENGTH, angle=_ANGLE, offset=_LENGTH)
     outline = Outline(name, corners, radius, is_open, center, offset, angle, plate)
-    tip = top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE)
-    if tip is None:
+    if (tip := _tip_radius(top)) is None:
         problem = f'{name} is an outline: the radius of the tip is missing'
         raise top.error('tip', problem, 'add tip: {radius: 0.005}, m')
     if (problem_of := outline_problem(outline, tip)) is not None:
@@ -468,11 +432,11 @@ def _excess(model: Section) -> tuple[tuple[float, float], tuple[float, float]]:
     entries = {f'e{i}{j}': rows[i - 1][j - 1] for i in (1, 2) for j in (1, 2)}
     matrix = model.entries('gripper_excess', entries)
     e11, e12, e21, e22 = (matrix.number(name, 'm/N') for name in entries)
-    return ((e11, e12), (e21, e22))
+    return (e11, e12), (e21, e22)
 
 
-def _sensor(section: Section) -> Sensor:
-    default = Sensor()
+def _sensor(section: Section) -> cells.Sensor:
+    default = cells.Sensor()
     topics = {name: section.word(name, getattr(default, name)) for name in ('joint_states', 'wrench')}
     service = section.word('zero_service', '') if section.data.get('zero_service') else ''
     if service and not _TOPIC.match(service):
@@ -485,7 +449,7 @@ def _sensor(section: Section) -> Sensor:
     if topics['joint_states'].lstrip('/') == topics['wrench'].lstrip('/'):
         raise section.error('wrench', f'both topics are named {topics["wrench"]}', 'they carry different messages')
     turn = Within(-6.3, 6.3, 'it is in rad: 1.5708 for 90 degrees', unit='rad')
-    return Sensor(
+    return cells.Sensor(
         topics['joint_states'],
         topics['wrench'],
         section.choice('frame', default.frame),
@@ -497,24 +461,16 @@ def _sensor(section: Section) -> Sensor:
     )
 
 
-def _identification(top: Section) -> Identification:
-    """The texts that are given; a number must be in quotes, so that no digit of it is lost."""
-    section = top.section('identification', (), Identification._fields)
-    return Identification(**{name: section.word(name) for name in section.data if section.data[name] is not None})
-
-
-def _plates(top: Section) -> tuple[Plate, ...]:
+def _plates(top: Section) -> tuple[cells.Plate, ...]:
     if top.data.get('plates') is None:
         return ()
-    plates: list[Plate] = []
+    plates: list[cells.Plate] = []
     for section in top.items('plates', 'plates', ('name', 'origin'), ('uncertainty',), most=16):
         name = section.word('name')
         if name in (plate.name for plate in plates):
             raise section.error('name', f'another plate is named {name!r}, too', 'give every plate its own name')
-        x, y = section.vector('origin', ('x', 'y'), 'm')
-        # the place of a plate is found by touch
-        stds = _stds(section, center=_LENGTH._replace(most=0.02), angle=_ANGLE)
-        plates.append(Plate(name, x, y, *stds))
+        stds = _stds(section, center=_LENGTH._replace(most=0.02), angle=_ANGLE)  # its place is found by touch
+        plates.append(cells.Plate(name, *section.vector('origin', ('x', 'y'), 'm'), *stds))
     return tuple(plates)
 
 
@@ -524,20 +480,19 @@ def _stds(section: Section, **limits: Within) -> list[float]:
     return [inner.optional(name, within=limit) or 0.0 for name, limit in limits.items()]
 
 
-def _uncertainty(section: Section, names: tuple[str, ...]) -> Uncertainty:
+def _uncertainty(section: Section, names: tuple[str, ...]) -> cells.Uncertainty:
     """What is common to all touches."""
     nominal = section.section('nominal', (), names)
-    limits = zip(_COMMON, (_LENGTH, _PART, _ANGLE), strict=True)
-    radius, gain, rotation = (section.optional(name, within=limit) or 0.0 for name, limit in limits)
+    radius, gain, rotation = (section.optional(name, within=within) or 0.0 for name, within in _COMMON.items())
     stated = {name: nominal.number(name, UNITS[name], POSITIVE) for name in nominal.data}
-    return Uncertainty(radius, gain, rotation, stated)
+    return cells.Uncertainty(radius, gain, rotation, stated)
 
 
-def _effects(top: Section, cell: Cell) -> EffectSizes:
+def _effects(top: Section, cell: cells.Cell) -> cells.EffectSizes:
     """How large undetected effects are: one word, or words and single sizes, of the effects that the cell may have."""
-    section, usual = top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), EffectSizes()
+    section, usual = top.section('uncertainty', (), (*_COMMON, 'nominal', 'effects')), cells.EffectSizes()
     if not isinstance(section.data.get('effects', {}), dict):
-        return EffectSizes(section.choice('effects', usual.sizes))
+        return cells.EffectSizes(section.choice('effects', usual.sizes))
     known = dict[str, list[Parameter]]()
     for effect in (effect for effect in catalogue(cell) if effect.parameters):
         for key in {effect.name, effect.label}:
@@ -549,45 +504,43 @@ def _effects(top: Section, cell: Cell) -> EffectSizes:
             raise inner.error(name, 'is a size in several units', f'give {name}[joint1] and others by themselves')
         stated[name] = inner.number(name, '', Within(0.0, min(parameter.scale for parameter in known[name])))
     sizes, arm = inner.choice('sizes', usual.sizes), inner.choice('arm', usual.arm)
-    if 'arm' in inner.data and sizes is SizeMode.NONE:
+    if 'arm' in inner.data and sizes is cells.SizeMode.NONE:
         raise inner.error('arm', 'has no meaning with sizes: none', 'write sizes: estimated, or typical')
-    return EffectSizes(sizes, arm, stated)
+    return cells.EffectSizes(sizes, arm, stated)
 
 
-def _noise(top: Section) -> Noise | None:
+def _noise(top: Section) -> cells.Noise | None:
     """The noise: one number per kind or axis, and a part that grows with the force; None where it gives none."""
     if top.data.get('noise') is None:
         return None
     section = top.section('noise', (), ('joint', 'force', 'force_relative'))
-    missing = [key for key in ('joint', 'force') if section.data.get(key) is None]
-    if missing:
+    if missing := [key for key in ('joint', 'force') if section.data.get(key) is None]:
         problem = f'{" and ".join(missing)} {"is" if len(missing) == 1 else "are"} missing'
         remedy = 'joint and force are given together or not at all; leave out noise to have both estimated'
         raise section.error('', problem, f'{remedy}; force_relative may be left out')
     repeatability = 'give the repeatability of one touch, or leave out noise'
-    return Noise(
+    return cells.Noise(
         _level(section, 'joint', ('joint 1', 'joint 2'), Within(1e-15, 1e-2, repeatability, unit='rad')),
         _level(section, 'force', ('x', 'y'), Within(1e-12, 100.0, repeatability, unit='N')),
         section.optional('force_relative', within=Within(0.0, 0.2, 'give it as a part of the force: 0.01 for 1 %')),
     )
 
 
-def _level(section: Section, key: str, axes: tuple[str, str], within: Within) -> Level:
+def _level(section: Section, key: str, axes: tuple[str, str], within: Within) -> cells.Level:
     """One number, or one per axis."""
-    unit = 'rad' if within.unit == 'rad' else ''
+    unit = within.unit.removesuffix('N')  # forces are limited by `within` alone
     if not isinstance(section.data[key], list):
         return section.number(key, unit, within)
     first, second = section.vector(key, axes, unit, within)
     return first, second
 
 
-def _check_layout(cell: Cell, top: Section) -> None:
+def _check_layout(cell: cells.Cell, top: Section) -> None:
     """Refuses discs that cannot be touched, or not without touching another one."""
-    problems = layout_problems(cell, cell.centers, cell.radii)
-    if not problems:
+    if not (problems := cells.layout_problems(cell, cell.centers, cell.radii)):
         return
     remedy = 'check center and radius (in m, to the centre of the tip)'
-    if not cell.has_outlines and not layout_problems(cell, cell.centers, cell.radii / 2):
+    if not cell.has_outlines and not cells.layout_problems(cell, cell.centers, cell.radii / 2):
         halve = 'halve it, and add the radius of the tip if it is not contained'
         if len(problems) > 1:
             raise top.error('objects', f'{problems[0]}: radius seems to be the diameter of every disc', halve)

@@ -39,6 +39,8 @@ TORQUE = {'Nm': 1.0, 'kNm': 1e3, 'mNm': 1e-3}
 TIME = {'s': 1.0, 'ms': 1e-3}
 SENSE_OR_ANGLE = {'': 1.0, **ANGLE}
 """An angle whose heading may leave out the unit: its sign alone, ±1, or rad."""
+FORMULA = ('=', '+', '-', '@', '\t', '\r')
+"""A cell that begins so is a formula to a spreadsheet."""
 _LINE_ENDS = '\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029'
 _NUMBER = re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z')
 _HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
@@ -133,7 +135,9 @@ class Table:
             column = column or next((each for each in columns if each.units and word.lower() in each.words), None)
             if column is None:
                 continue
-            factor = _factor(column, unit) if column.units else 1.0
+            # the SI unit in any case: no prefix is mistaken for it
+            is_si = unit.lower() in (known.lower() for known, factor in column.units.items() if factor == 1)
+            factor = column.units.get(unit, 1.0 if is_si or not column.units else None)
             if factor is None:
                 wrong.setdefault(column.name, heading)
                 continue
@@ -155,8 +159,9 @@ class Table:
             return RecordingError(self.source, f'the column {heading!r} has {got}', remedy)
         got = ', '.join(filter(None, self.heading))[:200]
         names = ','.join(each.headings[0] for each in columns if each.required)
-        problem = f'there is no column {column.headings[0]!r}, got {got}'
-        return RecordingError(self.source, problem, f'name them {names}')
+        return RecordingError(
+            self.source, f'there is no column {column.headings[0]!r}, got {got}', f'name them {names}'
+        )
 
     def unused(self, places: Mapping[str, Place]) -> list[str]:
         """A note on the columns that are not read; none where there are none."""
@@ -230,8 +235,7 @@ def one_of(choices: Mapping[str, str]) -> Callable[[str], str]:
     """Reads cells that hold one of some words: the value by word, which is in lower case without spaces or dashes."""
 
     def parse(cell: str) -> str:
-        text = re.sub(r'[\s_-]', '', cell.lower())
-        if text not in choices:
+        if (text := re.sub(r'[\s_-]', '', cell.lower())) not in choices:
             values = ' or '.join(dict.fromkeys(choices.values()))
             raise ValueError(f'expected {values}, got {cell.strip()[:40]!r}')
         return choices[text]
@@ -242,15 +246,8 @@ def one_of(choices: Mapping[str, str]) -> Callable[[str], str]:
 def split_heading(heading: str) -> tuple[str, str]:
     """A heading as its word and its unit, '' where it has none: `force_N`, `force [N]` and `force (N)` alike."""
     match = _HEADING.match(heading)
-    if match is None:  # pragma: no cover - the pattern matches every text on one line
-        return heading, ''
+    assert match  # every text on one line
     return match['word'].strip(), (match['square'] or match['round'] or match['plain'] or '').strip()
-
-
-def _factor(column: Column, unit: str) -> float | None:
-    """Of a heading's unit, if it is one of that column; the SI unit in any case, as no prefix is mistaken for it."""
-    is_si = unit.lower() in (known.lower() for known, factor in column.units.items() if factor == 1)
-    return column.units.get(unit, 1.0 if is_si else None)
 
 
 def load_table(path: Path, example: str) -> Table:
@@ -268,15 +265,13 @@ def load_table(path: Path, example: str) -> Table:
             raise RecordingError(path, 'there is no such file', 'check the path')
         if not path.is_file():
             raise RecordingError(path, 'expected a CSV file, got ' + ('a folder' if path.is_dir() else 'no file'))
-        size = path.stat().st_size
-        if size > MAX_BYTES:
+        if (size := path.stat().st_size) > MAX_BYTES:
             raise RecordingError(path, f'expected at most {MAX_BYTES // 2**20} MiB of CSV, got {size} bytes')
-        data = path.read_bytes()
+        return parse_table(_decoded(path.read_bytes(), path), str(path), example)
     except OSError as error:
         raise RecordingError(path, f'cannot be read: {error.strerror or error}', 'check the file') from error
     except ValueError as error:  # a path with a null character
         raise RecordingError(repr(str(path)), f'cannot be read: {error}', 'check the path') from error
-    return parse_table(_decoded(data, path), str(path), example)
 
 
 def _decoded(data: bytes, path: Path) -> str:
@@ -341,3 +336,12 @@ def csv_lines(columns: Mapping[str, Sequence[str]]) -> str:
     """A CSV text of columns of equal length by name."""
     lines = [','.join(columns), *(','.join(row) for row in zip(*columns.values(), strict=True))]
     return '\n'.join(lines) + '\n'
+
+
+def csv_cell(text: str) -> str:
+    """A cell of text: in quotes where it needs them, and with an apostrophe before what would be a formula."""
+    if any(part.startswith(FORMULA) for part in (text, text.lstrip())) and not re.fullmatch(
+        r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][-+]?[0-9]+)?|-?(inf|nan)', text.strip()
+    ):
+        text = "'" + text
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',;"\r\n\t#') else text

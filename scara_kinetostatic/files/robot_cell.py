@@ -25,8 +25,8 @@ import yaml
 
 from scara_kinetostatic.errors import one_line
 from scara_kinetostatic.files.cell_file import read_cell
-from scara_kinetostatic.files.escaping import render
 from scara_kinetostatic.files.robot_urdf import Robot, axis_of
+from scara_kinetostatic.files.urdf import render
 from scara_kinetostatic.files.yaml_file import dump_yaml
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward
@@ -112,8 +112,7 @@ def _axes_of_plane(axis: Floats) -> tuple[Floats, Floats]:
     ahead, left, up = np.eye(3)
     y = up - axis * (axis @ up)
     if np.linalg.norm(y) <= _LEVEL:  # a SCARA
-        normal = axis * np.sign(axis @ up)
-        x = ahead - axis * (axis @ ahead)
+        normal, x = axis * np.sign(axis @ up), ahead - axis * (axis @ ahead)
         x /= np.linalg.norm(x)
         return np.stack([x, np.cross(normal, x)]), normal
     y /= np.linalg.norm(y)
@@ -146,8 +145,8 @@ def robot_cell(
     arm = planar_arm(robot, joints, tip, held)
     parallel = _parallel(robot, joints, held, arm)
     mounted = _mounting(robot, sensor or tip, joints, held, arm)
-    known = {name: float(f'{0.3 * getattr(arm.nominal, name):.3g}') for name in MOMENTS}
-    known = {name: std for name, std in known.items() if std}
+    moments = {name: getattr(arm.nominal, name) for name in MOMENTS}
+    known = {name: float(f'{0.3 * moment:.3g}') for name, moment in moments.items() if moment}
     has_weight = bool(known)
     idle = _idle(robot, joints[0], {*joints, *held}, [sensor or tip, *(robot.inertias if has_weight else ())])
     notes = [f'the axes are {parallel}'] if arm.tilt > _SAID else []
@@ -158,26 +157,23 @@ def robot_cell(
         notes.append(f'{robot.where} has no inertias: state robot.moments, {{s1, s2}} in kg m')
     if idle:
         notes.append(f'joints off the way to {tip} are taken at 0: {" ".join(idle)}; --at JOINT=VALUE sets them')
+    both = [(name, _limits(robot.joints[name]) or (-3.14, 3.14)) for name in joints]
     plane = arm.plane._asdict() | {key: list(getattr(arm.plane, key)) for key in ('origin', 'x', 'y')}
+    assumed = ' '.join([*(name for name in held if name not in at), *idle])
+    said = {'source': robot.where, 'assumed': assumed, 'root': robot.root, 'tip': tip, 'sensor': sensor or tip}
+    limits = {name: np.clip(pair, -12.5, 12.5).tolist() for name, pair in both}
+    trees = {'known': {'nominal': known}, 'names': list(joints), 'plane': plane, 'limits': limits, 'held': held}
     text = render(
         Path(__file__).with_name('cell.yaml.j2'),
         escape=False,
         arm=arm,
-        source=one_line(robot.where),
         joints=[one_line(name) for name in joints],
         continuous=[one_line(name) for name in joints if robot.joints[name].type == 'continuous'],
-        assumed=one_line(' '.join([*(name for name in held if name not in at), *idle])),
-        root=one_line(robot.root),
-        tip=one_line(tip),
-        sensor=one_line(sensor or tip),
         parallel=parallel,
         has_weight=has_weight,
-        known=dump_yaml({'nominal': known}, flow=True),
         mounted=mounted,
-        names=dump_yaml(list(joints), flow=True),
-        plane=dump_yaml(plane, flow=True),
-        limits=dump_yaml({name: _limits(robot.joints[name]) for name in joints}, flow=True),
-        held=dump_yaml(held, flow=True) if held else '',
+        **{name: one_line(text) for name, text in said.items()},
+        **{name: dump_yaml(tree, flow=True) if tree else '' for name, tree in trees.items()},
     )
     read_cell(yaml.safe_load(text), f'the cell of {robot.where}', may_be_empty=True)  # whoever reads it finds it right
     return text, notes
@@ -214,9 +210,8 @@ def _held(robot: Robot, joints: tuple[str, str], tip: str, at: Mapping[str, floa
     for name, value in held.items():
         if robot.joints[name].type != 'prismatic' and abs(value) > 2 * pi + 1e-3:
             raise robot.error(f'--at {name}={value:g} is beyond a turn', f'in degrees? Give rad: {radians(value):.6g}')
-        limit = robot.joints[name].limit if _is_limited(robot.joints[name]) else None
-        if limit and not limit.lower <= value <= limit.upper:
-            problem = f'{name} at {value:g} is beyond its limits, {limit.lower:g} to {limit.upper:g}'
+        if (limits := _limits(robot.joints[name])) and not limits[0] <= value <= limits[1]:
+            problem = f'{name} at {value:g} is beyond its limits, {limits[0]:g} to {limits[1]:g}'
             raise robot.error(problem, f'state another position: --at {name}=VALUE')
     return held
 
@@ -225,18 +220,14 @@ def _idle(robot: Robot, first: str, known: set[str], links: list[str]) -> list[s
     """Joints between the first and some links that are neither known nor follow one that is."""
     chains = [[joint for joint in robot.chain(link) if joint.type != 'fixed'] for link in links]
     moved = [joint for chain in chains if first in [joint.name for joint in chain] for joint in chain]
-    names = [joint.mimic.joint if joint.mimic else joint.name for joint in moved]
-    return [name for name in dict.fromkeys(names) if name not in known]
+    names = dict.fromkeys(joint.mimic.joint if joint.mimic else joint.name for joint in moved)
+    return [name for name in names if name not in known]
 
 
-def _is_limited(joint: Any) -> bool:
-    return joint.type != 'continuous' and bool(joint.limit) and joint.limit.lower < joint.limit.upper
-
-
-def _limits(joint: Any) -> list[float]:
-    if not _is_limited(joint):
-        return [-3.14, 3.14]
-    return [max(-12.5, joint.limit.lower), min(12.5, joint.limit.upper)]
+def _limits(joint: Any) -> tuple[float, float] | None:
+    """The limits of a joint, rad or m; None where it has none."""
+    is_limited = joint.type != 'continuous' and bool(joint.limit) and joint.limit.lower < joint.limit.upper
+    return (joint.limit.lower, joint.limit.upper) if is_limited else None
 
 
 def _mounting(robot: Robot, sensor: str, joints: tuple[str, str], held: Mapping[str, float], arm: PlanarArm) -> str:
@@ -256,8 +247,7 @@ def _parallel(robot: Robot, joints: tuple[str, str], held: Mapping[str, float], 
     """How exactly the axes are parallel, and what it costs over all positions of both joints."""
     if arm.tilt < _EXACT:
         return 'parallel to rounding'
-    turns = np.linspace(-pi, pi, 9)
-    readings = np.stack(np.meshgrid(turns, turns), axis=-1).reshape(-1, 2)
+    readings = np.stack(np.meshgrid(*[np.linspace(-pi, pi, 9)] * 2), axis=-1).reshape(-1, 2)
     positions = ({**held, joints[0]: one, joints[1]: two} for one, two in readings.tolist())
     places = arm.plane.in_plane(np.array([robot.frame(arm.plane.tip, each)[:3, 3] for each in positions]))
     off = np.hypot(*(places[:, :2] - forward(arm.nominal, readings * arm.direction)).T).max()

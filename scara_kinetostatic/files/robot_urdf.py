@@ -46,11 +46,10 @@ class Robot:
         self.where = where
         robot = self._parsed(text)
         self.joints: dict[str, Any] = {joint.name: joint for joint in robot.joints}
-        if len(self.joints) < len(robot.joints):
-            raise self.error('two of its joints have one name', 'give each its own')
-        self._links = {link.name: link for link in robot.links}
-        if len(self._links) < len(robot.links):
-            raise self.error('two of its links have one name', 'give each its own')
+        self._links: dict[str, Any] = {link.name: link for link in robot.links}
+        for kind, named, every in (('joints', self.joints, robot.joints), ('links', self._links, robot.links)):
+            if len(named) < len(every):
+                raise self.error(f'two of its {kind} have one name', 'give each its own')
         self._parents: dict[str, Any] = {}
         for joint in robot.joints:
             if joint.child in self._parents:
@@ -136,19 +135,15 @@ class Robot:
         """
         found = np.eye(4)
         for joint in self.chain(link):
-            found = found @ _matrix(joint.origin) @ self._motion(joint, positions)
+            found = found @ _matrix(joint.origin)
+            along = np.array(axis_of(joint)) * self._position(joint, positions)
+            if joint.type in _TURNING:
+                found[:3, :3] = found[:3, :3] @ Rotation.from_rotvec(along).as_matrix()
+            elif joint.type == 'prismatic':
+                found[:3, 3] += found[:3, :3] @ along
             if not np.isfinite(found).all():
                 raise self.error(f'joint {joint.name!r} has no axis, or a number that is not finite', 'correct it')
         return found
-
-    def _motion(self, joint: Any, positions: Mapping[str, float]) -> Floats:
-        moved, at = np.eye(4), self._position(joint, positions)
-        along = np.array(axis_of(joint)) * at
-        if joint.type in _TURNING:
-            moved[:3, :3] = Rotation.from_rotvec(along).as_matrix()
-        elif joint.type == 'prismatic':
-            moved[:3, 3] = along
-        return moved
 
     def _position(self, joint: Any, positions: Mapping[str, float]) -> float:
         mimic = joint.mimic
@@ -188,9 +183,7 @@ def read_robot(path: Path) -> Robot:
     Raises:
         InputError: the file cannot be read, or is none.
     """
-    if path.suffix == '.xacro':
-        return Robot(_expanded(path), str(path))
-    return Robot(read_bytes(path), str(path))
+    return Robot(_expanded(path) if path.suffix == '.xacro' else read_bytes(path), str(path))
 
 
 def read_bytes(path: Path) -> bytes:

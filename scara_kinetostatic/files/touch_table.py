@@ -1,4 +1,6 @@
-"""Touches as a table: CSV with one row per touch, checked row by row.
+"""Tables of touches, and of poses and states of an arm: CSV with one row each, checked row by row.
+
+**Touches.**
 
     q1_rad,q2_rad,fx_N,fy_N,object,time_s,approach1,approach2
 
@@ -12,19 +14,26 @@ columns and as cells:
 
 Unknown columns, and rows without joint angles and force, are named in a note and not used, so that a table of residuals
 can be read as a table of touches. See `columns` for headings, units, separators, decimal commas and encodings.
+
+**Poses and states** are extended by columns of results. `compensate` reads `x_m, y_m, fx_N, fy_N` and optional `elbow`
+(``left`` or ``right``), `locate` reads `q1_rad, q2_rad, fx_N, fy_N`; both may have `time_s`, and `approach1,
+approach2`, as a table of touches. Other columns are handed on as they are, unless a result has their name; numbers that
+are read, with a decimal point and in SI units.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files import columns
-from scara_kinetostatic.files.columns import Column, Table, load_table
+from scara_kinetostatic.files.columns import Column, Place, Table, csv_cell, load_table, one_of, plain
 from scara_kinetostatic.model.arrays import Floats
 
 EXAMPLE = 'q1_rad,q2_rad,fx_N,fy_N'
@@ -35,8 +44,8 @@ JOINTS = tuple(
 FORCE = tuple(Column(f'{f}_N', (f,), columns.FORCE, required=True, largest=1e5) for f in ('fx', 'fy'))
 TIME = Column('time_s', ('time',), columns.TIME, largest=1e12)
 APPROACH = tuple(Column(name, (name,), columns.SENSE_OR_ANGLE, largest=30.0) for name in ('approach1', 'approach2'))
-_BLANK = tuple(column._replace(blank=True) for column in (TIME, *APPROACH))
-_COLUMNS = (*JOINTS, *FORCE, *_BLANK, Column('object', ('object',), parse=str.strip))
+_OBJECT = Column('object', ('object',), parse=str.strip)
+_COLUMNS = (*JOINTS, *FORCE, *(column._replace(blank=True) for column in (TIME, *APPROACH)), _OBJECT)
 LARGEST = {column.name: column.largest for column in _COLUMNS}
 """Beyond this a number is not plausible in its unit."""
 
@@ -70,6 +79,13 @@ def is_touch_table(path: str | Path) -> bool:
     return Path(path).suffix.lower() == '.csv' and not Path(path).is_dir()
 
 
+def _places(table: Table, known: Iterable[Column]) -> dict[str, Place]:
+    places = table.find(known)
+    if ('approach1' in places) != ('approach2' in places):
+        raise RecordingError(table.source, 'there is one of approach1 and approach2', 'give both, or none')
+    return places
+
+
 def load_touch_table(path: str | Path) -> TouchTable:
     """Read a table of touches.
 
@@ -80,9 +96,7 @@ def load_touch_table(path: str | Path) -> TouchTable:
 
 
 def _touches(table: Table) -> TouchTable:
-    places = table.find(_COLUMNS)
-    if ('approach1' in places) != ('approach2' in places):
-        raise RecordingError(table.source, 'there is one of approach1 and approach2', 'give both, or none')
+    places = _places(table, _COLUMNS)
     notes = table.unused(places)
     needed = [places[column.name].number for column in (*JOINTS, *FORCE)]
     filled = [any(cells[k].strip() for k in needed if k < len(cells)) for _, cells in table.rows]
@@ -108,4 +122,95 @@ def _touches(table: Table) -> TouchTable:
         lines=tuple(line for line, _ in table.rows),
         source=table.source,
         notes=tuple(notes),
+    )
+
+
+_PLACE = tuple(
+    Column(f'{axis}_m', (axis,), columns.LENGTH, True, largest=100.0, hint=f'name it {axis}_mm where it is in mm')
+    for axis in 'xy'
+)
+POSES = (*_PLACE, *FORCE)
+STATES = (*JOINTS, *FORCE)
+_BESIDES = (Column('elbow', ('elbow',), parse=one_of({'left': 'left', 'right': 'right'})), TIME, *APPROACH)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTable:
+    """The rows of a table.
+
+    Attributes:
+        source: the file.
+        values: the numbers by column, (n,) each.
+        elbows: of each row, ``left`` or ``right``; None where the table does not say.
+        heading: names of all its columns, in their order, without those that are empty throughout; of those that were
+            converted, that of the SI unit.
+        cells: text of all cells, row by row; numbers that were read have a decimal point, and are in SI units.
+    """
+
+    source: Path
+    values: Mapping[str, Floats]
+    elbows: tuple[str, ...] | None
+    heading: tuple[str, ...]
+    cells: tuple[tuple[str, ...], ...]
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    def pair(self, first: str, second: str) -> Floats:
+        """Two columns, (n, 2)."""
+        return np.stack([self.values[first], self.values[second]], axis=-1)
+
+    @property
+    def force(self) -> Floats:
+        """F, (n, 2), N."""
+        return self.pair('fx_N', 'fy_N')
+
+    @property
+    def time(self) -> Floats | None:
+        """(n,), s; None where the table does not say."""
+        return self.values.get('time_s')
+
+    @property
+    def approach(self) -> Floats | None:
+        """Last movement of each joint, (n, 2), rad or its sense; None where the table does not say."""
+        return self.pair('approach1', 'approach2') if 'approach1' in self.values else None
+
+    def text_with(self, results: Mapping[str, NDArray[Any]]) -> str:
+        """The table with columns of results, (n,) each, behind its own."""
+        kept = [place for place, name in enumerate(self.heading) if name not in results]
+        heading = [*(csv_cell(self.heading[place]) for place in kept), *results]
+        texts = zip(*(map(str, column.tolist()) for column in results.values()), strict=True)
+        rows = zip(self.cells, texts, strict=True)
+        lines = [','.join((*(csv_cell(cells[place]) for place in kept), *text)) for cells, text in rows]
+        return '\n'.join([','.join(heading), *lines, ''])
+
+
+def load_pose_table(path: Path, needed: Sequence[Column]) -> PoseTable:
+    """Read a table.
+
+    Args:
+        path: the file.
+        needed: `POSES` or `STATES`.
+
+    Raises:
+        RecordingError: the file cannot be read, or a column or a row of it is wrong.
+    """
+    table = load_table(path, ','.join(column.name for column in needed))
+    places = _places(table, (*needed, *_BESIDES))
+    numbers, others = table.read(places)
+    width = len(table.heading)
+    texts = [[*cells[:width], *[''] * (width - len(cells))] for _, cells in table.rows]
+    headings = list(table.heading)
+    for name, values in numbers.items():
+        _, k, factor = places[name]
+        headings[k] = headings[k] if factor == 1 else name
+        for row, value in zip(texts, values.tolist(), strict=True):
+            row[k] = plain(row[k]).replace(',', '.') if factor == 1 else f'{value:.15g}'
+    kept = [k for k, heading in enumerate(headings) if heading or any(row[k].strip() for row in texts)]
+    return PoseTable(
+        path,
+        numbers,
+        tuple(others['elbow']) if 'elbow' in others else None,
+        tuple(headings[k] for k in kept),
+        tuple(tuple(row[k] for k in kept) for row in texts),
     )

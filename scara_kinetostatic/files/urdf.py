@@ -11,6 +11,7 @@ A URDF is rigid: the tip is H(L̄, Q), without deflection and backlash.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from math import pi
 from pathlib import Path
@@ -18,7 +19,7 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
-from scara_kinetostatic.files.escaping import render
+from scara_kinetostatic.errors import one_line
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.plane import BASE_FRAME as BASE_FRAME
@@ -31,6 +32,39 @@ NOMINAL_COLOUR = (0.55, 0.55, 0.55, 0.6)
 CALIBRATED_COLOUR = (0.0, 0.45, 0.70, 0.9)
 
 Colour = tuple[float, float, float, float]
+
+
+def comment(line: str) -> str:
+    """A line that begins or ends no comment of XML or C, has no trigraph, and in CSV no cell that is a formula."""
+    line = re.sub('-(?=-|$)', '- ', one_line(line))
+    line = re.sub(r'(?<=/)(?=\*)|(?<=\*)(?=/)|(?<=\?)(?=\?)', ' ', line)
+    return re.sub('([,;])(?=[-=+@])', r'\1 ', line)
+
+
+def xacro(text: str) -> str:
+    """A text in which xacro evaluates nothing but the dollar signs themselves."""
+    return text.replace('$', "${'$'}")
+
+
+def render(path: Path, *, escape: bool = True, **values: Any) -> str:
+    """The text of a Jinja template with its values; one that is missing is an error.
+
+    Args:
+        path: the template; it may include others of its folder.
+        escape: whether values are escaped as HTML and XML need it.
+        values: by name.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(path.parent),
+        autoescape=escape,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(path.name).render(**values)
 
 
 class Arm(NamedTuple):
@@ -81,7 +115,5 @@ def place_of_arm(cell: Cell) -> dict[str, Any]:
 
 def side_by_side(name: str, cell: Cell, calibrated: Parameters | None) -> str:
     """The text of a URDF of the nominal arm and, where there is one, the calibrated arm."""
-    arms = [Arm(cell.nominal)]
-    if calibrated is not None:
-        arms.append(Arm(calibrated, CALIBRATED, CALIBRATED_COLOUR))
-    return arm_urdf(name, cell, arms)
+    found = [] if calibrated is None else [Arm(calibrated, CALIBRATED, CALIBRATED_COLOUR)]
+    return arm_urdf(name, cell, [Arm(cell.nominal), *found])

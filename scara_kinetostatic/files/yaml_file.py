@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, TypeVar
 import yaml
 
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.files.escaping import FORMULA
+from scara_kinetostatic.files.columns import FORMULA
 from scara_kinetostatic.model.parameters import implausible_size
 
 _MAX_BYTES = 256 * 1024
@@ -93,8 +93,7 @@ def read_text(path: str | Path, problem: _Problem) -> str:
             raise problem(path, 'there is no such file', 'check the path')
         if not path.is_file():
             raise problem(path, 'expected a file, got ' + ('a folder' if path.is_dir() else 'something else'))
-        size = path.stat().st_size
-        if size > _MAX_BYTES:
+        if (size := path.stat().st_size) > _MAX_BYTES:
             raise problem(path, f'expected at most {_MAX_BYTES // 1024} KiB of YAML, got {size} bytes')
         return path.read_bytes().decode('utf-8-sig')
     except UnicodeDecodeError as error:
@@ -117,16 +116,11 @@ def parse_yaml(text: str, where: str | Path, problem: _Problem) -> Any:
     """
     if len(text) > _MAX_BYTES:
         raise problem(where, f'expected at most {_MAX_BYTES // 1024} KiB of YAML, got {len(text)} characters')
-    loader = None
     try:
         _check_events(text, yaml.BaseLoader, _MOST_VALUES)
-        loader = _Loader(text)
-        return loader.get_single_data()
+        return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise problem(where, f'not valid YAML: {_reason(error)}') from error
-    finally:
-        if loader is not None:
-            loader.dispose()
 
 
 class _Dumper(yaml.SafeDumper):
@@ -138,9 +132,8 @@ _Dumper.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9]
 
 def dump_yaml(tree: Any, flow: bool = False) -> str:
     """Plain values as YAML, in braces and brackets on one line, without its end, if `flow`."""
-    text: str = yaml.dump(
-        tree, Dumper=_Dumper, default_flow_style=flow, width=math.inf, sort_keys=False, allow_unicode=True
-    )
+    style: dict[str, Any] = {'default_flow_style': flow, 'width': math.inf, 'sort_keys': False, 'allow_unicode': True}
+    text: str = yaml.dump(tree, Dumper=_Dumper, **style)
     return text.removesuffix('\n').removesuffix('\n...') if flow else text
 
 
@@ -213,7 +206,6 @@ class Within(NamedTuple):
 
 
 POSITIVE = Within(positive=True)
-NOT_NEGATIVE = Within(least=0.0)
 ANY = Within()
 
 
@@ -266,13 +258,7 @@ class Section:
         return self._inside(self._path(name), self.data.get(name), required, optional)
 
     def items(
-        self,
-        name: str,
-        what: str,
-        required: _Keys,
-        optional: _Keys,
-        most: int = 64,
-        other: tuple[_Keys, _Keys] | None = None,
+        self, name: str, what: str, required: _Keys, optional: _Keys, most: int = 64, other: tuple[_Keys, ...] = ()
     ) -> list[Section]:
         """The mappings in the list under a key, from one to `most`; `what` names them in the message.
 
@@ -283,12 +269,11 @@ class Section:
             raise self.error(name, f'expected a list of {what}, got {shown(items)}', 'give at least one')
         if len(items) > most:
             raise self.error(name, f'expected at most {most} {what}, got {len(items)}')
-        path = self._path(name)
-        keys = [(required, optional)] * len(items)
-        if other is not None:
-            last = [*other[0]][-1]
-            keys = [other if isinstance(item, Mapping) and last in item else (required, optional) for item in items]
-        return [self._inside(f'{path}[{k}]', item, *keys[k]) for k, item in enumerate(items)]
+        found, last = [], [*other[0]][-1] if other else None
+        for k, item in enumerate(items):
+            keys = other if other and isinstance(item, Mapping) and last in item else (required, optional)
+            found.append(self._inside(f'{self._path(name)}[{k}]', item, *keys))
+        return found
 
     def number(self, name: str, unit: str = '', within: Within = ANY) -> float:
         """A finite number of a plausible size (`implausible_size`), and within its limits."""
@@ -297,8 +282,7 @@ class Section:
             raise self.error(name, f'expected a number, got {shown(value)}')
         if not math.isfinite(value):
             raise self.error(name, f'expected a finite number, got {value}')
-        implausible = implausible_size(value, unit)
-        if implausible:
+        if implausible := implausible_size(value, unit):
             raise self.error(name, *implausible)
         if not within.least <= value <= within.most or (within.positive and value <= 0):
             raise self.error(name, f'expected {within}, got {value:g}', within.remedy)

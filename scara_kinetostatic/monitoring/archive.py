@@ -19,8 +19,8 @@ from typing import NamedTuple
 from scara_kinetostatic import __version__
 from scara_kinetostatic.bags.reader import recorded_cell
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
+from scara_kinetostatic.files.atomic import recording_checksum
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.checksum import recording_checksum
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.pipeline import calibrate_recordings
@@ -93,8 +93,7 @@ def recalibrate(task: Task) -> Done:
     except ScaraKinetostaticError as error:
         return Done(task, '', str(error).removeprefix(f'{task.recording}: '))
     except Exception as error:  # one recording does not stop the others
-        reason = ' '.join(str(error).split())
-        return Done(task, '', f'internal error, {type(error).__name__}: {reason:.200}')
+        return Done(task, '', f'internal error, {type(error).__name__}: {" ".join(str(error).split()):.200}')
     return Done(task, outcome.assessment.grade.value, '')
 
 

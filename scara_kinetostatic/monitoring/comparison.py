@@ -86,8 +86,7 @@ class Fit(NamedTuple):
         for name, std in stated_uncertainties(record.arm.cell).items():
             place = state.stated_place(name)
             prior[place] = (state.scale[place] / std) ** 2 / record.enlargement
-        prior[[record.place(name) for name in record.fixed]] = np.inf
-        prior[[record.place(name) for name in record.arm.model.held]] = np.inf
+        prior[[record.place(name) for name in (*record.fixed, *record.arm.model.held)]] = np.inf
         prior[[] if held is None else held] = np.inf
         free = np.flatnonzero(np.isfinite(prior))
         rows = jacobian[:, free]
@@ -175,8 +174,9 @@ def extended(
     by_new[new] += np.eye(len(new))
     values, vectors = np.linalg.eigh((information + information.T) / 2)
     shown = values > 1e-9 * float((columns**2).sum(axis=0).max(initial=1e-12))  # else the touches do not show it
-    root = by_new @ (vectors[:, shown] / np.sqrt(values[shown]))
-    found = root @ ((vectors[:, shown] / np.sqrt(values[shown])).T @ (columns.T @ residual))
+    directions = vectors[:, shown] / np.sqrt(values[shown])
+    root = by_new @ directions
+    found = root @ (directions.T @ (columns.T @ residual))
     places = [*range(total), *(state.error_place(name) for name in names[total:])]
     scale = state.scale[places]
     further = scale[:, None] * root[places]
@@ -303,31 +303,17 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
         evidence = _evidence(root, difference, names, fits[1], len(both[1].arm.model.names))
         single = {k for k, name in enumerate(state.names[: state.values]) if name not in names}  # not in both
         among = [h for h in hypotheses_of(state) if not {*h.places} & single]
-        causes = Causes.of(evidence, state, among, chi_square, freedoms, noise)
-    tip = after.tip_moved(before.arm, after.arm)
-    return Change(
-        before=before,
-        after=after,
-        parameters=parameters,
-        chi_square=chi_square,
-        degrees_of_freedom=freedoms,
-        p_value=p_value,
-        causes=causes,
-        tip=rms(tip),
-        largest_tip=float(tip.max(initial=0.0)),
-        only_before=tuple(effect.label for effect in alone(before, after)),
-        only_after=tuple(effect.label for effect in alone(after, before)),
-        not_compared=not_compared,
-        notes=tuple(_notes(before, after, is_held, [p.name for p in parameters if np.isnan(p.std)])),
-    )
+        causes = Causes.of(evidence, state, among, (chi_square, freedoms, noise))
+    off = after.tip_moved(before.arm, after.arm)
+    tip, largest = rms(off), float(off.max(initial=0.0))
+    own, its = (tuple(effect.label for effect in alone(*pair)) for pair in ((before, after), (after, before)))
+    notes = tuple(_notes(before, after, is_held, [p.name for p in parameters if np.isnan(p.std)]))
+    test = chi_square, freedoms, p_value
+    return Change(before, after, parameters, *test, causes, tip, largest, own, its, not_compared, notes)
 
 
 def _differences(
-    both: tuple[CalibrationRecord, CalibrationRecord],
-    fits: Sequence[Fit],
-    names: Sequence[str],
-    hidden: Floats,
-    by_undetected: Floats,
+    both: Sequence[CalibrationRecord], fits: Sequence[Fit], names: list[str], hidden: Floats, by_undetected: Floats
 ) -> tuple[tuple[ParameterChange, ...], Floats]:
     """Of values that both have, one by one, and S of them, SI, (p, p)."""
     places = [[record.place(name) for name in names] for record in both]
@@ -353,10 +339,8 @@ def _by_undetected(before: UndetectedErrors, after: UndetectedErrors, names: Seq
 
     The robot has the same ones in both calibrations, but other touches show other parts of them.
     """
-    parts = [
-        dict(zip(one.columns, zip(one.size, one.at(names).T, strict=True), strict=True)) for one in (before, after)
-    ]
-    found = []
+    sizes = (zip(one.columns, zip(one.size, one.at(names).T, strict=True), strict=True) for one in (before, after))
+    parts, found = [dict(each) for each in sizes], []
     for column in parts[0].keys() | parts[1].keys():
         (size, moved), (other_size, other) = (part.get(column, (0.0, np.zeros(len(names)))) for part in parts)
         one = (size * other_size) ** 0.5

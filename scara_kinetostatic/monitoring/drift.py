@@ -177,11 +177,9 @@ class DriftMonitor:
         expected = jacobian @ self._mean
         bounded = (touch.residual[0] - expected) * min(1.0, LARGEST_RESIDUAL / max(self.last_distance, 1e-12))
         self._latest = (*self._latest[1 - MEMORY :], touch)
-        found = Information.of(touch._replace(residual=(expected + bounded)[None]))
-        fresh = _Start(self.count, self._mean, self._covariance, found)
+        found, kept = Information.of(touch._replace(residual=(expected + bounded)[None])), self._from_calibration
         earlier = [start._replace(since=start.since.plus(found)) for start in self._starts[1 - WINDOW :]]
-        self._starts = [*earlier, fresh]
-        kept = self._from_calibration
+        self._starts = [*earlier, _Start(self.count, self._mean, self._covariance, found)]
         self._from_calibration = kept._replace(since=kept.since.plus(found, 1 - 1 / MEMORY))
         spread = np.eye(2) + jacobian @ self._covariance @ jacobian.T
         gain = np.linalg.solve(spread, jacobian @ self._covariance).T
@@ -254,10 +252,10 @@ def alarm_line(alarm: Alarm, since: SinceTouch | None) -> str:
     if since is not None and alarm.since:
         when = f'since touch {since.number} of {PurePath(since.recording).name}'
     what = f'{alarm.best.hypothesis.title} ({alarm.best.text})'
-    if alarm.is_explained:
-        what = '; or '.join((what, '; '.join(map(change_title, alarm.rivals[:3])))) if alarm.rivals else what
-    else:
+    if not alarm.is_explained:
         what = f'no single part explains it, the largest is: {what}'
+    elif alarm.rivals:
+        what += f'; or {"; ".join(map(change_title, alarm.rivals[:3]))}'
     return f'the calibration no longer holds, {when}: {what}'
 
 

@@ -70,10 +70,8 @@ class History:
                 for part in (_TABLE, f'PRAGMA application_id = {APPLICATION}', f'PRAGMA user_version = {VERSION}'):
                     connection.execute(part)
             own = "SELECT type, sql FROM sqlite_master WHERE name NOT LIKE 'sqlite^_stat%' ESCAPE '^'"  # of ANALYZE
-            layout = set(connection.execute(own))
-            (damage,) = connection.execute('PRAGMA quick_check(1)').fetchone()
-            pragmas = ('PRAGMA application_id', 'PRAGMA user_version')
-            application, version = (connection.execute(pragma).fetchone()[0] for pragma in pragmas)
+            layout, pragmas = set(connection.execute(own)), ('quick_check(1)', 'application_id', 'user_version')
+            damage, application, version = (connection.execute(f'PRAGMA {name}').fetchone()[0] for name in pragmas)
         if application != APPLICATION:
             raise InputError(self.path, 'is no history of calibrations', 'give another file; `history add` makes one')
         if version != VERSION:
@@ -209,12 +207,11 @@ class Trend(NamedTuple):
 
 def trends_of(entries: Sequence[Entry]) -> list[Trend]:
     """The trend of each robot, of entries in the order of robot and time."""
-    return [_trend(robot, tuple(its)) for robot, its in groupby(entries, key=lambda entry: entry.robot)]
-
-
-def _trend(robot: str, entries: tuple[Entry, ...]) -> Trend:
-    changes = [compare(one.record, other.record) for one, other in pairwise(entries)]
-    start = max((k for k, change in enumerate(changes, 1) if change.has_changed), default=0)
-    first, last = entries[start], entries[-1]
-    slow = compare(first.record, last.record) if len(entries) - start > 2 else None
-    return Trend(robot, entries, (None, *changes), first.number, slow)
+    trends = []
+    for robot, its in groupby(entries, key=lambda entry: entry.robot):
+        own = tuple(its)
+        changes = [compare(one.record, other.record) for one, other in pairwise(own)]
+        start = max((k for k, change in enumerate(changes, 1) if change.has_changed), default=0)
+        slow = compare(own[start].record, own[-1].record) if len(own) - start > 2 else None
+        trends.append(Trend(robot, own, (None, *changes), own[start].number, slow))
+    return trends

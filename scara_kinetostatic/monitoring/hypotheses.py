@@ -177,19 +177,14 @@ class Causes(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        evidence: Evidence,
-        state: State,
-        among: Sequence[Hypothesis],
-        chi_square: float,
-        freedoms: int,
-        noise_freedoms: float,
+        cls, evidence: Evidence, state: State, among: Sequence[Hypothesis], test: tuple[float, int, float]
     ) -> Causes:
-        """Of evidence with a chi-square of so many degrees of freedom."""
+        """Of evidence with a test: a chi-square, its degrees of freedom, and those of the noise."""
+        chi_square, freedoms, noise = test
         ranking = explanations(evidence, state, among)
         left = max(chi_square - ranking[0].statistic, 0.0)
         freedoms = max(freedoms - len(ranking[0].change), 0)
-        remaining = 1.0 if left < LINEAR * chi_square else float(p_values(left, freedoms, noise_freedoms))
+        remaining = 1.0 if left < LINEAR * chi_square else float(p_values(left, freedoms, noise))
         return cls(tuple(ranking), rivals(ranking), remaining)
 
     def is_open(self, level: float) -> bool:

@@ -73,8 +73,6 @@ LINEAR = 0.01
 """Part of a chi-square that a large change leaves as touches are linearised at the calibrated values: (δ / 2 R)² for a
 change δ of the tip on a disc of radius R.
 """
-_SCALES = {'m': 1e-4, 'rad': 1e-3, '1': 1e-2}
-"""Plausible size of an error of the cell, by unit."""
 
 
 class State(NamedTuple):
@@ -114,11 +112,11 @@ class State(NamedTuple):
         names = (*arm.model.names, *probe.names)
         of_cell = [unit for source in probe.sources for unit in [source.unit] * source.components]
         of_effects = [p.unit for effect in arm.model.effects for p in effect.parameters]
-        scale = np.concatenate([scales_of(arm.model), [_SCALES[unit] for unit in of_cell]])
+        plausible = {'m': 1e-4, 'rad': 1e-3, '1': 1e-2}  # sizes of errors of the cell
+        scale = np.concatenate([scales_of(arm.model), [plausible[unit] for unit in of_cell]])
         units = (*(UNITS[name] for name in arm.model.parameters.names), *of_effects, *of_cell)
-        values = len(arm.model.names)
+        values, same = len(arm.model.names), same_sources(arm.cell, cell)
         mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
-        same = same_sources(arm.cell, cell)
         known = [k for k, name in enumerate(record.names) if k < values or same(name)]
         places = [k if k < values else values + names[values:].index(record.names[k]) for k in known]
         covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
@@ -169,15 +167,14 @@ def stated_uncertainties(cell: Cell) -> dict[str, float]:
 
 def same_sources(known: Cell, cell: Cell) -> Callable[[str], bool]:
     """Whether an error, by name, is of a source of uncertainty that is the same thing in two cells."""
-    errors = ('position', 'radius', 'offset', 'rotation')
-    one, other = (
-        {
-            **{f'object_{what}[{disc.name}]': disc for disc in each.discs for what in errors},
-            **{f'plate_{what}[{plate.name}]': plate for plate in each.plates for what in ('position', 'angle')},
-            **{f'nominal[{name}]': value for name, value in each.nominal.as_dict().items()},
-        }
-        for each in (known, cell)
-    )
+
+    def described(cell: Cell) -> dict[str, object]:
+        errors = ('position', 'radius', 'offset', 'rotation')
+        objects = {f'object_{what}[{disc.name}]': disc for disc in cell.discs for what in errors}
+        plates = {f'plate_{what}[{plate.name}]': plate for plate in cell.plates for what in ('position', 'angle')}
+        return {**objects, **plates, **{f'nominal[{name}]': v for name, v in cell.nominal.as_dict().items()}}
+
+    one, other = map(described, (known, cell))
     same = {'radius', 'force_gain', 'force_rotation'} | {name for name in one if one[name] == other.get(name)}
     return lambda name: name.removesuffix('.x').removesuffix('.y') in same
 
@@ -233,8 +230,7 @@ def measure(touches: TouchSet, record: CalibrationRecord, state: State) -> Measu
     observations = observe(touches, cell, state.errors)
     point = project(observations, record.arm.model, record.arm.noise)
     spread = np.sqrt(record.enlargement)
-    residual = -point.whitened.residual / spread
-    jacobian = point.whitened.jacobian * state.scale / spread
+    residual, jacobian = -point.whitened.residual / spread, point.whitened.jacobian * state.scale / spread
     if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
         problem = 'a touch cannot be evaluated at the calibrated model'
         raise InputError(record.source, problem, 'check that robot and cell are those of the calibration')
@@ -279,8 +275,8 @@ class Evidence(NamedTuple):
     def of(cls, found: Information, covariance: Floats, mean: Floats | float = 0.0) -> Evidence:
         """Of a change after `covariance` and `mean` of the state were known."""
         size = len(found.score)
-        mean = np.broadcast_to(mean, (size,))
-        right = np.concatenate([found.matrix, (found.score - found.matrix @ mean)[:, None]], axis=1)
+        off = found.score - found.matrix @ np.broadcast_to(mean, (size,))
+        right = np.concatenate([found.matrix, off[:, None]], axis=1)
         solved = np.linalg.solve(np.eye(size) + found.matrix @ covariance, right)
         return cls(solved[:, size], (solved[:, :size] + solved[:, :size].T) / 2)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -23,7 +23,7 @@ from scara_kinetostatic.calibration.result import UndetectedErrors
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
 from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import reported_force
@@ -107,11 +107,10 @@ class CalibrationRecord:
             raise ValueError('covariance_with_cell: an earlier version wrote it')
         rows, columns, of_robot = (tuple(part[key]) for key in ('rows', 'columns', 'of_robot'))
         matrix = stored_numbers(part['matrix'], (len(rows), len(columns)))
-        found = UndetectedErrors(rows, columns, of_robot, stored_numbers(part['size'], (len(columns),)), matrix)
-        are_named = all(isinstance(text, str) for text in columns) and len(of_robot) == len(columns)
-        if not (are_named and (found.size > 0).all()):
+        size = stored_numbers(part['size'], (len(columns),))
+        if not (all(isinstance(text, str) for text in columns) and len(of_robot) == len(size) and (size > 0).all()):
             raise ValueError('covariance_with_cell: undetected effects without a name or a size')
-        return found
+        return UndetectedErrors(rows, columns, of_robot, size, matrix)
 
     def without_undetected(self) -> CalibrationRecord:
         """The same without what undetected effects contribute to its covariance."""
@@ -197,11 +196,8 @@ class CalibrationRecord:
         discs = {disc.name: k for k, disc in enumerate(self.arm.cell.discs)}
         frame, p = self.arm.cell.sensor.frame, self.arm.model.parameters
 
-        def column(name: str, *shape: int) -> Floats:
-            return np.array([row[name] for row in rows], dtype=float).reshape(len(rows), *shape)
-
-        def numbers(values: Iterable[Any]) -> Indices:
-            return np.array(list(values), dtype=np.intp)
+        def column(name: str, *shape: int, kind: Any = float) -> Any:
+            return np.array([row[name] for row in rows], dtype=kind).reshape(len(rows), *shape)
 
         joints, force = column('joints', 2), column('force', 2)
         if frame is not SensorFrame.BASE:
@@ -209,15 +205,13 @@ class CalibrationRecord:
         touches = TouchSet(
             joints=joints,
             force=force,
-            disc=numbers(discs[row['object']] for row in rows),
-            posture=numbers(row['posture'] for row in rows),
+            disc=np.array([discs[row['object']] for row in rows], dtype=np.intp),
             time=column('time'),
-            index=numbers(row['index'] for row in rows),
-            order=numbers(row['order'] for row in rows),
+            **{name: column(name, kind=np.intp) for name in ('posture', 'index', 'order')},
             approach=column('approach', 2),
             press=column('press', 2),
             history=stacked_histories([row.get('history', ()) for row in rows], joints),
-            surface=numbers(row.get('surface', -1) for row in rows),
+            surface=np.array([row.get('surface', -1) for row in rows], dtype=np.intp),
         )
         return touches.replace(force=reported_force(self.arm.model, force, TouchMetadata.of(touches, frame)))
 
@@ -244,8 +238,7 @@ def _joint(entry: Mapping[str, Any], arm: CalibratedArm) -> tuple[tuple[str, ...
     Raises:
         KeyError, TypeError, ValueError: they are damaged, or not those of the model.
     """
-    names = tuple(map(str, entry['names']))
-    declared = DeclaredErrors.of(arm.cell)
+    names, declared = tuple(map(str, entry['names'])), DeclaredErrors.of(arm.cell)
     if names != (*arm.model.names, *(declared.names if declared else ())):
         raise ValueError('covariance_with_cell: names differ from those of the model and the cell')
     values = stored_numbers(entry['values'], (len(names),))
@@ -266,8 +259,7 @@ def check_same_recorded(cell: Cell, path: str | Path, source: str) -> None:
         InputError: it is not.
     """
     with suppress(CellError):
-        recorded = embedded_cell(path)
-        if recorded is not None:
+        if (recorded := embedded_cell(path)) is not None:
             check_same_arm(cell, recorded, source, str(path))
 
 

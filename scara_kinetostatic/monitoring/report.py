@@ -107,8 +107,7 @@ def _answer(change: Change) -> Verdict:
     tip = f'The predicted tip moved by {micrometres(change.tip)} µm (rms), {micrometres(change.largest_tip)} µm at most'
     found = [f'{tip}, at the touches of the second calibration.']
     for effects, which in ((change.only_before, 'first'), (change.only_after, 'second')):
-        if effects:
-            found.append(f'Only the {which} calibration has {", ".join(effects)}.')
+        found += [f'Only the {which} calibration has {", ".join(effects)}.'] if effects else []
     is_doubtful = change.has_changed or change.not_compared
     return Verdict(f'{verdict(change)}.', 'caution' if is_doubtful else 'good', (*found, *map(sentence, change.notes)))
 
@@ -208,8 +207,7 @@ def _touch_picture(v: Verification) -> Markup:
     axes.fill_between(touches, -2 * expected, 2 * expected, color=FAINT, alpha=0.2, linewidth=0, step='mid')
     axes.plot(touches[~outlies], errors[~outlies], 'o', color=INK, markersize=3)
     axes.plot(touches[outlies], errors[outlies], 'o', color=WARN, markersize=4)
-    axes.set_xlabel('touch')
-    axes.set_ylabel('error of the tip [µm]')
+    axes.set(xlabel='touch', ylabel='error of the tip [µm]')
     return as_svg(figure, 'tip_error', 'error of the predicted tip, touch by touch')
 
 

@@ -34,8 +34,6 @@ from scara_kinetostatic.touches.detection import Detection, cell_of_files
 
 LEVEL = 1e-3
 """p-value below which the touches contradict the calibration. Source: of a thousand sound ones, one is refused."""
-MOST_OUTLYING = 0.1
-"""Part of the touches that may be outliers in a sound calibration. Source: `assessment.LIMITS.most_rejected`."""
 
 
 @dataclass(frozen=True)
@@ -215,15 +213,14 @@ def verify(
     if not len(detection.touches):
         reason = f': {detection.rejected[0].reason}' if detection.rejected else ''
         raise UnsupportedDataError(f'no touch can be verified{reason}', 'see what `inspect` says about the recording')
-    if cell is not None:
-        check_same_arm(record.arm.cell, cell, record.source, 'the cell description')
     cell = cell or record.arm.cell
+    check_same_arm(record.arm.cell, cell, record.source, 'the cell description')
     touches, noise = detection.touches.replace(order=np.full(len(detection.touches), LATER)), record.noise_freedoms
     state = State.of(record, cell)
     measured = measure(touches, record, state)
     test = others_test = PredictionTest.of(measured, state.covariance, noise)
     outlies, others = test.p_values < LEVEL / len(touches), measured  # the same for the largest of all (Bonferroni)
-    outlies &= outlies.mean() <= MOST_OUTLYING  # more are no outliers: something has changed
+    outlies &= outlies.mean() <= 0.1  # `assessment.LIMITS.most_rejected`; more are no outliers: something has changed
     if outlies.any():
         others = measured.select(~outlies)
         others_test = PredictionTest.of(others, state.covariance, noise)
@@ -231,7 +228,7 @@ def verify(
     if others_test.p_value < LEVEL:
         evidence = Evidence.of(Information.of(others), state.covariance)
         hypotheses = hypotheses_of(state, np.unique(touches.disc).tolist())
-        causes = Causes.of(evidence, state, hypotheses, others_test.chi_square, others_test.freedoms, noise)
+        causes = Causes.of(evidence, state, hypotheses, (others_test.chi_square, others_test.freedoms, noise))
     effects = ', '.join(Predictor(record.arm).effects_of('time'))
     assumptions = [f'{effects}: time counts from the start of each recording, as in the calibration'] if effects else []
     columns = (touches.index, touches.disc, test.distances, measured.tip_error)

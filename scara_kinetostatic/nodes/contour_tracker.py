@@ -20,9 +20,8 @@ import numpy as np
 from nav_msgs.msg import Path
 from visualization_msgs.msg import MarkerArray
 
-from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.online import SECOND, OnlineContour, known_markers, outline_markers, tip_markers
-from scara_kinetostatic.contour.result import NO_RADIUS, remarks_on
+from scara_kinetostatic.contour.result import NO_RADIUS, Outline, remarks_on
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedArm

@@ -47,9 +47,8 @@ from scara_kinetostatic.report.json_file import Document as Document
 from scara_kinetostatic.report.json_file import json_text as json_text
 from scara_kinetostatic.report.json_file import plain as plain
 from scara_kinetostatic.report.json_file import utc as utc
+from scara_kinetostatic.report.quantities import NOT_DETERMINED as NOT_DETERMINED
 
-NOT_DETERMINED = '–'
-"""Stands where a quantity is not determined."""
 _NUMBER = re.compile(
     rf'(below |[<>≤≥] ?)?[-−+±(]?\d[\d.e+−±\-/…%() ]*|{NOT_DETERMINED}|not determined|nothing|[-−]?inf|nan'
 )

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
-from scara_kinetostatic.report import NOT_DETERMINED
+
+NOT_DETERMINED = '–'
+"""Stands where a quantity is not determined."""
 
 
 class Scale(NamedTuple):

@@ -38,7 +38,7 @@ _MOST_FAILED = 9
 _ASIDE = np.deg2rad(8)
 """How far aside the last try of a place is, rad."""
 _TO_DECIDE = 12
-"""Touches that are made at most to decide between effects, when the tolerance is reached or others help no more."""
+"""Touches that decide between effects, after which the tolerance is enough."""
 _WELL_KNOWN = 2e-3
 """Expanded uncertainty of the tip above which the motions stay those of the former arm, at first the nominal one, m."""
 _STALLED, _PROGRESS = 12, 0.95
@@ -76,8 +76,7 @@ class Knowledge(NamedTuple):
         grade: of the calibration; empty where there is none.
         text: what it says, or why there is none.
         verdict: of the diagnosis, with the effects found.
-        undecided: whether there are touches that would decide between effects.
-        discriminating: whether the next touches do.
+        discriminating: whether the next touches decide between effects.
         is_unexplained: whether a model error is left.
     """
 
@@ -87,7 +86,6 @@ class Knowledge(NamedTuple):
     grade: str = ''
     text: str = ''
     verdict: str = ''
-    undecided: bool = False
     discriminating: bool = False
     is_unexplained: bool = False
 
@@ -139,7 +137,7 @@ class Campaign:
         self._job: Future[Any] | None = None
         self._is_due = self._waits = False
         self._in_row = self._made_to_decide = self.accepted = self.failed = 0
-        self._start, self._past, self._decides = 0, list[tuple[int, float]](), False
+        self._start, self._past = 0, list[tuple[int, float]]()
 
     @property
     def is_busy(self) -> bool:
@@ -188,12 +186,10 @@ class Campaign:
         self._is_due = self._job is not None
         if self._is_due:
             return
-        decided_below = np.inf if self._decides else self.cell.tolerance or 0.0
-        if self._made_to_decide >= _TO_DECIDE:
-            decided_below = 0.0
+        enough = self.cell.tolerance if self._made_to_decide >= _TO_DECIDE else None
         touches = TouchSet.concatenate(self.touches)
         former = replace(self.knowledge.planner)  # without what it has worked out: that is large
-        self._job = self._work(calibrated, self.cell, touches, former, self._given_up, decided_below)
+        self._job = self._work(calibrated, self.cell, touches, former, self._given_up, enough or 0.0)
 
     def poll(self) -> End | None:
         """Takes what has been found out; returns why the run ends, where it does."""
@@ -245,9 +241,7 @@ class Campaign:
                 f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(best)}, the tolerance '
                 f'is {_length(tolerance)}: a model error has no known cause; {found.verdict}'
             )
-        if stalled and found.undecided and not self._decides:
-            self._decides = True
-        elif limit and stalled:
+        if limit and stalled:
             return End(0, f'touches are not the limit: {limit}')
         return None
 
@@ -337,7 +331,7 @@ def clear_start(planner: Planner, joints: Floats) -> tuple[Poses | None, str]:
 
 
 def calibrated(
-    cell: Cell, touches: TouchSet, former: Planner, given_up: tuple[tuple[int, float, int], ...], decided_below: float
+    cell: Cell, touches: TouchSet, former: Planner, given_up: tuple[tuple[int, float, int], ...], enough: float
 ) -> Knowledge:
     """Calibrates touches, and plans the next ones.
 
@@ -346,7 +340,7 @@ def calibrated(
         touches: all that were accepted.
         former: whose arm stays that of the motions where the calibration does not tell where the tip is.
         given_up: places not to be touched.
-        decided_below: expanded uncertainty of the tip from which on effects that are not distinguished are decided, m.
+        enough: expanded uncertainty of the tip with which effects that are not distinguished need no decision, m.
 
     Raises:
         UnsupportedDataError: no touch can be reached.
@@ -364,16 +358,15 @@ def calibrated(
     if now is None or now > _WELL_KNOWN:
         planner = replace(former, touches=planner.touches, suspected=planner.suspected, given_up=given_up)
     those = found.discriminating if outcome.verdict == 'ambiguous' else ()
-    undecided = bool(those)
-    if those and now is not None and now <= decided_below:
+    if those and now is not None and enough < now < np.inf:
         try:
             planned = planner.discriminating(those, _FEW)
         except UnsupportedDataError:
             pass
         else:
-            return Knowledge(planner, planned, now, grade, text, verdict, undecided, True)
+            return Knowledge(planner, planned, now, grade, text, verdict, True)
     unexplained = outcome.verdict == 'unexplained'
-    return Knowledge(planner, planner.accurate(_FEW), now, grade, text, verdict, undecided, False, unexplained)
+    return Knowledge(planner, planner.accurate(_FEW), now, grade, text, verdict, False, unexplained)
 
 
 def _targets(planned: PlannedTouches) -> list[Target]:

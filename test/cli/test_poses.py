@@ -14,8 +14,7 @@ from scara_kinetostatic.cli.compensate import metadata_of
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.files.calibration_file import load_calibration, load_predictor
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.files.pose_table import STATES, load_pose_table
-from scara_kinetostatic.files.touch_table import load_touch_table
+from scara_kinetostatic.files.touch_table import STATES, load_pose_table, load_touch_table
 from scara_kinetostatic.interface import compensate
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.touches.detection import touches_of_table

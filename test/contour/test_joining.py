@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scara_kinetostatic.contour.joining import Outline, Stretch, join_passes
+from scara_kinetostatic.contour.result import Outline, Stretch, join_passes
 
 RADIUS, STEP, NOISE = 0.06, 2.5e-4, 5e-6
 TURN = 2 * np.pi * RADIUS

@@ -7,8 +7,8 @@ import pytest
 from contour.slides import CELL, DISC, SQUARE, arm
 
 from scara_kinetostatic.contour.fits import divided, fit_pieces, fit_shape
-from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.report import fit_sections
+from scara_kinetostatic.contour.result import Outline
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from benchmark import lone_flaws
+from benchmark.diagnosis.cells import NOISE, seed_of
+from benchmark.lone_flaws import flaw, small
 from benchmark.population import DECLARED, Task, draw, judge
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
@@ -16,7 +19,7 @@ from scara_kinetostatic.diagnosis import mixed_model
 from scara_kinetostatic.diagnosis.comparison import objects_left_out
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, fit_mixed
-from scara_kinetostatic.diagnosis.restricted_likelihood import size_prior
+from scara_kinetostatic.diagnosis.restricted_likelihood import large_sizes, posterior, scatter, size_prior
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.model.arm import Predictor
@@ -164,6 +167,47 @@ def test_other_tails_begin_where_the_fit_is():
     assert going_on.noise.joint_rms == pytest.approx(anew.noise.joint_rms, rel=0.02)
     off = np.abs(going_on.parameters.as_array() - anew.parameters.as_array()) / anew.std
     assert off.max() < 0.2
+
+
+@pytest.fixture(scope='module')
+def hardly_shown():
+    """A small arm with two discs, its joints coupled by ten typical sizes: named it is not."""
+    task = lone_flaws.Task('joint_coupling[joint1]', 10.0, 100)
+    touches = simulate_touches(small().cell, flaw(task).robot(small().truth), small().plan, NOISE, seed_of(*task))
+    return calibrate(touches, replace(small().cell, noise=None))
+
+
+def test_a_flaw_that_the_touches_hardly_show_counts(hardly_shown):
+    found = diagnose(hardly_shown)
+    alone = fit_mixed(hardly_shown, catalogue(hardly_shown.cell)).fit
+    truth = small().truth.as_array()
+    with_it, without = (
+        np.nanmax(np.abs(fit.parameters.as_array() - truth) / fit.std) for fit in (found.refitted, alone)
+    )
+    assert found.verdict == 'none'
+    assert without > 10
+    assert with_it < 5
+    part = {item.label: item.covariance for item in found.refitted.contributions}['undetected[large_effect]']
+    std = np.sqrt(np.diag(found.refitted.covariance))
+    assert np.linalg.eigvalsh(part / np.outer(std, std)).min() > -1e-9
+
+
+def test_what_a_large_size_changes_is_that_of_a_fit_with_it(hardly_shown):
+    model = fit_mixed(hardly_shown, catalogue(hardly_shown.cell))
+    problem, b = model.solved.problem, len(model.solved.y)
+    found = large_sizes(problem.inner, problem.fixed, problem.group, model.solved.logs, problem.freedoms)
+    assert len(found) > 20
+    assert 0 < sum(item.probability for item in found) < 1
+    y, u, covariance = posterior(problem.inner, problem.weights)
+    unit, more = np.concatenate([np.ones(b), problem.weights]), 0.0
+    for item in found:
+        weights = item.weights.copy()
+        weights[item.columns] = item.size
+        other_y, other_u, other = posterior(problem.inner, weights)
+        scale = np.concatenate([np.ones(b), weights]) / unit
+        off = np.concatenate([other_y - y, other_u * scale[b:] - u])
+        more += item.probability * (scale[:, None] * other * scale - covariance + np.outer(off, off))
+    np.testing.assert_allclose(scatter(problem.inner, problem.weights, found), more, atol=1e-7 * np.abs(more).max())
 
 
 def test_no_touch_has_a_leverage_beyond_one(monkeypatch):

@@ -17,9 +17,10 @@ from hypothesis import strategies as st
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.errors import CellError
-from scara_kinetostatic.files import escaping
 from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
-from scara_kinetostatic.files.export.formats import exported
+from scara_kinetostatic.files.columns import csv_cell
+from scara_kinetostatic.files.export import exported
+from scara_kinetostatic.files.urdf import comment, xacro
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Identification
@@ -143,13 +144,13 @@ def test_results(grown: Outcome) -> None:
 @given(text=st.text(st.characters(exclude_categories=['Cs']), max_size=20))
 @settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow], deadline=None)
 def test_anything(text: str) -> None:
-    line = escaping.comment(text)
+    line = comment(text)
     assert '--' not in line
     assert not line.endswith('-')
     assert not any(mark in line for mark in ('/*', '*/', '??', '\n', '\r'))
-    assert escaping.xacro(text).replace("${'$'}", '').count('$') == 0
-    assert escaping.xacro(text).replace("${'$'}", '$') == text
-    (row,) = csv.reader(io.StringIO(escaping.csv_cell(text), newline='')) if text else ([''],)
+    assert xacro(text).replace("${'$'}", '').count('$') == 0
+    assert xacro(text).replace("${'$'}", '$') == text
+    (row,) = csv.reader(io.StringIO(csv_cell(text), newline='')) if text else ([''],)
     assert row in ([text], ["'" + text])
     assert not is_formula(row[0])
 
@@ -163,5 +164,5 @@ def test_a_formula_is_no_name(name: str) -> None:
 
 
 def test_a_number_with_a_decimal_comma_stays() -> None:
-    assert escaping.csv_cell('-1,5') == '"-1,5"'
-    assert escaping.csv_cell('-1,5,2') == '"\'-1,5,2"'
+    assert csv_cell('-1,5') == '"-1,5"'
+    assert csv_cell('-1,5,2') == '"\'-1,5,2"'

@@ -17,11 +17,11 @@ from files.test_urdf import pose
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.files.export.corrections import Grid, correction_file
-from scara_kinetostatic.files.export.formats import (
+from scara_kinetostatic.files.export import (
     FORMATS,
     ExportFacts,
     Options,
+    correction_file,
     dh_text,
     exported,
     header_text,
@@ -189,7 +189,7 @@ def test_the_header_gives_the_tip_and_the_joint_angles(
 
 def test_the_corrections_bring_the_nominal_arm_to_the_place(coupled: CalibratedArm) -> None:
     arm = replace(coupled, model=ExtendedModel(PAPER_ACTUAL))
-    text = correction_file(arm, facts(arm, 'csv').lines, Grid(0.2, (0.0, 30.0)))[0]
+    text = correction_file(arm, facts(arm, 'csv').lines, Options(step=0.2, forces=(0.0, 30.0)))[0]
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
     assert {row['elbow'] for row in rows} == {'left', 'right'} and len(rows) > 100
 
@@ -209,7 +209,7 @@ def test_the_corrections_bring_the_nominal_arm_to_the_place(coupled: CalibratedA
 
 
 def test_the_error_between_the_places_of_a_correction_table_is_stated(arm: CalibratedArm) -> None:
-    text, notes = correction_file(arm, facts(arm, 'csv').lines, Grid(0.1, (20.0,)))
+    text, notes = correction_file(arm, facts(arm, 'csv').lines, Options(step=0.1, forces=(20.0,)))
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
     found: dict[tuple[float, ...], np.ndarray] = {}
     for row in rows:
@@ -232,7 +232,7 @@ def test_the_error_between_the_places_of_a_correction_table_is_stated(arm: Calib
     assert largest >= 0.99 * max(errors) > 1e-5
     assert f'# P{notes[0][1:]}.' in text
     assert len(notes) == 1
-    beyond = correction_file(arm, facts(arm, 'csv').lines, Grid(0.2, (500.0,)))[1][1]
+    beyond = correction_file(arm, facts(arm, 'csv').lines, Options(step=0.2, forces=(500.0,)))[1][1]
     assert '500 N is outside of the forces of the calibration' in beyond
 
 
@@ -275,7 +275,7 @@ def test_what_is_not_determined_or_unfit_is_said(arm: CalibratedArm) -> None:
 def test_limits_bound_corrections_and_what_a_rigid_arm_leaves_out(arm: CalibratedArm) -> None:
     limits = ((-0.5, 2.0), (-1.5, 2.2))
     limited = replace(arm, cell=replace(arm.cell, limits=limits))
-    grid = Grid(0.05, (30.0,))
+    grid = Options(step=0.05, forces=(30.0,))
     every, some = (list(csv.DictReader(_rows(correction_file(one, (), grid)[0]))) for one in (arm, limited))
     kept = []
     for row in every:
@@ -302,7 +302,7 @@ def test_the_corrections_command_angles_within_the_limits(
     arm: CalibratedArm, limits: tuple[tuple[float, float], tuple[float, float]]
 ) -> None:
     limited = replace(arm, cell=replace(arm.cell, limits=limits, coupling=0.2))
-    rows = list(csv.DictReader(_rows(correction_file(limited, (), Grid(0.05, (0.0, 30.0)))[0])))
+    rows = list(csv.DictReader(_rows(correction_file(limited, (), Options(step=0.05, forces=(0.0, 30.0)))[0])))
     both = [
         [[float(row[f'{name}{k}{end}_rad']) for k in (1, 2)] for row in rows]
         for name, end in (('q', '_nominal'), ('dq', ''))

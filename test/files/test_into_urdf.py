@@ -14,7 +14,7 @@ from files.test_robot_cell import cell_of, described
 
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import nominal_arm
-from scara_kinetostatic.files.export.formats import exported_into
+from scara_kinetostatic.files.export import exported_into
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward

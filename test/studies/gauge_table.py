@@ -9,8 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from scara_kinetostatic.files.columns import csv_lines
-from scara_kinetostatic.studies.loops.readings import Readings
-from scara_kinetostatic.studies.loops.record import Record
+from scara_kinetostatic.studies.loops.record import Readings, Record
 
 
 def dump_readings(runs: Iterable[Readings]) -> str:

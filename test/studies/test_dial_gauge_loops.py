@@ -10,10 +10,8 @@ from studies.gauge_table import COMPLIANCE, GAP, SLIP, UNLOADING, dump_record, r
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.columns import parse_table
-from scara_kinetostatic.studies.loops.dial_gauge import analyse_tables
-from scara_kinetostatic.studies.loops.readings import GaugeTable, table_readings
-from scara_kinetostatic.studies.loops.record import Record
-from scara_kinetostatic.studies.loops.reversals import LoopAnalysis, analyse_loops
+from scara_kinetostatic.studies.loops.dial_gauge import LoopAnalysis, analyse_loops, analyse_tables
+from scara_kinetostatic.studies.loops.record import GaugeTable, Record, table_readings
 
 
 def analysis(**more: object) -> LoopAnalysis:

@@ -12,9 +12,8 @@ from scara_kinetostatic.files.columns import parse_table
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.studies.loops.dial_gauge import DirectionMap, Part, analyse_runs, direction_map
-from scara_kinetostatic.studies.loops.estimates import Estimate
-from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, TIP, Readings, table_readings
+from scara_kinetostatic.studies.loops.dial_gauge import DirectionMap, Estimate, Part, analyse_runs, direction_map
+from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2, TIP, Readings, table_readings
 from scara_kinetostatic.studies.paper.study import DialGaugeBench, load_cycles, simulate_experiments
 
 BENCH, EXACT = DialGaugeBench(), DialGaugeBench(noise=0.0)

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.loops.dial_gauge import RunFit, find_passes, fit_run
-from scara_kinetostatic.studies.loops.estimates import Estimate, combine_estimates, find_resolution
-from scara_kinetostatic.studies.loops.readings import Readings
+from scara_kinetostatic.studies.loops.dial_gauge import (
+    Estimate,
+    RunFit,
+    combine_estimates,
+    find_passes,
+    find_resolution,
+    fit_run,
+)
+from scara_kinetostatic.studies.loops.record import Readings
 from scara_kinetostatic.studies.paper.study import load_cycles
 
 P, GAP = 3.76e-5, 1.3e-4

@@ -12,13 +12,14 @@ from studies.load_records import TORQUE_NOISE, columns, record, torque
 
 from benchmark.hysteresis import sine
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
-from scara_kinetostatic.studies.loops.readings import choose_columns, load_record
 from scara_kinetostatic.studies.loops.record import (
     LOAD,
     MOTION,
     Record,
     RecordPath,
+    choose_columns,
     is_at_rest_first,
+    load_record,
     repeatability,
     what_drives,
 )

@@ -11,10 +11,9 @@ from studies.load_records import RATE, columns, record, torque
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.play_operator import play_operator
 from scara_kinetostatic.report import as_page, as_text, plain
-from scara_kinetostatic.studies.loops.dependence import p_independent
 from scara_kinetostatic.studies.loops.record import Record, RecordPath
 from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report, verdict
-from scara_kinetostatic.studies.loops.selection import Selection, Study, predict_records, select_model
+from scara_kinetostatic.studies.loops.selection import Selection, Study, p_independent, predict_records, select_model
 
 STATES = ((-2.0, 0.3), (-2.6, -0.8), (-3.0, 0.7))
 """Load and state of friction at the start."""

@@ -12,8 +12,7 @@ import pytest
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.studies.loops.readings import load_record
-from scara_kinetostatic.studies.loops.record import LOAD, Record, RecordPath, what_drives
+from scara_kinetostatic.studies.loops.record import LOAD, Record, RecordPath, load_record, what_drives
 from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report, verdict
 from scara_kinetostatic.studies.loops.selection import Selection, Study, analyse, predict_records, select_model
 

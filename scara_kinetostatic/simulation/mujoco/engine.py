@@ -13,7 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from scara_kinetostatic.errors import CellError, InputError, ParameterError
-from scara_kinetostatic.files.escaping import render
+from scara_kinetostatic.files.urdf import render
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Disc, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate

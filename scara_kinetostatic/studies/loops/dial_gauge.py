@@ -43,30 +43,370 @@ reported.
     q(φ) = major cos²(φ - axis) + minor sin²(φ - axis),     q the compliance, or the square of the gap.
 
 A gauge along u measures the symmetric part of P only; displacements across u (p12 - p21) are not measured.
+
+**Loops**, reversal by reversal. After a reversal the force decreases along an elastic branch, hardly changes inside the
+backlash, increases along the other elastic branch, and reaches a plateau where the joint slips. With distance d since
+the reversal and force f, both positive along the new motion:
+
+- the level is the force inside the backlash, where f changes least on the way up; friction and the sensor's zero make
+  it differ from 0. Both lines are extended to it. There is one level per loop and sense.
+- each branch is the straight line d = a + p f through the samples within a window of force, given by two shares of the
+  way from the level to the plateau; p of the branch after the gap is the compliance.
+- the gap is the distance between both lines at the level.
+
+Standard deviations come from the residuals of the lines, pooled over the reversals of one sense: they contain the noise
+of the readings and the deviations of the branches from straight lines. Where the reversals of a sense are inconsistent
+(χ²), the variance between them is added to that of the mean. The definitional uncertainty (VIM 2.27) is half the range
+of the means over other windows of the lines; it is common to all reversals and not contained in their scatter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.studies.loops.estimates import (
-    FALSE_ALARM_LEVEL,
-    CombinedEstimate,
-    Estimate,
-    LeastSquares,
-    combine_estimates,
-    find_resolution,
-    least_squares,
-    mean,
-)
-from scara_kinetostatic.studies.loops.readings import GRIPPER, PARTS, TIP, GaugeTable, Readings
-from scara_kinetostatic.studies.loops.reversals import LoopAnalysis, analyse_loops
+from scara_kinetostatic.studies.loops.record import GRIPPER, LEVEL, PARTS, TIP, GaugeTable, Readings, Record, reversals
+
+
+class Estimate(NamedTuple):
+    """A value with its standard deviation, in an SI unit."""
+
+    value: float
+    std: float
+    unit: str = ''
+
+    def over(self, divisor: float, unit: str = '') -> Estimate:
+        """Divided by a number above 0, which may change the unit; a gap over 2 is the g of (6) and (7)."""
+        return Estimate(self.value / divisor, self.std / divisor, unit or self.unit)
+
+    def plus(self, value: float, std: float) -> Estimate:
+        """With an independent quantity of the same unit added."""
+        return self._replace(value=self.value + value, std=float(np.hypot(self.std, std)))
+
+
+def mean(estimates: Sequence[Estimate]) -> Estimate:
+    """The unweighted mean of independent estimates."""
+    values, std, units = zip(*estimates, strict=True)
+    return Estimate(float(np.mean(values)), float(np.linalg.norm(std)) / len(values), units[0])
+
+
+class LeastSquares(NamedTuple):
+    """A least-squares fit y = X β + e.
+
+    Attributes:
+        beta: coefficients β, (k,).
+        unscaled: (XᵀX)⁻¹, (k, k).
+        basis: orthonormal basis of the columns of X, (n, k).
+        residual: (n,).
+        sigma: standard deviation of y; at least `floor`.
+        floor: smallest standard deviation that the arithmetic or the resolution allows.
+        dof: degrees of freedom.
+    """
+
+    beta: Floats
+    unscaled: Floats
+    basis: Floats
+    residual: Floats
+    sigma: float
+    floor: float
+    dof: int
+
+    def of(self, row: Floats, unit: str) -> Estimate:
+        """A linear function of the coefficients, `row` (k,), with its standard deviation."""
+        return Estimate(float(row @ self.beta), self.sigma * float(np.sqrt(row @ self.unscaled @ row)), unit)
+
+
+def least_squares(design: Floats, values: Floats) -> LeastSquares:
+    """Least squares of values y, (n,), with a design X, (n, k).
+
+    Raises:
+        UnsupportedDataError: linearly dependent columns.
+    """
+    scale, dof = np.linalg.norm(design, axis=0), len(values) - design.shape[1]
+    basis, triangle = np.linalg.qr(design / scale)
+    if np.abs(np.diag(triangle)).min() < 1e-8:
+        raise UnsupportedDataError('one sense of the load has a single level', 'take two or more loads in each sense')
+    inverse, along = np.linalg.inv(triangle) / scale[:, None], basis.T @ values
+    residual = values - basis @ along
+    floor = 1e-9 * float(np.abs(values).max())  # below it residuals are rounding errors of the arithmetic
+    sigma = max(float(np.sqrt(residual @ residual / max(dof, 1))), floor)
+    return LeastSquares(inverse @ along, inverse @ inverse.T, basis, residual, sigma, floor, dof)
+
+
+def find_resolution(displacement: Floats) -> float:
+    """Resolution of the gauge: the largest of 1, 2, 5 × 10ⁿ m of which all readings are multiples; 0 if below 10 nm."""
+    for step in (digit * 10.0**exponent for exponent in range(-3, -9, -1) for digit in (5, 2, 1)):
+        if np.all(np.abs(displacement / step - np.round(displacement / step)) < 1e-5):
+            return step
+    return 0.0
+
+
+class CombinedEstimate(NamedTuple):
+    """Weighted mean of several estimates of one quantity, and a test of their consistency.
+
+    Attributes:
+        value: weighted mean.
+        std: of the mean; where the estimates are inconsistent the variance between them is included.
+        chi_square: of the estimates about their mean.
+        degrees_of_freedom: number of estimates less one.
+        p_value: of consistency; takes into account that the standard deviations are estimates themselves.
+        between_std: standard deviation between the estimates beyond their own (Paule and Mandel).
+        unit: of value and standard deviations.
+        definitional_uncertainty: what the choice of a definition adds, common to all estimates; NaN where none is.
+    """
+
+    value: float
+    std: float
+    chi_square: float
+    degrees_of_freedom: int
+    p_value: float
+    between_std: float
+    unit: str
+    definitional_uncertainty: float = float('nan')
+
+    @property
+    def estimate(self) -> Estimate:
+        """The mean with its standard deviation."""
+        return Estimate(self.value, self.std, self.unit)
+
+
+def _between_variance(values: Floats, std: Floats) -> float:
+    """The variance to be added to those of estimates for χ² to equal its expectation.
+
+    Source: Paule and Mandel, J. Res. Nat. Bur. Standards 87 (1982) 377.
+    """
+
+    def surplus(variance: float) -> float:
+        weight = 1 / (std**2 + variance)
+        return float(weight @ (values - np.average(values, weights=weight)) ** 2) - (len(values) - 1)
+
+    if surplus(0.0) <= 0:
+        return 0.0
+    return float(optimize.brentq(surplus, 0.0, float(values.var(ddof=1)), xtol=1e-40, rtol=1e-12))
+
+
+def combine_estimates(estimates: Sequence[Estimate], dof: Floats | float) -> CombinedEstimate:
+    """Weighted mean and test of consistency of several estimates.
+
+    The test is an F-test where the standard deviations have a common scale, else that of Welch (1951). Estimates are
+    inconsistent below a p-value of 1 %; then the variance between them is added to their own.
+
+    Args:
+        estimates: n of 2 or more.
+        dof: degrees of freedom of each standard deviation, (n,), if each was estimated separately; a single number
+            if all come from one common estimate.
+    """
+    values, std = (np.array([each[k] for each in estimates]) for k in (0, 1))
+    count, weight = len(values), 1 / std**2
+    centre = float(np.average(values, weights=weight))
+    chi_square = float(weight @ (values - centre) ** 2)
+    ratio, denominator = chi_square / (count - 1), dof
+    if np.ndim(dof):
+        unevenness = float((((1 - weight / weight.sum()) ** 2) / dof).sum())
+        ratio /= 1 + 2 * (count - 2) / (count**2 - 1) * unevenness
+        denominator = (count**2 - 1) / (3 * unevenness)
+    p_value = float(stats.f.sf(ratio, count - 1, denominator))
+    between = _between_variance(values, std)
+    if p_value < LEVEL:
+        weight = 1 / (std**2 + between)
+        centre = float(np.average(values, weights=weight))
+    mean_std, unit = float(1 / np.sqrt(weight.sum())), estimates[0].unit
+    return CombinedEstimate(centre, mean_std, chi_square, count - 1, p_value, float(np.sqrt(between)), unit)
+
+
+class Reversal(NamedTuple):
+    """One reversal.
+
+    Attributes:
+        time: s.
+        displacement: where, m.
+        force: at the reversal, positive along the motion before it, N.
+        gap: m.
+        compliance: slope of the branch after the gap, m/N.
+        unloading_compliance: slope of the branch before it, m/N.
+        samples: on the branches before and after the gap.
+        crossings: distance since the reversal at which the lines before and after the gap meet the level, m.
+    """
+
+    time: float
+    displacement: float
+    force: float
+    gap: Estimate
+    compliance: Estimate
+    unloading_compliance: Estimate
+    samples: tuple[int, int]
+    crossings: tuple[float, float]
+
+
+class Rejected(NamedTuple):
+    """A reversal that cannot be used: its time, s, and the reason."""
+
+    time: float
+    reason: str
+
+
+class Sense(NamedTuple):
+    """All reversals of one sense of a loop.
+
+    Attributes:
+        sense: +1 where the displacement rises after the reversal.
+        gap_force: force inside the backlash, in the sign of the record, N.
+        slip_force: force at which the joint slips, in the sign of the record, N.
+        residual_std: standard deviation of the residuals of the branches before and after the gap, m.
+        gap: mean over the reversals, with a test of their consistency, m.
+        compliance: likewise, m/N.
+        reversals: in order.
+    """
+
+    sense: int
+    gap_force: float
+    slip_force: float
+    residual_std: tuple[float, float]
+    gap: CombinedEstimate
+    compliance: CombinedEstimate
+    reversals: tuple[Reversal, ...]
+
+    @property
+    def name(self) -> str:
+        """Of the motion after the reversals."""
+        return 'rising' if self.sense > 0 else 'falling'
+
+
+class LoopAnalysis(NamedTuple):
+    """Result of a continuous record: senses with two reversals or more, and reversals not used."""
+
+    record: Record
+    senses: tuple[Sense, ...]
+    rejected: tuple[Rejected, ...]
+
+
+class _Sweep(NamedTuple):
+    """The samples from one reversal to the next: distance since the reversal, m, and force, positive along the motion,
+    N, (n,) each; time, s, and displacement, m, at the reversal; sense of the motion, +1 or -1.
+    """
+
+    distance: Floats
+    force: Floats
+    time: float
+    displacement: float
+    sense: int
+
+
+def analyse_loops(record: Record) -> LoopAnalysis:
+    """Gap and slope at the reversals of a continuous record.
+
+    Raises:
+        UnsupportedDataError: no sense has two reversals that can be used.
+    """
+    sweeps, rejected = list(_sweeps(record)), list[Rejected]()
+    # shares of the way from the level to the plateau between which a branch is fitted by a straight line
+    senses = _analyse(sweeps, (0.15, 0.55), rejected)
+    if not senses:
+        why = f': {rejected[0].reason}' if rejected else ''
+        problem = f'{record.source}: no two reversals of a sense have a gap between two elastic branches{why}'
+        raise UnsupportedDataError(problem, 'record more full loops, at a higher sampling rate')
+    windows = ((0.1, 0.5), (0.2, 0.6), (0.1, 0.6), (0.2, 0.5))  # for the definitional uncertainty
+    others = [each for window in windows for each in _analyse(sweeps, window, [])]
+    for k, sense in enumerate(senses):
+        same = [sense, *(each for each in others if each.sense == sense.sense)]
+        for name in ('gap', 'compliance') if len(same) > 1 else ():
+            spread = float(np.ptp([getattr(each, name).value for each in same])) / 2
+            widened = getattr(sense, name)._replace(definitional_uncertainty=spread)
+            senses[k] = senses[k]._replace(**{name: widened})
+    return LoopAnalysis(record, tuple(senses), tuple(sorted(rejected)))
+
+
+def _sweeps(record: Record) -> Iterator[_Sweep]:
+    """The record cut at the reversals, without what comes before the first."""
+    for first, last in pairwise([*reversals(record.response).tolist(), len(record) - 1]):
+        displacement = record.response[first : last + 1]
+        sense = 1 if displacement[-1] > displacement[0] else -1
+        distance, along = sense * (displacement - displacement[0]), sense * record.load[first : last + 1]
+        yield _Sweep(distance, along, float(record.time[first]), float(displacement[0]), sense)
+
+
+def _analyse(sweeps: Sequence[_Sweep], window: tuple[float, float], rejected: list[Rejected]) -> list[Sense]:
+    """Result for each sense, with lines fitted within a window; the reversals that are not used are added."""
+    by_sense = {sense: [sweep for sweep in sweeps if sweep.sense == sense] for sense in (1, -1)}
+    plateaus = {sense: _plateau(own) for sense, own in by_sense.items()}
+    senses: list[Sense] = []
+    for sense, own in by_sense.items() if np.isfinite(sum(plateaus.values())) else ():
+        levels = np.array([_level(sweep, plateaus[sense]) for sweep in own])
+        level = float(np.nanmedian(levels)) if np.any(np.isfinite(levels)) else np.nan
+        pairs = [_fit_pair(sweep, level, -plateaus[-sense], plateaus[sense], window) for sweep in own]
+        both = [*zip(own, pairs, strict=True)]
+        rejected += [Rejected(sweep.time, pair) for sweep, pair in both if isinstance(pair, str)]
+        used = [(sweep, pair) for sweep, pair in both if not isinstance(pair, str)]
+        lines = [*zip(*(pair for _, pair in used), strict=True)]
+        dof = [sum(line.dof for line in several) for several in lines]
+        if len(used) < 2 or not all(dof):
+            rejected += [Rejected(sweep.time, 'too few reversals of its sense') for sweep, _ in used]
+            continue
+        rss = [sum(float(line.residual @ line.residual) for line in several) for several in lines]
+        sigma = float(np.sqrt(rss[0] / dof[0])), float(np.sqrt(rss[1] / dof[1]))
+        found = tuple(_as_reversal(*each, sigma) for each in used)
+        gap, compliance = (
+            combine_estimates([getattr(each, name) for each in found], dof[1]) for name in ('gap', 'compliance')
+        )
+        senses.append(Sense(sense, sense * level, sense * plateaus[sense], sigma, gap, compliance, found))
+    return senses
+
+
+def _plateau(sweeps: Sequence[_Sweep]) -> float:
+    """Force of slip, N: the median over the sweeps of the median over the second half of each."""
+    medians = [float(np.median(s.force[s.distance > s.distance[-1] / 2])) for s in sweeps if s.distance[-1] > 0]
+    return float(np.median(medians)) if medians else np.nan
+
+
+def _level(sweep: _Sweep, plateau: float) -> float:
+    """Force inside the backlash, N: where it changes least over a sixth of the way up to 75 % of the plateau."""
+    risen = np.flatnonzero(sweep.force >= 0.75 * plateau)
+    if not len(risen) or risen[0] < 2:
+        return np.nan
+    grid = np.linspace(0.0, sweep.distance[risen[0]], 601)
+    force = np.interp(grid, np.maximum.accumulate(sweep.distance[: risen[0] + 1]), sweep.force[: risen[0] + 1])
+    width = len(grid) // 6
+    start = int(np.argmin(force[width:] - force[:-width]))
+    return float(force[start : start + width + 1].mean())
+
+
+def _fit_pair(
+    sweep: _Sweep, level: float, bottom: float, top: float, window: tuple[float, float]
+) -> tuple[LeastSquares, LeastSquares] | str:
+    """The lines before and after the gap, or the reason why they cannot be fitted."""
+    if not bottom < level < top:
+        return 'no gap between two branches'
+    if sweep.force[0] > 0.6 * bottom:
+        return 'no full loop: the force before it did not reach the plateau'
+    first = np.flatnonzero(sweep.force > level + window[1] * (top - level))
+    force = sweep.force[: first[0]] if len(first) else sweep.force
+    pair = []
+    for end, name in ((bottom, 'before'), (top, 'after')):
+        share = (force - level) / (end - level)
+        rows = np.flatnonzero((share >= window[0]) & (share <= window[1]))
+        if len(rows) < 2:
+            return f'{len(rows)} samples on the elastic branch {name} the gap'
+        if np.ptp(share[rows]) < 0.6 * (window[1] - window[0]) * (1 - 1 / len(rows)):
+            return f'the branch {name} the gap is not complete'
+        pair.append(least_squares(np.stack([np.ones(len(rows)), force[rows] - level], axis=1), sweep.distance[rows]))
+    return pair[0], pair[1]
+
+
+def _as_reversal(sweep: _Sweep, pair: tuple[LeastSquares, LeastSquares], sigma: Sequence[float]) -> Reversal:
+    """Gap and slopes of a sweep from its lines; `sigma`: residual standard deviation before and after the gap, m."""
+    before, after = (line._replace(sigma=std) for line, std in zip(pair, sigma, strict=True))
+    begins, slope = np.eye(2)
+    (start, unloading), (end, compliance) = ((line.of(begins, 'm'), line.of(slope, 'm/N')) for line in (before, after))
+    at, gap = (sweep.time, sweep.displacement, -float(sweep.force[0])), end.plus(-start.value, start.std)
+    samples, crossings = (len(before.residual), len(after.residual)), (start.value, end.value)
+    return Reversal(*at, gap, compliance, unloading, samples, crossings)
+
 
 ZERO_BAND = 0.02
 """Share of the largest load of a run up to which a load counts as none."""
@@ -176,9 +516,12 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     slopes = solution.of(unit[-2], 'm/N'), solution.of(unit[-1], 'm/N')
     weight = 1 / np.diag(solution.unscaled)[-2:]  # the two slopes are independent
     gaps = np.array([[*np.where(cycle == number, sense, 0), 0, 0] for number in complete], dtype=float)
-    gap_check = _gap_repeatability(solution, gaps, np.bincount(passes))
+    values = gaps @ solution.beta
+    std = solution.sigma * np.sqrt((gaps[:, :count] ** 2) @ (1 / np.bincount(passes)))  # the slopes' part is common
+    off = (values - np.average(values, weights=1 / std**2)) / std
+    gap_check = _repeatability('gap_repeatability', 'm', off, std, len(gaps) - 1, solution.dof)
     slope_check = _slope_repeatability(solution, force, displacement, passes, sense)
-    checks = (
+    found = (
         _student('slope_difference', solution.of(unit[-1] - unit[-2], 'm/N'), solution.dof),
         *_shape_checks(solution, force, passes),
         _zero_drift(solution, gaps),
@@ -187,25 +530,17 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     )
     residual, row_p = np.full(len(used), np.nan), np.ones(len(used))
     residual[used], row_p[used] = solution.residual, _row_p_values(solution)
-    return RunFit(
-        compliance=solution.of(weight @ unit[-2:] / weight.sum(), 'm/N').plus(0.0, _between(slope_check, count)),
-        gap=solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(gap_check, len(gaps))),
-        slopes=slopes,
-        sigma=sigma,
-        resolution=resolution,
-        degrees_of_freedom=solution.dof,
-        used=used,
-        lines=np.stack([sense, solution.beta[:count], np.where(sense > 0, slopes[1].value, slopes[0].value)], axis=1),
-        cycle_gaps=gaps @ solution.beta,
-        residual=residual,
-        checks=tuple(check for check in checks if check),
-        row_p=row_p,
-    )
+    checks = tuple(check for check in found if check)
+    compliance = solution.of(weight @ unit[-2:] / weight.sum(), 'm/N').plus(0.0, _between(slope_check, count))
+    gap = solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(gap_check, len(gaps)))
+    lines = np.stack([sense, solution.beta[:count], np.where(sense > 0, slopes[1].value, slopes[0].value)], axis=1)
+    own = compliance, gap, slopes, sigma, resolution, solution.dof
+    return RunFit(*own, used, lines, values, residual, checks, row_p)
 
 
 def _between(repeatability: Check | None, count: int) -> float:
     """What the scatter between cycles adds to the std of a mean, where it is more than that of the readings."""
-    if repeatability is None or repeatability.p_value >= FALSE_ALARM_LEVEL:
+    if repeatability is None or repeatability.p_value >= LEVEL:
         return 0.0
     return repeatability.value / float(np.sqrt(count))
 
@@ -244,14 +579,6 @@ def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Ite
             yield _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square)), 'm'), dof)
 
 
-def _gap_repeatability(solution: LeastSquares, gaps: Floats, rows: Indices) -> Check | None:
-    """Whether the gap is the same in every cycle; `rows`: number of rows of each pass, (k,)."""
-    values = gaps @ solution.beta
-    std = solution.sigma * np.sqrt((gaps[:, : len(rows)] ** 2) @ (1 / rows))  # the slopes' part is common to all
-    centre = np.average(values, weights=1 / std**2)
-    return _repeatability('gap_repeatability', 'm', (values - centre) / std, std, len(gaps) - 1, solution.dof)
-
-
 def _slope_repeatability(
     solution: LeastSquares, force: Floats, displacement: Floats, passes: Indices, sense: Floats
 ) -> Check | None:
@@ -271,20 +598,19 @@ def _repeatability(name: str, unit: str, off: Floats, std: Floats, dof: int, of_
     """F-test of what several estimates are off, in units of their std; the value is what they scatter beyond it."""
     if dof < 1:
         return None
-    chi_square = float(off @ off)
-    between = float(np.sqrt(max(chi_square / dof - 1, 0.0) * (std**2).mean()))
-    return Check(name, between, np.nan, unit, float(stats.f.sf(chi_square / dof, dof, of_sigma)))
+    ratio = float(off @ off) / dof
+    between = float(np.sqrt(max(ratio - 1, 0.0) * (std**2).mean()))
+    return Check(name, between, np.nan, unit, float(stats.f.sf(ratio, dof, of_sigma)))
 
 
 def _row_p_values(solution: LeastSquares) -> Floats:
     """p-value of each row from its externally studentised residual, (n,); 1 with too few degrees of freedom."""
     if solution.dof < 3:
         return np.ones(len(solution.residual))
-    free = np.maximum(1 - (solution.basis**2).sum(axis=1), 1e-12)
+    free, dof = np.maximum(1 - (solution.basis**2).sum(axis=1), 1e-12), solution.dof
     standard = solution.residual / solution.sigma / np.sqrt(free)
-    left = np.maximum(solution.dof - standard**2, 1e-12)
-    student = standard * np.sqrt((solution.dof - 1) / left)
-    return 2 * stats.t.sf(np.abs(student), solution.dof - 1)
+    student = standard * np.sqrt((dof - 1) / np.maximum(dof - standard**2, 1e-12))
+    return 2 * stats.t.sf(np.abs(student), dof - 1)
 
 
 class Run(NamedTuple):
@@ -408,7 +734,7 @@ def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -
     parts, of_runs = analyse_runs(readings, zero_band) if readings else ({}, [])
     loops = [analyse_loops(table.record) for table in tables if table.record]
     warnings = [note for table in tables for note in table.notes] + of_runs
-    level = FALSE_ALARM_LEVEL / 2 / max(1, sum(len(found.senses) for found in loops))
+    level = LEVEL / 2 / max(1, sum(len(found.senses) for found in loops))
     for found in loops:
         for sense in found.senses:
             where = f'{found.record.source}: {sense.name}: the reversals'
@@ -420,7 +746,7 @@ def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -
 def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> tuple[dict[str, Part], list[str]]:
     """Every part in the runs, by name, and the warnings; see `analyse_tables`."""
     runs = [_fit(each, zero_band) for each in readings]
-    level = FALSE_ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
+    level = LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
     grippers = [run for run in runs if run.readings.part == GRIPPER]
     runs = [
         _without_gripper(run, grippers)._replace(
@@ -438,11 +764,8 @@ def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> 
 
 
 def _inconsistencies(where: str, combined: dict[str, CombinedEstimate], level: float) -> list[str]:
-    return [
-        f'{where} are inconsistent in {what} (p = {each.p_value:.2g})'
-        for what, each in combined.items()
-        if each.p_value < level
-    ]
+    doubtful = {what: each.p_value for what, each in combined.items() if each.p_value < level}
+    return [f'{where} are inconsistent in {what} (p = {p_value:.2g})' for what, p_value in doubtful.items()]
 
 
 def _fit(readings: Readings, zero_band: float) -> Run:
@@ -458,9 +781,8 @@ def _without_gripper(run: Run, grippers: Sequence[Run]) -> Run:
     readings = run.readings
     if readings.part == GRIPPER or readings.gauge_at != TIP:
         return run
-    turns = [each.readings.direction - readings.direction for each in grippers]
-    close = [abs((turn + np.pi / 2) % np.pi - np.pi / 2) < np.radians(0.5) for turn in turns]
-    there = [each.fit for each, is_there in zip(grippers, close, strict=True) if is_there]
+    turns = [(each.readings.direction - readings.direction + np.pi / 2) % np.pi - np.pi / 2 for each in grippers]
+    there = [each.fit for each, turn in zip(grippers, turns, strict=True) if abs(turn) < np.radians(0.5)]
     if not there:
         return run._replace(note='the gauge was at the tip: compliance and gap include those of the gripper')
     compliance, gap = mean([each.compliance for each in there]), mean([each.gap for each in there])
@@ -476,10 +798,8 @@ def _combine(name: str, runs: tuple[Run, ...]) -> Part:
         return Part(name, runs, runs[0].compliance, runs[0].gap, {}, {})
     direction = np.array([run.readings.direction for run in runs])
     if name == GRIPPER and np.all(np.isfinite(direction)) and len(np.unique(direction)) > 1:
-        maps = {
-            what: direction_map(direction, several, dof, power)
-            for power, (what, several) in enumerate(estimates.items(), start=1)
-        }
+        powers = zip(estimates.items(), (1, 2), strict=True)
+        maps = {what: direction_map(direction, several, dof, power) for (what, several), power in powers}
         return Part(name, runs, maps['compliance'].mean, maps['gap'].mean, maps, {})
     combined = {what: combine_estimates(several, dof) for what, several in estimates.items()}
     return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, {}, combined)
@@ -514,14 +834,13 @@ def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, pow
         return None
     along, across = np.array([np.cos(turned), np.sin(turned)]), np.array([-np.sin(turned), np.cos(turned)])
 
-    def principal(sign: float) -> Estimate:
-        row = np.array([1.0, *(sign * along)])
-        end = (centre + sign * radius) ** (1 / power)
-        return Estimate(end, float(np.sqrt(row @ covariance @ row)) / (power * end ** (power - 1)), unit)
-
+    ends = []
+    for sign in (1.0, -1.0):
+        row, end = np.array([1.0, *(sign * along)]), (centre + sign * radius) ** (1 / power)
+        ends.append(Estimate(end, float(np.sqrt(row @ covariance @ row)) / (power * end ** (power - 1)), unit))
     axis_std = float(np.sqrt(across @ covariance[1:, 1:] @ across)) / (2 * radius) if radius > 0 else np.inf
     axis = Estimate(float(np.mod(turned / 2, np.pi)), axis_std, 'rad')
-    return Ellipse(principal(1.0), principal(-1.0), axis, chi_square, left, p_value)
+    return Ellipse(ends[0], ends[1], axis, chi_square, left, p_value)
 
 
 _MEANING = {
@@ -536,14 +855,11 @@ _MEANING = {
 
 def _run_warnings(run: Run) -> list[str]:
     """Warnings about one run, one sentence each."""
-    name = run.readings.name
-    found = [
-        f'{name}: {_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std)}'
-        for check in run.failed_checks
-    ]
+    name, checks = run.readings.name, run.failed_checks
+    meanings = (_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std) for check in checks)
+    found = [f'{name}: {meaning}' for meaning in meanings]
     if run.outliers:
-        lines = ', '.join(str(line) for line in run.readings.line[list(run.outliers)])
-        where = f'{run.readings.source}: line {lines}'
+        where = f'{run.readings.source}: line {", ".join(map(str, run.readings.line[list(run.outliers)]))}'
         found.append(f'{where}: far from the straight line of {name}; check for a typing error')
     if not 1e-8 < run.fit.compliance.value < 1e-2:  # m/N, of robots; outside it a unit is probably wrong
         found.append(f'{name}: a compliance of {run.fit.compliance.value:.2g} m/N; are the units and signs right?')

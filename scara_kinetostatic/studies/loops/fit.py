@@ -27,10 +27,8 @@ from scipy.optimize import least_squares, nnls
 
 from scara_kinetostatic.model.arrays import Floats, Mask, correlated_samples
 from scara_kinetostatic.studies.loops.laws import Law, Shape, Values, reported
-from scara_kinetostatic.studies.loops.record import LOAD, MOTION, RecordPath, block_means
+from scara_kinetostatic.studies.loops.record import MOTION, RecordPath, block_means
 
-_FOLLOWED = {MOTION: 5, LOAD: 2}
-"""Number of the best grid points from which a fit is refined: slip and gap give a motion several local minima."""
 _STEP = 1e-4
 """Step of the scaled parameters for finite differences."""
 
@@ -134,8 +132,9 @@ def fit_law(records: Sequence[Moments], warm_start: Fit | None = None, near: boo
     """
     starts = [warm_start] if warm_start else []
     if not near:
-        grid = _starts(records)
-        starts += grid[:1] if starts else grid[: _FOLLOWED[records[0].path.driven_by]]
+        # slip and gap give a motion several local minima
+        followed = 1 if starts else 5 if records[0].path.driven_by == MOTION else 2
+        starts += _starts(records)[:followed]
     return _Problem(records).fitted(starts)
 
 
@@ -279,9 +278,8 @@ class _Problem:
 
     def _basis(self, shape: Values, states: Floats) -> Floats:
         """The basis s B of all records, each less its mean."""
-        return np.concatenate(
-            [each.centred(shape, state) for each, state in zip(self.records, states.tolist(), strict=True)]
-        )
+        pairs = zip(self.records, states.tolist(), strict=True)
+        return np.concatenate([each.centred(shape, state) for each, state in pairs])
 
 
 def evaluate(fitted: Fit, path: RecordPath, state: float) -> Floats:

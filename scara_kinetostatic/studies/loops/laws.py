@@ -159,10 +159,10 @@ def _slip(path: RecordPath, values: Values) -> tuple[Floats]:
 _GAP = Shape('half_gap', (0.01, 0.03, 0.08, 0.2), least=0.0)
 _SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), _GAP)
 _LIMITS = tuple(Shape(name, (0.02, 0.06, 0.15, 0.4)) for name in ('limit_positive', 'limit_negative'))
-_TITLE = 'law (6): slope and gap'
 BACKLASH = Law(
-    'backlash', 'backlash', _TITLE, '', ('stiffness',), _SPRING, lambda path, values: (_spring(path, values),)
-)
+    'backlash', 'backlash', 'law (6): slope and gap', '',
+    ('stiffness',), _SPRING, lambda path, values: (_spring(path, values),),
+)  # fmt: skip
 MOTION_LAWS = (
     Law(
         'softening', 'softening', 'softening spring',
@@ -197,8 +197,8 @@ _BAND = 4.0
 """Loads below so many of their standard deviations at rest have no certain sign."""
 
 
-def _gap_that_returns(band: float) -> Columns:
-    """Load and its sign, certain beyond so many of its standard deviations at rest."""
+def _gap_that_returns(band: float | None) -> Columns:
+    """Load and its sign, certain beyond so many of its standard deviations at rest; None: the sign as measured."""
     return lambda path, values: (path.driver, path.sign(band))
 
 
@@ -232,8 +232,7 @@ GAP = Law(
 )  # fmt: skip
 BACKLASH_FORMS = (
     LOAD_BACKLASH,
-    *(LOAD_BACKLASH._replace(columns=_gap_that_returns(band)) for band in (2 * _BAND, 0.0)),
-    LOAD_BACKLASH._replace(columns=lambda path, values: (path.driver, path.sign_as_given())),
+    *(LOAD_BACKLASH._replace(columns=_gap_that_returns(band)) for band in (2 * _BAND, 0.0, None)),
 )
 """Law (6) says nothing of a joint without load; what these records show of it there decides between the forms."""
 GAP_FORMS = (GAP, *(GAP._replace(columns=_gap_that_stays(band)) for band in (2 * _BAND, 4 * _BAND)))

@@ -18,27 +18,37 @@ sample of a jerk, which the inertia of the arm takes up, does not make a joint s
 before and after it is left out, where errors would be small without meaning. Loops are cut into sweeps, each from one
 reversal of what drives to the next. The first sweep, up to the first reversal, gives a law with memory its initial
 state: of a motion it is in every fit, and it never counts for an error.
+
+**Tables** of loads and displacements are those of a dial gauge and a force gauge, section 5.2, and continuous records.
+A table of a dial gauge holds loads point by point, run by run, or a record of loops.
+
+The columns of a record are the response, the load and the time among any others, chosen by name or by their units
+(`files.columns`). A displacement goes with a force, an angle with a torque. A heading such as `q2_rad` or `tau2_ext_Nm`
+tells the number of its joint: the columns of two joints do not go together. A column such as `commanded_Nm` says what
+drives.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import ParameterError, RecordingError, UnsupportedDataError
+from scara_kinetostatic.files import columns
+from scara_kinetostatic.files.columns import Column, Place, Table, load_table, one_of, split_heading
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
 from scara_kinetostatic.model.play_operator import play_limits, play_range
 
 MOTION, LOAD = 'motion', 'load'
-PROMINENCE = 0.03
-"""Smallest prominence of a reversal, as a share of the range of what reverses."""
 FEWEST_SWEEPS = 6
 """Three to fit and three to predict; fewer do not give a variance between sweeps."""
 FEWEST_ROWS = 8
@@ -46,7 +56,7 @@ FEWEST_ROWS = 8
 UNLOADED_BELOW = 0.6
 """Share of its largest below which the load counts as gone."""
 LEVEL = 0.01
-"""Probability of an alarm, by a dependence of the residual of law (6) or by a candidate, where law (6) is right."""
+"""Probability of a false alarm, such as one where law (6) is right; several tests of the same data share it."""
 _FEWEST_AT_REST = 10
 """For the zero of load and response and for their noise, known to about a quarter of itself then."""
 SMOOTHING = 0.06
@@ -191,12 +201,10 @@ def _looks_driven_by_load(record: Record) -> bool:
 def _has_full_loops(record: Record) -> bool:
     """Whether there are six sweeps or more of comparable extent."""
     response = record.response
-    edges = np.array([0, *reversals(response).tolist(), len(response) - 1])
-    sweeps = len(edges) - 1
-    if sweeps < FEWEST_SWEEPS or len(response) < FEWEST_ROWS * sweeps:
-        return False
+    extents = np.abs(np.diff(response[[0, *reversals(response).tolist(), len(response) - 1]]))
     # the median extent is 0.5 of the range where the amplitude grows evenly
-    return bool(np.median(np.abs(np.diff(response[edges]))) >= 0.4 * np.ptp(response))
+    is_alike = np.median(extents) >= 0.4 * np.ptp(response)
+    return bool(is_alike and FEWEST_SWEEPS <= len(extents) <= len(response) / FEWEST_ROWS)
 
 
 def check_driven_by_load(record: Record) -> None:
@@ -239,7 +247,7 @@ def check_driven_by_load(record: Record) -> None:
 
 def reversals(values: Floats) -> Indices:
     """The samples at which a displacement or a load, (n,), reverses, in the order of time."""
-    least = PROMINENCE * float(np.ptp(values))
+    least = 0.03 * float(np.ptp(values))  # prominence
     peaks = [find_peaks(sign * values, prominence=least)[0] for sign in (1, -1)]
     return np.sort(np.concatenate(peaks))
 
@@ -304,6 +312,7 @@ class RecordPath:
         size: largest |smooth|, of a motion its range.
         rest: before the load comes on.
         known: what a prediction may use of it, `Record.judged_from`; all of a motion.
+        loaded: what is known under a load of at least `UNLOADED_BELOW` of the largest.
         earlier: the samples of the first half of the sweeps of a motion, or of the time of a load.
         in_loops: whether it has sweeps; only then is what follows of use, of the samples as measured.
         sweeps: number of sweeps.
@@ -327,7 +336,11 @@ class RecordPath:
             samples = max(round(SMOOTHING / float(np.median(np.diff(time)))), 1)
             smooth: Floats = uniform_filter1d(driver, samples, mode='nearest')
         else:
-            moving = _moving(record.response)
+            # without standstill at the beginning and at the end
+            limit, way = 2e-3 * float(np.ptp(record.response)), record.response
+            first = int(np.argmax(np.abs(way - way[0]) > limit))
+            still = int(np.argmax(np.abs(way - way[-1])[::-1] > limit))
+            moving = slice(max(first - 1, 0), len(way) - still + 1)
             driver, driven, time = record.response[moving], record.load[moving], record.time[moving]
             smooth, samples = driver, 1
         self.block = block = samples if in_blocks else 1
@@ -339,6 +352,7 @@ class RecordPath:
         last = np.arange(block - 1, count, block)
         self.rest: Mask = record.rest[last] if driven_by == LOAD else np.zeros(len(last), dtype=bool)
         self.known: Mask = last < (record.judged_from if driven_by == LOAD else len(driver))
+        self.loaded: Mask = self.known & (np.abs(self.smooth) >= UNLOADED_BELOW * self.size)
         self._ranges: dict[tuple[float, float], tuple[Floats, Floats]] = {}
         self.earlier: Mask = self.time < (self.time[0] + self.time[-1]) / 2
         if not self.in_loops:
@@ -389,15 +403,14 @@ class RecordPath:
         least, most = play_limits(first, half_width, ratio)
         return np.clip(least + (most - least) * (state + 1) / 2, low, high)
 
-    def sign(self, band: float) -> Floats:
-        """Sign of the load, linear within a band of so many standard deviations of the load at rest, (n,)."""
-        width = band * self.record.noise(self.record.load)
-        change = self.record.load_change
-        return self._means(np.clip(change / width, -1.0, 1.0) if width > 0 else np.sign(change))
+    def sign(self, band: float | None) -> Floats:
+        """Sign of the load, linear within a band of so many standard deviations of the load at rest, (n,).
 
-    def sign_as_given(self) -> Floats:
-        """Sign of the load as measured, not counted from rest, (n,)."""
-        return self._means(np.sign(self.record.load))
+        None: of the load as measured, not counted from rest.
+        """
+        width = (band or 0.0) * self.record.noise(self.record.load)
+        change = self.record.load if band is None else self.record.load_change
+        return self._means(np.clip(change / width, -1.0, 1.0) if width > 0 else np.sign(change))
 
     def last_sign(self, band: float, state: float) -> Floats:
         """Sign of the load where it exceeds a band, else the last such sign; `state` before the first one, (n,)."""
@@ -421,14 +434,6 @@ def block_means(values: Floats, block: int) -> Floats:
     return np.asarray(values[:count].reshape(-1, block).mean(axis=1))
 
 
-def _moving(displacement: Floats) -> slice:
-    """The rows between standstill at the beginning and standstill at the end."""
-    limit = 2e-3 * float(np.ptp(displacement))
-    first = int(np.argmax(np.abs(displacement - displacement[0]) > limit))
-    last = len(displacement) - int(np.argmax(np.abs(displacement - displacement[-1])[::-1] > limit))
-    return slice(max(first - 1, 0), last + 1)
-
-
 def repeatability(path: RecordPath) -> float:
     """Repeatability of what is driven where the motion repeats: a lower limit for the error of any law, in its unit.
 
@@ -445,3 +450,254 @@ def repeatability(path: RecordPath) -> float:
         difference = np.interp(path.distance[one], there, path.driven[other]) - path.driven[one]
         square, count = square + float(difference @ difference) / 2, count + len(difference)
     return float(np.sqrt(square / count)) if count else float('nan')
+
+
+GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
+PARTS = (GRIPPER, JOINT1, JOINT2)
+"""The loaded part: the gripper with both joints locked, or one joint with the other locked."""
+TIP, LINK = 'tip', 'link'
+"""Where the dial gauge touches: the end-effector, or the end of link 2, where the gripper does not contribute."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Rows of one run, in the order in which they were taken: one part, one place of the gauge, one direction.
+
+    Attributes:
+        force: load along the direction, of either sign, (n,), N.
+        displacement: of the point that the gauge touches, positive along the positive force, (n,), m.
+        cycle: number of the load cycle, (n,); NaN where none is given.
+        line: of the file, (n,), from 1.
+        part: one of `PARTS`.
+        gauge_at: `TIP` or `LINK`; if empty the `TIP` for a gripper, the `LINK` for a joint.
+        direction: of the positive load, rad; NaN if none is given.
+        lever: arm of the load about the joint, m; NaN for the gripper.
+        source: name of the file.
+    """
+
+    force: Floats
+    displacement: Floats
+    cycle: Floats = field(default_factory=lambda: np.array(math.nan))
+    line: Indices = field(default_factory=lambda: np.array(0))
+    part: str = GRIPPER
+    gauge_at: str = ''
+    direction: float = math.nan
+    lever: float = math.nan
+    source: str = 'readings'
+
+    def __post_init__(self) -> None:
+        for name in ('force', 'displacement', 'cycle', 'line'):
+            array = np.array(np.broadcast_to(getattr(self, name), np.shape(self.force)))
+            object.__setattr__(self, name, read_only(array))
+        if not self.gauge_at:
+            object.__setattr__(self, 'gauge_at', TIP if self.part == GRIPPER else LINK)
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    @property
+    def name(self) -> str:
+        """What was loaded, for messages."""
+        part = self.part.replace('joint', 'joint ')
+        return part if math.isnan(self.direction) else f'{part} at {math.degrees(self.direction):g}°'
+
+
+class GaugeTable(NamedTuple):
+    """What a table holds: its runs in the order in which they begin, or its record of loops; remarks."""
+
+    runs: tuple[Readings, ...]
+    record: Record | None = None
+    notes: tuple[str, ...] = ()
+
+
+COLUMNS = (
+    Column('force', ('force', 'load', 'f'), columns.FORCE, True, largest=1e6),
+    Column('displacement', ('displacement', 'deflection', 'gauge', 'ds', 'δs'), columns.LENGTH, True, largest=0.5),
+    Column(
+        'direction', ('direction', 'angle'), columns.ANGLE, blank=True,
+        largest=4 * math.pi + 1e-9, hint='give an angle within two turns',
+    ),
+    Column('lever', ('lever', 'arm'), columns.LENGTH, blank=True, largest=10.0, positive=True),
+    Column('time', ('time', 't'), columns.TIME, blank=True, largest=1e12),
+    Column('cycle', ('cycle',), blank=True, largest=1e6),
+    Column(
+        'part', ('part', 'joint'), blank=True,
+        parse=one_of({GRIPPER: GRIPPER, 'joint1': JOINT1, 'joint2': JOINT2, '1': JOINT1, '2': JOINT2}),
+    ),
+    Column('gauge_at', ('gauge_at',), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
+)  # fmt: skip
+_OF_RUN = ('part', 'gauge_at', 'direction', 'lever')
+_ABSENT = {**dict.fromkeys(('direction', 'lever', 'time', 'cycle'), math.nan), 'part': GRIPPER, 'gauge_at': ''}
+
+
+def load_readings(path: str | Path, **defaults: str | float) -> GaugeTable:
+    """Reads a table of readings.
+
+    Args:
+        path: the file.
+        defaults: by name of an optional column, the value where it is missing, or a cell of it is empty; SI.
+
+    Raises:
+        ParameterError: the rows of a joint have no lever.
+        RecordingError: the file cannot be read, or a column or a row of it is wrong.
+        UnsupportedDataError: the time of a record of loops does not rise, or its load never changes.
+    """
+    return table_readings(load_table(Path(path), 'force_N,displacement_mm'), **defaults)
+
+
+def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
+    """The readings in a table; see `load_readings`."""
+    places = table.find(COLUMNS)
+    values = table.read(places)
+    cells: dict[str, list[Any]] = {name: list(several) for name, several in (values.numbers | values.others).items()}
+    for name, default in (_ABSENT | defaults).items():
+        given = cells.get(name, [None] * len(table.rows))
+        cells[name] = [default if cell is None or cell != cell else cell for cell in given]  # NaN is an empty one
+    notes = tuple(f'{table.source}: {note}' for note in table.unused(places))
+    if not np.isnan(cells['time']).any() and np.isnan(cells['cycle'] + cells['direction']).all():
+        time, force, displacement = (np.array(cells[name]) for name in ('time', 'force', 'displacement'))
+        return GaugeTable((), Record(table.source, time, force, displacement, 'N'), notes)
+    cells['line'] = [line for line, _ in table.rows]
+    runs: dict[tuple[Any, ...], list[int]] = {}
+    for row, (part, gauge_at, direction, lever) in enumerate(zip(*(cells[name] for name in _OF_RUN), strict=True)):
+        if part != GRIPPER and math.isnan(lever):
+            where = f'{table.source}: line {table.rows[row][0]}'
+            raise ParameterError(where, 'a joint needs its lever', 'add a column lever_m, or give --lever')
+        own = (str(round(direction, 6)), str(round(lever, 9)) if part != GRIPPER else '')
+        runs.setdefault((part, gauge_at, *own), []).append(row)
+    return GaugeTable(tuple(_run(table.source, cells, rows) for rows in runs.values()), None, notes)
+
+
+def _run(source: str, cells: dict[str, list[Any]], rows: list[int]) -> Readings:
+    """One run, from the numbers of its rows."""
+    names = ('force', 'displacement', 'cycle', 'line')
+    force, displacement, cycle, line = (np.array(cells[name])[rows] for name in names)
+    first = {name: cells[name][rows[0]] for name in _OF_RUN}
+    first['lever'] = math.nan if first['part'] == GRIPPER else first['lever']
+    return Readings(force, displacement, cycle, line, **first, source=source)
+
+
+_QUANTITIES = {
+    'm': (columns.LENGTH, 0.5),
+    'rad': (columns.ANGLE, 100.0),
+    'N': (columns.FORCE, 1e6),
+    'Nm': (columns.TORQUE, 1e6),
+    's': (columns.TIME, 1e12),
+}
+"""By SI unit: factor to it by unit, and the largest plausible size."""
+_KINDS = {
+    'load': ('N Nm', 'force load f torque moment', 'force_N or torque_Nm'),
+    'response': ('m rad', 'displacement deflection response angle rotation', 'displacement_m or angle_rad'),
+    'time': ('s', 'time t', 'time_s'),
+}
+"""What a column may be: its SI units, words that are preferred to others of the same unit, an example."""
+
+
+class RecordColumn(NamedTuple):
+    """A column: its heading, its number from 0, its SI unit, the factor to it."""
+
+    heading: str
+    number: int
+    unit: str
+    factor: float
+
+    @property
+    def joint(self) -> int | None:
+        """Number of the joint in the heading, if it has one."""
+        match = re.search(r'(?:joint|axis|angle|torque|tau|q)[ _]?(\d+)', self.heading.lower())
+        return int(match[1]) if match else None
+
+    def goes_with(self, other: RecordColumn) -> bool:
+        """Whether they are a displacement and a force, or an angle and a torque."""
+        return {self.unit, other.unit} in ({'m', 'N'}, {'rad', 'Nm'})
+
+
+def choose_columns(
+    headings: Sequence[str], where: str, response: str | None = None, load: str | None = None
+) -> dict[str, RecordColumn]:
+    """The columns of a record by kind: load, response and time.
+
+    Args:
+        headings: of the table.
+        where: the file, for messages.
+        response: heading of the response; None for the only one, or the one with a name such as `angle_rad`.
+        load: heading of the load, likewise; its quantity must go with that of the response.
+
+    Raises:
+        ParameterError: the table has no such column of a response or a load.
+        RecordingError: a column is not given and cannot be told, or the two do not go together.
+    """
+    known = []
+    for number, heading in enumerate(headings):
+        unit = re.sub(r'[\s·*]', '', split_heading(heading)[1])
+        sizes = ((si, factors[unit]) for si, (factors, _) in _QUANTITIES.items() if unit in factors)
+        known += [RecordColumn(heading, number, si, factor) for si, factor in sizes]
+    names = {'load': load, 'response': response, 'time': None}
+    chosen: dict[str, RecordColumn] = {}
+    for kind in sorted(names, key=lambda kind: names[kind] is None):  # those named come first
+        units, words, example = _KINDS[kind]
+        fitting, name = [column for column in known if column.unit in units.split()], names[kind]
+        if name is not None:
+            found = [column for column in fitting if column.heading == name.strip()]
+            if len(found) != 1:
+                problem = f'expected one column of {where} with this name and a unit of a {kind}, got {len(found)}'
+                remedy = f'choose {_listed(fitting)}' if fitting else f'name one {example}'
+                raise ParameterError(f'--{kind} {name}', problem, remedy)
+        else:
+            other = None if kind == 'time' else next(iter(chosen.values()), None)
+            fitting = [column for column in fitting if other is None or column.goes_with(other)]
+            found = [column for column in fitting if split_heading(column.heading)[0].lower() in words.split()]
+            found = fitting if len(fitting) == 1 else found
+            if len(found) != 1 and fitting:
+                remedy = 'leave all but one out' if kind == 'time' else f'choose one by --{kind}'
+                problem = f'{len(fitting)} columns may be the {kind}: {_listed(fitting)}'
+                raise RecordingError(where, problem, remedy)
+            if not found:
+                problem = f'there is no column of the {kind}{f" that goes with {other.heading}" if other else ""}'
+                raise RecordingError(where, problem, f'name one with its unit, such as {example}')
+        chosen[kind] = found[0]
+    one, other = chosen['response'], chosen['load']
+    if not one.goes_with(other):
+        problem = f'the units of {one.heading} and {other.heading} do not go together'
+        remedy = 'give an angle with a torque (rad, Nm), or a displacement with a force (m, N)'
+        raise RecordingError(where, problem, remedy)
+    if None not in (one.joint, other.joint) and one.joint != other.joint:
+        problem = f'{one.heading} and {other.heading} are columns of two joints, {one.joint} and {other.joint}'
+        raise RecordingError(where, problem, 'choose those of one joint, or rename one if they do belong together')
+    return chosen
+
+
+def _listed(several: Sequence[RecordColumn]) -> str:
+    return ', '.join(column.heading for column in several[:6]) + (' …' if len(several) > 6 else '')
+
+
+def load_record(path: str | Path, response: str | None = None, load: str | None = None) -> Record:
+    """Reads a record.
+
+    Args:
+        path: the file.
+        response: heading of the response; None for the one that its name or its unit tells.
+        load: heading of the load, likewise.
+
+    Raises:
+        ParameterError: a column asked for does not exist, or is no response or load.
+        RecordingError: the file cannot be read, columns do not go together, or a row is wrong.
+        UnsupportedDataError: see `Record`.
+    """
+    table = load_table(Path(path), 'time_s,angle_rad,torque_Nm')
+    chosen = choose_columns(table.heading, table.source, response, load)
+    places = {
+        kind: Place(Column(kind, (), largest=_QUANTITIES[column.unit][1]), column.number, column.factor)
+        for kind, column in chosen.items()
+    }
+    values = table.read(places).numbers
+    steps = np.abs(np.diff(values['response'], prepend=values['response'][0]))
+    if chosen['response'].unit == 'rad' and steps.max() > np.pi:
+        line = table.rows[int(steps.argmax())][0]
+        problem = f'line {line}: {chosen["response"].heading} jumps by {steps.max():.3g} rad, more than half a turn'
+        raise RecordingError(table.source, problem, 'unwrap the angle, or check the unit of the column')
+    joint = chosen['response'].joint if chosen['response'].joint is not None else chosen['load'].joint
+    commanded = {split_heading(each)[1] for each in table.heading if each.lower().startswith('command')}
+    drivers = ((LOAD, 'load'), (MOTION, 'response'))
+    driven_by = next((who for who, kind in drivers if commanded & {*_QUANTITIES[chosen[kind].unit][0]}), '')
+    return Record(table.source, **values, load_unit=chosen['load'].unit, joint=joint, driven_by=driven_by)

@@ -1,35 +1,30 @@
-"""The hysteresis of records as a report, for the terminal and as a page, and as data; the same whatever drives."""
+"""Reports, for the terminal and as a page, and data: hysteresis, whatever drives, and dial gauge experiments."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import cast
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.projections.polar import PolarAxes
+from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.arrays import Floats, rms
-from scara_kinetostatic.report import (
-    NOT_DETERMINED,
-    Block,
-    Document,
-    Figure,
-    Figures,
-    Level,
-    Note,
-    Report,
-    Section,
-    Table,
-    Verdict,
-)
-from scara_kinetostatic.report.figure import FAINT, INK, LINE, SERIES, Margins, as_svg, new_figure
-from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals, scale_of, shown
-from scara_kinetostatic.studies.loops.dependence import VARIABLES, Dependence
+from scara_kinetostatic.report import Block, Figure, Figures, Items, Level, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, Margins, as_svg, new_figure
+from scara_kinetostatic.report.json_file import Document
+from scara_kinetostatic.report.quantities import NOT_DETERMINED, Scale, chance, count, p_equals, scale_of, shown
+from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.fit import Prediction
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
 from scara_kinetostatic.studies.loops.record import LEVEL, MOTION, Record, RecordPath, block_means, repeatability
-from scara_kinetostatic.studies.loops.selection import AMBIGUOUS, NONE, UNDECIDED, Candidate, Judged, Selection, Study
+from scara_kinetostatic.studies.loops.selection import NONE, UNDECIDED, VARIABLES, Dependence, Judged, Selection
+
+Curve = tuple[Floats, str, str]
+"""Values in the unit that is shown, colour, label."""
 
 
 def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Document:
@@ -66,6 +61,8 @@ def _content(selection: Selection) -> Document:
     study, before, selected = selection.study, selection.before, selection.selected
     effects = [each.law.effect for each in (selected, *selection.rivals) if each]
     driven, unit = ('force', 'N') if study.driven_by == MOTION else ('response', 'm')
+    laws = (before, *selection.candidates)
+    errors = {each.law.name: {'fitted': each.fitted_rms, 'held_out': each.held_out_rms} for each in laws}
     return {
         'verdict': selection.verdict,
         'p_value': selection.p_value,
@@ -81,8 +78,8 @@ def _content(selection: Selection) -> Document:
         'p_value_without_memory': selection.p_without_memory,
         'direction': study.direction,
         f'{driven}_error': {
-            'before': _errors(before),
-            'after': _errors(selected) if selected else None,
+            'before': errors[before.law.name],
+            'after': errors[selected.law.name] if selected else None,
             'unit': study.records[0].unit(unit),
         },
         'candidates': [
@@ -92,17 +89,13 @@ def _content(selection: Selection) -> Document:
                 'p_value': None if each is before else each.p_gain,
                 'bic_difference': None if each is before else each.bic,
                 'accepted': each.accepted,
-                **_errors(each),
+                **errors[each.law.name],
                 'parameters': each.parameters,
             }
-            for each in (before, *selection.candidates)
+            for each in laws
         ],
         'parameters': {each.law.name: each.parameters for each in (before, selected) if each},
     }
-
-
-def _errors(each: Candidate) -> Document:
-    return {'fitted': each.fitted_rms, 'held_out': each.held_out_rms}
 
 
 def _motion_facts(path: RecordPath) -> Document:
@@ -134,8 +127,9 @@ def _load_facts(selection: Selection, number: int) -> Document:
     }
 
 
-def _words(study: Study) -> tuple[str, str, str]:
+def _words(selection: Selection) -> tuple[str, str, str]:
     """How the error of what was held out is said, where standard deviations are from, what the errors are."""
+    study = selection.study
     if study.driven_by == MOTION:
         return (
             'On sweeps not used in the fit, the error',
@@ -160,13 +154,6 @@ def _words(study: Study) -> tuple[str, str, str]:
     )
 
 
-_DEPENDENCE = Note(
-    'Share of the square of the residual that the variable explains, and the p-value of no dependence on it. The '
-    'verdict states that of no dependence on any of them. The load before: at rest after the load the residual is not '
-    'that at rest before it.'
-)
-
-
 def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Report:
     """The report of records driven by their motion, one selection each, or of all that are driven by their load."""
     study, verdicts = selections[0].study, [verdict(each) for each in selections]
@@ -182,15 +169,14 @@ def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judge
         )
     if predicted:
         blocks += (_predicted_section(selections[0], predicted),)
-    what = 'the {load} is predicted from the {response}.'
-    if study.driven_by != MOTION:
-        what = 'the {response} is predicted from the {load}.'
+    driven, driver = ('load', 'response') if study.driven_by == MOTION else ('response', 'load')
+    what = f'Driven by their {study.driven_by}: the {{{driven}}} is predicted from the {{{driver}}}.'
     records = [record for each in selections for record in each.study.records]
     size = f'{count(len(records), "record")}, {count(sum(map(len, records)), "sample")}'
     return Report(
         title=records[0].words('Hysteresis of {load} and {response}: is law (6) sufficient?'),
         answer=answer,
-        blocks=(records[0].words(f'Driven by their {study.driven_by}: {what}'), *blocks),
+        blocks=(records[0].words(what), *blocks),
         source=f'{size}: {", ".join(record.source for record in records)}',
         footer='all numbers in full in hysteresis.json',
     )
@@ -202,10 +188,9 @@ def verdict(selection: Selection) -> Verdict:
     together = f', {len(study.records)} records together' if len(study.records) > 1 else ''
     chances, error = f'{p_equals(selection.p_value)}{together}', _error_scale(selection)
     before = _number(error.per_si * selection.before.held_out_rms)
-    limit = f'Each test would have found {100 * min(selection.detectable, 1.0):.0f} % of its square.'
-    held_out = _words(study)[0]
-    errors = f'{held_out} of law (6) is {before} {error.unit} (rms).'
-    errors += f' That is {100 * selection.share_of_range:.2g} % of the range.'
+    limit, held_out = 100 * min(selection.detectable, 1.0), _words(selection)[0]
+    share = f'That is {100 * selection.share_of_range:.2g} % of the range.'
+    errors = f'{held_out} of law (6) is {before} {error.unit} (rms). {share}'
     level: Level
     if selection.verdict in (NONE, UNDECIDED):
         headline, level, residual = 'Law (6), slope and gap, is sufficient', 'good', 'its residual'
@@ -218,7 +203,8 @@ def verdict(selection: Selection) -> Verdict:
             smaller = ', '.join(each.law.title for each in selection.candidates if selection.is_clearly_smaller(each))
             if smaller:
                 sentences = [f'Held out, these err clearly less, though not significantly: {smaller}.']
-        found = f'No dependence of {residual} was found ({chances}). {limit}'
+        found = f'No dependence of {residual} was found ({chances}).'
+        found += f' Each test would have found {limit:.0f} % of its square.'
         return Verdict(headline, level, (found, *sentences, *_reservations(selection), errors))
     evidence = f'The residual of law (6) {_strongest(selection.dependence_before, record)} ({chances}).'
     if selected is None:
@@ -226,17 +212,17 @@ def verdict(selection: Selection) -> Verdict:
         return Verdict(headline, 'bad', (evidence, errors))
     meanings = [record.words(each.law.meaning) for each in (selected, *selection.rivals)]
     headline = f'Law (6) is not sufficient: {meanings[0]}'
-    if selection.verdict == AMBIGUOUS:
+    if selection.rivals:
         headline = f'Law (6) is not sufficient; these records do not distinguish between {"; and ".join(meanings)}'
     after = _number(error.per_si * selected.held_out_rms)
     factor = selection.before.held_out_rms / selected.held_out_rms
     errors = f'{held_out} falls from {before} to {after} {error.unit} (rms), by a factor of {factor:.1f}.'
     is_complete = selection.p_after >= LEVEL / 2
-    rest = f'No further dependence of the residual was found ({p_equals(selection.p_after)}).'
+    rest = 'No further dependence of the residual was found'
     if not is_complete:
-        depends = _strongest(selection.dependence_after, record)
-        rest = f'The selected law is not complete either: its residual {depends} ({p_equals(selection.p_after)}).'
-    level = 'good' if is_complete and selection.verdict != AMBIGUOUS else 'caution'
+        rest = f'The selected law is not complete either: its residual {_strongest(selection.dependence_after, record)}'
+    rest += f' ({p_equals(selection.p_after)}).'
+    level = 'good' if is_complete and not selection.rivals else 'caution'
     return Verdict(headline, level, (evidence, errors, *_repeats(selection), rest))
 
 
@@ -261,8 +247,7 @@ def _reservations(selection: Selection) -> list[str]:
 def _repeats(selection: Selection) -> list[str]:
     """How well the measured load repeats, which no law undercuts."""
     study = selection.study
-    limit = repeatability(study.paths[0]) if study.driven_by == MOTION else np.nan
-    if not np.isfinite(limit):
+    if study.driven_by != MOTION or not np.isfinite(limit := repeatability(study.paths[0])):
         return []
     ratio = rms(selection.final.along[0].residual[study.judged[0]]) / limit
     repeats = study.records[0].words('Where the motion repeats, the {load} repeats to')
@@ -276,24 +261,27 @@ def _strongest(found: Sequence[Dependence], record: Record) -> str:
 
 def _blocks(selection: Selection, name: str) -> tuple[Block, ...]:
     study, record = selection.study, selection.study.records[0]
-    _, uncertainty, errors = _words(study)
+    _, uncertainty, errors = _words(selection)
     note = f'Standard deviations: {uncertainty}.'
     if study.driven_by != MOTION:
         along = 'along' if study.direction > 0 else 'against'
         note = f'The {{response}} changes {along} a positive {{load}}; parameters are magnitudes. {note}'
+    compared = Note(
+        'p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), which counts the parameters. '
+        'Better: it predicts better in the rms, in BIC and in the test (0.5 %, shared among the laws). '
+        'Selected: of these the one with the smallest BIC; of several forms of one effect the simplest within 2.'
+    )
+    dependence = Note(
+        'Share of the square of the residual that the variable explains, and the p-value of no dependence on it. The '
+        'verdict states that of no dependence on any of them. The load before: at rest after the load the residual is '
+        'not that at rest before it.'
+    )
     return (
         Section('Records', (_record_table(selection), *_figures(selection, name))),
-        Section('Laws compared', (_candidate_table(selection), record.words(errors), _COMPARED)),
-        Section('What the residual depends on', (_dependence_table(selection), _DEPENDENCE)),
+        Section('Laws compared', (_candidate_table(selection), record.words(errors), compared)),
+        Section('What the residual depends on', (_dependence_table(selection), dependence)),
         Section('Parameters', (_parameter_table(selection), record.words(note))),
     )
-
-
-_COMPARED = Note(
-    'p: p-value of no better prediction than by law (6). ΔBIC: difference to law (6), which counts the parameters. '
-    'Better: it predicts better in the rms, in BIC and in the test (0.5 %, shared among the laws). '
-    'Selected: of these the one with the smallest BIC; of several forms of one effect the simplest within 2.'
-)
 
 
 def _number(value: float) -> str:
@@ -344,18 +332,14 @@ def _record_table(selection: Selection) -> Table:
 def _candidate_table(selection: Selection) -> Table:
     """Law (6) and every candidate compared with it."""
     error = _error_scale(selection)
-    notes = {
-        each.law.name: 'better' if each.accepted else 'less, not significantly'
-        for each in selection.candidates
-        if each.accepted or selection.is_clearly_smaller(each)
-    }
-    notes |= {each.law.name: 'rival' for each in selection.rivals}
-    notes |= {selection.selected.law.name: 'selected'} if selection.selected else {}
-    rows = []
+    rivals, rows = [each.law.name for each in selection.rivals], []
     for each in (selection.before, *selection.candidates):
         errors = [_number(error.per_si * size) for size in (each.fitted_rms, each.held_out_rms)]
-        compared = [chance(each.p_gain), f'{each.bic:.0f}', notes.get(each.law.name, 'no better')]
-        last = ['', '', 'before'] if each is selection.before else compared
+        note = 'less, not significantly' if selection.is_clearly_smaller(each) else 'no better'
+        note = 'rival' if each.law.name in rivals else 'better' if each.accepted else note
+        note = 'selected' if selection.selected and each.law.name == selection.selected.law.name else note
+        compared = (chance(each.p_gain), f'{each.bic:.0f}', note)
+        last = ('', '', 'before') if each is selection.before else compared
         rows.append((each.law.title, str(each.law.size), *errors, *last))
     headings = ('law', 'parameters', 'fitted', 'held out', 'p', 'ΔBIC', '')
     return Table(headings, ('', '', error.unit, error.unit, '', '', ''), tuple(rows))
@@ -394,16 +378,12 @@ def _parameter_table(selection: Selection) -> Table:
 
 def _predicted_section(selection: Selection, predicted: Sequence[Judged]) -> Section:
     scale = _error_scale(selection)
-    rows = tuple(
-        (
-            each.path.record.name,
-            _number(scale.per_si * each.before_rms),
-            _number(scale.per_si * each.after_rms),
-            _state(each.after),
-        )
-        for each in predicted
-    )
-    table = Table(('predicted', 'before', 'after', 'state at the start'), ('', scale.unit, scale.unit, ''), rows)
+    rows = []
+    for each in predicted:
+        errors = [_number(scale.per_si * size) for size in (each.before_rms, each.after_rms)]
+        rows.append((each.path.record.name, *errors, _state(each.after)))
+    headings = ('predicted', 'before', 'after', 'state at the start')
+    table = Table(headings, ('', scale.unit, scale.unit, ''), tuple(rows))
     begins = 'the unloading' if selection.study.records[0].is_at_rest_first else 'the end of the first third'
     note = f'What comes before {begins} gives zero and state of friction; the error counts from there on.'
     pictures = [_pictures(selection, each, f'other{k}') for k, each in enumerate(predicted)]
@@ -415,13 +395,11 @@ def _figures(selection: Selection, name: str) -> list[Block]:
     order = sorted(enumerate(selection.judged), key=lambda numbered: -numbered[1].before_rms)
     sections = [_pictures(selection, each, f'{name}_{k}') for k, each in order]
     more = Section(f'{len(sections) - 4} more', tuple(sections[4:]), folded=True)
-    return [_PICTURES, *sections[:4], *[more][: len(sections[4:])]]
-
-
-_PICTURES = Note(
-    'Before, after: error (rms) by law (6) and by the selected law. Left: measured, and predicted where it was held '
-    'out. Right: measured less predicted; what is shaded is judged.'
-)
+    note = Note(
+        'Before, after: error (rms) by law (6) and by the selected law. Left: measured, and predicted where it was '
+        'held out. Right: measured less predicted; what is shaded is judged.'
+    )
+    return [note, *sections[:4], *[more][: len(sections[4:])]]
 
 
 def _pictures(selection: Selection, judged: Judged, name: str) -> Section:
@@ -432,29 +410,23 @@ def _pictures(selection: Selection, judged: Judged, name: str) -> Section:
     quantities = [('{load}', path.driver, record.load_unit), ('{response}', record.response_change, record.unit('m'))]
     if path.driven_by == MOTION:
         quantities = [('{response}', path.driver, record.unit('m')), ('{load}', path.driven, record.load_unit)]
-    labels, scales = [], []
-    for word, values, unit in quantities:
-        scales.append(_scale(float(np.ptp(values)), unit))
-        labels.append(f'{record.words(word)}  [{scales[-1].unit}]')
+    scales = [_scale(float(np.ptp(values)), unit) for _, values, unit in quantities]
+    labels = [f'{record.words(one[0])}  [{scale.unit}]' for one, scale in zip(quantities, scales, strict=True)]
     driven = quantities[1][1]
     curves = [(driven, INK, 'measured'), *((driven - left, colour, label) for left, colour, label in residuals)]
     what = record.words(f'{quantities[1][0]} over {quantities[0][0]}, measured and predicted')
-    loop = partial(_curves, scales[0].per_si * path.driver, curves, scales[1].per_si, labels, f'{name}_loop', what)
+    curves = [(scales[1].per_si * values, colour, label) for values, colour, label in curves]
+    loop = partial(_curves, scales[0].per_si * path.driver, curves, labels, f'{name}_loop', what)
     labels = ['time  [s]', f'residual  [{per_time.unit}]']
     what = 'residual over time by each law; what is judged is shaded'
     begins = float(path.time[judged.rows.argmax()])
-    residual = partial(_curves, path.time, residuals, per_time.per_si, labels, f'{name}_residual', what, begins)
+    residuals = [(per_time.per_si * values, colour, label) for values, colour, label in residuals]
+    residual = partial(_curves, path.time, residuals, labels, f'{name}_residual', what, begins)
     return Section(record.name, (Figures((Figure(loop), Figure(residual))),))
 
 
 def _curves(
-    x: Floats,
-    curves: Sequence[tuple[Floats, str, str]],
-    per_si: float,
-    labels: Sequence[str],
-    name: str,
-    what: str,
-    judged_from: float | None = None,
+    x: Floats, curves: Sequence[Curve], labels: Sequence[str], name: str, what: str, judged_from: float | None = None
 ) -> Markup:
     """Curves with their colours and labels over x, at most 1000 points of each; over time, what is judged shaded."""
     figure, (axes,) = new_figure(450.0, 300.0, margins=Margins(left=64, right=8, bottom=74, top=12))
@@ -466,6 +438,239 @@ def _curves(
     block = -(-len(x) // 1000)
     for values, colour, label in curves:
         width = 0.8 if colour == INK else 1.4 if judged_from is None else 1.0
-        axes.plot(block_means(x, block), block_means(per_si * values, block), color=colour, lw=width, label=label)
+        axes.plot(block_means(x, block), block_means(values, block), color=colour, lw=width, label=label)
     axes.legend(frameon=False, loc='upper center', bbox_to_anchor=(0.5, -0.19), ncols=3, handlelength=1.4)
     return as_svg(figure, name, what)
+
+
+TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}
+HALF = 450.0
+"""Width of a figure beside another, pixels."""
+
+
+def dial_gauge_document(analysis: dial_gauge.DialGaugeAnalysis) -> Document:
+    """`dial_gauge.json`: SI units; null where a quantity does not exist.
+
+    `gap` is the jump of the displacement at zero force, `half_gap` the g of equations (6) and (7).
+    """
+    return {
+        'schema': 'scara_kinetostatic/dial_gauge/1',
+        'version': __version__,
+        'parts': {part.name: _part(part) for part in analysis.parts.values()},
+        'loops': [
+            {'source': each.record.source, 'senses': {own.name: own for own in each.senses}, 'rejected': each.rejected}
+            for each in analysis.loops
+        ],
+        'warnings': analysis.warnings,
+    }
+
+
+def _part(part: dial_gauge.Part) -> Document:
+    maps = {}
+    for what, each in part.maps.items():
+        maps[what] = {'mean': each.mean, 'smallest': each.value.min(), 'largest': each.value.max()}
+        maps[what] |= {'isotropy': each.isotropy, 'ellipse': each.ellipse}
+    runs = {'runs': [_run(run) for run in part.runs]}
+    return _quantities(part) | runs | ({'over_direction': maps} if maps else {})
+
+
+def _quantities(each: dial_gauge.Part | dial_gauge.Run) -> Document:
+    return {'compliance': each.compliance, 'gap': each.gap, 'half_gap': each.gap.over(2)}
+
+
+def _run(run: dial_gauge.Run) -> Document:
+    readings, fit = run.readings, run.fit
+    return {
+        **{name: getattr(readings, name) for name in ('source', 'gauge_at', 'direction', 'lever')},
+        **_quantities(run),
+        'at_gauge': {'slope': fit.compliance, 'gap': fit.gap},
+        'slope_negative': fit.slopes[0],
+        'slope_positive': fit.slopes[1],
+        'cycle_gaps': fit.cycle_gaps,
+        'reading_std': fit.sigma,
+        'resolution': fit.resolution,
+        'degrees_of_freedom': fit.degrees_of_freedom,
+        'rows': {'found': len(fit.used), 'used': int(fit.used.sum())},
+        'checks': [{**check._asdict(), 'failed': check in run.failed_checks} for check in fit.checks],
+        'outlier_lines': readings.line[list(run.outliers)],
+        'note': run.note,
+    }
+
+
+def dial_gauge_report(analysis: dial_gauge.DialGaugeAnalysis) -> Report:
+    """The result of dial gauge experiments for the terminal and as a page."""
+    blocks: list[Block] = [
+        Section(TITLES[part.name], (_run_table(part), *_map_sentences(part), *part_figures(part)))
+        for part in analysis.parts.values()
+    ]
+    note = 'Gap: jump of the displacement at zero force. Half gap: g of equations (6) and (7). ±: standard deviation.'
+    if analysis.parts:
+        blocks.append(Section('Summary', (summary_table(analysis), note)))
+    blocks += [_loop_section(loops, f'loop{k}') for k, loops in enumerate(analysis.loops)]
+    what = [TITLES[name] for name in analysis.parts] + [f'loops of {each.record.source}' for each in analysis.loops]
+    return Report(
+        title='Compliance and backlash by dial gauge',
+        answer=Verdict(f'Compliance and backlash: {", ".join(what)}'),
+        blocks=tuple(blocks),
+        source=', '.join(analysis.sources),
+        remarks=analysis.warnings,
+        footer='all numbers in full in dial_gauge.json',
+    )
+
+
+def with_std(estimate: dial_gauge.Estimate, factor: float = 1e6) -> str:
+    """Value ± one standard deviation, with the digits that the latter allows; `factor`: displayed units per SI unit."""
+    return shown(estimate.value, estimate.std, '', {'': Scale('', factor)}).text
+
+
+def _cells(each: dial_gauge.Part | dial_gauge.Run) -> tuple[str, str, str]:
+    return with_std(each.compliance), with_std(each.gap), with_std(each.gap.over(2))
+
+
+def summary_table(analysis: dial_gauge.DialGaugeAnalysis) -> Table:
+    """One row per part: compliance, gap, half gap."""
+    rows = []
+    for part in analysis.parts.values():
+        compliance, *gaps = _cells(part)
+        units = f'µ{part.compliance.unit}', f'µ{part.gap.unit}'
+        rows.append((TITLES[part.name], str(len(part.runs)), compliance, units[0], *gaps, units[1]))
+    return Table(('part', 'runs', 'compliance', '', 'gap', 'half gap g', ''), ('',) * 7, tuple(rows))
+
+
+def _run_table(part: dial_gauge.Part) -> Table:
+    rows = []
+    for run in part.runs:
+        turn, failed = np.degrees(run.readings.direction), [check.name for check in run.failed_checks]
+        direction = NOT_DETERMINED if np.isnan(turn) else f'{turn:.5g}'
+        fit = f'{1e6 * run.fit.sigma:.2f}', f'{int(run.fit.used.sum())}'
+        rows.append((direction, *_cells(run), *fit, ', '.join(failed).replace('_', ' ') or 'ok'))
+    heading = ('direction', 'compliance', 'gap', 'half gap g', 'reading σ', 'rows', 'checks')
+    gap_unit = f'µ{part.gap.unit}'
+    return Table(heading, ('°', f'µ{part.compliance.unit}', gap_unit, gap_unit, 'µm', '', ''), tuple(rows))
+
+
+def _test(test: dial_gauge.CombinedEstimate) -> str:
+    chi_square = f'χ² = {test.chi_square:.1f} with {test.degrees_of_freedom} degrees of freedom'
+    return f'{chi_square}, {p_equals(test.p_value)}'
+
+
+def _map_sentences(part: dial_gauge.Part) -> list[str]:
+    """Whether compliance and gap are isotropic."""
+    found = []
+    for what, each in part.maps.items():
+        unit, ellipse, test = f'µ{each.mean.unit}', each.ellipse, _test(each.isotropy)
+        if each.isotropy.p_value >= LEVEL:
+            found.append(f'The {what} is equal in all directions within its uncertainty ({test}).')
+            continue
+        span = f'{1e6 * each.value.min():.4g} … {1e6 * each.value.max():.4g} {unit}'
+        text = f'The {what} depends on the direction ({test}): {span}'
+        if ellipse is not None:
+            fits = '' if np.isnan(ellipse.p_value) else f', {p_equals(ellipse.p_value)}'
+            limits = f'{with_std(ellipse.minor)} to {with_std(ellipse.major)} {unit}'
+            text += f'; ellipse from {limits}, largest at {with_std(ellipse.axis, 180 / np.pi)}°{fits}'
+        found.append(f'{text}.')
+    return found
+
+
+def part_figures(part: dial_gauge.Part) -> tuple[Figures, ...]:
+    """Maps over the direction, and the runs with the largest and the smallest gap."""
+    maps = [Figure(partial(map_picture, each, what, f'{part.name}_{what}')) for what, each in part.maps.items()]
+    dead_zone = 'With two standard deviations; dashed: mean; curve: uᵀPu, and the width of an elliptical dead zone.'
+    gaps, forces = [run.gap.value for run in part.runs], []
+    for k in dict.fromkeys((int(np.argmax(gaps)), int(np.argmin(gaps)))):
+        run, name = part.runs[k], f'{part.name}_force{k}'
+        forces.append(Figure(partial(force_picture, run, name), title=run.readings.name.capitalize()))
+    found = Figures(tuple(forces), 'Readings, straight lines, residuals; hollow: no load, not used.')
+    return (Figures(tuple(maps), dead_zone), found) if maps else (found,)
+
+
+def map_picture(each: dial_gauge.DirectionMap, what: str, name: str) -> Markup:
+    """A quantity over the direction, with two standard deviations and its ellipse (figures 4(b) and 4(c))."""
+    figure, found = new_figure(HALF, 400, subplot_kw={'projection': 'polar'})
+    axes = cast(PolarAxes, found[0])
+    turn = np.linspace(0, 2 * np.pi, 361)
+    if each.ellipse is not None:
+        major, minor, axis = (estimate.value for estimate in each.ellipse[:3])
+        turned = turn - axis
+        q = major**each.power * np.cos(turned) ** 2 + minor**each.power * np.sin(turned) ** 2
+        axes.plot(turn, MICRO * q ** (1 / each.power), color=SERIES[0], lw=1.2)
+    axes.plot(turn, np.full_like(turn, MICRO * each.mean.value), color=FAINT, lw=0.9, ls=(0, (3, 3)))
+    bars = 2 * MICRO * each.std
+    axes.errorbar(each.direction, MICRO * each.value, bars, fmt='o', ms=5, color=INK, mfc=PAPER, mec=INK)
+    axes.set_ylim(0, 1.15 * MICRO * float(np.max(each.value + 2 * each.std)))
+    axes.set_thetagrids(range(0, 360, 30))
+    axes.set_rlabel_position(75)
+    axes.yaxis.set_major_locator(MaxNLocator(4, prune='lower'))
+    axes.spines['polar'].set_color(LINE)
+    axes.set_title(f'{what}  [µ{each.mean.unit}]', pad=14)
+    return as_svg(figure, name, f'{what} over the direction')
+
+
+def force_picture(run: dial_gauge.Run, name: str) -> Markup:
+    """Displacement over force of one run, with its lines drawn to zero force; the residuals below (figure 4(a)).
+
+    Args:
+        run: what to show.
+        name: identifier of the picture on the page.
+    """
+    figure, (above, below) = new_figure(HALF, 400, rows=2, sharex=True, height_ratios=(3.2, 1))
+    force, displacement, fit = run.readings.force, MICRO * run.readings.displacement, run.fit
+    above.plot(force[~fit.used], displacement[~fit.used], 'o', ms=4, mfc=PAPER, mec=FAINT)
+    offsets = []
+    for sign, colour in ((1, SERIES[0]), (-1, SERIES[1])):
+        rows = fit.used & (np.sign(force) == sign)
+        above.plot(force[rows], displacement[rows], 'o', ms=3, color=colour, mew=0)
+        below.plot(force[rows], MICRO * fit.residual[rows], 'o', ms=2.5, color=colour, mew=0)
+        lines = fit.lines[fit.lines[:, 0] == sign]
+        offset, slope, far = MICRO * lines[:, 1].mean(), MICRO * lines[0, 2], sign * np.abs(force[rows]).max()
+        above.plot([0, far], [offset, offset + slope * far], color=colour, lw=1.2)
+        offsets.append(offset)
+    above.plot([0, 0], offsets, color=INK, lw=2.2, solid_capstyle='butt')
+    text = f'gap {MICRO * fit.gap.value:.4g} µm at the gauge'
+    above.annotate(text, (0, np.mean(offsets)), (10, 0), textcoords='offset points', va='center', color=INK)
+    for axes, values in ((above, displacement), (below, MICRO * fit.residual)):
+        axes.plot(force[list(run.outliers)], values[list(run.outliers)], 'X', ms=8, mfc=WARN, mec=PAPER)
+    above.set(ylabel='displacement  [µm]')
+    below.axhline(0, color=FAINT, lw=0.9)
+    below.set(xlabel='force  [N]', ylabel='residual  [µm]')
+    figure.align_ylabels()
+    return as_svg(figure, name, 'displacement over force, with straight lines and their residuals')
+
+
+def _loop_section(loops: dial_gauge.LoopAnalysis, name: str) -> Section:
+    picture = Figure(
+        partial(loop_picture, loops, f'{name}_record'),
+        'The record; bars: the gap of each reversal, at the force inside the backlash. Blue: displacement rising after '
+        'the reversal, orange: falling.',
+    )
+    note = 'definitional: by the choice of the straight part, common to all reversals; those are in dial_gauge.json'
+    rejected = tuple(f'{each.time:.2f} s: {each.reason}' for each in loops.rejected)
+    unused = [Items(rejected, f'{count(len(rejected), "reversal")} not used:')] if rejected else []
+    return Section(f'Loops: {loops.record.source}', (picture, _loop_table(loops), note, *unused))
+
+
+def _loop_table(loops: dial_gauge.LoopAnalysis) -> Table:
+    """Mean, definitional uncertainty and consistency of gap and compliance after the reversals of each sense."""
+    rows = []
+    for sense in loops.senses:
+        for what, unit, factor, test in ('gap', 'µm', 1e6, sense.gap), ('compliance', 'nm/N', 1e9, sense.compliance):
+            definitional = float(f'{factor * test.definitional_uncertainty:.2g}')
+            rows.append((sense.name, what, with_std(test.estimate, factor), f'{definitional:g}', unit, _test(test)))
+        for where, force in ('inside the gap', sense.gap_force), ('at the plateau', sense.slip_force):
+            rows.append((sense.name, f'force {where}', f'{force:.0f}', '', 'N', ''))
+    heading = ('displacement', '', 'mean', 'definitional ±', '', 'consistency of the reversals')
+    return Table(heading, ('',) * len(heading), tuple(rows))
+
+
+def loop_picture(loops: dial_gauge.LoopAnalysis, name: str) -> Markup:
+    """The loops, and on each reversal that is used the two crossings of the level."""
+    figure, (axes,) = new_figure(HALF, 400)
+    record = loops.record
+    axes.plot(1e3 * record.response, 1e-3 * record.load, color=FAINT, lw=0.7)
+    for sense in loops.senses:
+        colour = SERIES[0] if sense.sense > 0 else SERIES[1]
+        for each in sense.reversals:
+            start, end = (1e3 * (each.displacement + sense.sense * at) for at in each.crossings)
+            axes.plot([start, end], [1e-3 * sense.gap_force] * 2, color=colour, lw=2.0, alpha=0.7)
+    axes.set(xlabel='displacement  [mm]', ylabel='force  [kN]')
+    return as_svg(figure, name, 'force over displacement, with the gap of each reversal')

@@ -14,7 +14,7 @@ from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMIN
 from scara_kinetostatic.report import Block, Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure
 from scara_kinetostatic.report.quantities import SCALES
-from scara_kinetostatic.studies.loops.dial_gauge_report import TITLES, dial_gauge_document, part_figures, summary_table
+from scara_kinetostatic.studies.loops.report import TITLES, dial_gauge_document, part_figures, summary_table
 from scara_kinetostatic.studies.paper.study import (
     ESTIMATED,
     ESTIMATED_FROM_NOISE,

@@ -72,7 +72,7 @@ from scara_kinetostatic.model.touch_equations import excess_derivative, touch_eq
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_tables
-from scara_kinetostatic.studies.loops.readings import GRIPPER, JOINT1, JOINT2, PARTS, GaugeTable, Readings
+from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2, PARTS, GaugeTable, Readings
 
 LEVELS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
 """Loads in increasing order, N; they are removed in the reverse order."""

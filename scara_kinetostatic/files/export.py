@@ -1,0 +1,606 @@
+"""The calibrated arm in the formats of other software: URDF, xacro, Denavit–Hartenberg table, corrections, C header.
+
+`FORMATS` has every format once: what its file holds, and the function that writes it. Each file says in comment lines
+from which calibration it is.
+
+`correction_file`: corrections of the joint angles of the nominal arm, over workspace and load.
+
+`exported_into`: the user's own URDF, in which the origins of the two joints, and of the one that carries the tip, are
+corrected.
+
+With Δ the calibrated less the file's own geometry, in the plane of the arm (`files.robot_cell`):
+
+    joint 1:     its place by (Δx0, Δy0), turned about its axis by Δtheta1
+    joint 2:     its place by Δl1 along link 1, turned about its axis by Δtheta2
+    the next:    its place by Δl2 along link 2, where the calibration changed l2
+
+All other bytes stay. The tip is then that of the rigid arm, H(L, Q).
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import pi
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.parsers import expat
+
+import numpy as np
+from markupsafe import Markup, escape
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from scara_kinetostatic import __version__
+from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
+from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
+from scara_kinetostatic.files.cell_file import turned_limits
+from scara_kinetostatic.files.columns import csv_cell
+from scara_kinetostatic.files.robot_cell import planar_arm
+from scara_kinetostatic.files.robot_urdf import Robot, axis_of, read_bytes
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf, comment, place_of_arm, render, xacro
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor
+from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.cell import Cell, GripperSign
+from scara_kinetostatic.model.effect_law import EffectLaw
+from scara_kinetostatic.model.kinematics import forward, inverse, wrap
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
+from scara_kinetostatic.model.parameters import NAMES, UNITS
+
+MOST_ROWS = 1_000_000
+"""Of a table, some 100 MB."""
+
+
+class Options(NamedTuple):
+    """What some formats may be told.
+
+    Attributes:
+        convention: of a Denavit–Hartenberg table, ``standard`` or ``modified``.
+        step: distance of the places of a correction table along x and y, m; None: as the accuracy needs.
+        accuracy: error of the tip by interpolation that 95 % of the middles between places keep, m; None: the tolerance
+            of the cell, or 1e-4.
+        forces: magnitudes of the force, N; 0 has one row per place, the others one per direction; empty: 0, and the
+            middle of the forces of the touches.
+    """
+
+    convention: str = 'standard'
+    step: float | None = None
+    accuracy: float | None = None
+    forces: tuple[float, ...] = ()
+
+
+class _Table(NamedTuple):
+    """The rows of one elbow posture: p places by f forces.
+
+    Attributes:
+        posture: +1 left, -1 right.
+        nominal: joint angles of the nominal rigid arm, in the turn of the commands, (p, f, 2), rad.
+        change: what to add, (p, f, 2), rad; NaN where one of the arms does not reach, or not within its limits.
+        miss: error of the tip without it, (p, f), m.
+        std: standard uncertainty of the tip, (p, f), m.
+        status: (p, f).
+    """
+
+    posture: int
+    nominal: Floats
+    change: Floats
+    miss: Floats
+    std: Floats
+    status: NDArray[Any]
+
+
+def correction_file(arm: CalibratedArm, head: Sequence[str], options: Options) -> tuple[str, list[str]]:
+    """The correction table as CSV: what to add to the joint angles of the nominal arm; and what to know of it.
+
+    A row has the place of the tip, the force, the elbow, the joint angles by the nominal rigid arm, the correction of
+    each, the error of the tip without it, and the standard uncertainty of the tip along the force, in the worst
+    direction without one. Places out of reach of either arm, or beyond robot.limits, are left out. The head states the
+    error of the tip halfway between places, by bilinear interpolation.
+
+    Raises:
+        ParameterError: step or accuracy make more than `MOST_ROWS` rows.
+        UnsupportedDataError: there is no row.
+    """
+    low, high, step = arm.used.lowest_force, arm.used.highest_force, options.step or 0.1
+    sizes = tuple(dict.fromkeys(options.forces)) or (0.0, float(f'{(low + high) / 2:.2g}'))
+    forces, accuracy = _forces(sizes), options.accuracy or arm.cell.tolerance or 1e-4
+    while True:
+        cells = _cells(arm, step)
+        count = len(cells) * len(forces) * len(arm.used.postures)
+        if count > MOST_ROWS:
+            name, value = ('--step', step) if options.step else ('--accuracy', accuracy)
+            problem = f'{value:g} m needs a table of up to {count:.2g} rows, {MOST_ROWS:.2g} are the most'
+            raise ParameterError(name, problem, 'give more, choose fewer forces, or bound the region of the cell')
+        places = _places(arm, step, cells)
+        tables = [_table(arm, places, forces, posture) for posture in arm.used.postures]
+        if not any(np.isfinite(table.change).all(axis=2).any() for table in tables):
+            problem = 'no place of the grid can be reached under these forces, within robot.limits'
+            raise UnsupportedDataError(problem, 'choose a smaller --step or smaller forces')
+        errors = _errors_between(arm, step, cells, forces, tables)
+        if options.step or (len(errors) and np.quantile(errors, 0.95) <= accuracy):
+            break
+        step /= 2
+    between = _in_words(errors)
+    lines = [
+        *(f'# {line}' for line in head),
+        '# Command q1_nominal_rad + dq1_rad and q2_nominal_rad + dq2_rad to have the tip at x_m, y_m under the force.',
+        f'# Places {step:g} m apart; {between}.',
+        'x_m,y_m,fx_N,fy_N,elbow,q1_nominal_rad,q2_nominal_rad,dq1_rad,dq2_rad,miss_m,std_normal_m,status',
+    ]
+    rows = (row for table in tables for row in _rows(arm.cell, table, places, forces))
+    notes = [f'places {step:g} m apart; {between}']
+    if beyond := [f'{size:g}' for size in sizes if size > high or 0 < size < low]:
+        touched = f'the forces of the calibration, {low:.3g} to {high:.3g} N'
+        notes.append(f'{", ".join(beyond)} N is outside of {touched}: extrapolated')
+    return '\n'.join([*lines, *rows]) + '\n', notes
+
+
+def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> _Table:
+    count = len(forces)
+    tip, force = np.repeat(places, count, axis=0), np.tile(forces, (len(places), 1))
+    rigid, predictor = np.repeat(inverse(arm.cell.nominal, places, posture), count, axis=0), Predictor(arm)
+    found = predictor.compensate(tip, force, np.full(len(tip), posture))
+    miss = np.linalg.norm(predictor.locate(rigid, force).position - tip, axis=1)
+    per_force = (miss.reshape(-1, count), found.std_normal.reshape(-1, count), found.status.reshape(-1, count))
+    change = np.where(arm.cell.can_take(found.joints)[:, None], wrap(found.joints - rigid), np.nan)
+    return _Table(posture, (found.joints - change).reshape(-1, count, 2), change.reshape(-1, count, 2), *per_force)
+
+
+def _rows(cell: Cell, table: _Table, places: Floats, forces: Floats) -> Iterator[str]:
+    nominal, change = cell.readings(table.nominal), cell.readings(table.change)
+    for k, j in np.argwhere(np.isfinite(table.change).all(axis=2)).tolist():
+        std = table.std[k, j] if np.isfinite(table.std[k, j]) else ''
+        angles = *nominal[k, j].tolist(), *change[k, j].tolist()
+        elbow = 'left' if table.posture > 0 else 'right'
+        row = (*places[k].tolist(), *forces[j].tolist(), elbow, *angles, table.miss[k, j], std, table.status[k, j])
+        yield ','.join(value if isinstance(value, str) else f'{value:.10g}' for value in row)
+
+
+def _errors_between(arm: CalibratedArm, step: float, cells: Indices, forces: Floats, tables: list[_Table]) -> Floats:
+    """How far interpolated corrections miss the tip in the middles between four places, (k,), m."""
+    number = {cell: k for k, cell in enumerate(map(tuple, cells.tolist()))}
+    square = ((0, 0), (1, 0), (0, 1), (1, 1))
+    corners = [[number.get((x + dx, y + dy), -1) for dx, dy in square] for x, y in cells.tolist()]
+    whole = np.array(corners, dtype=np.intp).reshape(-1, 4)
+    whole = whole[(whole >= 0).all(axis=1)]
+    middle = np.repeat(_places(arm, step, cells)[whole[:, 0]] + step / 2, len(forces), axis=0)
+    force, predictor, missed = np.tile(forces, (len(whole), 1)), Predictor(arm), [np.zeros(0)]
+    for table in tables:
+        change = table.change[whole].mean(axis=1).reshape(-1, 2)
+        joints = inverse(arm.cell.nominal, middle, table.posture) + change
+        known = np.isfinite(joints).all(axis=1)
+        found = predictor.locate(joints[known], force[known]).position
+        missed.append(np.linalg.norm(found - middle[known], axis=1))
+    errors = np.concatenate(missed)
+    return np.asarray(errors[np.isfinite(errors)])
+
+
+def _in_words(errors: Floats) -> str:
+    if not len(errors):
+        return 'the places are too far apart to interpolate between them'
+    largest, most = (f'{1e3 * value:.2g}' for value in (errors.max(), np.quantile(errors, 0.95)))
+    rest = f'by up to {largest} mm where the arm is nearly stretched or folded or a backlash changes sides'
+    most = f'by less than {most} mm in 95 % of the middles, {rest}'
+    return f'halfway between places, bilinear interpolation of dq misses the tip {most}'
+
+
+def _cells(arm: CalibratedArm, step: float) -> Indices:
+    """The places of a grid through the base, within reach of the nominal arm and in the region, in steps, (n, 2)."""
+    p = arm.cell.nominal
+    longest = NEARLY_STRETCHED * (p.l1 + p.l2)
+    shortest = abs(p.l1 - p.l2) + (1 - NEARLY_STRETCHED) * (p.l1 + p.l2)
+    line = np.arange(-int(longest / step), int(longest / step) + 1)
+    cells = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    cells = cells[arm.cell.region.holds(_places(arm, step, cells))]
+    distance = step * np.hypot(*cells.T)
+    return cells[(distance <= longest) & (distance >= shortest)]
+
+
+def _places(arm: CalibratedArm, step: float, cells: Indices) -> Floats:
+    """The tip at cells, (n, 2), m."""
+    return np.asarray((arm.cell.nominal.x0, arm.cell.nominal.y0) + step * cells)
+
+
+def _forces(magnitudes: tuple[float, ...]) -> Floats:
+    angles = np.pi / 4 * np.arange(8)
+    unit = np.stack([np.cos(angles), np.sin(angles)], axis=1).round(15) + 0.0
+    return np.concatenate([np.zeros((1, 2)) if size == 0 else size * unit for size in magnitudes])
+
+
+_MOST = 0.05
+"""A geometry that differs by more is that of another robot, m and rad."""
+_SAME = 1e-14
+"""Numbers that differ by less keep their digits."""
+
+
+class Origin(NamedTuple):
+    """Place, m, and roll, pitch and yaw, rad, of a joint in its parent, and the link that it carries."""
+
+    xyz: Floats
+    rpy: Floats
+    child: str
+
+
+def corrected_origins(arm: CalibratedArm, robot: Robot) -> dict[str, Origin]:
+    """The origins that change, by joint.
+
+    Raises:
+        InputError: the cell of the calibration has no plane of a robot, or the robot is another one.
+    """
+    cell, p = arm.cell, arm.model.parameters
+    if not cell.plane.tip or cell.coupling:
+        problem = 'a URDF has no coupling of joints' if cell.coupling else 'its cell has no robot.plane with a tip'
+        raise InputError('the calibration', problem, 'describe the cell by `scara-kinetostatic cell --urdf`')
+    joints, positions, plane = cell.joint_names, dict(cell.hold), cell.plane
+    now = planar_arm(robot, joints, plane.tip, positions)
+    x, y, height = plane.in_plane(np.array(now.plane.origin)).tolist()
+    own = now.nominal
+    lengths = np.array([p.x0 - x, p.y0 - y, height, p.l1 - own.l1, p.l2 - own.l2])
+    angles = wrap(np.array([p.theta1 - own.theta1, p.theta2 - own.theta2]))
+    off = max(*np.abs(lengths), *np.abs(angles), np.abs(plane.axes - now.plane.axes).max())
+    if now.direction != cell.direction or off > _MOST:
+        problem = f'differs by {off:.2g} m or rad from what was calibrated, or a joint turns the other way'
+        raise robot.error(problem, 'give the URDF from which the cell was described')
+    chain = robot.chain(plane.tip)
+    third = chain[[joint.name for joint in chain].index(joints[1]) + 1].name
+    along = np.array([[np.cos(a), np.sin(a), 0.0] for a in (own.theta1, own.theta1 + own.theta2)])
+    moves = (np.array([*lengths[:2], 0.0]), *(lengths[3:, None] * along))
+    turns = (*(angles * cell.direction).tolist(), 0.0)
+    return {
+        name: _moved(robot, name, positions, plane.axes @ move, turn)
+        for name, move, turn in zip((*joints, third), moves, turns, strict=True)
+        if np.abs(move).max() > _SAME or turn
+    }
+
+
+def _moved(robot: Robot, name: str, positions: Mapping[str, float], move: Floats, turn: float) -> Origin:
+    """The origin of a joint moved in the root, m, and turned about its axis, rad."""
+    joint = robot.joints[name]
+    xyz, rpy = np.array((joint.origin and (joint.origin.xyz, joint.origin.rpy)) or np.zeros((2, 3)), dtype=float)
+    parent = robot.frame(joint.parent, positions)[:3, :3]
+    turned = Rotation.from_euler('xyz', rpy) * Rotation.from_rotvec(turn * np.array(axis_of(joint)))
+    rpy = _angles_near(rpy, turned) if turn else rpy
+    return Origin(np.round(xyz + parent.T @ move, 15) + 0.0, np.round(rpy, 15) + 0.0, joint.child)
+
+
+def _angles_near(rpy: Floats, turned: Rotation) -> Floats:
+    """Those angles of a rotation, of the two triples that it has, that are near to others, (3,), rad."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')  # where roll and yaw turn about one axis, one of them is taken as 0
+        roll, pitch, yaw = turned.as_euler('xyz')
+    off = wrap(np.array([[roll, pitch, yaw], [roll + pi, pi - pitch, yaw + pi]]) - rpy)
+    return np.asarray(rpy + off[np.abs(off).sum(axis=1).argmin()])
+
+
+def with_origins(content: bytes, origins: Mapping[str, Origin], comment: str, robot: Robot) -> str:
+    """The text of a URDF with other origins, and a comment before its root.
+
+    Raises:
+        InputError: it is not UTF-8, or a number in an origin is none.
+    """
+    places, root = _origin_places(content, set(origins))
+    newline = b'\r\n' if b'\r\n' in content else b'\n'
+    edits = [(root, root, comment.encode().replace(b'\n', newline))]
+    try:
+        for name, (begin, is_origin) in places.items():
+            tag = re.compile(rb'<(?:[^>"\']|"[^"]*"|\'[^\']*\')*>').match(content, begin)
+            assert tag is not None  # expat has read it
+            made = tag[0] if is_origin else b'<origin/>'
+            for key, values in (('xyz', origins[name].xyz), ('rpy', origins[name].rpy)):
+                made = _with_attribute(made, key.encode(), values.tolist())
+            edits.append((tag.start(), tag.end(), made) if is_origin else (tag.end(), tag.end(), made))
+        for begin, end, made in sorted(edits, reverse=True):
+            content = content[:begin] + made + content[end:]
+        return content.decode()
+    except (ValueError, UnicodeError) as error:
+        remedy = 'save it as UTF-8, with plain numbers in the origins: expand a xacro first'
+        raise robot.error(f'an origin cannot be corrected: {error}', remedy) from error
+
+
+def _origin_places(content: bytes, wanted: set[str]) -> tuple[dict[str, tuple[int, bool]], int]:
+    """Where the origin of each joint begins, or the joint itself where it has none; and the root."""
+    found: dict[str, tuple[int, bool]] = {}
+    path: list[tuple[str, str]] = []
+    begins: list[int] = []
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: Mapping[str, str]) -> None:
+        path.append((tag, attributes.get('name', '')))
+        begins.append(parser.CurrentByteIndex)
+        kinds, name = [each for each, _ in path], path[min(1, len(path) - 1)][1]
+        if kinds in (['robot', 'joint'], ['robot', 'joint', 'origin']) and name in wanted:
+            found[name] = parser.CurrentByteIndex, len(path) == 3
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: path.pop()
+    parser.Parse(content, True)
+    return found, begins[0]
+
+
+def _with_attribute(tag: bytes, key: bytes, values: Sequence[float]) -> bytes:
+    """The tag with three numbers; those that are the same keep their digits."""
+    pattern = re.compile(rb'(\s' + key + rb'\s*=\s*)(["\'])(.*?)\2', re.DOTALL)
+    given = pattern.search(tag)
+    if given is None:
+        return tag if not any(values) else re.sub(rb'\s*/?>$', b' ' + key + b'="' + _text([], values) + rb'"\g<0>', tag)
+    made = _text(given[3].split(), values)
+    return tag if made == b' '.join(given[3].split()) else tag[: given.start(3)] + made + tag[given.end(3) :]
+
+
+def _text(before: Sequence[bytes], values: Sequence[float]) -> bytes:
+    pairs = zip(before or [b'nan'] * 3, values, strict=True)
+    return b' '.join(old if abs(float(old) - new) < _SAME else repr(new).encode() for old, new in pairs)
+
+
+def origins_yaml(origins: Mapping[str, Origin], lines: Sequence[str]) -> str:
+    """The origins as `ur_calibration` writes them: by the link that a joint carries, without ``_link``."""
+    found = [*(f'# {line}' for line in lines), 'kinematics:']
+    for origin in origins.values():
+        values = (*origin.xyz.tolist(), *origin.rpy.tolist())
+        numbers = zip(('x', 'y', 'z', 'roll', 'pitch', 'yaw'), values, strict=True)
+        found += [f'  {origin.child.removesuffix("_link")}:', *(f'    {key}: {value!r}' for key, value in numbers)]
+    return '\n'.join(found) + '\n'
+
+
+_FREE = 'not determined'
+
+
+class ExportFacts(NamedTuple):
+    """Facts of a calibration for the head of a file.
+
+    Attributes:
+        lines: comment lines without marks; no line holds the end of a comment of XML or C.
+        std: of each parameter of the base model, words: ``u = 2e-06`` or ``not determined``.
+        robot_effects: labels of the effects that act on the robot itself.
+        left_out: what a rigid arm leaves out: these, gravity, effects that were not detected.
+        rigid_miss: largest displacement of the tip without load by what is left out, m.
+        reservations: what is to be known of the calibration, one sentence each.
+    """
+
+    lines: tuple[str, ...]
+    std: tuple[str, ...]
+    robot_effects: tuple[str, ...]
+    left_out: str
+    rigid_miss: float
+    reservations: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, arm: CalibratedArm, source: str, content: str) -> ExportFacts:
+        """Those of an arm.
+
+        Args:
+            arm: the calibrated arm.
+            source: the file that it was read from.
+            content: what the exported file holds, a sentence.
+        """
+        effects = tuple(effect.label for effect in arm.effects if _is_of_robot(effect))
+        grade = f', grade {arm.grade}' if arm.grade else ''
+        found = ', '.join(effect.label for effect in arm.effects) or 'none'
+        lines: tuple[str, ...] = (
+            *(f'{text[:1].upper()}{text[1:]}.' for text in arm.reservations),
+            content,
+            f'From {source}: calibrated {arm.created or "at an unknown time"}{grade}.',
+            f'Model errors found: {found}.',
+            f'Written by scara_kinetostatic {__version__}.',
+        )
+        gravity = ['deflection by gravity'] * arm.model.parameters.has_gravity
+        undetected = ['effects not detected'] * any(effect.is_undetected for effect in arm.model.acting.effects)
+        left_out = ', '.join((*effects, *gravity, *undetected))
+        miss = rigid_miss(arm) if left_out else 0.0
+        if miss:
+            lines += (f'Not contained: {left_out}, up to {1e3 * miss:.3g} mm at the unloaded tip.',)
+        cleaned = tuple(map(comment, lines))
+        return cls(cleaned, _stds(arm), effects, left_out, miss, arm.reservations)
+
+    def notes(self, *, is_rigid: bool) -> list[str]:
+        """What a reader must know besides, one sentence each; `is_rigid`: whether the file has the geometry alone."""
+        found, named = list(self.reservations), NAMES[:6] if is_rigid else tuple(UNITS)
+        free = [name for name, std in zip(UNITS, self.std, strict=False) if std == _FREE and name in named]
+        if free:
+            found.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
+        if is_rigid and self.rigid_miss:
+            where = f'up to {1e3 * self.rigid_miss:.3g} mm elsewhere even without load'
+            found.append(f'it cannot hold {self.left_out}: the tip is {where}; see `locate`')
+        return found
+
+
+def _is_of_robot(effect: EffectLaw) -> bool:
+    start = np.array([p.start for p in effect.parameters])
+    return not effect.on_object and effect.sensor_error(np.ones((1, 2)), start, None) is None
+
+
+def _stds(arm: CalibratedArm) -> tuple[str, ...]:
+    stds = np.sqrt(np.diag(arm.covariance))[: arm.model.base_count]
+    hidden = np.linalg.norm(arm.undetermined[: arm.model.base_count], axis=1) > stds
+    pairs = zip(hidden.tolist(), stds.tolist(), strict=True)
+    return tuple(_FREE if free else f'u = {std:.2g}' if std else 'fixed' for free, std in pairs)
+
+
+def rigid_miss(arm: CalibratedArm) -> float:
+    """Largest displacement of the unloaded tip by effects that act on the robot, over joint angles within limits, m."""
+    angles = (np.linspace(low, high, 24) for low, high in arm.cell.limits or [(-np.pi, np.pi)] * 2)
+    joints = np.stack(np.meshgrid(*angles), axis=-1).reshape(-1, 2)
+    tip, _ = direct_kinetostatics(arm.model, joints, np.zeros_like(joints), arm.cell.gripper)
+    largest = float(np.nanmax(np.linalg.norm(tip - forward(arm.model.parameters, joints), axis=1)))
+    return largest if largest > 1e-9 else 0.0  # rounding alone
+
+
+def urdf_text(arm: CalibratedArm, facts: ExportFacts) -> str:
+    """The URDF: its tip `tool0` is at H(L̄, Q) for the joint angles Q that the robot reports."""
+    arms = [Arm(arm.model.parameters, colour=CALIBRATED_COLOUR)]
+    return arm_urdf(arm.cell.identification.robot or 'scara', arm.cell, arms, _comment(facts))
+
+
+def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
+    """The same as a xacro: properties, a macro that a xacro of one's own may include, and the arm made by it.
+
+    With the argument ``standalone:=false`` the macro is defined and no arm is made.
+    """
+    return render(
+        Path(__file__).with_name('arm.xacro.j2'),
+        comment=Markup(xacro(_comment(facts))),
+        name=xacro(arm.cell.identification.robot or 'scara'),
+        properties=[row for row in _values(arm, facts) if row[0] in NAMES[:6]],
+        joints=[xacro(name) for name in arm.cell.joint_names],
+        back=-arm.cell.coupling,
+        axes=arm.cell.direction,
+        **place_of_arm(arm.cell),
+    )
+
+
+def _values(arm: CalibratedArm, facts: ExportFacts) -> list[tuple[str, float, str, str]]:
+    """Name, value, uncertainty in words and unit of the base model's parameters."""
+    values = zip(arm.model.parameters.as_dict().items(), facts.std, strict=True)
+    return [(name, value, std, UNITS[name]) for (name, value), std in values]
+
+
+def _comment(facts: ExportFacts) -> str:
+    lines = '\n'.join(f'  {escape(line)}' for line in facts.lines)
+    return f'<!--\n{lines}\n-->\n'
+
+
+def dh_text(arm: CalibratedArm, facts: ExportFacts, convention: str) -> str:
+    """The Denavit–Hartenberg table of the rigid arm as CSV.
+
+    standard:  T = Rot_z(q + theta_offset) Trans_z(d) Trans_x(a) Rot_x(alpha), a and alpha of the same link;
+    modified:  T = Rot_x(alpha) Trans_x(a) Rot_z(q + theta_offset) Trans_z(d), a and alpha of the link before.
+
+    The frame before joint 1 is that of the base displaced by (x0, y0), row ``base``; with the modified convention the
+    tip is displaced from frame 2 by l2 along x, row ``tool``. All d and alpha are zero.
+    """
+    p, signs = arm.model.parameters, arm.cell.direction
+    j1, j2 = map(csv_cell, arm.cell.joint_names)
+    lengths = (p.l1, p.l2) if convention == 'standard' else (0.0, p.l1)
+    rows = [
+        ('base', '', p.x0, p.y0, 0.0, 0.0, 0.0, 0.0),
+        ('joint1', j1, 0.0, 0.0, p.theta1, 0.0, lengths[0], 0.0),
+        ('joint2', j2, 0.0, 0.0, p.theta2, 0.0, lengths[1], 0.0),
+        ('tool', '', p.l2, 0.0, 0.0, 0.0, 0.0, 0.0),
+    ][: 3 if convention == 'standard' else 4]
+    formula = {
+        'standard': 'T = Rot_z(q + theta_offset) Trans_z(d) Trans_x(a) Rot_x(alpha)',
+        'modified': 'T = Rot_x(alpha) Trans_x(a) Rot_z(q + theta_offset) Trans_z(d)',
+    }[convention]
+    lines = [
+        *(f'# {line}' for line in facts.lines),
+        f'# {convention} convention: {formula}; x_m and y_m of base and tool are translations.',
+        *([f'# q of {j2} is its reading less {arm.cell.coupling!r} times that of {j1}.'] if arm.cell.coupling else []),
+        *([f'# Then q is {signs[0]} and {signs[1]} times the reading: the joints turn so.'] if signs != (1, 1) else []),
+        'row,joint_name,x_m,y_m,theta_offset_rad,d_m,a_m,alpha_rad',
+        *(','.join(part if isinstance(part, str) else repr(part) for part in row) for row in rows),
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
+    """The header.
+
+    Args:
+        arm: the calibrated arm.
+        facts: of it.
+
+    Raises:
+        UnsupportedDataError: a general gripper or effects of its own, which the functions do not have.
+    """
+    problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
+    if facts.robot_effects:
+        problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
+    if facts.robot_effects or not arm.cell.gripper.isotropic:
+        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
+    pairs = zip(arm.cell.joint_names, turned_limits(arm.cell.limits, arm.cell.direction) or (), strict=False)
+    limits = ', '.join(f'{name} {low:g} to {high:g} rad' for name, (low, high) in pairs)
+    p = arm.model.parameters
+    pulls = [(pull.real, pull.imag) for pull in p.gravity_of_links] if p.has_gravity else []
+    unchecked = comment(f'The limits of the joints are not checked: {limits}.')
+    return render(
+        Path(__file__).with_name('header.h.j2'),
+        escape=False,
+        lines=(*facts.lines, unchecked) if limits else facts.lines,
+        constants=_values(arm, facts),
+        coupling=arm.cell.coupling,
+        direction=arm.cell.direction,
+        gravity=pulls,
+        gravity_std=Predictor(arm).law.gravity_std,
+        force_std=arm.noise.force_rms,
+        force_growth=arm.noise.growth,
+        compliance_sign='-' if arm.cell.gripper_sign is GripperSign.PHYSICAL else '+',
+    )
+
+
+class Format(NamedTuple):
+    """A format.
+
+    Attributes:
+        content: what its file holds, a sentence.
+        is_rigid: whether it has the geometry alone.
+        write: gives the text of the file and notes on it.
+    """
+
+    content: str
+    is_rigid: bool
+    write: Callable[[CalibratedArm, ExportFacts, Options], tuple[str, Sequence[str]]]
+
+
+_RIGID = 'Rigid geometry of the calibrated arm: the tip tool0 is H(L, Q), without compliance and backlash.'
+FORMATS = {
+    'urdf': Format(_RIGID, True, lambda arm, facts, _: (urdf_text(arm, facts), ())),
+    'xacro': Format(_RIGID, True, lambda arm, facts, _: (xacro_text(arm, facts), ())),
+    'dh': Format(
+        'Denavit-Hartenberg parameters of the calibrated arm, rigid: without compliance and backlash.',
+        True,
+        lambda arm, facts, options: (dh_text(arm, facts, options.convention), ()),
+    ),
+    'csv': Format(
+        'Corrections of the joint angles of the nominal arm, over places and forces of the robot on the object.',
+        False,
+        lambda arm, facts, options: correction_file(arm, facts.lines, options),
+    ),
+    'header': Format(
+        'Calibrated kinetostatic model of a SCARA arm: geometry, compliance, backlash.',
+        False,
+        lambda arm, facts, _: (header_text(arm, facts), ()),
+    ),
+}
+"""The formats by name."""
+
+
+def exported_into(arm: CalibratedArm, urdf: Path, source: str) -> tuple[tuple[str, str], list[str]]:
+    """The user's URDF with corrected origins, and these as YAML; and what is to be known of them.
+
+    Args:
+        arm: the calibrated arm.
+        urdf: the file.
+        source: the file that the arm was read from.
+
+    Raises:
+        InputError: the file cannot be read, or is that of another robot.
+    """
+    content = read_bytes(urdf)
+    robot = Robot(content, str(urdf))
+    origins, p = corrected_origins(arm, robot), arm.model.parameters
+    facts = ExportFacts.of(arm, source, f'Calibrated by touch: origins of {", ".join(origins) or "no joint"}; rigid.')
+    soft = ', '.join(f'{name} {getattr(p, name):.3g} {UNITS[name]}' for name in NAMES[6:])
+    rest = f'a rigid URDF cannot hold compliance and backlash ({soft}), nor effects too small to be detected'
+    facts = facts._replace(lines=(*facts.lines, comment(f'{rest[:1].upper()}{rest[1:]}.')))
+    text = with_origins(content, origins, _comment(facts), robot)
+    return (text, origins_yaml(origins, facts.lines)), [*facts.notes(is_rigid=True), rest]
+
+
+def exported(arm: CalibratedArm, kind: str, source: str, options: Options = Options()) -> tuple[str, list[str]]:  # noqa: B008 - immutable
+    """The text of a file, and what is to be known of it, one sentence each.
+
+    Args:
+        arm: the calibrated arm.
+        kind: one of `FORMATS`.
+        source: the file that the arm was read from.
+        options: of the format.
+
+    Raises:
+        ParameterError: the grid of a correction table is too fine.
+        UnsupportedDataError: the format cannot hold the model.
+    """
+    chosen = FORMATS[kind]
+    facts = ExportFacts.of(arm, source, chosen.content)
+    text, notes = chosen.write(arm, facts, options)
+    return text, [*facts.notes(is_rigid=chosen.is_rigid), *notes]
