@@ -166,13 +166,15 @@ class LargeSize(NamedTuple):
     Attributes:
         probability: of it.
         size: in typical sizes.
-        columns: of the effect.
+        columns: of the effect, k of them.
+        information: X'V⁻¹X of these, (k, k).
         weights: sizes of all columns before, (c,).
     """
 
     probability: float
     size: float
     columns: Indices
+    information: Floats
     weights: Floats
 
 
@@ -194,8 +196,9 @@ def large_sizes(inner: Whitened, group: Indices, weights: Floats) -> list[LargeS
         for g in groups:
             at = np.flatnonzero(group == g)
             sizes = _LARGE[weights[at[0]] < _LARGE]
-            gained = _gained(spread[np.ix_(at, at)], score[at], sizes**2 - scaled[at[0]] ** 2) - 0.5 * deviance
-            found += [LargeSize(*pair, at, scaled) for pair in zip(gained.tolist(), sizes.tolist(), strict=True)]
+            part = spread[np.ix_(at, at)]
+            gained = _gained(part, score[at], sizes**2 - scaled[at[0]] ** 2) - 0.5 * deviance
+            found += [LargeSize(*pair, at, part, scaled) for pair in zip(gained.tolist(), sizes.tolist(), strict=True)]
     odds = np.array([item.probability for item in found]) - np.log(len(_LARGE) * max(len(groups), 1))
     odds -= np.logaddexp.reduce([*usual, *odds])
     return [item._replace(probability=p) for item, p in zip(found, np.exp(odds).tolist(), strict=True)]
@@ -210,11 +213,11 @@ def scatter(inner: Whitened, weights: Floats, found: Sequence[LargeSize]) -> Flo
     for _, group in groupby(found, key=lambda item: id(item.weights)):
         items = list(group)
         before, spread, now = _in_typical_sizes(inner, items[0].weights)
-        for probability, size, columns, _ in items:
-            at = b + columns
-            across = spread[:, at]  # less is known of these columns beforehand: information is taken away
-            gain = np.linalg.inv(np.eye(len(at)) / (1 / now[at[0]] ** 2 - 1 / size**2) - spread[np.ix_(at, at)])
-            off = before + across @ gain @ before[at] - estimate
+        for probability, size, columns, information, _ in items:
+            at, square = b + columns, now[b + columns[0]] ** 2
+            across = spread[:, at] / square  # by what one of these columns changes all, as its prior gets wider
+            gain = np.linalg.inv(np.eye(len(at)) / (size**2 - square) + information)
+            off = before + across @ gain @ before[at] / square - estimate
             more += probability * (np.outer(off, off) + across @ gain @ across.T)
     return np.asarray(more / np.outer(unit, unit))
 
