@@ -37,7 +37,6 @@ from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shif
 from scara_kinetostatic.model.kinematics import quarter_turn
 
 
-@dataclass(frozen=True)
 class AnisotropicGripper(LinearEffect):
     """The compliance of the gripper couples along and across link 2: d = -coupling (F·v w + F·w v), w = R90 v.
 
@@ -63,7 +62,6 @@ class AnisotropicGripper(LinearEffect):
         return (Shift(place=at.across_edges(-(f_along * across + f_across * along))),)
 
 
-@dataclass(frozen=True)
 class AnisotropicBacklash(LinearEffect):
     """The gripper has more backlash in one direction than in another: d = -(a cos 2χ + b sin 2χ) n.
 
@@ -144,7 +142,6 @@ class LinkBending(LinearEffect):
         return (Shift(joints=np.array([c1 / 3 + c2 / 6, c1 / 6 + c2 / 3]).T),)
 
 
-@dataclass(frozen=True)
 class BaseCompliance(LinearEffect):
     """The robot stands on springs: pushed by -F, its base moves by d = -[[excess, coupling], [coupling, -excess]] F.
 
@@ -236,7 +233,6 @@ class BaseTilt(LinearEffect):
         return tuple(Shift(joints=torque[:, None] * slope) for torque, slope in zip(torques, slopes, strict=True))
 
 
-@dataclass(frozen=True)
 class LinkGrowth(LinearEffect):
     """Both links grow with time t since the start of the recording: d = rate t (l1 u + l2 v).
 

@@ -61,10 +61,12 @@ def quantity(value: float, unit: str) -> str:
 
 def displacement(x: float, y: float) -> str:
     """A displacement in words: `75 µm further in x, 38 µm less in y`."""
-    return ', '.join(
-        f'{quantity(abs(value), "m")} {"further" if value > 0 else "less"} in {axis}'
-        for axis, value in (('x', x), ('y', y))
-    )
+    return ', '.join(f'{off(value, "m", "further", "less")} in {axis}' for axis, value in (('x', x), ('y', y)))
+
+
+def off(value: float, unit: str, above: str, below: str) -> str:
+    """A difference in words, of which one says where it is above 0 and one where it is not: `75 µm larger`."""
+    return f'{quantity(abs(value), unit)} {above if value > 0 else below}'
 
 
 @dataclass(frozen=True)
