@@ -19,8 +19,6 @@ from scara_kinetostatic.errors import RecordingError
 
 MAX_BYTES = 'SCARA_KINETOSTATIC_MAX_BYTES'
 """Environment variable with the limit in bytes; ``--max-bytes`` sets it, for child processes as well."""
-LARGEST_PIECE = 1 << 26
-"""Largest chunk when unpacked, bytes; recorders write up to 4 MiB, and single images more."""
 _BYTES, _BYTES_RATIO = 1 << 28, 200
 """A recording may unpack to the larger of these, bytes and times its size; the tests' recordings to 7 times."""
 _RECORDS, _RECORD_SIZE = 200_000, 4
@@ -55,7 +53,8 @@ class Budget:
         self._path = path
         self._limit = self._bytes = max(_BYTES, _BYTES_RATIO * size, int(given or 0))
         self._records_limit = self.records = max(_RECORDS + size // _RECORD_SIZE, int(given or 0) // _RECORD_BYTES)
-        self.largest_piece = max(LARGEST_PIECE, int(given or 0))
+        # of a chunk when unpacked; recorders write up to 4 MiB, and single images more
+        self.largest_piece = max(1 << 26, int(given or 0))
 
     def charge(self, size: int, records: int = 0) -> None:
         """Charges bytes unpacked or copied, and records taken apart.

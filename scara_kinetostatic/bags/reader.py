@@ -51,8 +51,6 @@ from scara_kinetostatic.touches.streams import (
     interleaved_seconds,
 )
 
-_MOST_TRANSFORMS = 1000
-"""Messages on `/tf_static` that are read: a driver that sends them in every cycle says nothing new."""
 _JSON = 100
 """Messages on `/tf_static` and of discarded touches cost as much as so many others."""
 
@@ -136,7 +134,8 @@ def _read(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
                 budget.charge(0, _JSON * len(portion.start))
                 contents.discarded.extend(_discarded(portion))
             elif (topic.name, topic.msgtype) == (TF_STATIC, TF_MESSAGE):
-                number = min(len(portion.start), _MOST_TRANSFORMS - transforms)
+                # a driver that sends them in every cycle says nothing new
+                number = min(len(portion.start), 1000 - transforms)
                 transforms += number
                 budget.charge(0, _JSON * number + int(portion.length[:number].sum()) // _JSON)
                 payloads = islice(portion.payloads(), number)

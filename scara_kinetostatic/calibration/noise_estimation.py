@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.calibration.gauss_helmert import Linearisation, Whitened, outer
+from scara_kinetostatic.calibration.fit_point import Point
+from scara_kinetostatic.calibration.gauss_helmert import Linearisation, outer
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Noise
 
@@ -46,19 +47,13 @@ def as_stated(noise: Noise, stated: Noise | None) -> Noise:
 
 
 def estimate_noise(
-    linear: Linearisation,
-    whitened: Whitened,
-    covariance: Floats,
-    noise: Noise,
-    stated: Noise | None = None,
-    prior: Floats | None = None,
+    point: Point, covariance: Floats, noise: Noise, stated: Noise | None = None, prior: Floats | None = None
 ) -> Noise:
     """One round of REML at a fit.
 
     Args:
-        linear: the equations of the used touches.
-        whitened: the same, whitened with `noise`.
-        covariance: C of the parameters in the scale of `whitened.jacobian`, (12 + k + m, 12 + k + m).
+        point: the used touches, whitened with `noise`.
+        covariance: C of the parameters in the scale of its Jacobian, (12 + k + m, 12 + k + m).
         noise: the levels so far.
         stated: what the cell description says of them, which is kept; None for nothing.
         prior: derivatives of what is known besides, with unit variances, (p, 12 + k + m); None for nothing.
@@ -66,7 +61,7 @@ def estimate_noise(
     Returns:
         The levels that the residuals call for, each within a factor of 10 of before.
     """
-    free = estimated_levels(noise, stated)
+    linear, whitened, free = point.linear, point.whitened, estimated_levels(noise, stated)
     size = np.array([max(getattr(noise, key), _LEAST[key]) ** 2 for key in free])
     parts = [whiten_matrix(_unit_variance(linear, key), whitened.root) for key in free]
     parts.append(np.eye(2) - np.tensordot(size, np.array(parts), 1))  # V less these

@@ -206,10 +206,6 @@ def solve_links(
     return state, arm
 
 
-_TURN_LIMIT = 0.5
-"""Largest turn of the force in one step, rad."""
-
-
 def solve_state(model: ExtendedModel, problem: ContactProblem) -> tuple[State, Mask]:
     """Solve the equations of n touches, tension allowed.
 
@@ -239,7 +235,8 @@ def _newton_step(e: Equations, state: State) -> State:
     h_f, h_d = e.h_by
     det = (h_f.conj() * h_d).imag
     change_f, change_d = -(e.h.conj() * h_d).imag / det, -(h_f.conj() * e.h).imag / det
-    change_d = np.clip(change_d, -_TURN_LIMIT, _TURN_LIMIT)
+    # so far a step may turn the direction of the force, rad
+    change_d = np.clip(change_d, -0.5, 0.5)
     return move_links(e, state, change_f, change_d)
 
 

@@ -302,10 +302,6 @@ class Rows(NamedTuple):
         return self.inverse[:, 0] * left[0] + self.inverse[:, 1] * left[1]
 
 
-_LEAST_FORCE = 1e-3
-"""A smaller force does not divide the row of a joint that floats under gravity, N."""
-
-
 def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None) -> Rows:
     """The rows of (6) and (8) at a state, and M⁻¹; `arm` saves work where that of the state is known."""
     arm = view_arm(parameters, *state[:4], gripper) if arm is None else arm
@@ -314,7 +310,8 @@ def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gr
     weight = on * (parameters.joint_compliances * state.magnitude) + (1.0 - on)
     pull, pulled = pull_of(parameters, arm.link1, arm.link2), None
     if pull is not None:
-        force = np.where(np.abs(state.magnitude) > _LEAST_FORCE, state.magnitude, _LEAST_FORCE)
+        # N; a smaller one leaves a joint within its backlash where it is
+        force = np.where(np.abs(state.magnitude) > 1e-3, state.magnitude, 1e-3)
         by = on * parameters.joint_compliances + (1.0 - on) / force
         weight, pulled = by * state.magnitude, (by, pull.per_moment)
     row = weight * arm.lever + on * (np.array(state[:2]) - joints.T) + parameters.joint_backlashes * mode
