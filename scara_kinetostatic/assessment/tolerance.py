@@ -6,9 +6,8 @@ from collections.abc import Iterator
 
 from scara_kinetostatic.assessment.evidence import Decision, Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.random_effects import RIVALS
-from scara_kinetostatic.calibration.uncertainty_budget import MORE_TOUCHES, Improvement, best_improvement, source_title
+from scara_kinetostatic.calibration.declared_errors import RIVALS, DeclaredErrors
+from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Improvement, best_improvement, source_title
 from scara_kinetostatic.diagnosis.result import Diagnosis
 
 _ACTIONS = {
@@ -94,7 +93,7 @@ def advice(evidence: Evidence) -> str:
 
 def action(item: Improvement) -> str:
     """What to do, in the imperative: ``measure the place of disc_2 to 5 µm``."""
-    if item.labels == (MORE_TOUCHES,):
+    if item.labels == (NOISE,):
         return f'record {item.wanted:.0f} touches of the same kind instead of {item.declared:.0f}'
     kind = item.labels[0].partition('[')[0]
     target = ', '.join(label.rstrip(']').partition('[')[2] for label in item.labels)

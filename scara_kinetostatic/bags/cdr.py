@@ -263,11 +263,8 @@ def decode_transforms(payload: bytes) -> list[FixedTransform]:
         message: Any = ros2_types().deserialize_cdr(payload, TF_MESSAGE)
     except Exception as error:  # rosbags raises whatever the bytes lead to
         raise ValueError(f'/tf_static: the message is no {TF_MESSAGE}') from error
-    found = []
-    for item in message.transforms:
-        turn = item.transform.rotation
-        found.append(FixedTransform(item.header.frame_id, item.child_frame_id, (turn.x, turn.y, turn.z, turn.w)))
-    return found
+    turns = ((item, item.transform.rotation) for item in message.transforms)
+    return [FixedTransform(item.header.frame_id, item.child_frame_id, (q.x, q.y, q.z, q.w)) for item, q in turns]
 
 
 @lru_cache

@@ -80,7 +80,8 @@ def calibrate(
         remedy = 'take it from catalogue(cell), by its label'
         raise ParameterError('effects', f'expected effects, got {wrong[0]!r:.60}', remedy)
     start = _start(cell, effects, start, fixed)
-    if sources := _held_sources(start, fixed):
+    held_laws = [law for law in start.effects if all(f'{law.label}.{p.name}' in fixed for p in law.parameters)]
+    if sources := {getattr(law, 'declared_as', '') or law.label for law in held_laws if law.parameters}:
         cell = without_sources(cell, sources)
     if warm_start is not None:
         if warm_start.model.effects != start.effects:
@@ -251,12 +252,6 @@ def _with_fixed(model: ExtendedModel, fixed: Mapping[str, float]) -> ExtendedMod
         return model
     pairs = zip(model.names, model.as_array().tolist(), strict=True)
     return model.with_array([fixed.get(name, value) for name, value in pairs])
-
-
-def _held_sources(model: ExtendedModel, fixed: Mapping[str, float]) -> set[str]:
-    """Labels of the sources of uncertainty whose errors are those of effects that are held at given values."""
-    held = [law for law in model.effects if all(f'{law.label}.{p.name}' in fixed for p in law.parameters)]
-    return {getattr(law, 'declared_as', '') or law.label for law in held if law.parameters}
 
 
 def _checked(fixed: Mapping[str, float] | None) -> dict[str, float]:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior, RandomEffects
 from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
 from scara_kinetostatic.calibration.fit_point import (
     FINAL,
@@ -36,7 +36,6 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, observe
-from scara_kinetostatic.calibration.random_effects import RandomEffects
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, read_only

@@ -2,8 +2,8 @@
 depends on the torque, hysteresis; a periodic error of its transmission; slip with memory.
 
 **Slip** is a second spring behind friction, constant or growing with the load that it carries:
-δ = compliance · P(C), with P the play operator (`model.play_operator`) over the torque C. Its state depends on the
-turning points of C alone, `TouchSet.history`.
+δ = compliance · P(C), with P the play operator (`model.touch.play_operator`) over the torque C. Its state depends on
+the turning points of C alone, `TouchSet.history`.
 
 **The two are not the same, nor are they another together with `joint_hysteresis`.** By constant friction of half width
 r, a joint that was pressed up to C_m > 2 r and let go keeps compliance · r, whatever C_m was, and stands still while
@@ -27,7 +27,7 @@ from scara_kinetostatic.effects.base import EffectOfJoint, JointEffect, Trial
 from scara_kinetostatic.effects.variables import PlotAxis
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
-from scara_kinetostatic.model.play_operator import LARGEST_RATIO, play_operator
+from scara_kinetostatic.model.touch import LARGEST_RATIO, play_operator
 
 
 class EncoderGain(JointEffect):
