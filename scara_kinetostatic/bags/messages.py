@@ -46,8 +46,6 @@ _RECORDS, _RECORD_SIZE = 200_000, 4
 """So many records, and one more for so many bytes of the recording; in compressed ones a message has 20 or more."""
 _RECORD_BYTES = 64
 """Bytes of ``--max-bytes`` that allow a record."""
-_OWN = re.compile(r'\.(mcap|db3|bag)(\.zstd|\.part|-wal|-journal)?\Z')
-"""Names of the files of a recording in its folder."""
 _STEP = 1 << 22
 """Bytes that are unpacked at a time: the memory is taken before."""
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
@@ -65,7 +63,8 @@ class Budget:
     """
 
     def __init__(self, path: Path) -> None:
-        files = [item for item in path.iterdir() if _OWN.search(item.name)] if path.is_dir() else [path]
+        own = r'\.(mcap|db3|bag)(\.zstd|\.part|-wal|-journal)?\Z'  # of the files of a recording in its folder
+        files = [item for item in path.iterdir() if re.search(own, item.name)] if path.is_dir() else [path]
         stats = [item.stat() for item in files if item.is_file()]
         size = sum(min(item.st_size, 512 * item.st_blocks) for item in stats)  # holes cost nothing
         given = os.environ.get(MAX_BYTES, '')

@@ -25,7 +25,6 @@ from scara_kinetostatic.files.yaml_file import parse_strings
 
 METADATA = 'metadata.yaml'
 _FORMS = 'a rosbag2 folder, an .mcap or .db3 file, a ROS 1 .bag, or a touch table (.csv)'
-_STORED = re.compile(r'[^.].*\.(mcap|db3)(\.zstd)?\Z')
 _NUMBERED = re.compile(r'\.?(?P<stem>.+)_(?P<number>[0-9]+)\.mcap(\.part)?\Z')
 """A file of a split recording, hidden and with `.part` while it is being written."""
 
@@ -114,7 +113,8 @@ class BagFolder(Source):
         self._entries = [entry for entry in path.iterdir() if entry.is_file()]
         listed = self._listed_files() if (path / METADATA).exists() else None
         if listed is None:
-            listed = sorted((file for file in self._entries if _STORED.match(file.name)), key=_natural)
+            stored = r'[^.].*\.(mcap|db3)(\.zstd)?\Z'
+            listed = sorted((file for file in self._entries if re.match(stored, file.name)), key=_natural)
             if not listed:
                 inside = [one for one in sorted(path.iterdir()) if (one / METADATA).exists() or one.suffix == '.bag']
                 remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'
@@ -187,12 +187,9 @@ class BagFolder(Source):
         last = _NUMBERED.match(self._files[-1].name) if self._files else None
         if last is None:
             return []
-        following = []
-        for file in (file for file in self._entries if file not in self._files):
-            match = _NUMBERED.match(file.name)
-            if match and match['stem'] == last['stem'] and int(match['number']) > int(last['number']):
-                following.append(file)
-        return sorted(following, key=_natural)
+        others = ((file, _NUMBERED.match(file.name)) for file in self._entries if file not in self._files)
+        same = ((file, match) for file, match in others if match and match['stem'] == last['stem'])
+        return sorted((file for file, match in same if int(match['number']) > int(last['number'])), key=_natural)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -271,16 +271,16 @@ def fitted_surfaces(observations: Observations, cell: Cell, point: Point) -> Ind
 
 def force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
-    return in_blocks(len(observations.joints), lambda part: _force_residual(observations.select(part), model))
 
+    def part(where: slice) -> Floats:
+        o = observations.select(where)
+        measured = base_force(o, model)
+        off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
+        at, known = o.contact_problem(o.joints)[:4], o.metadata
+        found = contact(model, *at, warm_start=measured, metadata=known, off_normal=off_normal, tangents=o.tangents)
+        return measured - found.force
 
-def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
-    o = observations
-    measured = base_force(o, model)
-    off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
-    at, known = o.contact_problem(o.joints)[:4], o.metadata
-    found = contact(model, *at, warm_start=measured, metadata=known, off_normal=off_normal, tangents=o.tangents)
-    return measured - found.force
+    return in_blocks(len(observations.joints), part)
 
 
 def _measured_off_normal(observations: Observations, model: ExtendedModel) -> Floats:

@@ -167,10 +167,6 @@ class BaseCompliance(LinearEffect):
         return tuple(Shift(place=at.across_edges(np.array(part).T)) for part in ((-x, y), (-y, -x)))
 
 
-LARGEST_SAG = 1e-4
-"""Angle by which the weight of a tilted arm may turn a joint, rad."""
-
-
 @dataclass(frozen=True)
 class BaseTilt(LinearEffect):
     """The part of gravity that lies in the plane of the arm loads the joints.
@@ -186,7 +182,7 @@ class BaseTilt(LinearEffect):
     taken as independent of each other, though both point downhill.
 
     The larger an arm, the stiffer its joints and the heavier its links: moments are plausible that turn a joint by
-    `LARGEST_SAG` at its nominal compliance. An upright arm has none of this: its cell states `gravity`.
+    1e-4 rad at its nominal compliance. An upright arm has none of this: its cell states `gravity`.
 
     Attributes:
         sizes: largest plausible moments of joint 1 and joint 2, Nm.
@@ -214,7 +210,7 @@ class BaseTilt(LinearEffect):
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
         p = cell.nominal
-        sizes = (LARGEST_SAG / p.p1 if p.p1 > 0 else 10.0, LARGEST_SAG / p.p2 if p.p2 > 0 else 10.0)
+        sizes = (1e-4 / p.p1 if p.p1 > 0 else 10.0, 1e-4 / p.p2 if p.p2 > 0 else 10.0)
         return [] if p.has_gravity else [cls(sizes=sizes)]
 
     @property

@@ -110,16 +110,13 @@ class Parameters:
             if not isfinite(value):
                 raise ParameterError(name, f'expected a finite number, got {value}')
             object.__setattr__(self, name, float(value))
-        if self.gravity is not LEVEL:
-            self._check_gravity()
-
-    def _check_gravity(self) -> None:
+        if self.gravity is LEVEL:
+            return
         try:
             gx, gy = map(float, self.gravity)
         except (TypeError, ValueError):
-            raise ParameterError(
-                'gravity', f'expected two numbers, got {self.gravity!r}', 'give (0.0, -9.81)'
-            ) from None
+            problem = f'expected two numbers, got {self.gravity!r}'
+            raise ParameterError('gravity', problem, 'give (0.0, -9.81)') from None
         if not (gx * gx + gy * gy) ** 0.5 <= MOST_GRAVITY:
             problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {(gx, gy)}'
             raise ParameterError('gravity', problem, 'give it in m/s²: (0.0, -9.81)')

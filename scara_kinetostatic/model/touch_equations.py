@@ -448,13 +448,9 @@ def touch_equations(parameters: Parameters, problem: ContactProblem, state: Stat
 
     Args:
         parameters: L̄.
-        joints: Q, (n, 2), rad.
-        centers: centre of each touch's disc, (n, 2), m.
-        radii: its radius, (n,), m.
+        problem: what is given of the touches.
         state: where to evaluate.
-        gripper: the form of (7).
         arm: that of the state, where it is known.
-        edges: which touches are of a straight edge; None for arcs alone.
 
     Returns:
         Residuals and derivatives, to first order exact wherever the rows hold.
