@@ -63,7 +63,8 @@ def estimate_noise(
     """
     linear, whitened, free = point.linear, point.whitened, estimated_levels(noise, stated)
     size = np.array([max(getattr(noise, key), _LEAST[key]) ** 2 for key in free])
-    parts = [whiten_matrix(_unit_variance(linear, key), whitened.root) for key in free]
+    by = {'joint': linear.by_joints, 'force': linear.by_force}
+    parts = [whiten_matrix(outer(by[key]) if key in by else growing(linear), whitened.root) for key in free]
     parts.append(np.eye(2) - np.tensordot(size, np.array(parts), 1))  # V less these
     r, jacobian, count = whitened.residual, whitened.jacobian, len(free)
     weighted = [part @ jacobian for part in parts]
@@ -90,13 +91,6 @@ def estimate_noise(
     if np.linalg.eigvalsh(matrix * np.outer(size, size)).min() <= 0:  # some act alike: no telling them apart
         return same_ratio
     return _bounded(noise, dict(zip(free, np.sqrt(_distinguishable(matrix, vector)).tolist(), strict=True)))
-
-
-def _unit_variance(linear: Linearisation, key: str) -> Floats:
-    """V_l of each touch: the entries 11, 21, 22, (n, 3)."""
-    if key == 'joint':
-        return outer(linear.by_joints)
-    return outer(linear.by_force) if key == 'force' else growing(linear)
 
 
 def growing(linear: Linearisation) -> Floats:
