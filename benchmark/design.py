@@ -29,7 +29,7 @@ from scara_kinetostatic.interface import diagnose
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.planning.optimal_design import Design, Requirements, optimal_design
-from scara_kinetostatic.planning.prediction import Robot, Tip, free_tip, make_workspace, predict, tip_std
+from scara_kinetostatic.planning.prediction import Robot, Tip, loaded_tip, make_workspace, predict, tip_std
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -64,7 +64,7 @@ def estimates(truth: Parameters, plan: Plan, number: int, balanced: bool) -> tup
 def compare(truth: Parameters, plan: Plan, number: int, balanced: bool) -> dict[str, object]:
     """Predicted against scattered, for a robot that is `truth`."""
     robot = Robot.of(CELL, truth)
-    tip: Tip = free_tip(robot, make_workspace(robot))
+    tip: Tip = loaded_tip(robot, make_workspace(robot))
     predicted = predict(robot, plan)
     errors, rejected, lower_rank = estimates(truth, plan, number, balanced)
     moved = np.einsum('gdik,nk->ngdi', tip.derivative, errors)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from scara_kinetostatic.report.figure import Margins, as_svg, new_figure
-from scara_kinetostatic.report.markers import Primitive, Shape
+from scara_kinetostatic.report.markers import Primitive
 
 _WIDTH = 920.0
 _MARGIN = 0.02
@@ -37,7 +37,7 @@ def _extent(scene: Sequence[Primitive]) -> tuple[np.ndarray, np.ndarray]:
     for item in scene:
         points = np.array(item.points)[:, :2]
         half = np.full(2, item.size / 2)
-        if item.shape is Shape.TEXT:
+        if item.shape == 'text':
             half[0] *= 0.6 * len(item.text)
         low.append(points.min(axis=0) - half)
         high.append(points.max(axis=0) + half)
@@ -48,11 +48,11 @@ def _draw(axes: Axes, item: Primitive, scale: float, order: int) -> None:
     """One primitive; `scale` is pixels per metre."""
     x, y = np.array(item.points)[:, :2].T
     colour = item.colour
-    if item.shape in (Shape.CYLINDER, Shape.DOT):
+    if item.shape in ('cylinder', 'dot'):
         axes.add_patch(Circle((x[0], y[0]), item.size / 2, facecolor=colour, lw=0, zorder=order))
-    elif item.shape is Shape.STRIP:
+    elif item.shape == 'strip':
         axes.plot(x, y, color=colour, lw=item.size * scale, solid_capstyle='round', zorder=order)
-    elif item.shape is Shape.TEXT:
+    elif item.shape == 'text':
         size = item.size * scale
         text = axes.text(x[0], y[0], item.text, ha='center', va='center', color=colour, fontsize=size, zorder=order)
         text.set_parse_math(False)

@@ -44,7 +44,7 @@ from scara_kinetostatic.report.markers import (
     touch_markers,
     uncertainty_markers,
 )
-from scara_kinetostatic.results import figures, tip_maps
+from scara_kinetostatic.results import figures
 from scara_kinetostatic.results.calibration_json import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -80,7 +80,7 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
     yield 'cell', figures.cell_picture(found)
     left = tip_uncertainty(found).maps[0]
-    yield 'tip_deviation', tip_maps.deviation_picture(found, left, tip_maps.deviation(found, left))
+    yield 'tip_deviation', figures.deviation_picture(found, left, figures.deviation(found, left))
     paper = reproduce()
     yield 'figure_3', paper_pictures.trend_picture(paper)
     yield 'one_force_level', paper_pictures.unidentifiable_picture(paper)

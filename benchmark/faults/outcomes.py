@@ -17,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmark.faults.damage import mutated, mutated_yaml
-from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams, recorded_cell
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.cli.arguments import cell_or_recorded
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import dump_cell, load_cell, parse_cell
 from scara_kinetostatic.model.cell import Cell
@@ -183,7 +182,7 @@ def calibration_outcome(form: Form, number: int, intact: Calibration, folder: Pa
     root = damaged_recording(form, number, folder)
 
     def read() -> tuple[float, str]:
-        outcome = calibrate_recordings([root], cell_or_recorded(None, [root]))
+        outcome = calibrate_recordings([root], recorded_cell([root], '--cell'))
         shift = np.abs(outcome.final.parameters.as_array() - intact.parameters.as_array()) / intact.std
         return float(shift.max()), '; '.join(outcome.warnings)
 

@@ -1,7 +1,8 @@
 """The criteria, each of which may leave remarks, and the assessment made of them.
 
 What the model lacks; whether the touches check the result; whether the parameters have values, and such as a robot can
-have; where the result is an extrapolation.
+have; where the result is an extrapolation; whether the uncertainty of the tip is small enough for the use that the cell
+description states, and what would help.
 """
 
 from __future__ import annotations
@@ -12,14 +13,15 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.assessment import rejections, tolerance
-from scara_kinetostatic.assessment.evidence import Evidence
+from scara_kinetostatic.assessment import rejections
+from scara_kinetostatic.assessment.evidence import Decision, Evidence
 from scara_kinetostatic.assessment.grade import LIMITS, Assessment, Grade, Remark, quantity
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.declared_errors import RIVALS, DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import tip_covariance
+from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Improvement, best_improvement, source_title
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
@@ -29,7 +31,7 @@ from scara_kinetostatic.model.cell import SizeMode
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS, displacement
 
-MORE_TOUCHES = 'record more touches, all round every disc, in both elbow postures and at three force levels'
+_RECORD_MORE = 'record more touches, all round every disc, in both elbow postures and at three force levels'
 _ESTIMATE_NOISE = 'leave the noise out of the cell description to have it estimated'
 GEOMETRY = 6
 """The first parameters are those of the unloaded arm."""
@@ -100,7 +102,7 @@ def undetermined(evidence: Evidence) -> Iterator[Remark]:
     if not names:
         return
     # 4: so many parameters without a value are more than some touches of a kind would mend
-    action = MORE_TOUCHES if len(names) > 4 else c.identifiability.advice
+    action = _RECORD_MORE if len(names) > 4 else c.identifiability.advice
     if set(names) & set(NAMES[:GEOMETRY]):
         listed = 'any parameter' if len(names) == len(NAMES) else ', '.join(names)
         yield Remark(Grade.UNFIT, f'the touches do not determine {listed}, nor where the tip is', action)
@@ -120,7 +122,7 @@ def checked(evidence: Evidence) -> Iterator[Remark]:
     if not ratio <= LIMITS.held_out_caution:
         held_out = f'touches that the fit has not seen are predicted with a force error of {errors.held_out:.2g} N'
         reason = f'{held_out}, those it has seen with {errors.force_error:.2g} N'
-        yield Remark(Grade.CAUTION if ratio <= LIMITS.held_out_unfit else Grade.UNFIT, reason, MORE_TOUCHES)
+        yield Remark(Grade.CAUTION if ratio <= LIMITS.held_out_unfit else Grade.UNFIT, reason, _RECORD_MORE)
     ratio = evidence.object_left_out
     if ratio > LIMITS.left_out:
         off = f'the tip is off by {ratio:.2g} times what is stated there'
@@ -133,12 +135,12 @@ def checked(evidence: Evidence) -> Iterator[Remark]:
         reason += f'the parameters absorb {100 * largest:.0f} % (leverage {largest:.2f})'
         grade = Grade.CAUTION if largest <= LIMITS.leverage_unfit else Grade.UNFIT
         action = f'touch again beside touch {touch}, and beside others with a high leverage'
-        yield Remark(grade, reason, MORE_TOUCHES if number > 4 else action)
+        yield Remark(grade, reason, _RECORD_MORE if number > 4 else action)
     if c.degrees_of_freedom < LIMITS.least_freedoms:
         guess = c.noise_source == 'estimated'
         consequence = 'the estimated noise is a guess' if guess else 'they do not check the stated noise'
         few = f'{int(c.used.sum())} touches are few, with {c.degrees_of_freedom} degrees of freedom'
-        yield Remark(Grade.CAUTION, f'{few}: {consequence}', MORE_TOUCHES)
+        yield Remark(Grade.CAUTION, f'{few}: {consequence}', _RECORD_MORE)
 
 
 def unexplained(evidence: Evidence) -> Iterator[Remark]:
@@ -185,7 +187,7 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
         groups = '; '.join(rivals_in_words(d, group) for group in d.rivals)
         holds = 'the parameters that are determined and their uncertainties hold whichever it is, the effects do not'
         reason = f'a model error was corrected; its cause is not determined: {groups}; {holds}'
-        yield Remark(Grade.CAUTION, reason, tolerance.to_discriminate(d))
+        yield Remark(Grade.CAUTION, reason, to_discriminate(d))
 
 
 def rivals_in_words(d: Diagnosis, group: Sequence[str]) -> str:
@@ -297,13 +299,114 @@ def _tip_std(c: Calibration, joints: Floats) -> Floats:
     return np.sqrt(np.clip(np.linalg.eigvalsh(covariance)[:, -1], 0.0, None))
 
 
+_ACTIONS = {
+    'object_position': 'measure the place of {} to {}',
+    'object_radius': 'measure the radius of {} to {}',
+    'plate_position': 'measure where plate {} lies to {}',
+    'plate_angle': 'measure the rotation of plate {} to {}',
+    'radius': 'measure the radius of the tip to {1}',
+    'force_gain': 'calibrate the gain of the force sensor to {1}',
+    'force_rotation': 'measure the rotation of the force sensor to {1}',
+    'nominal': 'find out {} to {}',
+}
+"""What to do about a source of uncertainty, by its kind: of what, and to which uncertainty."""
+
+
+def conformity(evidence: Evidence) -> Iterator[Remark]:
+    """An expanded uncertainty of the tip beyond the tolerance, or too near to it to decide (ISO 14253-1).
+
+    Unfit where it is beyond between the touches, or in more than half of the workspace.
+    """
+    cell, found, tip = evidence.final.cell, evidence.conformity, evidence.tip_uncertainty
+    tolerance, region = cell.tolerance, cell.region.title
+    if tolerance is None or (found is not None and found.decision is Decision.CONFORMS):
+        return
+    limit, worst = quantity(tolerance, 'm'), quantity(tip.worst, 'm')
+    if found is None or tip.at is None:
+        yield Remark(Grade.UNFIT, f'the uncertainty of the tip is not determined, the tolerance is {limit}')
+        return
+    reason = f'the expanded uncertainty of the tip is up to {worst} (k = 2), at {tip.at.title}'
+    if tip.undetermined > 0:
+        reason += f', and not determined in {100 * tip.undetermined:.0f} % of the {region}'
+    reason += f', the tolerance {limit}; it conforms in {100 * found.share:.0f} % of the {region}'
+    if found.decision is Decision.UNDECIDED:
+        reason += f'; {quantity(found.low, "m")} to {quantity(found.high, "m")} is too near to decide'
+    elif found.touched is Decision.CONFORMS:
+        between = quantity(tip.worst_touched, 'm')
+        reason += f', and wherever the joint angles are between those of the touches (up to {between})'
+    action = advice(evidence) or 'use it only where the tolerance is met'
+    if evidence.improvements and not any(item.worst <= tolerance for item in evidence.improvements):
+        action += f'; no single measurement meets the tolerance of {limit}'
+    beyond = found.touched is Decision.DOES_NOT_CONFORM or found.share < 0.5
+    yield Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, action)
+
+
+def stated_conformity(evidence: Evidence) -> str:
+    """What may be said of the conformity with the tolerance, after 'conformity '; empty where nothing is stated."""
+    found = evidence.conformity
+    if found is None:
+        return ''
+    if found.decision is Decision.DOES_NOT_CONFORM:
+        return 'excluded'
+    if found.decision is Decision.UNDECIDED:
+        return 'neither shown nor excluded'
+    if evidence.diagnosis.verdict == 'unexplained':
+        return 'cannot be stated: the cause of a model error is unknown'
+    if DeclaredErrors.of(evidence.final.cell) is None and not evidence.final.has_undetected:
+        return 'shown as far as noise goes: no uncertainties of discs and sensor are declared'
+    return 'shown (ISO 14253-1)'
+
+
+def kept(evidence: Evidence) -> Iterator[str]:
+    """A note where the tolerance is kept, or would be if no model error of unknown cause were there."""
+    found, tolerance = evidence.conformity, evidence.final.cell.tolerance
+    if tolerance is not None and found is not None and found.decision is Decision.CONFORMS:
+        most = f'the expanded uncertainty of the tip is at most {quantity(evidence.tip_uncertainty.worst, "m")} (k = 2)'
+        limit = f'all over the {evidence.final.cell.region.title}, the tolerance {quantity(tolerance, "m")}'
+        yield f'{most} {limit}: conformity {stated_conformity(evidence)}'
+
+
+def advice(evidence: Evidence) -> str:
+    """The action that reduces the uncertainty of the tip most, one clause with numbers; empty if none is known."""
+    worst = evidence.tip_uncertainty.worst
+    if max(evidence.budget, key=lambda item: item.tip).label == RIVALS:
+        touches, d = 'make the touches that tell the possible causes apart', evidence.diagnosis
+        discriminate = to_discriminate(d) if d.discriminating == () else touches
+        return f'{discriminate}: the choice among them dominates'
+    best = best_improvement(evidence.improvements, worst, evidence.final.cell.tolerance)
+    if best is None:
+        return ''
+    falls = f'from {quantity(worst, "m")} to {quantity(best.worst, "m")}'
+    return f"{action_for(best)}: the tip's expanded uncertainty, where it is largest, falls {falls}"
+
+
+def action_for(item: Improvement) -> str:
+    """What to do, in the imperative: ``measure the place of disc_2 to 5 µm``."""
+    if item.labels == (NOISE,):
+        return f'record {item.wanted:.0f} touches of the same kind instead of {item.declared:.0f}'
+    kind = item.labels[0].partition('[')[0]
+    target = ', '.join(label.rstrip(']').partition('[')[2] for label in item.labels)
+    size = f'{100 * item.wanted:g} %' if item.unit == '1' else quantity(item.wanted, item.unit)
+    return _ACTIONS.get(kind, f'find out the {source_title(item.labels[0])} to {{1}}').format(target, size)
+
+
+def to_discriminate(d: Diagnosis) -> str:
+    """What tells rivals apart: touches or, where no touch would, another measurement; empty if nothing is known."""
+    effects = d.effects_by_label()
+    labels = [label for group in d.rivals for label in group[:4] if label in effects]
+    if labels and d.discriminating == ():
+        effect = effects[labels[0]]
+        fixed = ' '.join(f"--fix '{effect.label}.{parameter.name}=VALUE'" for parameter in effect.parameters)
+        return f'measure one of the causes by other means and hold it (true less stated, SI), such as by {fixed}'
+    touches = dict.fromkeys(effects[label].identified_by for label in labels)
+    return f'to tell the causes apart, record {"; or ".join(touches)}' if touches else ''
+
+
 CRITERIA = (
     *(mistaken, negative, forgotten_gravity, upside_down, undetermined, rejections.rejected, checked),
-    *(unexplained, ambiguous, shifted, noise, rejections.unusable, large_backlash, tolerance.conformity, alike, places),
+    *(unexplained, ambiguous, shifted, noise, rejections.unusable, large_backlash, conformity, alike, places),
 )
 """In the order in which equally grave reasons are given."""
-_MISTAKE = 3.0
-"""Plausible sizes of an effect (`Parameter.scale`) beyond which it is a mistake of the cell description."""
 
 
 def assess(evidence: Evidence) -> Assessment:
@@ -323,7 +426,8 @@ def assess(evidence: Evidence) -> Assessment:
             continue
         known = bool(values) and bool(np.isfinite(list(values.values())).all())
         sizes = np.abs(effect.amplitudes(np.array(list(values.values()))))
-        most = _MISTAKE * np.array([parameter.scale for parameter in effect.parameters])
+        # beyond three plausible sizes it is a mistake of the cell description
+        most = 3.0 * np.array([parameter.scale for parameter in effect.parameters])
         large = known and len(sizes) == len(most) and bool((sizes > most).any())
         what = ', by more than an error of measurement: a mistake, corrected' if large else ': corrected'
         action = effect.correction(values) if known else ''
@@ -336,7 +440,7 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     c = evidence.final
     if c.fixed:
         yield f'held at given values, which count as exact: {", ".join(c.fixed)}'
-    yield from tolerance.kept(evidence)
+    yield from kept(evidence)
     effects = c.cell.uncertainty.effects
     if effects.sizes is SizeMode.NONE:
         others = f' but {", ".join(effects.stated)}' if effects.stated else ''

@@ -159,8 +159,36 @@ class Check(NamedTuple):
     displaced: Mistake | None = None
 
     def mistake(self, calibration: Calibration | None = None) -> Mistake | None:
-        """The mistake found, or one of all radii, of which a calibration of the touches says more."""
-        return self.found or _common_radius(self, calibration)
+        """The mistake found, or an error of all radii, which is a backlash g_ee that no gripper has.
+
+        A calibration of the touches says more of the latter.
+        """
+        if self.found:
+            return self.found
+        cell, value, std, least = self.cell, self.backlash, 0.0, _LIMITS.coarse_radius
+        if self.misfit > _LIMITS.slight or (calibration is not None and calibration.status['g_ee'] == 'fixed'):
+            return None
+        if calibration is not None and np.isfinite(calibration.std_of('g_ee')):
+            value, std, least = calibration.parameters.g_ee, calibration.std_of('g_ee'), 0.0
+        declared = [cell.uncertainty.radius, *(disc.radius_std for disc in cell.discs)]
+        least = max(least, _LIMITS.sigmas * float(np.hypot(std, max(declared))))
+        if -least <= value < max(_LIMITS.largest_backlash, least):
+            return None
+        off = f'stated {1e3 * abs(value):.3g} mm too {"small" if value < 0 else "large"}'
+        where, statement, action = 'objects', f'all radii are {off}', 'measure the discs and the tip again'
+        if cell.has_outlines:
+            where, statement = 'tip.radius', f'the radius of the tip is {off}'
+            action = 'measure the objects and the tip again'
+        elif value < -_LIMITS.least_tip:
+            statement += ', or the radius of the tip is missing'
+            action = 'add the radius of the tip to every radius: it reaches to the centre of the tip'
+        elif value > 0 and np.abs(value / cell.radii - 0.5).max() <= 0.5:
+            statement += ', or each is the diameter of its disc'
+            action += ', or halve the radii and add the radius of the tip'
+        given = f' ± {1e3 * std:.2g}' if std else ''
+        why = 'a backlash is not negative' if value < 0 else 'a backlash is not so large'
+        evidence = f'else the backlash of the gripper, g_ee, would be {1e3 * value:.3g}{given} mm; {why}'
+        return Mistake(where, statement, action, evidence)
 
 
 def check_touches(
@@ -372,34 +400,6 @@ def _mislabelled(named: Indices, met: Indices, cell: Cell) -> Mistake | None:
     statement = f'{len(wrong)} of {len(named)} touches name a wrong object: {names[a]} where they meet {names[b]}'
     action = 'correct the names, or leave them out: objects are found by place'
     return Mistake('object', statement, action, in_cell=False)
-
-
-def _common_radius(check: Check, calibration: Calibration | None) -> Mistake | None:
-    """An error of all radii, which is a backlash g_ee that no gripper has."""
-    cell, value, std, least = check.cell, check.backlash, 0.0, _LIMITS.coarse_radius
-    if check.misfit > _LIMITS.slight or (calibration is not None and calibration.status['g_ee'] == 'fixed'):
-        return None
-    if calibration is not None and np.isfinite(calibration.std_of('g_ee')):
-        value, std, least = calibration.parameters.g_ee, calibration.std_of('g_ee'), 0.0
-    declared = [cell.uncertainty.radius, *(disc.radius_std for disc in cell.discs)]
-    least = max(least, _LIMITS.sigmas * float(np.hypot(std, max(declared))))
-    if -least <= value < max(_LIMITS.largest_backlash, least):
-        return None
-    off = f'stated {1e3 * abs(value):.3g} mm too {"small" if value < 0 else "large"}'
-    where, statement, action = 'objects', f'all radii are {off}', 'measure the discs and the tip again'
-    if cell.has_outlines:
-        where, statement = 'tip.radius', f'the radius of the tip is {off}'
-        action = 'measure the objects and the tip again'
-    elif value < -_LIMITS.least_tip:
-        statement += ', or the radius of the tip is missing'
-        action = 'add the radius of the tip to every radius: it reaches to the centre of the tip'
-    elif value > 0 and np.abs(value / cell.radii - 0.5).max() <= 0.5:
-        statement += ', or each is the diameter of its disc'
-        action += ', or halve the radii and add the radius of the tip'
-    given = f' ± {1e3 * std:.2g}' if std else ''
-    why = 'a backlash is not negative' if value < 0 else 'a backlash is not so large'
-    evidence = f'else the backlash of the gripper, g_ee, would be {1e3 * value:.3g}{given} mm; {why}'
-    return Mistake(where, statement, action, evidence)
 
 
 class _Candidate(NamedTuple):

@@ -77,18 +77,13 @@ class Outcome(Evidence):
 
         Of an effect that has rivals the values are those it has if it is this one.
         """
-        starts = {
-            (label, name): estimate.nominal
-            for label, fitted in self.final.effects.items()
-            for name, estimate in fitted.items()
-        }
-        return {
-            item.effect.label: {
-                v.name: Estimate.of_effect(v.value, v.std, v.unit, starts.get((item.effect.label, v.name), 0.0))
-                for v in item.values
-            }
-            for item in self.diagnosis.found
-        }
+        found = dict[str, dict[str, Estimate]]()
+        for item in self.diagnosis.found:
+            fitted = self.final.effects.get(item.effect.label, {})
+            starts = {v.name: fitted[v.name].nominal if v.name in fitted else 0.0 for v in item.values}
+            values = {v.name: Estimate.of_effect(v.value, v.std, v.unit, starts[v.name]) for v in item.values}
+            found[item.effect.label] = values
+        return found
 
     @property
     def residuals(self) -> Floats:

@@ -176,6 +176,15 @@ class Calibration:
         return self.model.parameters
 
     @property
+    def base_rank(self) -> int:
+        """How many parameters of the base model, or of their combinations, the data determine.
+
+        Each confounded group is one unidentifiable direction; groups of effects' parameters alone do not count.
+        """
+        free = sum(status != 'fixed' for status in self.status.values())
+        return free - sum(bool(set(group) & set(self.parameters.names)) for group in self.identifiability.confounded)
+
+    @property
     def has_undetected(self) -> bool:
         """Whether the fit has random effects for what was not detected."""
         return self.random is not None

@@ -11,9 +11,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from scara_kinetostatic.errors import OutputError
+from scara_kinetostatic.errors import OutputError, UnsupportedDataError
 
 if TYPE_CHECKING:
+    from scara_kinetostatic.assessment.grade import Assessment
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.report import Document, Report
 
@@ -173,19 +174,6 @@ def cell_or_paper(path: Path | None) -> Cell:
     return load_cell(path) if path else PAPER_CELL
 
 
-def cell_or_recorded(path: Path | None, bags: Sequence[Path]) -> Cell:
-    """The cell description of ``--cell``; without it the one in the recordings.
-
-    Raises:
-        CellError: it cannot be read or is invalid.
-        RecordingError: `path` is None, and a recording has no cell description or another one than the first.
-    """
-    from scara_kinetostatic.bags.reader import recorded_cell
-    from scara_kinetostatic.files.cell_file import load_cell
-
-    return recorded_cell(bags, '--cell') if path is None else load_cell(path)
-
-
 def check_file(path: Path, inputs: Sequence[Path], option: str = '--out', suffix: str = '') -> None:
     """Check, before anything is computed, that a file may be written.
 
@@ -232,36 +220,45 @@ def note(text: str) -> None:
     print(f'note: {text}', file=sys.stderr)
 
 
-def print_result(text: str, document: Document, as_json: bool, folder: Path | None, files: Mapping[str, str]) -> None:
+def print_result(text: str, folder: Path, files: Mapping[str, str], document: Document | None = None) -> None:
     """Write the files of a result and print it.
 
     Args:
         text: of the result, for people.
-        document: the same as plain JSON values.
-        as_json: whether to print the document instead of the text.
-        folder: of the files; None to write none.
-        files: text by name.
+        folder: of the files.
+        files: text by name; empty to write none.
+        document: the same as plain JSON values, to be printed instead of the text; None to print that.
 
     Raises:
         OutputError: the folder cannot be written.
     """
     from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.report.json_file import json_text
+    from scara_kinetostatic.report import json_text
 
-    if folder:
+    if files:
         write_texts(folder, files)
-    print(json_text(document).rstrip() if as_json else text)
-    if folder and not as_json:
+    print(json_text(document).rstrip() if document else text)
+    if files and not document:
         print(f'\nwritten: {", ".join(str(folder / name) for name in files)}')
 
 
-def print_report(args: argparse.Namespace, name: str, report: Report, document: Document) -> None:
-    """Write NAME.json and NAME.html into the folder of ``--out``, where there is one, and print the result.
+def check_strict(args: argparse.Namespace, assessment: Assessment) -> None:
+    """Where ``--strict`` is given, raises `UnsupportedDataError` for a result that is unfit; it is in ``--out``."""
+    if args.strict and assessment.grade.value == 'unfit':
+        raise UnsupportedDataError(assessment.headline, f'the results are written to {args.out} all the same')
+
+
+def print_report(
+    args: argparse.Namespace, name: str, report: Report, document: Document, more: Mapping[str, str] | None = None
+) -> None:
+    """Write NAME.json, NAME.html and more files into the folder of ``--out``, where there is one; print the result.
 
     Raises:
         OutputError: the folder cannot be written.
     """
     from scara_kinetostatic.report import as_page, as_text, json_text
 
-    files = {f'{name}.json': json_text(document), f'{name}.html': as_page(report)} if args.out else {}
-    print_result(as_text(report), document, args.json, args.out, files)
+    files: dict[str, str] = {}
+    if args.out:
+        files = {**(more or {}), f'{name}.json': json_text(document), f'{name}.html': as_page(report)}
+    print_result(as_text(report), args.out, files, document if args.json else None)

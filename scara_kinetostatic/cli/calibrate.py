@@ -38,9 +38,10 @@ from scara_kinetostatic.cli.arguments import (
     add_options,
     add_results,
     check_file,
+    check_strict,
     progress,
 )
-from scara_kinetostatic.errors import InputError, UnsupportedDataError
+from scara_kinetostatic.errors import InputError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Calibrates.
 
     Raises:
@@ -68,7 +69,6 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the data cannot support a calibration; with ``--strict``, or the result, which is written
             all the same, is unfit for use.
     """
-    from scara_kinetostatic.assessment.grade import Grade
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.pipeline import calibrate_files
     from scara_kinetostatic.results.report import text_report
@@ -96,7 +96,4 @@ def run(args: argparse.Namespace) -> int:
     if files.note:
         print(f'{files.note}\n')
     print('\n'.join(dict.fromkeys(map(str, (*files.paths, *([residuals] if residuals else []))))))
-    if args.strict and outcome.assessment.grade is Grade.UNFIT:
-        remedy = f'the results are written to {files.folder} all the same'
-        raise UnsupportedDataError(outcome.assessment.headline, remedy)
-    return 0
+    check_strict(args, outcome.assessment)

@@ -50,7 +50,7 @@ def _position(text: str) -> tuple[str, float]:
     return name, real()(value)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Writes the cell description.
 
     Raises:
@@ -78,4 +78,3 @@ def run(args: argparse.Namespace) -> int:
     print(args.out)
     for each in notes:
         note(each)
-    return 0

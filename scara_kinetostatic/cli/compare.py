@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_results(parser, 'comparison')
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Compares.
 
     Raises:
@@ -42,4 +42,3 @@ def run(args: argparse.Namespace) -> int:
     check_different(args.calibrations)
     changes = compare_records([CalibrationRecord.load(path) for path in args.calibrations])
     print_report(args, 'comparison', comparison_report(changes), comparison_document(changes))
-    return 0

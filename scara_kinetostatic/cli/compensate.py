@@ -58,7 +58,7 @@ def add_files(parser: argparse.ArgumentParser, table: str, meaning: str) -> None
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Compensates.
 
     Raises:
@@ -91,7 +91,6 @@ def run(args: argparse.Namespace) -> int:
     write(args.out, table, results | {'status': found.status}, predictor)
     if table.elbows is None:
         note(f'{table.source}: no column elbow; {usual} is taken for all rows')
-    return 0
 
 
 def metadata_of(table: PoseTable, sides: Indices, predictor: Predictor) -> TouchMetadata:

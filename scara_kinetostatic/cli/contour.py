@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_max_bytes(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Measures the contour.
 
     Raises:
@@ -94,5 +94,5 @@ def run(args: argparse.Namespace) -> int:
         DXF: dxf_text(contour.outlines),
         'contour.html': as_page(report),
     }
-    print_result(as_text(report), contour_document(contour, fits, compared), args.json, args.out, files)
-    return 0
+    document = contour_document(contour, fits, compared)
+    print_result(as_text(report), args.out, files, document if args.json else None)

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_seed(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Runs the demonstration.
 
     Raises:
@@ -61,10 +61,8 @@ def run(args: argparse.Namespace) -> int:
         folder.mkdir(parents=True)
     except OSError as error:
         raise OutputError(args.out, f'cannot make a folder in it ({error.strerror})', 'choose another --out') from error
-    settings = {'seed': args.seed, 'time_factor': args.time_factor}
     print('touch       tip, expanded uncertainty so far', flush=True)
-    _print_result(run_demo(folder, cell, settings, _print_progress))
-    return 0
+    _print_result(run_demo(folder, cell, {'seed': args.seed, 'time_factor': args.time_factor}, _print_progress))
 
 
 def _print_progress(accepted: int, known: float | None, touch: str) -> None:
@@ -82,7 +80,7 @@ def _print_result(result: DemoResult) -> None:
     import numpy as np
 
     from scara_kinetostatic.model.parameters import NAMES, UNITS
-    from scara_kinetostatic.report.table import Table
+    from scara_kinetostatic.report import Table
 
     truth, estimate, std = np.array([result.truth, result.estimate.values, result.estimate.deviations])
     deviation = (estimate - truth) / std

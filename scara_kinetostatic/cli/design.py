@@ -23,7 +23,7 @@ from scara_kinetostatic.cli.arguments import (
     add_results,
     add_seed,
     cell_or_paper,
-    print_result,
+    print_report,
     progress,
     real,
     whole,
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_seed(group, 'the searches')
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Finds the set.
 
     Raises:
@@ -67,8 +67,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
     from scara_kinetostatic.planning.prediction import Robot
-    from scara_kinetostatic.planning.report import design_document, design_files, design_report
-    from scara_kinetostatic.report import as_text
+    from scara_kinetostatic.planning.report import design_document, design_report, plan_text
     from scara_kinetostatic.simulation.streams import TYPICAL_NOISE
     from scara_kinetostatic.simulation.truth import truth_named
 
@@ -89,6 +88,5 @@ def run(args: argparse.Namespace) -> int:
     )
     with progress(lines=True) as show_progress:
         design = optimal_design(Robot(cell, expected, noise, assumed), requirements, show_progress)
-        files = design_files(design) if args.out else {}
-    print_result(as_text(design_report(design)), design_document(design), args.json, args.out, files)
-    return 0
+    plan = {'plan.yaml': plan_text(design)}
+    print_report(args, 'design', design_report(design), design_document(design), plan)

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, ('--zero-band', 'SHARE', real(0), band, {'default': 0.02}))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Estimates compliance and backlash.
 
     Raises:
@@ -67,4 +67,3 @@ def run(args: argparse.Namespace) -> int:
     usual['direction'] = math.radians(args.direction)
     analysis = analyse_tables([load_readings(path, **usual) for path in args.tables], args.zero_band)
     print_report(args, 'dial_gauge', dial_gauge_report(analysis), dial_gauge_document(analysis))
-    return 0

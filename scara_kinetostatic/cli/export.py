@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Exports.
 
     Raises:
@@ -67,29 +67,25 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.files.export import Options, exported, exported_into
 
-    out: Path | None = args.out
+    out, inputs = args.out, [args.calibration, *([args.into] if args.into else [])]
     if args.into and (out is None or args.format != 'urdf'):
         raise ParameterError('--into', 'is for --format urdf with --out FILE', 'give both')
     if args.into and args.into.suffix == '.xacro':
         raise ParameterError('--into', 'a xacro is a program', f'expand it: xacro {args.into} > robot.urdf')
     if out is not None:
-        check_file(out, [args.calibration, *([args.into] if args.into else [])])
+        check_file(out, inputs)
     arm, name = load_calibration(args.calibration), args.calibration.name
-    files: tuple[str, ...]
-    if args.into and out is not None:
-        files, notes = exported_into(arm, args.into, name)
+    if args.into:
+        texts, notes = exported_into(arm, args.into, name)
         beside = out.with_name(f'{out.stem}_kinematics.yaml')
-        check_file(beside, [args.calibration, args.into])
+        check_file(beside, inputs)
+        write_texts(out.parent, dict(zip((out.name, beside.name), texts, strict=True)))
+        print(out, beside, sep='\n')
     else:
         options = Options(args.convention, args.step, args.accuracy, tuple(args.force))
         text, notes = exported(arm, args.format, name, options)
-        files = (text,)
-    if out is None:
-        print(files[0], end='')
-    else:
-        named = dict(zip((out.name, f'{out.stem}_kinematics.yaml'), files, strict=False))
-        write_texts(out.parent, named)
-        print(*(out.parent / each for each in named), sep='\n')
+        if out is not None:
+            write_texts(out.parent, {out.name: text})
+        print(text if out is None else f'{out}\n', end='')
     for each in notes:
         note(each)
-    return 0

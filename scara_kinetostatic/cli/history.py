@@ -21,7 +21,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_options
+from scara_kinetostatic.cli.arguments import add_options, print_result
 from scara_kinetostatic.errors import InputError
 
 
@@ -40,72 +40,48 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Adds, lists, writes the page or a calibration, or removes.
 
     Raises:
         InputError: FILE is no history, a calibration cannot be read or is of another robot, there is none of a number,
             or DIR cannot be written.
     """
+    from scara_kinetostatic.files.atomic import write_texts, writing
+    from scara_kinetostatic.monitoring.history import History, trends_of
+    from scara_kinetostatic.monitoring.record import CalibrationRecord
+    from scara_kinetostatic.monitoring.report import history_report
+    from scara_kinetostatic.report import as_page, as_text
+    from scara_kinetostatic.results.calibration_json import NAME
+    from scara_kinetostatic.results.write import dated_names
+
     takes = {'add': 'calibrations to add', 'extract': 'one number', 'remove': 'numbers'}
     if (args.action in takes) != bool(args.items) or (args.action == 'extract' and len(args.items) > 1):
         problem = f'expected {takes[args.action]}' if args.action in takes else f'{args.action} takes no calibrations'
         raise InputError(f'history {args.action}', problem)
-    return {'add': _add, 'extract': _extract, 'remove': _remove}.get(args.action, _show)(args)
-
-
-def _add(args: argparse.Namespace) -> int:
-    from scara_kinetostatic.monitoring.history import History
-    from scara_kinetostatic.monitoring.record import CalibrationRecord
-
-    records = [CalibrationRecord.load(path) for path in args.items]
-    added = History(args.file, create=True).add(records, args.robot)
-    for path, is_new in zip(args.items, added, strict=True):
-        print(f'{path}: {"added" if is_new else "is in the history already"}')
-    return 0
-
-
-def _extract(args: argparse.Namespace) -> int:
-    from scara_kinetostatic.files.atomic import write_texts, writing
-    from scara_kinetostatic.monitoring.history import History
-    from scara_kinetostatic.results.calibration_json import NAME
-    from scara_kinetostatic.results.write import dated_names
-
-    document = History(args.file).document(*_numbers(args))
-    with writing(args.out):
-        kept = dated_names(args.out)
-    write_texts(args.out, {NAME: document}, kept)
-    print(f'written: {args.out / NAME}')
-    return 0
-
-
-def _remove(args: argparse.Namespace) -> int:
-    from scara_kinetostatic.monitoring.history import History
-
-    History(args.file).remove(_numbers(args))
-    print(f'removed: {" ".join(args.items)}')
-    return 0
-
-
-def _numbers(args: argparse.Namespace) -> list[int]:
-    if wrong := [item for item in args.items if not (item.isascii() and item.isdigit() and len(item) < 19)]:
-        raise InputError(f'history {args.action}', f'expected a number of the list, got {wrong[0]!r}')
-    return [int(item) for item in args.items]
-
-
-def _show(args: argparse.Namespace) -> int:
-    from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.monitoring.history import History, trends_of
-    from scara_kinetostatic.monitoring.report import history_report
-    from scara_kinetostatic.report import as_page, as_text
-
-    entries = History(args.file).entries(args.robot, replaced=args.all)
+    if args.action == 'add':
+        records = [CalibrationRecord.load(path) for path in args.items]
+        added = History(args.file, create=True).add(records, args.robot)
+        for path, is_new in zip(args.items, added, strict=True):
+            print(f'{path}: {"added" if is_new else "is in the history already"}')
+        return
+    history = History(args.file)
+    if args.action in takes:
+        if wrong := [item for item in args.items if not (item.isascii() and item.isdigit() and len(item) < 19)]:
+            raise InputError(f'history {args.action}', f'expected a number of the list, got {wrong[0]!r}')
+        numbers = [int(item) for item in args.items]
+        if args.action == 'remove':
+            history.remove(numbers)
+            print(f'removed: {" ".join(args.items)}')
+            return
+        document = history.document(*numbers)
+        with writing(args.out):
+            kept = dated_names(args.out)
+        write_texts(args.out, {NAME: document}, kept)
+        print(f'written: {args.out / NAME}')
+        return
+    entries = history.entries(args.robot, replaced=args.all)
     if not entries:
         raise InputError(args.file, f'holds no calibration of {args.robot!r}' if args.robot else 'holds no calibration')
-    trends = trends_of(entries)
-    shown = history_report(trends)
-    print(as_text(shown))
-    if args.action == 'page':
-        write_texts(args.out, {'history.html': as_page(shown)})
-        print(f'\nwritten: {args.out / "history.html"}')
-    return 0
+    shown = history_report(trends_of(entries))
+    print_result(as_text(shown), args.out, {'history.html': as_page(shown)} if args.action == 'page' else {})

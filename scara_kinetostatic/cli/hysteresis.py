@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_results(parser, files='hysteresis.json and hysteresis.html')
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Selects and fits the law.
 
     Raises:
@@ -68,4 +68,3 @@ def run(args: argparse.Namespace) -> int:
     predicted = predict_records(selections[0], records[len(args.tables) :]) if args.predict else ()
     report = hysteresis_report(selections, predicted)
     print_report(args, 'hysteresis', report, hysteresis_document(selections, predicted))
-    return 0

@@ -15,7 +15,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import add_cell, add_max_bytes, add_options, cell_or_recorded, print_result
+from scara_kinetostatic.cli.arguments import add_cell, add_max_bytes, add_options, print_result
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
@@ -30,20 +30,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, ('--json', '', bool, 'print JSON instead of text'))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Inspects.
 
     Raises:
         InputError: the recording or the cell cannot be read or is invalid.
     """
     from scara_kinetostatic.bags.messages import reading
-    from scara_kinetostatic.bags.reader import read_streams
+    from scara_kinetostatic.bags.reader import read_streams, recorded_cell
     from scara_kinetostatic.bags.sources import open_recording
+    from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.files.touch_table import is_touch_table
     from scara_kinetostatic.pipeline import touches_of_file
     from scara_kinetostatic.touches.detection import find_touches, in_base_frame
 
-    cell = cell_or_recorded(args.cell, [args.bag])
+    cell = load_cell(args.cell) if args.cell else recorded_cell([args.bag], '--cell')
     warnings: tuple[str, ...] = ()
     found: dict[str, Any] = {'recording': str(args.bag), 'topics': [], 'streams': {}}
     if is_touch_table(args.bag):  # it has no streams
@@ -68,8 +69,7 @@ def run(args: argparse.Namespace) -> int:
             }
         found |= {'turned': streams.turned} if streams.turned else {}
     found |= {'warnings': [*warnings, *detection.warnings], 'touches': _touches(detection, cell)}
-    print_result(_as_text(found), found, args.json, None, {})
-    return 0
+    print_result(_as_text(found), args.bag, {}, found if args.json else None)
 
 
 def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:
@@ -80,30 +80,19 @@ def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:
 
     touches = detection.touches
     force = base_force(observe(touches, cell), ExtendedModel(cell.nominal))
-    accepted = {
-        int(touches.index[k]): {
-            'object': cell.discs[touches.disc[k]].name,
-            'posture': int(touches.posture[k]),
-            'force': force[k].tolist(),
-        }
-        for k in range(len(touches))
-    }
-    return [
-        {
-            'index': episode.index,
-            'time': float(episode.hold[0] + episode.hold[1]) / 2,
-            'hold': float(episode.hold[1] - episode.hold[0]),
-            'accepted': not episode.reason,
-            **accepted.get(episode.index, {}),
-            'reason': episode.reason,
-        }
-        for episode in detection.episodes
-    ]
+    place, rows = {int(index): k for k, index in enumerate(touches.index)}, []
+    for episode in detection.episodes:
+        time, hold = sum(episode.hold) / 2, episode.hold[1] - episode.hold[0]
+        row: dict[str, Any] = {'index': episode.index, 'time': time, 'hold': hold, 'accepted': not episode.reason}
+        if (k := place.get(episode.index)) is not None:
+            row |= {'object': cell.discs[touches.disc[k]].name, 'posture': touches.posture[k], 'force': force[k]}
+        rows.append(row | {'reason': episode.reason})
+    return rows
 
 
 def _as_text(found: dict[str, Any]) -> str:
+    from scara_kinetostatic.report import Table
     from scara_kinetostatic.report.quantities import count
-    from scara_kinetostatic.report.table import Table
 
     topics: list[tuple[str, ...]] = []
     for topic in found['topics']:

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Locates.
 
     Raises:
@@ -66,4 +66,3 @@ def run(args: argparse.Namespace) -> int:
     write(args.out, table, results | {'status': found.status}, predictor)
     if args.measured and predictor.nominal:
         note('--measured changes nothing: the nominal arm has no errors of the sensor')
-    return 0

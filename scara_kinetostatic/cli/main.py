@@ -84,7 +84,8 @@ def _run(argv: Sequence[str] | None) -> int:
             if args.verb is None:  # after unknown options, which are named first
                 parser.error('expected a VERB')
             debug = debug or args.debug
-            return int(args.run(args))
+            args.run(args)
+            return 0
     except SystemExit as end:  # from argparse: --help, --version, a wrong option
         return end.code if isinstance(end.code, int) else 2
     except ScaraKinetostaticError as error:

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_seed(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Simulates a scene.
 
     Raises:
@@ -64,4 +64,3 @@ def run(args: argparse.Namespace) -> int:
     duration = 1e-9 * float(streams.joints.stamp[-1] - streams.joints.stamp[0])
     print(f'{args.out}: {len(plan)} touches of the scene {scene.name!r} in {duration:.0f} s of simulated time')
     print(f'{beside}: true parameters and effects')
-    return 0

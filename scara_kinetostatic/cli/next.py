@@ -23,7 +23,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import add_options, add_results, note, progress, whole
+from scara_kinetostatic.cli.arguments import add_options, add_results, note, print_result, progress, whole
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 
 if TYPE_CHECKING:
@@ -48,14 +48,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_results(parser, files='next.csv, plan.yaml, program.csv', required=True, json=False)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Plans the touches.
 
     Raises:
         InputError: the cell, a recording or the calibration is wrong, or DIR cannot be written.
         UnsupportedDataError: no touch can be reached, the tolerance is out of reach, or nothing is to be decided.
     """
-    from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.planning.program import next_files
 
@@ -79,13 +78,10 @@ def run(args: argparse.Namespace) -> int:
             planned = planner.accurate(number)
         files = next_files(planner, planned)
     if args.goal == 'accuracy' and not args.touches and _is_enough(planner, planned):
-        return 0
-    write_texts(args.out, files)
+        return
+    print_result(_summary(planner, planned), args.out, files)
     for text in planned.left_out:
         note(text)
-    print(_summary(planner, planned))
-    print(f'\nwritten: {", ".join(str(args.out / name) for name in files)}')
-    return 0
 
 
 def _known(args: argparse.Namespace, cell: Cell) -> tuple[Planner, Diagnosis | None]:

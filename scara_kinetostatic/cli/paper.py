@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, ('--runs', 'N', whole(2), 'noisy data sets (default: 1000)', {'default': 1000}))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Reproduces them.
 
     Raises:
@@ -49,4 +49,3 @@ def run(args: argparse.Namespace) -> int:
         ratio = item.found / item.predicted
         print(f'Monte Carlo {name}: {ratio.min():.3f} to {ratio.max():.3f} of the predicted standard deviations')
     print('\n'.join(str(args.out / name) for name in texts))
-    return 0

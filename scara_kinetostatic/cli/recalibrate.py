@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Recalibrates.
 
     Raises:
@@ -75,4 +75,3 @@ def run(args: argparse.Namespace) -> int:
         print(f'{added} results added to {args.history}')
     if failed:
         raise UnsupportedDataError(f'{failed} of {len(tasks)} recordings failed', 'see the reasons above')
-    return 0

@@ -46,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument_group('sensors'),
         ('--noise-joint', 'S', real(0), 'of the joint angles, per touch, rad (default: as the cell)'),
         ('--noise-force', 'S', real(0), 'of the force, per touch, N (default: as the cell)'),
-        ('--joint-rate', 'HZ', real(1), 'joint states per second (default: 80)'),
-        ('--wrench-rate', 'HZ', real(1), 'wrenches per second (default: 98)'),
+        ('--joint-rate', 'HZ', real(1), 'joint states per second (default: 80)', {'default': 80.0}),
+        ('--wrench-rate', 'HZ', real(1), 'wrenches per second (default: 98)', {'default': 98.0}),
         ('--frame', '', ('base', 'tool'), 'frame of the force sensor (default: as the cell)'),
         ('--sign', '', ('on_object', 'on_robot'), 'its sign (default: as the cell)'),
     )
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Simulates.
 
     Raises:
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     """
     if args.list_effects:
         from scara_kinetostatic.effects.registry import catalogue
-        from scara_kinetostatic.report.table import Table
+        from scara_kinetostatic.report import Table
 
         listed = tuple(
             (effect.label if number == 0 else '', p.name, p.unit, p.meaning)
@@ -77,10 +77,12 @@ def run(args: argparse.Namespace) -> int:
             for number, p in enumerate(effect.parameters)
         )
         print(Table(('effect', 'parameter', 'unit', 'meaning'), ('',) * 4, listed).text())
-        return 0
+        return
     if args.out is None:
         raise InputError('--out', 'is missing', 'name the recording to make')
-    if args.plan and (args.per_disc or args.levels or args.preload is not None):
+    given = {name: getattr(args, name) for name in ('per_disc', 'levels', 'preload')}
+    choices = {name: value for name, value in given.items() if value is not None}
+    if args.plan and choices:
         advice = 'leave out --per-disc, --levels and --preload'
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
@@ -95,19 +97,13 @@ def run(args: argparse.Namespace) -> int:
 
     cell = cell_or_paper(args.cell)
     sensor = cell.sensor
-    frame = SensorFrame(args.frame) if args.frame else sensor.frame
-    sign = SensorSign(args.sign) if args.sign else sensor.sign
+    frame, sign = SensorFrame(args.frame or sensor.frame), SensorSign(args.sign or sensor.sign)
     cell = replace(cell, sensor=sensor._replace(frame=frame, sign=sign))
-    usual = cell.noise or TYPICAL_NOISE
-    noise = usual._replace(
-        joint=usual.joint if args.noise_joint is None else args.noise_joint,
-        force=usual.force if args.noise_force is None else args.noise_force,
-    )
-    rates = {'joint_rate': args.joint_rate, 'wrench_rate': args.wrench_rate}
-    sensors = SensorModel(touch_noise=noise, **{name: rate for name, rate in rates.items() if rate is not None})
+    levels = {'joint': args.noise_joint, 'force': args.noise_force}
+    levels = {name: level for name, level in levels.items() if level is not None}
+    noise = (cell.noise or TYPICAL_NOISE)._replace(**levels)
+    sensors = SensorModel(touch_noise=noise, joint_rate=args.joint_rate, wrench_rate=args.wrench_rate)
     truth = with_effects(truth_named(args.truth, cell), [parse_effect(text, cell) for text in args.effect])
-    choices = {'per_disc': args.per_disc, 'levels': args.levels, 'preload': args.preload}
-    choices = {name: value for name, value in choices.items() if value is not None}
     plan = load_planned(args.plan, cell) if args.plan else default_plan(cell, **choices)
     with ExitStack() as together:
         if args.truth_file:
@@ -127,4 +123,3 @@ def run(args: argparse.Namespace) -> int:
     for effect, values in zip(truth.effects, truth.effect_values, strict=True):
         shown = (f'{p.name} {value:.6g} {p.unit}' for p, value in zip(effect.parameters, values, strict=True))
         print(f'effect: {effect.label}: ' + ', '.join(shown))
-    return 0

@@ -17,8 +17,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import add_max_bytes, add_options, add_results, print_report
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.cli.arguments import add_max_bytes, add_options, add_results, check_strict, print_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,14 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_max_bytes(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Verifies.
 
     Raises:
         InputError: a recording, the calibration or the cell is wrong, or DIR cannot be written.
         UnsupportedDataError: there is no touch; with ``--strict``, or the calibration is unfit.
     """
-    from scara_kinetostatic.assessment.grade import Grade
     from scara_kinetostatic.files.atomic import check_different
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -52,6 +50,4 @@ def run(args: argparse.Namespace) -> int:
     record = CalibrationRecord.load(args.calibration)
     found = verify_recordings(args.bags, record, load_cell(args.cell) if args.cell else None)
     print_report(args, 'verification', verification_report(found), verification_document(found))
-    if args.strict and found.assessment.grade is Grade.UNFIT:
-        raise UnsupportedDataError(found.assessment.headline, f'the results are written to {args.out} all the same')
-    return 0
+    check_strict(args, found.assessment)

@@ -29,7 +29,7 @@ from scara_kinetostatic.model.cell import Disc, Sensor
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.outline import Outline as KnownOutline
 from scara_kinetostatic.model.parameters import quantity
-from scara_kinetostatic.report.markers import FOUND, TEXT, Primitive, Shape, label, object_markers, places
+from scara_kinetostatic.report.markers import FOUND, TEXT, Primitive, label, object_markers, places
 from scara_kinetostatic.touches.contacts import AFTER_CONTACT, find_contacts
 from scara_kinetostatic.touches.online import StreamPair
 from scara_kinetostatic.touches.signals import Signals, as_signals, runs
@@ -233,13 +233,13 @@ def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> li
     for outline in outlines:
         ring = outline.ring
         closing = [*range(len(outline.points)), 0][: len(ring)]
-        made.append(Primitive('outlines', Shape.STRIP, places(ring, _ABOVE), CALIBRATED_COLOUR, 0.002))
+        made.append(Primitive('outlines', 'strip', places(ring, _ABOVE), CALIBRATED_COLOUR, 0.002))
         expanded = COVERAGE_FACTOR * outline.std[closing]
         away = uncertainty_scale * expanded[:, None] * outline.normals[closing]
         for bound in (ring + away, ring - away):
             for begin, end in zip(*runs(np.asarray(np.isfinite(bound).all(axis=1))), strict=True):
                 part = places(bound[begin : end + 1], _ABOVE)
-                made += [Primitive('uncertainty', Shape.STRIP, part, pale, 0.0008)] if end > begin else []
+                made += [Primitive('uncertainty', 'strip', part, pale, 0.0008)] if end > begin else []
         if np.isfinite(expanded).any() and uncertainty_scale > 0:
             text = f'±{quantity(float(np.nanmedian(expanded)), "m")} (k = 2), × {uncertainty_scale:g}'
             x, y = outline.points[outline.points[:, 1].argmin()].tolist()
@@ -259,5 +259,5 @@ def tip_markers(contour: Contour | None, force_scale: float) -> list[Primitive]:
         return []
     at, force = contour.surface[-1], contour.force[-1]
     arrow = places([at - force_scale * force, at], _ABOVE)
-    dot = Primitive('tip', Shape.DOT, places([at], _ABOVE), FOUND, 0.006)
-    return [dot, Primitive('tip', Shape.ARROW, arrow, FOUND, 0.003)]
+    dot = Primitive('tip', 'dot', places([at], _ABOVE), FOUND, 0.006)
+    return [dot, Primitive('tip', 'arrow', arrow, FOUND, 0.003)]

@@ -10,11 +10,10 @@ from markupsafe import Markup
 
 from scara_kinetostatic.contour.fits import Deviation, ShapeFit
 from scara_kinetostatic.contour.result import Contour
-from scara_kinetostatic.report.content import Figure, Report, Section, Verdict
+from scara_kinetostatic.report import Figure, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, SERIES, Margins, as_svg, new_figure
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.quantities import FIT_UNITS, count, micrometres, shown
-from scara_kinetostatic.report.table import Table
 
 _MILLI, _MICRO, _WIDTH = 1e3, 1e6, 920.0
 

@@ -34,7 +34,7 @@ from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.json_file import Document
-from scara_kinetostatic.report.markers import Primitive, Shape
+from scara_kinetostatic.report.markers import Primitive
 from scara_kinetostatic.results.calibration_json import NAME
 from scara_kinetostatic.touches.streams import JointParts, UnjoinedError
 
@@ -408,18 +408,18 @@ def marker_array(primitives: Iterable[Primitive], plane: Plane) -> MarkerArray:
 def _marker(primitive: Primitive, plane: Plane) -> Marker:
     size, height = primitive.size, primitive.height or primitive.size
     kind, scale = {  # what RViz takes each component of the scale for, by the type of the marker
-        Shape.STRIP: (Marker.LINE_STRIP, (size, 0.0, 0.0)),
-        Shape.CYLINDER: (Marker.CYLINDER, (size, size, height)),
-        Shape.ARROW: (Marker.ARROW, (size, 3.0 * size, 0.0)),  # tail, head; 0: length of the head as RViz takes it
-        Shape.DOT: (Marker.SPHERE, (size, size, height)),
-        Shape.TEXT: (Marker.TEXT_VIEW_FACING, (0.0, 0.0, size)),
+        'strip': (Marker.LINE_STRIP, (size, 0.0, 0.0)),
+        'cylinder': (Marker.CYLINDER, (size, size, height)),
+        'arrow': (Marker.ARROW, (size, 3.0 * size, 0.0)),  # tail, head; 0: length of the head as RViz takes it
+        'dot': (Marker.SPHERE, (size, size, height)),
+        'text': (Marker.TEXT_VIEW_FACING, (0.0, 0.0, size)),
     }[primitive.shape]
     red, green, blue, opacity = primitive.colour
     marker = Marker(ns=primitive.group, type=kind, action=Marker.ADD, text=primitive.text)
     marker.color = ColorRGBA(r=red, g=green, b=blue, a=opacity)
     marker.scale = Vector3(**_axes(scale))
     at: tuple[float, ...] = (0.0, 0.0, 0.0)
-    if primitive.shape in (Shape.STRIP, Shape.ARROW):
+    if primitive.shape in ('strip', 'arrow'):
         marker.points = [Point(**_axes(point)) for point in primitive.points]
     else:
         at = primitive.points[0]

@@ -163,27 +163,18 @@ def candidate_plan(
     """
     cell = replace(robot.cell, limits=None) if keep else robot.cell  # `keep` knows them, and tells what they exclude
     points = default_plan(cell, per_disc, levels[:1], postures)
-    force, eased = (axis.ravel() for axis in np.meshgrid(levels, [0.0, preload] if preload else [0.0], indexing='ij'))
-    every = (replace(points, force=np.full(len(points), level)) for level in levels)
+    every = [replace(points, force=np.full(len(points), float(level))) for level in levels]
     sure = np.array([(exact_plan(robot, plan).arms >= LEAST_ARM).all(axis=1) for plan in every])
     some = np.flatnonzero(sure.any(axis=0))
-    points, sure = points.select(some), sure[:, some]
-    if not len(points):
+    if not len(some):
         raise UnsupportedDataError(
             f'at every point within reach the line of force passes a joint axis at less than {LEAST_ARM} m',
             'move the discs, or allow both postures',
         )
-    kept = np.flatnonzero(keep(points)) if keep else np.arange(len(points))
-    points, sure = points.select(kept), np.repeat(sure[:, kept], len(force) // len(levels), axis=0)
-    count = len(force)
-    plan = Plan(
-        np.tile(points.disc, count),
-        np.tile(points.angle, count),
-        np.tile(points.posture, count),
-        np.repeat(np.asarray(force, dtype=float), len(points)),
-        np.repeat(np.asarray(eased, dtype=float), len(points)),
-    )
-    return plan.select(sure.ravel())
+    kept = some[keep(points.select(some))] if keep else some
+    chosen = [plan.select(kept[good[kept]]) for plan, good in zip(every, sure, strict=True)]
+    eased = [0.0, preload] if preload else [0.0]
+    return Plan.joined([replace(plan, preload=np.full(len(plan), part)) for plan in chosen for part in eased])
 
 
 def prepare_candidates(robot: Robot, plan: Plan, tip: Tip, *, mean: bool = False) -> CandidateTouches:
@@ -300,14 +291,6 @@ def least_on_discs(candidates: CandidateTouches, weights: Floats, number: int) -
     least = np.minimum(available, TOUCHES_PER_DISC)
     least[np.argsort(-share, kind='stable')[number // TOUCHES_PER_DISC :]] = 0
     return np.asarray(least)
-
-
-def may_be_added(candidates: CandidateTouches, others: list[int], least: NDArray[np.intp]) -> Mask:
-    """Candidates that leave enough touches on every disc when one is added to a set, (n,)."""
-    missing = least > np.bincount(candidates.plan.disc[others], minlength=len(least))
-    allowed = missing[candidates.plan.disc] if missing.any() else np.ones(len(candidates.plan), dtype=bool)
-    allowed[others] = False
-    return np.asarray(allowed)
 
 
 def _entries(blocks: Floats) -> tuple[Floats, Floats, Floats]:
@@ -462,7 +445,8 @@ def improve(
                 values = variance_with_each(candidates, others, checked, smooth=smooth)
                 values[chosen] = np.inf
                 if least is not None:
-                    values[~may_be_added(candidates, others, least)] = np.inf
+                    missing = least > np.bincount(candidates.plan.disc[others], minlength=len(least))
+                    values[missing.any() & ~missing[candidates.plan.disc]] = np.inf  # each disc keeps its touches
                 found = int(np.argmin(values))
                 if values[found] < best * (1 - least_gain):
                     trial = [*others[:place], found, *others[place:]]

@@ -129,20 +129,18 @@ class Space:
     @cached_property
     def edges(self) -> Edges:
         """Discs, then the edges of outlines and obstacles."""
-        discs = [(k, disc) for k, disc in enumerate(self.cell.discs) if isinstance(disc, Disc)]
-        centers = np.array([(disc.x, disc.y) for _, disc in discs]).reshape(-1, 2)
-        pairs = [(k, outline, np.roll(outline, -1, axis=0)) for k, outline in self._outlines]
+        discs, outlines, tip = [], [], self.cell.tip_radius or 0.0
         for k, disc in enumerate(self.cell.discs):
-            if not disc.is_closed and isinstance(disc, Outline):
-                pairs.append((k, np.array(disc.corners[:-1]), np.array(disc.corners[1:])))
-        owner = np.repeat([k for k, _, _ in pairs], [len(begin) for _, begin, _ in pairs]).astype(np.intp)
-        tip = self.cell.tip_radius or 0.0
-        return Edges(
-            np.concatenate([centers, *(begin for _, begin, _ in pairs)]),
-            np.concatenate([centers, *(end for _, _, end in pairs)]),
-            np.concatenate([[disc.radius for _, disc in discs], np.full(len(owner), tip)]),
-            np.concatenate([np.array([k for k, _ in discs], dtype=np.intp), owner]),
-        )
+            if isinstance(disc, Disc):
+                center = np.array([[disc.x, disc.y]])
+                discs.append((k, center, center, disc.radius))
+            elif not disc.is_closed:
+                outlines.append((k, np.array(disc.corners[:-1]), np.array(disc.corners[1:]), tip))
+        closed = [(k, outline, np.roll(outline, -1, axis=0), tip) for k, outline in self._outlines]
+        owner, begin, end, radius = zip(*discs, *closed, *outlines, strict=True)
+        number = [len(each) for each in begin]
+        every = np.concatenate(begin), np.concatenate(end), np.repeat(radius, number)
+        return Edges(*every, np.repeat(owner, number).astype(np.intp))
 
     @cached_property
     def _base(self) -> Edges:
@@ -200,7 +198,7 @@ class Space:
             raised: whether the tip is over all objects.
             but: numbers of the discs that may be touched, (n,); None for none.
         """
-        base = np.array([self.parameters.x0, self.parameters.y0])
+        base = self._base.begin
         clear = (self._base.distance(a, b) >= 0).all(axis=1)
         clear &= np.maximum(np.hypot(*(a - base).T), np.hypot(*(b - base).T)) <= self.reach
         if raised:

@@ -70,10 +70,6 @@ gain hardly more than even ones; from a hundredth to a tenth as many effects are
 """
 PRELOAD = 0.3
 """Part of the force by which preloaded touches go beyond it."""
-_UNDECIDED = 0.9
-"""Variance of what is suspected that touches leave, over that before them, above which they decide nothing; in
-simulated cells a dozen touches left 0.5 to 0.8 of it.
-"""
 _SLIPS = 0.2
 """Part of a radius by which a press may drag the tip aside, beyond the end of an edge."""
 
@@ -413,7 +409,8 @@ class Planner:
         if len(self._in_doubt):
             candidates = candidates.counting(self._in_doubt, 1.0)
         more = _best(candidates, number - len(there))
-        if not there and largest_variance(candidates, more) > _UNDECIDED:
+        # 0.9: of the variance of what is suspected, in simulated cells a dozen touches left 0.5 to 0.8
+        if not there and largest_variance(candidates, more) > 0.9:
             why = left[0] if left else 'more touches hardly sharpen what is suspected'
             raise UnsupportedDataError(f'no touch that decides can be reached: {why}', 'change the cell')
         reasons += self._reasons(candidates, more, self._in_doubt)

@@ -48,7 +48,6 @@ from scara_kinetostatic.planning.prediction import (
     Robot,
     Tip,
     TipStd,
-    free_tip,
     loaded_tip,
     make_workspace,
     predict,
@@ -109,16 +108,16 @@ class Curve(NamedTuple):
     """Largest standard deviation of the tip by the number of touches, (k,), m.
 
     Attributes:
-        number: of touches.
+        touches: their number.
         chosen: the best set found.
-        even: touches evenly distributed.
-        bound: lower bound for any set.
+        evenly_distributed: touches evenly distributed.
+        lower_bound: for any set.
     """
 
-    number: Indices
+    touches: Indices
     chosen: Floats
-    even: Floats
-    bound: Floats
+    evenly_distributed: Floats
+    lower_bound: Floats
 
 
 class DiscMap(NamedTuple):
@@ -237,7 +236,7 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     q, report, in_base, plate = requirements or Requirements(), report or (lambda *_: None), robot, robot.common_plate
     robot = robot.on_plate() if plate else robot
     workspace = make_workspace(robot)
-    task = _Task(robot, q, free_tip(robot, workspace), loaded_tip(robot, workspace, q.load))
+    task = _Task(robot, q, loaded_tip(robot, workspace), loaded_tip(robot, workspace, q.load))
     report('candidate touches', 0.0)
     every = candidate_plan(robot, q.levels, q.postures, q.per_disc)
     very_many = predict(robot, every, MOST_TOUCHES)
@@ -282,7 +281,7 @@ def _coarse_tip(task: _Task) -> Tip:
     robot, q = task.robot, task.requirements
     if q.under_load:
         return loaded_tip(robot, make_workspace(robot, 3, 12), q.load, 4)
-    return free_tip(robot, make_workspace(robot, 3))
+    return loaded_tip(robot, make_workspace(robot, 3))
 
 
 def _out_of_reach(task: _Task, accuracy: float, very_many: Prediction) -> UnsupportedDataError:

@@ -336,20 +336,16 @@ def make_workspace(robot: Robot, radii: int = 8, angles: int = 36) -> Workspace:
     return Workspace(grid[radius, turn], np.array(POSTURES)[side], area, mask, distance, angle)
 
 
-def free_tip(robot: Robot, workspace: Workspace) -> Tip:
-    """The free tip: T = ∂H/∂L̄, or, where gravity loads the joints, that of the tip under it."""
-    return loaded_tip(robot, workspace, 0.0, 1)
-
-
-def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int = 8) -> Tip:
-    """The loaded tip: T = dS/dL̄ at given Q and F.
+def loaded_tip(robot: Robot, workspace: Workspace, load: float = 0.0, directions: int = 8) -> Tip:
+    """The tip under a load: T = dS/dL̄ at given Q and F; without one T = ∂H/∂L̄, or that of the tip under gravity.
 
     Args:
         robot: the robot.
         workspace: where.
-        load: magnitude of the force on the object, N.
+        load: magnitude of the force on the object, N; 0 for the free tip.
         directions: of the load, evenly around.
     """
+    directions = directions if load else 1
     angle = 2 * np.pi * np.arange(directions) / directions
     force = load * np.tile(np.stack([np.cos(angle), np.sin(angle)], axis=-1), (len(workspace.places), 1))
     places, sides = np.repeat(workspace.places, directions, axis=0), np.repeat(workspace.posture, directions)

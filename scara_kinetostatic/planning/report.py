@@ -19,20 +19,8 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES
 from scara_kinetostatic.planning.candidates import MOST_TOUCHES
 from scara_kinetostatic.planning.optimal_design import Design, Row
-from scara_kinetostatic.planning.prediction import free_tip, loaded_tip, make_workspace, tip_std
-from scara_kinetostatic.report import (
-    NOT_DETERMINED,
-    Block,
-    Figure,
-    Legend,
-    Note,
-    Report,
-    Section,
-    Table,
-    Verdict,
-    as_page,
-    json_text,
-)
+from scara_kinetostatic.planning.prediction import loaded_tip, make_workspace, tip_std
+from scara_kinetostatic.report import NOT_DETERMINED, Block, Figure, Legend, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report import figure as draw
 from scara_kinetostatic.report.figure import COLOURS, FAINT, INK, MICRO, PAPER, SERIES, WARN, in_mm, mark
 from scara_kinetostatic.report.quantities import SCALES, count, micrometres
@@ -47,18 +35,18 @@ def number_picture(design: Design) -> Markup:
     figure, (axes,) = draw.new_figure(WIDTH, 360)
     c, target = design.curve, MICRO * design.accuracy
     curves = (
-        ('evenly distributed', c.even, {'color': SERIES[1], 'ls': (0, (5, 2.5))}),
+        ('evenly distributed', c.evenly_distributed, {'color': SERIES[1], 'ls': (0, (5, 2.5))}),
         ('best set found', c.chosen, {'color': SERIES[0], 'marker': 'o'}),
-        ('lower bound', c.bound, {'color': INK, 'ls': (0, (1, 2))}),
+        ('lower bound', c.lower_bound, {'color': INK, 'ls': (0, (1, 2))}),
     )
     for label, values, look in curves:
-        axes.plot(c.number, MICRO * values, label=label, lw=1.4, **look)
+        axes.plot(c.touches, MICRO * values, label=label, lw=1.4, **look)
     axes.axhline(target, color=WARN, lw=1.0, label='required')
     best = (len(design.plan), MICRO * design.tip_std.largest)
     axes.plot(*best, 'o', ms=11, mfc='none', mec=WARN, mew=1.6)
     axes.annotate('recommended', best, (9, 7), textcoords='offset points', color=WARN)
     axes.set(xscale='log', yscale='log', xlabel='touches', ylabel='largest std of the tip  [µm]')
-    for axis, ticks in ((axes.xaxis, c.number.tolist()), (axes.yaxis, _TICKS)):
+    for axis, ticks in ((axes.xaxis, c.touches.tolist()), (axes.yaxis, _TICKS)):
         axis.set_major_locator(FixedLocator(list(ticks)))
         axis.set_minor_locator(NullLocator())
         axis.set_major_formatter(lambda value, _: f'{value:g}')
@@ -74,7 +62,7 @@ def tip_picture(design: Design) -> Markup:
     figure, axes = draw.new_figure(WIDTH, 430, columns=2, sharey=True)
     robot, q = design.robot, design.requirements
     workspace = make_workspace(robot, radii=24, angles=120)
-    tip = loaded_tip(robot, workspace, q.load) if q.under_load else free_tip(robot, workspace)
+    tip = loaded_tip(robot, workspace, q.load if q.under_load else 0.0)
     places = MICRO * tip_std(tip, design.row.prediction).places
     low, high = float(places.min()), float(places.max())
     every = np.full(workspace.mask.shape, np.nan)
@@ -170,12 +158,7 @@ def design_document(design: Design) -> dict[str, Any]:
         },
         'declared_uncertainties': _declared(design),
         'recommended': _recommended(design),
-        'by_number': {
-            'touches': design.curve.number,
-            'chosen': design.curve.chosen,
-            'evenly_distributed': design.curve.even,
-            'lower_bound': design.curve.bound,
-        },
+        'by_number': design.curve,
         'tables': {name: [_row(row) for row in rows] for name, rows in design.tables.items()},
         'additional_disc': {
             'radius': additional.radius,
@@ -240,12 +223,6 @@ def requirement(design: Design) -> str:
     load = f'under {design.requirements.load:g} N in any direction' if design.requirements.under_load else 'free'
     frame = f', in the frame of plate {design.plate.name}' if design.plate else ''
     return f'standard deviation of the tip ({load}) at most {micrometres(design.accuracy)} µm over the workspace{frame}'
-
-
-def headline(design: Design) -> str:
-    """The result in one line."""
-    number = count(len(design.plan), 'touch', 'touches')
-    return f'{number} reach {micrometres(design.accuracy)} µm and check themselves'
 
 
 def noise_sentences(design: Design) -> list[str]:
@@ -362,12 +339,12 @@ def factor_tables(design: Design) -> list[Table]:
 
 def design_report(design: Design) -> Report:
     """The design for the terminal and for `design.html`."""
-    q = design.requirements
+    q, number = design.requirements, count(len(design.plan), 'touch', 'touches')
     what = (
         f'{q.number} touches evenly distributed over all candidates: standard deviation of the tip, largest and rms '
         f'over workspace and postures, free and under {q.load:g} N in any direction; {NOT_DETERMINED}: not determined.'
     )
-    number = Figure(partial(number_picture, design), 'Dotted: lower bound for every set.')
+    curve = Figure(partial(number_picture, design), 'Dotted: lower bound for every set.')
     place = Figure(
         partial(additional_disc_picture, design),
         'Largest standard deviation of the tip by the place of an additional disc; orange: the best place.',
@@ -375,7 +352,7 @@ def design_report(design: Design) -> Report:
     return Report(
         title='Optimal design of a calibration',
         answer=Verdict(
-            headline(design),
+            f'{number} reach {micrometres(design.accuracy)} µm and check themselves',
             'caution' if design.robot.assumed else 'good',
             (*noise_sentences(design), *set_sentences(design)),
         ),
@@ -383,7 +360,7 @@ def design_report(design: Design) -> Report:
         blocks=(
             Section('The recommended touches', _touches(design)),
             Section('The parameters', (parameter_table(design),)),
-            Section('Largest standard deviation of the tip by the number of touches', (number, number_table(design))),
+            Section('Largest standard deviation of the tip by the number of touches', (curve, number_table(design))),
             Section('What the accuracy depends on', (what, *factor_tables(design))),
             Section('Best place for one more disc', (disc_sentence(design), place)),
         ),
@@ -408,11 +385,6 @@ def _touches(design: Design) -> tuple[Block, ...]:
     )
 
 
-def design_files(design: Design) -> dict[str, str]:
-    """The text of each file of a design by its name: the plan, the numbers, the page."""
-    remarks = (*noise_sentences(design), *set_sentences(design))
-    return {
-        'plan.yaml': dump_plan(design.plan, design.robot.cell, remarks),
-        'design.json': json_text(design_document(design)),
-        'design.html': as_page(design_report(design)),
-    }
+def plan_text(design: Design) -> str:
+    """`plan.yaml`: the recommended touches, below what is to be known of them."""
+    return dump_plan(design.plan, design.robot.cell, (*noise_sentences(design), *set_sentences(design)))

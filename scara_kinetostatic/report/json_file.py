@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-_WIDTH = 160
 Document = dict[str, Any]
 """Values by key: whatever `plain` takes."""
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
@@ -64,7 +63,7 @@ def utc(time: datetime) -> str:
 def _text(value: Any, indent: str) -> str:
     """On one line: what fits there, and every list of numbers."""
     flat = _ENCODER.encode(value)
-    if not isinstance(value, (dict, list)) or not value or (indent and len(indent) + len(flat) <= _WIDTH):
+    if not isinstance(value, (dict, list)) or not value or (indent and len(indent) + len(flat) <= 160):
         return flat
     if isinstance(value, list) and all(isinstance(item, (int, float)) for item in value):
         return flat

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,16 +40,8 @@ _LINK, _THIN, _DOT = 0.012, 0.003, 0.008
 """Widths of links and lines, diameter of a dot, m."""
 _HEIGHT, _LETTERS = 0.02, 0.018
 """Height of an object and of a text, m."""
-
-
-class Shape(Enum):
-    """What a primitive is."""
-
-    STRIP = 'strip'
-    CYLINDER = 'cylinder'
-    ARROW = 'arrow'
-    DOT = 'dot'
-    TEXT = 'text'
+Shape = Literal['strip', 'cylinder', 'arrow', 'dot', 'text']
+"""What a primitive is."""
 
 
 @dataclass(frozen=True)
@@ -132,9 +123,9 @@ def object_markers(discs: Sequence[Disc | Outline]) -> list[Primitive]:
     for number, disc in enumerate(discs):
         colour = (*OBJECTS[number % len(OBJECTS)], 0.35)
         at = places([[disc.x, disc.y]], -_HEIGHT / 2)
-        body = Primitive('objects', Shape.CYLINDER, at, colour, 2 * disc.radius, _HEIGHT)
+        body = Primitive('objects', 'cylinder', at, colour, 2 * disc.radius, _HEIGHT)
         if isinstance(disc, Outline):
-            body = Primitive('objects', Shape.STRIP, places(disc.shape()), (*colour[:3], 1.0), 2 * _THIN)
+            body = Primitive('objects', 'strip', places(disc.shape()), (*colour[:3], 1.0), 2 * _THIN)
         made += [body, label('objects', (disc.x, disc.y - disc.radius / 2), disc.name, TEXT)]
     return made
 
@@ -144,8 +135,8 @@ def arm_markers(group: str, parameters: Parameters, joints: ArrayLike, colour: C
     base = np.array([parameters.x0, parameters.y0])
     link1, link2 = link_vectors(parameters, joints)
     corners = places([base, base + link1, base + link1 + link2])
-    dots = [Primitive(group, Shape.DOT, (corner,), colour, 1.8 * _LINK) for corner in corners[:2]]
-    return [Primitive(group, Shape.STRIP, corners, colour, _LINK), *dots]
+    dots = [Primitive(group, 'dot', (corner,), colour, 1.8 * _LINK) for corner in corners[:2]]
+    return [Primitive(group, 'strip', corners, colour, _LINK), *dots]
 
 
 def touch_markers(
@@ -158,10 +149,10 @@ def touch_markers(
         tip = forward(parameters, touch.joints)
         colour = (*OBJECTS[numbers.get(touch.object, 0) % len(OBJECTS)], 1.0) if touch.accepted else UNUSED
         group = 'touches' if touch.accepted else 'rejected'
-        made.append(Primitive(group, Shape.DOT, places([tip]), colour, _DOT if touch.accepted else 1.5 * _DOT))
+        made.append(Primitive(group, 'dot', places([tip]), colour, _DOT if touch.accepted else 1.5 * _DOT))
         if touch.accepted:
             tail = tip - scales.force * np.asarray(touch.force)
-            made.append(Primitive('forces', Shape.ARROW, places([tail, tip]), colour, _THIN))
+            made.append(Primitive('forces', 'arrow', places([tail, tip]), colour, _THIN))
     return made
 
 
@@ -176,8 +167,8 @@ def next_markers(contact: tuple[float, float], normal: float, text: str) -> list
     x, y = contact
     far = x + 4 * _LETTERS * float(np.cos(normal)), y + 4 * _LETTERS * float(np.sin(normal))
     return [
-        Primitive('next', Shape.ARROW, places([far, contact], _HEIGHT), NEXT, 2 * _THIN),
-        Primitive('next', Shape.DOT, places([contact], _HEIGHT), NEXT, 1.5 * _DOT),
+        Primitive('next', 'arrow', places([far, contact], _HEIGHT), NEXT, 2 * _THIN),
+        Primitive('next', 'dot', places([contact], _HEIGHT), NEXT, 1.5 * _DOT),
         label('next', far, text, NEXT),
     ]
 
@@ -197,7 +188,7 @@ def result_markers(document: Mapping[str, Any], discs: Sequence[Disc | Outline],
         if touch['used']:
             tip = forward(parameters, touch['joints'])
             ends = places([tip, tip + scales.residual * np.asarray(touch['residual'])])
-            made.append(Primitive('residuals', Shape.STRIP, ends, RESIDUAL, _THIN))
+            made.append(Primitive('residuals', 'strip', ends, RESIDUAL, _THIN))
     by_name = {disc.name: disc for disc in discs}
     for effect in found:
         if effect['target'] in by_name:
@@ -223,7 +214,7 @@ def uncertainty_markers(document: Mapping[str, Any], joints: ArrayLike, scales: 
     text = f'tip ±{quantity(float(lengths[-1]), "m")} (k = 2), × {scales.uncertainty:g}'
     below = (float(tip[0]), float(outline[:, 1].min()) - _LETTERS)
     return [
-        Primitive('uncertainty', Shape.STRIP, places(outline), CALIBRATED_COLOUR, _THIN),
+        Primitive('uncertainty', 'strip', places(outline), CALIBRATED_COLOUR, _THIN),
         label('uncertainty', below, text, CALIBRATED_COLOUR),
     ]
 
@@ -244,16 +235,16 @@ def _displaced(disc: Disc | Outline, found: Mapping[str, Any], magnification: fl
         really = disc.moved((x, y), float(np.clip(angle, -1.0, 1.0)))
         line = boundary(surfaces_of([really], float(np.clip(offset, -disc.radius / 4, disc.radius / 4))))
         line = line if disc.is_open else np.concatenate([line, line[:1]])
-        return [Primitive('found', Shape.STRIP, places(line, _HEIGHT), FOUND, _THIN)]
+        return [Primitive('found', 'strip', places(line, _HEIGHT), FOUND, _THIN)]
     x, y, more = values
     centre, shift, flat = np.array([disc.x, disc.y]), np.array([x, y]), 0.002
     moved = centre + magnification * shift
     outline = moved + max(0.0, disc.radius + magnification * more) * _circle()
     at = places([centre + shift], flat)
-    arrow = Primitive('found', Shape.ARROW, places([centre, moved], _HEIGHT), FOUND, 2 * _THIN)
+    arrow = Primitive('found', 'arrow', places([centre, moved], _HEIGHT), FOUND, 2 * _THIN)
     return [
-        Primitive('found', Shape.CYLINDER, at, (*FOUND[:3], 0.25), 2 * (disc.radius + more), flat),
-        Primitive('found', Shape.STRIP, places(outline, _HEIGHT), FOUND, _THIN),
+        Primitive('found', 'cylinder', at, (*FOUND[:3], 0.25), 2 * (disc.radius + more), flat),
+        Primitive('found', 'strip', places(outline, _HEIGHT), FOUND, _THIN),
         *([arrow] if shift.any() else []),
     ]
 
@@ -280,7 +271,7 @@ def _summary(
 
 def label(group: str, place: tuple[float, float], text: str, colour: Colour) -> Primitive:
     """A text at a place."""
-    return Primitive(group, Shape.TEXT, places([place], _HEIGHT), colour, _LETTERS, text=text)
+    return Primitive(group, 'text', places([place], _HEIGHT), colour, _LETTERS, text=text)
 
 
 def _circle() -> Floats:

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from scara_kinetostatic.model.parameters import MOMENTS, NAMES, UNITS
-from scara_kinetostatic.report.table import NOT_DETERMINED
+
+NOT_DETERMINED = '–'
+"""Stands where a quantity is not determined."""
 
 
 class Scale(NamedTuple):
@@ -37,13 +39,12 @@ class Shown(NamedTuple):
         return ' '.join(part for part in (self.value, f'± {self.std}' if self.std else '', self.unit) if part)
 
 
-_PREFIXED = ('m', 'rad', 'N', 'Nm', 's')
 _PREFIXES = (('', 1.0), ('m', 1e3), ('µ', 1e6), ('n', 1e9), ('p', 1e12))
 
 
 def scale_of(size: float, unit: str) -> Scale:
     """The prefix that fits a quantity of this size, SI; a pure number below 1e-3 is in millionths."""
-    if unit.partition('/')[0] in _PREFIXED and size > 0:
+    if unit.partition('/')[0] in ('m', 'rad', 'N', 'Nm', 's') and size > 0:
         prefix, factor = next(((p, f) for p, f in _PREFIXES if size * f >= 1.0), _PREFIXES[-1])
         return Scale(prefix + unit, factor)
     if unit.partition('/')[0] == '1' and 0 < size < 1e-3:

@@ -17,7 +17,6 @@ from scara_kinetostatic.files.calibration_file import SCHEMA, cell_entry, model_
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.report.json_file import Document, plain
-from scara_kinetostatic.results.messages import base_rank
 
 NAME = 'calibration.json'
 
@@ -75,14 +74,13 @@ def _budget(outcome: Outcome) -> list[Document]:
 
 
 def _tip_uncertainty(outcome: Outcome) -> Document:
-    tip, cell, pose = outcome.tip_uncertainty, outcome.final.cell, None
-    if tip.at is not None:
-        pose = {'elbow': 'left' if tip.at.posture > 0 else 'right', 'joints': tip.at.joints, 'force': tip.at.force}
-        pose['direction'] = tip.at.direction
+    tip, cell, at = outcome.tip_uncertainty, outcome.final.cell, outcome.tip_uncertainty.at
+    elbow = 'left' if at and at.posture > 0 else 'right'
+    pose = at and {'elbow': elbow, 'joints': at.joints, 'force': at.force, 'direction': at.direction}
     return {
         'median': tip.median,
         'worst': tip.worst,
-        'at': None if tip.at is None else tip.at.tip,
+        'at': at and at.tip,
         'region': cell.region.title,
         'coverage_factor': COVERAGE_FACTOR,
         'tolerance': cell.tolerance,
@@ -96,14 +94,14 @@ def _errors(outcome: Outcome) -> Document:
     """Errors of the base model and of the extended model on the same touches."""
     compared, folds = outcome.comparison, outcome.extended_held_out.folds
     base, extended = compared.base, compared.extended
-    of_both = {
-        key: {'calibrated': getattr(base, key), 'extended': getattr(extended, key)}
-        for key in ('force_error', 'held_out', 'reduced_chi_square')
-    }
+
+    def of_both(key: str) -> Document:
+        return {'calibrated': getattr(base, key), 'extended': getattr(extended, key)}
+
     return {
-        'force_error': {'nominal': compared.nominal, **of_both['force_error']},
-        'held_out_force_error': {**of_both['held_out'], 'folds': folds},
-        'reduced_chi_square': of_both['reduced_chi_square'],
+        'force_error': {'nominal': compared.nominal, **of_both('force_error')},
+        'held_out_force_error': {**of_both('held_out'), 'folds': folds},
+        'reduced_chi_square': of_both('reduced_chi_square'),
         'tip_error': {
             'nominal': compared.nominal_tip,
             'calibrated': base.tip.fitted,
@@ -161,7 +159,7 @@ def _identifiability(c: Calibration) -> Document:
     found, keys = c.identifiability, ('text', 'value', 'std', 'unit')
     own = [group for group in found.confounded if set(group) & set(c.parameters.names)]
     return {
-        'rank': base_rank(c),
+        'rank': c.base_rank,
         'condition': found.condition,
         'confounded': own,
         'confounded_effects': [group for group in found.confounded if group not in own],

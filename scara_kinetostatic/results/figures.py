@@ -1,31 +1,38 @@
-"""Figures of the report: the cell, the residuals, what the touches show of an effect."""
+"""Figures of the report: the cell, the residuals, what the touches show of an effect; maps of the tip.
+
+The maps show the deviation of the tip nominal → calibrated, and its uncertainty. One is drawn for each elbow posture
+that was touched, over the grid of the uncertainty of the tip. Where the joint angles of a place are outside the convex
+hull of those of the touches, the model is extrapolated: the map is faded.
+
+The deviation is that of a controller with the nominal parameters: it commands the angles Q that bring the nominal
+robot without load to a place; the map shows H̄(L̄, Q, F) less H̄(L̄n, Q, F).
+"""
 
 from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.patches import Circle
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure as Canvas
+from matplotlib.patches import Circle, Wedge
 from matplotlib.ticker import MaxNLocator
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, NEARLY_STRETCHED, UncertaintyMap
 from scara_kinetostatic.diagnosis.comparison import EffectResidual
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.report.figure import (
-    FAINT,
-    INK,
-    LINE,
-    PAPER,
-    WARN,
-    Margins,
-    as_svg,
-    draw_object,
-    in_mm,
-    mark,
-    new_figure,
-)
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import forward, inverse
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
+from scara_kinetostatic.report import Figure, Figures, Legend
+from scara_kinetostatic.report import figure as draw
+from scara_kinetostatic.report.quantities import micrometres
 
 _WIDTH = 920.0
 _LONGEST_ARROW = 0.14
@@ -44,17 +51,17 @@ def cell_picture(c: Calibration) -> Markup:
     margin = _LONGEST_ARROW * arm * 1.05
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     height = _WIDTH * float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.3, 1.0))
-    figure, (axes,) = new_figure(_WIDTH, height, margins=Margins())
+    figure, (axes,) = draw.new_figure(_WIDTH, height, margins=draw.Margins())
     for number, disc in enumerate(c.cell.discs):
-        draw_object(axes, disc, mark(number).colour, filled=True)
-        text = axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK)
+        draw.draw_object(axes, disc, draw.mark(number).colour, filled=True)
+        text = axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=draw.INK)
         text.set_parse_math(False)
     _draw_arms(axes, c, tip, elbow, base, arm)
     _draw_touches(axes, c, tip, arm)
     axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal')
-    in_mm(axes)
+    draw.in_mm(axes)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    return as_svg(figure, 'cell', 'the cell from above with its discs, the arm and the touches')
+    return draw.as_svg(figure, 'cell', 'the cell from above with its discs, the arm and the touches')
 
 
 def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float) -> None:
@@ -62,18 +69,18 @@ def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Flo
     touched = np.unique(c.touches.disc)
     farthest = touched[np.argmax(np.linalg.norm(c.cell.centers[touched] - base, axis=1))]
     lines = np.stack([np.broadcast_to(base, tip.shape), elbow, tip], axis=1)
-    axes.add_collection(LineCollection(list(lines), colors=FAINT, linewidths=0.6, alpha=0.16))
+    axes.add_collection(LineCollection(list(lines), colors=draw.FAINT, linewidths=0.6, alpha=0.16))
     for posture, dashes in ((1, 'solid'), (-1, (0, (5, 2.5)))):
         members = np.flatnonzero((c.touches.posture == posture) & (c.touches.disc == farthest))
         if len(members):
             nearest = members[np.argmin(np.linalg.norm(tip[members] - base, axis=1))]
             x, y = lines[nearest].T
-            axes.plot(x, y, color=INK, lw=2.2, ls=dashes, solid_capstyle='round', dash_capstyle='round')
-            axes.plot(x[1], y[1], 'o', ms=6.5, mfc=PAPER, mec=INK, mew=1.4)
-    axes.add_patch(Circle((base[0], base[1]), 0.022 * arm, facecolor=PAPER, edgecolor=INK, lw=1.6, zorder=4))
-    axes.add_patch(Circle((base[0], base[1]), 0.006 * arm, facecolor=INK, lw=0, zorder=5))
-    axes.annotate('base', (base[0], base[1]), (11, -18), textcoords='offset points', color=FAINT)
-    axes.axhline(base[1], color=LINE, lw=0.7, zorder=0)
+            axes.plot(x, y, color=draw.INK, lw=2.2, ls=dashes, solid_capstyle='round', dash_capstyle='round')
+            axes.plot(x[1], y[1], 'o', ms=6.5, mfc=draw.PAPER, mec=draw.INK, mew=1.4)
+    axes.add_patch(Circle((base[0], base[1]), 0.022 * arm, facecolor=draw.PAPER, edgecolor=draw.INK, lw=1.6, zorder=4))
+    axes.add_patch(Circle((base[0], base[1]), 0.006 * arm, facecolor=draw.INK, lw=0, zorder=5))
+    axes.annotate('base', (base[0], base[1]), (11, -18), textcoords='offset points', color=draw.FAINT)
+    axes.axhline(base[1], color=draw.LINE, lw=0.7, zorder=0)
 
 
 def _draw_touches(axes: Axes, c: Calibration, tip: Floats, arm: float) -> None:
@@ -85,12 +92,22 @@ def _draw_touches(axes: Axes, c: Calibration, tip: Floats, arm: float) -> None:
     tail = head - _LONGEST_ARROW * arm * c.force / max(float(magnitude.max()), 1e-9)
     disc, posture = c.touches.disc[c.used], c.touches.posture[c.used]
     shafts = np.stack([tail, head], axis=1)[c.used]
-    colours = [mark(number).colour for number in disc.tolist()]
+    colours = [draw.mark(number).colour for number in disc.tolist()]
     axes.add_collection(LineCollection(list(shafts), colors=colours, linewidths=1.0, alpha=0.55))
     _draw_marks(axes, disc, posture, head[c.used], 4.6)
     for k in np.flatnonzero(~c.used):
-        axes.plot(*tip[k], 'X', ms=9, mfc=WARN, mec=PAPER, zorder=6)
-        axes.annotate(str(c.touches.index[k]), (tip[k, 0], tip[k, 1]), (7, -4), textcoords='offset points', color=WARN)
+        axes.plot(*tip[k], 'X', ms=9, mfc=draw.WARN, mec=draw.PAPER, zorder=6)
+        axes.annotate(
+            str(c.touches.index[k]), (tip[k, 0], tip[k, 1]), (7, -4), textcoords='offset points', color=draw.WARN
+        )
+
+
+def legend(c: Calibration) -> Legend:
+    """Sign, colour and name of each disc that was touched."""
+    looks = [(draw.mark(number), c.cell.discs[number].name) for number in sorted(set(c.touches.disc.tolist()))]
+    unused = () if c.used.all() else (('✖', draw.COLOURS[draw.WARN], 'not used'),)
+    discs = ((look.sign, draw.COLOURS[look.colour], name) for look, name in looks)
+    return Legend((*discs, ('', 'inherit', 'filled: posture left, hollow: right'), *unused))
 
 
 def residual_picture(c: Calibration) -> Markup:
@@ -100,34 +117,34 @@ def residual_picture(c: Calibration) -> Markup:
         ('along the force  [N]', (c.residual * along).sum(axis=1)),
         ('across it  [N]', c.residual[:, 1] * along[:, 0] - c.residual[:, 0] * along[:, 1]),
     )
-    figure, (first, second) = new_figure(_WIDTH, 380, rows=2, margins=Margins(), sharex=True)
+    figure, (first, second) = draw.new_figure(_WIDTH, 380, rows=2, margins=draw.Margins(), sharex=True)
     t, used = c.touches, c.used
     for axes, (label, values) in zip((first, second), parts, strict=True):
         largest = 1.25 * float(np.abs(values[used]).max(initial=1e-6))
-        axes.axhline(0, color=FAINT, lw=0.9)
+        axes.axhline(0, color=draw.FAINT, lw=0.9)
         places = np.stack([t.index, np.clip(values, -0.94 * largest, 0.94 * largest)], axis=-1)
         _draw_marks(axes, t.disc[used], t.posture[used], places[used], 5)
-        axes.plot(*places[~used].T, 'X', ls='none', ms=8, mfc=WARN, mec=PAPER)
+        axes.plot(*places[~used].T, 'X', ls='none', ms=8, mfc=draw.WARN, mec=draw.PAPER)
         axes.set(ylabel=label, ylim=(-largest, largest))
         axes.grid(visible=False, axis='x')
     second.set(xlabel='touch')
     second.margins(x=0.015)
     figure.align_ylabels()
-    return as_svg(figure, 'residuals', 'residual force of each touch along and across the force')
+    return draw.as_svg(figure, 'residuals', 'residual force of each touch along and across the force')
 
 
 def _draw_marks(axes: Axes, disc: Indices, posture: Indices, places: Floats, size: float) -> None:
     """Touches at places (n, 2) by disc (colour and shape) and posture (full: left, hollow: right)."""
     for number in np.unique(disc).tolist():
-        look = mark(number)
-        for side, fill in ((1, look.colour), (-1, PAPER)):
+        look = draw.mark(number)
+        for side, fill in ((1, look.colour), (-1, draw.PAPER)):
             x, y = places[(disc == number) & (posture == side)].T
             axes.plot(x, y, look.shape, ls='none', ms=size, mfc=fill, mec=look.colour, mew=1.1, zorder=3)
 
 
 def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = ('without it', 'with it')) -> Markup:
     """The deviation by an effect, estimated from each touch, without it in the model and with it, on the same axes."""
-    figure, axes = new_figure(_WIDTH, 340, columns=2, sharey=True, sharex=True)
+    figure, axes = draw.new_figure(_WIDTH, 340, columns=2, sharey=True, sharex=True)
     x = _side_by_side(found.x)
     kinds = len(x) > 0 and len(np.unique(found.x)) <= _FEW
     size = np.abs(np.concatenate([found.before, found.after, found.expected, [0.0] * (not len(found.x))]))
@@ -136,8 +153,8 @@ def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = (
     sides = ((found.before, found.std_before), (found.after, found.std_after))
     for one, (deviation, std), title in zip(axes, sides, titles, strict=True):
         values = np.clip(deviation, -0.97 * largest, 0.97 * largest)
-        one.axhline(0, color=FAINT, lw=0.9)
-        one.vlines(x, values - std, values + std, color=LINE, lw=1.0, zorder=1)
+        one.axhline(0, color=draw.FAINT, lw=0.9)
+        one.vlines(x, values - std, values + std, color=draw.LINE, lw=1.0, zorder=1)
         _draw_marks(one, found.disc, found.posture, np.stack([x, values], axis=-1), 4.4)
         one.set(title=title, xlabel=found.x_label, ylim=(-largest, largest))
         one.grid(visible=False, axis='x')
@@ -146,9 +163,9 @@ def effect_picture(found: EffectResidual, name: str, titles: tuple[str, str] = (
         else:
             one.xaxis.set_major_locator(MaxNLocator(7))
     if found.expected.any():  # an effect that only scatters leaves no pattern
-        axes[0].plot(x, found.expected, '_', ms=8, mew=1.6, color=INK, zorder=4)
+        axes[0].plot(x, found.expected, '_', ms=8, mew=1.6, color=draw.INK, zorder=4)
     axes[0].set(ylabel=found.y_label)
-    return as_svg(figure, name, 'deviation by the effect, estimated from each touch, without it and with it')
+    return draw.as_svg(figure, name, 'deviation by the effect, estimated from each touch, without it and with it')
 
 
 def _side_by_side(x: Floats) -> Floats:
@@ -163,3 +180,155 @@ def _side_by_side(x: Floats) -> Floats:
         # 0.3: how far aside, as a part of the distance between categories
         out[members] += apart * 0.3 * np.linspace(-1, 1, len(members) + 2)[1:-1]
     return np.asarray(out)
+
+
+_MILLI = 1e3
+_FADED = 'Faded: extrapolated, the joint angles are not between those of the touches. Blank: the arm cannot be there.'
+
+
+class Deviation(NamedTuple):
+    """Deviation of the tip, calibrated less nominal, over a map.
+
+    Attributes:
+        unloaded: without load, (m, k, 2), m.
+        loaded: largest length over all directions of the mean force, (m, k), m.
+        force: mean force of the touches, N.
+    """
+
+    unloaded: Floats
+    loaded: Floats
+    force: float
+
+
+def uncertainty_figures(outcome: Outcome) -> Figures | None:
+    """Maps of the expanded uncertainty of the tip; None where the data do not determine it."""
+    c, tip = outcome.final, outcome.tip_uncertainty
+    known = [each for each in tip.maps if np.isfinite(each.expanded).any()]
+    parts = [
+        f'Expanded uncertainty (k = {COVERAGE_FACTOR:g}) of the tip in the worst direction, without load or under the '
+        f'mean force of the touches in any direction, µm; median {micrometres(tip.median)} µm'
+    ]
+    if tip.at is not None:
+        parts[0] += f', largest {micrometres(tip.worst)} µm at {tip.at.title}'
+    if c.cell.tolerance is not None and tip.worst > c.cell.tolerance:
+        parts.append(f'Thick line: the tolerance, {micrometres(c.cell.tolerance)} µm')
+    if tip.undetermined > 0:
+        parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the {c.cell.region.title}')
+    parts.append(f'The play of the joints without load, up to {micrometres(tip.lost_motion)} µm, is not contained')
+    figures = tuple(Figure(partial(uncertainty_picture, c, each)) for each in known)
+    return Figures(figures, '. '.join([*parts, _FADED])) if figures else None
+
+
+def deviation_figures(outcome: Outcome) -> Figures | None:
+    """Maps of the deviation of the tip; None where the data do not determine it."""
+    c, tip = outcome.final, outcome.tip_uncertainty
+    if not np.isfinite(tip.worst):
+        return None
+    found = [deviation(c, each) for each in tip.maps]
+    longest = max(float(np.nanmax(np.linalg.norm(each.unloaded, axis=-1))) for each in found)
+    caption = (
+        'Where the tip is, less where the nominal parameters put it, at the same joint angles. Arrows: without load, '
+        f'the longest {_MILLI * longest:.3g} mm. Lines: largest deviation under {found[0].force:.3g} N, the mean force '
+        f'of the touches, in any direction, mm. {_FADED}'
+    )
+    pairs = zip(tip.maps, found, strict=True)
+    return Figures(tuple(Figure(partial(deviation_picture, c, places, each)) for places, each in pairs), caption)
+
+
+def deviation(c: Calibration, places: UncertaintyMap) -> Deviation:
+    """The deviation nominal → calibrated over a map."""
+    force = float(np.hypot(*c.force[c.used].T).mean())
+    tip = np.stack(np.meshgrid(places.x, places.y), axis=-1)
+    joints = inverse(c.cell.nominal, np.where(np.isfinite(places.expanded)[..., None], tip, np.nan), places.posture)
+    angles = 2 * np.pi * np.arange(12) / 12
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    lengths = [np.linalg.norm(_moved(c, joints, force * each), axis=-1) for each in directions]
+    return Deviation(_moved(c, joints, np.zeros(2)), np.max(lengths, axis=0), force)
+
+
+def _moved(c: Calibration, joints: Floats, force: Floats) -> Floats:
+    """Calibrated less nominal place of the tip, (m, k, 2), m; NaN where the arm does not reach."""
+    moved, known = np.full(joints.shape, np.nan), np.isfinite(joints).all(axis=-1)
+    each = np.broadcast_to(force, joints[known].shape)
+    models = (c.model, ExtendedModel(c.cell.nominal))
+    calibrated, nominal = (direct_kinetostatics(model, joints[known], each, c.cell.gripper)[0] for model in models)
+    moved[known] = calibrated - nominal
+    return moved
+
+
+def deviation_picture(c: Calibration, places: UncertaintyMap, found: Deviation) -> Markup:
+    """Lines of equal deviation under the mean force, and arrows of that without load."""
+    figure, axes = _draw_map(c, places, _MILLI * found.loaded, 'mm')
+    step = slice(1, None, 3)
+    u, v = np.moveaxis(found.unloaded[step, step] * _MILLI, -1, 0)
+    x, y = np.meshgrid(places.x[step] * _MILLI, places.y[step] * _MILLI)
+    largest = float(np.nanmax(np.hypot(u, v), initial=0.0))
+    if largest > 0:
+        per_mm = 2.7 * (places.x[1] - places.x[0]) * _MILLI / largest
+        look: dict[str, Any] = {'color': draw.INK, 'width': 0.0045, 'zorder': 4, 'clip_on': False}
+        axes.quiver(x, y, u, v, angles='xy', scale_units='xy', scale=1 / per_mm, **look)
+    name = _posture(places)
+    return draw.as_svg(figure, f'deviation_{name}', f'deviation of the tip, nominal to calibrated, posture {name}')
+
+
+def uncertainty_picture(c: Calibration, places: UncertaintyMap) -> Markup:
+    """Lines of equal expanded uncertainty of the tip; a thick one at the tolerance."""
+    figure, axes = _draw_map(c, places, 1e6 * places.expanded, 'µm')
+    tolerance = c.cell.tolerance
+    if tolerance is not None and np.nanmin(places.expanded) < tolerance < np.nanmax(places.expanded):
+        grid = (np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y))
+        axes.contour(*grid, _smooth(places.expanded), levels=[tolerance], colors=[draw.WARN], linewidths=2.2)
+    name = _posture(places)
+    return draw.as_svg(figure, f'uncertainty_{name}', f'uncertainty of the tip, posture {name}')
+
+
+def _posture(places: UncertaintyMap) -> str:
+    return 'left' if places.posture > 0 else 'right'
+
+
+def _smooth(values: Floats) -> Floats:
+    """A grid of values four times as fine, smoothed; what is not determined is filled from what is near."""
+    known = np.isfinite(values)
+    rows, columns = (np.exp(-0.35 * (np.linspace(0, n - 1, 4 * n)[:, None] - np.arange(n)) ** 2) for n in values.shape)
+    weight = rows @ known @ columns.T
+    return np.asarray(rows @ np.where(known, values, 0.0) @ columns.T / np.maximum(weight, 1e-300), dtype=float)
+
+
+def _draw_map(c: Calibration, places: UncertaintyMap, values: Floats, unit: str) -> tuple[Canvas, Axes]:
+    """Filled lines of equal value with labels, the discs and touches in mm, the extrapolated part faded."""
+    p, touches = c.parameters, c.touches.select(c.used)
+    grid = [np.linspace(line[0], line[-1], 4 * len(line)) * _MILLI for line in (places.x, places.y)]
+    base, reach = np.array([p.x0, p.y0]) * _MILLI, NEARLY_STRETCHED * (p.l1 + p.l2) * _MILLI
+    away = np.hypot(grid[0] - base[0], grid[1][:, None] - base[1])
+    fields = (places.x, places.y), (grid[0] / _MILLI, grid[1] / _MILLI)
+    coarse, fine = (c.cell.can_take(inverse(p, np.stack(np.meshgrid(*xy), axis=-1), places.posture)) for xy in fields)
+    lost = np.kron(np.isnan(values) & coarse, np.ones((4, 4))) > 0  # beyond the reach as well, which is clipped
+    shown = np.where((lost & (away < 0.9 * reach)) | ~fine, np.nan, _smooth(values))
+    ends = np.nanmin(shown), np.nanmax(shown)
+    height = 380.0 * np.ptp(places.y) / np.ptp(places.x) + 70.0
+    figure, (axes,) = draw.new_figure(450.0, height, margins=draw.Margins(left=60, bottom=44, top=26))
+    levels = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(*ends) if ends[1] > ends[0] else np.array([])
+    if len(levels) > 1:
+        fills = [to_rgba(draw.SERIES[0], 0.05 + 0.5 * k / len(levels)) for k in range(len(levels) + 1)]
+        axes.contourf(*grid, shown, levels=levels, colors=fills, extend='both')
+        lines = axes.contour(*grid, shown, levels=levels, colors=[draw.SERIES[0]], linewidths=0.8)
+        axes.clabel(lines, fontsize=10, colors=[draw.INK], inline=True, zorder=5, fmt=lambda value: f'{value:g}')
+    touched = _smooth(places.touched.astype(float))
+    axes.contourf(*grid, touched, levels=[-1.0, 0.5], colors=[to_rgba(draw.PAPER, 0.62)], zorder=2)
+    beyond = Wedge((base[0], base[1]), 4 * reach, 0, 360, width=3 * reach, color=draw.PAPER, zorder=2.5)
+    axes.add_patch(beyond)
+    tip = forward(p, touches.joints) * _MILLI
+    for number, disc in enumerate(c.cell.discs):
+        look, chosen = draw.mark(number), (touches.disc == number) & (touches.posture == places.posture)
+        centre = (disc.x * _MILLI, disc.y * _MILLI)
+        draw.draw_object(axes, disc, look.colour, scale=_MILLI, width=1.3, order=3)
+        name = axes.text(
+            *centre, disc.name, ha='center', va='center', fontsize=9.5, color=draw.INK, zorder=5, clip_on=True
+        )
+        name.set_parse_math(False)
+        axes.plot(*tip[chosen].T, look.shape, ls='none', ms=3.2, color=look.colour, mew=0, zorder=3)
+    axes.plot(p.x0 * _MILLI, p.y0 * _MILLI, 'o', ms=8, mfc=draw.PAPER, mec=draw.INK, mew=1.5, zorder=4)
+    axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', title=f'posture {_posture(places)}, lines in {unit}')
+    axes.set(xlim=(grid[0][0], grid[0][-1]), ylim=(grid[1][0], grid[1][-1]))
+    axes.grid(visible=False)
+    return figure, axes

@@ -5,31 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from scara_kinetostatic.assessment.criteria import rivals_in_words
+from scara_kinetostatic.assessment.criteria import advice, rivals_in_words
 from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.assessment.tolerance import advice
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.comparison import Comparison
-from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.linear_problem import SIGNIFICANCE
-from scara_kinetostatic.diagnosis.result import Diagnosis, Found
+from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.report import Level, Table, Verdict, sentence
-from scara_kinetostatic.report.quantities import SCALES, chance, decimals, micrometres, p_equals, shown, unsigned_zero
-
-NEVER_IDENTIFIABLE = (
-    'An error common to all radii, such as that of the radius of the tip: exactly equivalent to backlash of the '
-    'gripper, g_ee.',
-    'A displacement of all discs together: equivalent to x0 and y0. A rotation of all discs about the base: nearly '
-    'equivalent to theta1.',
-    'A gain error of the force sensor: equivalent to one factor on all compliances.',
-    'A gripper that is stiffer along link 2 than across it, or bending of link 2: to first order equivalent to other '
-    'values of p_ee and p2.',
-    'Friction in a transmission that is always approached from the same side: equivalent to backlash.',
-)
-"""Errors that touches of this kind cannot show, whatever their number, and the parameters they change."""
+from scara_kinetostatic.report.quantities import SCALES, micrometres, p_equals, shown, unsigned_zero
 
 
 def answer(a: Assessment, tolerance: float | None, checked: str = 'Determined and checked') -> Verdict:
@@ -108,7 +94,7 @@ def identifiability(outcome: Outcome) -> list[str]:
     c, found = outcome.final, outcome.final.identifiability
     free = sum(status != 'fixed' for status in c.status.values())
     known = sum(status == 'estimated' for status in c.status.values())
-    rank = base_rank(c)
+    rank = c.base_rank
     more = f', {rank} independent combinations of all' if rank != known else ''
     lines = [f'{known} of {free} free parameters are determined{more} (condition number {found.condition:.3g}).']
     for group in found.confounded:
@@ -141,39 +127,23 @@ def tip_sentences(outcome: Outcome) -> list[str]:
     return [*found, f'What would help most: {help_most}.'] if help_most else found
 
 
-NOTABLE = 2.0
-"""A bias of so many standard deviations is drawn in the warning colour."""
-_STATUS = {'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined by these data'}
-_LISTED = 8
-"""So many dependences are listed."""
-
-
 def parameter_table(c: Calibration) -> Table:
     """The parameters of the base model with what they are, or why they have no value.
 
     A value has the digits that its uncertainty allows; one that the data do not determine is in brackets.
     """
-    nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
-    rows = []
+    nominal, values, rows = c.cell.nominal.as_dict(), c.parameters.as_dict(), []
+    why = {'fixed': 'fixed', 'confounded': 'not determined by these data'}
     for name in c.parameters.names:
         (unit, per_si), status = SCALES[name], c.status[name]
         found = shown(values[name], c.std_of(name), unit, {unit: SCALES[name]})
         text = f'({found.value})' if status == 'confounded' else unsigned_zero(f'{values[name] * per_si:.6g}')
         text = f'{found.value} ± {found.std}' if found.std else text
         start = unsigned_zero(f'{nominal[name] * per_si:.6g}')
-        rows.append((name, start, text, unit, _STATUS[status] or DESCRIPTIONS[name]))
+        rows.append((name, start, text, unit, why.get(status, DESCRIPTIONS[name])))
     levels = {'estimated': '', 'fixed': 'faint', 'confounded': 'caution'}
     heading = ('', 'nominal', 'estimate ± 1 σ', '', '')
     return Table(heading, ('',) * 5, tuple(rows), levels=tuple(levels[c.status[name]] for name in c.parameters.names))
-
-
-def base_rank(c: Calibration) -> int:
-    """How many parameters of the base model, or of their combinations, the data determine.
-
-    Each confounded group is one unidentifiable direction; groups of effects' parameters alone do not count.
-    """
-    free = sum(status != 'fixed' for status in c.status.values())
-    return free - sum(bool(set(group) & set(c.parameters.names)) for group in c.identifiability.confounded)
 
 
 def effect_tables(found: Sequence[Found]) -> list[Table]:
@@ -226,59 +196,3 @@ def error_table(compared: Comparison) -> Table:
     rows.append(('expected from noise', '', '', micrometres(compared.extended.tip.noise), '', '1'))
     heading = ('', 'force error', 'held out', 'tip error', 'held out', 'reduced chi-square')
     return Table(heading, ('', 'N', 'N', 'µm', 'µm', ''), tuple(rows))
-
-
-def bias_table(compared: Comparison) -> Table:
-    """Each parameter by the base and by the extended model, and their difference."""
-    rows, levels = [], []
-    for bias in compared.biases:
-        unit, per_si = SCALES[bias.name]
-        digits = decimals(bias.std * per_si)
-        places = 3 if digits is None else digits
-        base, extended, shift = (
-            unsigned_zero(f'{value * per_si:.{places}f}') for value in (bias.base, bias.value, bias.shift)
-        )
-        if bias.base_std > 0 and math.isfinite(bias.base_std):
-            base += f' ± {bias.base_std * per_si:.{places}f}'
-        if digits is not None:
-            extended += f' ± {bias.std * per_si:.{places}f}'
-        shift = '' if digits is None else shift
-        rows.append((bias.name, base, extended, unit, shift, _signed(bias.in_std)))
-        levels.append('bad' if bias.is_significant and abs(bias.in_std) > NOTABLE else '')
-    heading = ('parameter', 'base model ± 1 σ', 'extended ± 1 σ', 'unit', 'bias', 'bias [σ]')
-    return Table(heading, ('',) * 6, tuple(rows), levels=tuple(levels))
-
-
-def _signed(value: float) -> str:
-    if not math.isfinite(value):
-        return ''
-    return '0.0' if round(value, 1) == 0 else f'{value:+.1f}'
-
-
-def candidate_table(d: Diagnosis) -> Table | None:
-    """The identifiable candidates, of fitted curves only those that are not rejected; those found first, then by their
-    gain; None if there are none.
-    """
-    rows = []
-    for item in sorted(d.ranking, key=lambda item: (d.role_of(item) not in ('found', 'possible'), -item.gain)):
-        role, p_value = d.role_of(item), chance(item.p_value) if math.isfinite(item.p_value) else ''
-        if item.role != 'unidentifiable' and (item.effect.is_physical or role != 'rejected'):
-            rows.append((item.effect.title, _signed(item.gain), p_value, f'{100 * item.share:.0f} %', role))
-    levels = {'found': 'good', 'possible': 'good', 'rival': 'caution'}
-    heading, shown = ('effect', 'gain', 'p-value', 'share', ''), tuple(levels.get(row[-1], '') for row in rows)
-    return Table(heading, ('',) * 5, tuple(rows), levels=shown) if rows else None
-
-
-def dependence_table(found: Sequence[Dependence]) -> Table | None:
-    """What a residual depends on, the most significant first; None if on nothing."""
-    rows = [(each.name, chance(each.p_value), f'{100 * each.share:.0f} %') for each in found[:_LISTED]]
-    if len(found) > _LISTED:
-        rows.append((f'and {len(found) - _LISTED} more, in calibration.json', '', ''))
-    return Table(('the residual depends on', 'p-value', 'share'), ('',) * 3, tuple(rows)) if rows else None
-
-
-def unidentifiable_table(d: Diagnosis) -> Table | None:
-    """The physical effects that these touches cannot show at all; None if there are none."""
-    effects = [item.effect for item in d.ranking if item.role == 'unidentifiable' and item.effect.is_physical]
-    rows = tuple((effect.title, effect.confounded_with, effect.identified_by) for effect in effects)
-    return Table(('effect', 'confounded with', 'identified by'), ('',) * 3, rows) if rows else None

@@ -24,7 +24,6 @@ from scara_kinetostatic.files.yaml_file import dump_yaml, parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, MOMENTS, NAMES, UNITS
 from scara_kinetostatic.report.json_file import utc
-from scara_kinetostatic.results.messages import base_rank
 
 NAME = 'calibration.yaml'
 EFFECTS, EFFECTS_STD = 'effects', 'effects_std'
@@ -201,7 +200,7 @@ def facts(outcome: Outcome) -> dict[str, Value]:
         'effects': [item.effect.label for item in d.found if item.is_found],
         'possible_effects': [item.effect.label for item in d.found if item.in_every_model and item.is_possible],
         'rivals': [', '.join(group) for group in d.rivals],
-        'rank': base_rank(outcome.final),
+        'rank': outcome.final.base_rank,
         'confounded': [' '.join(group) for group in outcome.final.identifiability.confounded],
         'touches.found': outcome.found,
         'touches.used': outcome.final.used.sum(),

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from datetime import datetime, timezone
 from functools import partial
 
 import numpy as np
 
+from scara_kinetostatic.assessment.criteria import stated_conformity
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.assessment.tolerance import stated_conformity
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.report import Block, Fact, Facts, Figure, Items, Legend, Note, Report, Section, as_page, as_text
-from scara_kinetostatic.report.quantities import count, micrometres, p_equals
+from scara_kinetostatic.report import Block, Fact, Facts, Figure, Items, Note, Report, Section, Table, as_page, as_text
+from scara_kinetostatic.report.quantities import SCALES, chance, count, decimals, micrometres, p_equals, unsigned_zero
 from scara_kinetostatic.results import messages
 
 NAME = 'report.html'
@@ -151,13 +151,13 @@ def _uncertainty(outcome: Outcome) -> Fact:
 
 def _maps(outcome: Outcome) -> list[Section]:
     """Uncertainty and deviation of the tip, where the data determine them."""
-    from scara_kinetostatic.results import tip_maps
+    from scara_kinetostatic.results.figures import deviation_figures, uncertainty_figures
 
-    found = (
-        ('Uncertainty of the tip', tip_maps.uncertainty_figures(outcome)),
-        ('Deviation of the tip, nominal → calibrated', tip_maps.deviation_figures(outcome)),
-    )
-    return [Section(title, (figures,)) for title, figures in found if figures is not None]
+    found = {
+        'Uncertainty of the tip': uncertainty_figures(outcome),
+        'Deviation of the tip, nominal → calibrated': deviation_figures(outcome),
+    }
+    return [Section(title, (maps,)) for title, maps in found.items() if maps is not None]
 
 
 def _diagnosis(outcome: Outcome) -> Section:
@@ -229,42 +229,89 @@ def _errors(outcome: Outcome, extended: bool) -> Section:
     )
     blocks: list[Block] = [messages.error_table(outcome.comparison), note]
     if extended:
-        bias = Note('Bias: estimate of the base model less that of the extended model, σ that of the former.')
-        blocks += [messages.bias_table(outcome.comparison), bias]
+        rows, levels = [], []
+        for bias in outcome.comparison.biases:
+            unit, per_si = SCALES[bias.name]
+            digits = decimals(bias.std * per_si)
+            places = 3 if digits is None else digits
+            base, final, shift = (
+                unsigned_zero(f'{value * per_si:.{places}f}') for value in (bias.base, bias.value, bias.shift)
+            )
+            if bias.base_std > 0 and math.isfinite(bias.base_std):
+                base += f' ± {bias.base_std * per_si:.{places}f}'
+            if digits is not None:
+                final += f' ± {bias.std * per_si:.{places}f}'
+            shift = '' if digits is None else shift
+            rows.append((bias.name, base, final, unit, shift, _signed(bias.in_std)))
+            levels.append('bad' if bias.is_significant and abs(bias.in_std) > 2.0 else '')
+        heading = ('parameter', 'base model ± 1 σ', 'extended ± 1 σ', 'unit', 'bias', 'bias [σ]')
+        note = Note('Bias: estimate of the base model less that of the extended model, σ that of the former.')
+        blocks += [Table(heading, ('',) * 6, tuple(rows), levels=tuple(levels)), note]
     return Section('Errors of the models', tuple(blocks), folded=True)
 
 
 def _candidates(outcome: Outcome) -> Section | None:
-    """The identifiable candidates; of fitted curves only those that are not rejected."""
+    """The identifiable candidates, of fitted curves only those that are not rejected; those found first, then by their
+    gain.
+    """
     d = outcome.diagnosis
-    table = messages.candidate_table(d)
-    if d.verdict == 'none' or table is None:
+    rows = []
+    for item in sorted(d.ranking, key=lambda item: (d.role_of(item) not in ('found', 'possible'), -item.gain)):
+        role, p_value = d.role_of(item), chance(item.p_value) if math.isfinite(item.p_value) else ''
+        if item.role != 'unidentifiable' and (item.effect.is_physical or role != 'rejected'):
+            rows.append((item.effect.title, _signed(item.gain), p_value, f'{100 * item.share:.0f} %', role))
+    if d.verdict == 'none' or not rows:
         return None
+    levels = {'found': 'good', 'possible': 'good', 'rival': 'caution'}
+    heading, shown = ('effect', 'gain', 'p-value', 'share', ''), tuple(levels.get(row[-1], '') for row in rows)
     note = Note(
         'Each candidate is added to the base model alone. Gain: twice the logarithm of the odds against no effect, '
         'less the penalty for its parameters and for the length of the list. Share: part of the residual sum of '
         'squares that it explains. The decision is between sets of effects: a large effect raises the gain of similar '
         'ones, so that a rejected effect may have a high gain alone and none beside those found.'
     )
-    return Section('Candidate effects', (table, note), folded=True)
+    return Section('Candidate effects', (Table(heading, ('',) * 5, tuple(rows), levels=shown), note), folded=True)
 
 
 def _limits(outcome: Outcome, extended: bool) -> Section:
-    d = outcome.diagnosis
-    depends = messages.dependence_table(d.remaining if extended else d.dependences)
-    unidentifiable = messages.unidentifiable_table(d)
+    """What a residual depends on, the most significant first; the physical effects that these touches cannot show."""
+    d, most = outcome.diagnosis, 8
+    depends = d.remaining if extended else d.dependences
     blocks: list[Block] = []
-    if depends is not None:
-        blocks += [*(['Residual of the extended model:'] if extended else []), depends]
-    if unidentifiable is not None:
-        blocks += [f'Effects that these touches cannot identify: {len(unidentifiable.rows)}', unidentifiable]
+    if depends:
+        rows = [(each.name, chance(each.p_value), f'{100 * each.share:.0f} %') for each in depends[:most]]
+        if len(depends) > most:
+            rows.append((f'and {len(depends) - most} more, in calibration.json', '', ''))
+        table = Table(('the residual depends on', 'p-value', 'share'), ('',) * 3, tuple(rows))
+        blocks += [*(['Residual of the extended model:'] if extended else []), table]
+    effects = [item.effect for item in d.ranking if item.role == 'unidentifiable' and item.effect.is_physical]
+    if effects:
+        cells = tuple((effect.title, effect.confounded_with, effect.identified_by) for effect in effects)
+        table = Table(('effect', 'confounded with', 'identified by'), ('',) * 3, cells)
+        blocks += [f'Effects that these touches cannot identify: {len(effects)}', table]
     return Section('Limits of this diagnosis', tuple(blocks or ['None among the effects of the list.']), folded=True)
+
+
+def _signed(value: float) -> str:
+    if not math.isfinite(value):
+        return ''
+    return '0.0' if round(value, 1) == 0 else f'{value:+.1f}'
 
 
 def _noise(outcome: Outcome) -> Section:
     lines = [*messages.identifiability(outcome), f'Noise of one touch: {messages.noise(outcome)}.']
-    never = 'Errors that touches of this kind cannot show, whatever their number, and the parameters they change:'
-    blocks = (Items(tuple(lines)), Items(messages.NEVER_IDENTIFIABLE, never))
+    never = (
+        'An error common to all radii, such as that of the radius of the tip: exactly equivalent to backlash of the '
+        'gripper, g_ee.',
+        'A displacement of all discs together: equivalent to x0 and y0. A rotation of all discs about the base: nearly '
+        'equivalent to theta1.',
+        'A gain error of the force sensor: equivalent to one factor on all compliances.',
+        'A gripper that is stiffer along link 2 than across it, or bending of link 2: to first order equivalent to '
+        'other values of p_ee and p2.',
+        'Friction in a transmission that is always approached from the same side: equivalent to backlash.',
+    )
+    lead = 'Errors that touches of this kind cannot show, whatever their number, and the parameters they change:'
+    blocks = (Items(tuple(lines)), Items(never, lead))
     return Section('Identifiability and noise', blocks, folded=True)
 
 
@@ -284,18 +331,8 @@ def _pictures(outcome: Outcome) -> list[Section]:
         'Measured less predicted force. If model and noise are right, the residuals scatter about zero without a '
         'pattern. Points beyond the scale are drawn at its edge.',
     )
-    legend = _legend(c)
+    legend = figures.legend(c)
     return [Section('The cell', (legend, cell), folded=True), Section('Residuals', (legend, residuals), folded=True)]
-
-
-def _legend(c: Calibration) -> Legend:
-    """Sign, colour and name of each disc that was touched."""
-    from scara_kinetostatic.report.figure import COLOURS, WARN, mark
-
-    looks = [(mark(number), c.cell.discs[number].name) for number in sorted(set(c.touches.disc.tolist()))]
-    unused = () if c.used.all() else (('✖', COLOURS[WARN], 'not used'),)
-    discs = ((look.sign, COLOURS[look.colour], name) for look, name in looks)
-    return Legend((*discs, ('', 'inherit', 'filled: posture left, hollow: right'), *unused))
 
 
 def _touches(outcome: Outcome) -> Section:

@@ -23,9 +23,6 @@ from scara_kinetostatic.results import report as page
 RESIDUALS = 'residuals.csv'
 RESULTS = (parameter_file.NAME, calibration_json.NAME, page.NAME, RESIDUALS)
 """The files of a result."""
-_LARGEST_DOCUMENT = 1 << 28
-"""A document beyond this is not searched for its date, bytes."""
-_CREATED = re.compile(r'\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ')
 
 
 class WrittenFiles(NamedTuple):
@@ -133,10 +130,10 @@ def _date(folder: Path) -> str:
         OSError: a file cannot be read.
     """
     document = folder / calibration_json.NAME
-    if document.is_file() and document.stat().st_size < _LARGEST_DOCUMENT:
+    if document.is_file() and document.stat().st_size < 1 << 28:  # a larger one is not searched
         with suppress(AttributeError, ValueError, RecursionError):
             created = json.loads(document.read_text(encoding='utf-8')).get('created')
-            if isinstance(created, str) and _CREATED.fullmatch(created):
+            if isinstance(created, str) and re.fullmatch(r'\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ', created):
                 return created
     times = [(folder / name).stat().st_mtime for name in RESULTS if (folder / name).is_file()]
     return utc(datetime.fromtimestamp(max(times), timezone.utc))

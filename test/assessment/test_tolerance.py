@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
+from scara_kinetostatic.assessment.criteria import action_for
 from scara_kinetostatic.assessment.evidence import Conformity, Decision, conformity
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.assessment.tolerance import action
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import RIVALS
 from scara_kinetostatic.calibration.result import Calibration, Contribution
@@ -156,4 +156,4 @@ def test_the_text_has_contributions_in_micrometres_and_rotations_in_mrad(outcome
     ],
 )
 def test_actions_in_words(labels: tuple[str, ...], declared: float, wanted: float, unit: str, text: str) -> None:
-    assert action(Improvement(labels, declared, wanted, unit, 1e-5, 1e-5)) == text
+    assert action_for(Improvement(labels, declared, wanted, unit, 1e-5, 1e-5)) == text

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
-from scara_kinetostatic.report.markers import Primitive, Shape
+from scara_kinetostatic.report.markers import Primitive
 
 NAMES = ('joint1', 'joint2')
 STAMP = 1_700_000_000_123_456_789
@@ -114,8 +114,8 @@ def test_poses_and_markers_are_in_the_frame_of_the_robot(place: tuple[float, flo
         conversion.planar(type(at)(x=off[0], y=off[1], z=off[2]), PLANE, is_place=True)
     _, dot, line = conversion.marker_array(
         [
-            Primitive('a', Shape.DOT, ((*place[:2], 0.1),), (1.0, 0.0, 0.0, 1.0), 0.01),
-            Primitive('b', Shape.STRIP, ((*place[:2], 0.1), (0.0, 0.0, 0.1)), (1.0, 0.0, 0.0, 1.0), 0.01),
+            Primitive('a', 'dot', ((*place[:2], 0.1),), (1.0, 0.0, 0.0, 1.0), 0.01),
+            Primitive('b', 'strip', ((*place[:2], 0.1), (0.0, 0.0, 0.1)), (1.0, 0.0, 0.0, 1.0), 0.01),
         ],
         PLANE,
     ).markers

@@ -20,7 +20,6 @@ from scara_kinetostatic.planning.optimal_design import Requirements, optimal_des
 from scara_kinetostatic.planning.prediction import (
     Robot,
     exact_plan,
-    free_tip,
     loaded_tip,
     make_workspace,
     predict,
@@ -103,7 +102,7 @@ def test_very_small_uncertainties_change_nothing_and_trusted_values_stay():
 
 def test_all_discs_on_one_plate_are_judged_in_its_frame():
     robot = Robot.of(CELLS['plate'])
-    tip = free_tip(robot, make_workspace(robot))
+    tip = loaded_tip(robot, make_workspace(robot))
     assert robot.common_plate == CELLS['plate'].plates[0]
     assert tip_std(tip, predict(robot, PLAN)).largest > 1e-3
     assert tip_std(tip, predict(robot.on_plate(), PLAN)).largest < 2e-5
@@ -122,7 +121,7 @@ def test_one_level_confounds_the_gripper_and_leaves_the_free_tip():
     assert prediction.confounded == (('p_ee', 'g_ee'),)
     assert np.isnan(prediction.std[[NAMES.index('p_ee'), NAMES.index('g_ee')]]).all()
     assert np.isfinite(np.delete(prediction.std, [6, 9])).all()
-    assert tip_std(free_tip(ROBOT, workspace), prediction).largest < 1e-5
+    assert tip_std(loaded_tip(ROBOT, workspace), prediction).largest < 1e-5
     assert np.isfinite(tip_std(loaded_tip(ROBOT, workspace, 40.0), prediction).largest)
     assert np.isinf(tip_std(loaded_tip(ROBOT, workspace, 20.0), prediction).largest)
 
@@ -132,7 +131,7 @@ def test_one_disc_leaves_the_robot_free_to_turn_about_it():
     robot = Robot.of(cell)
     prediction = predict(robot, default_plan(cell))
     assert prediction.rank == 11
-    assert np.isinf(tip_std(free_tip(robot, make_workspace(robot)), prediction).largest)
+    assert np.isinf(tip_std(loaded_tip(robot, make_workspace(robot)), prediction).largest)
     with pytest.raises(UnsupportedDataError, match='second disc'):
         optimal_design(robot, Requirements(per_disc=12))
 
@@ -144,7 +143,7 @@ def test_derivative_of_the_tip(load):
     places, side, change = workspace.places, workspace.posture, 1e-7 * np.linspace(-1, 1, 12)
     moved = Parameters.from_array(PAPER_ACTUAL.as_array() + change)
     if load is None:
-        tip = free_tip(ROBOT, workspace).derivative[:, 0] @ change
+        tip = loaded_tip(ROBOT, workspace).derivative[:, 0] @ change
         expected = kinematics.forward(moved, kinematics.inverse(PAPER_ACTUAL, places, side)) - places
         np.testing.assert_allclose(tip, expected, atol=1e-12)
         return
@@ -190,7 +189,7 @@ def test_poses_of_workspace_and_tip_in_use_are_within_the_limits():
     assert len(workspace.places) == in_reach.sum()
     prediction = predict(robot, default_plan(CELL))
     for tip, every in (
-        (free_tip(robot, workspace), free_tip(ROBOT, everywhere)),
+        (loaded_tip(robot, workspace), loaded_tip(ROBOT, everywhere)),
         (tip_in_use(robot, 30.0), tip_in_use(ROBOT, 30.0)),
     ):
         assert len(tip.derivative) == len(tip.weight) < 0.5 * len(every.derivative)

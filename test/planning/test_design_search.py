@@ -28,7 +28,7 @@ from scara_kinetostatic.planning.candidates import (
     without_each,
 )
 from scara_kinetostatic.planning.optimal_design import Requirements, optimal_design
-from scara_kinetostatic.planning.prediction import Robot, exact_plan, free_tip, make_workspace, predict, tip_std
+from scara_kinetostatic.planning.prediction import Robot, exact_plan, loaded_tip, make_workspace, predict, tip_std
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 NOISE = Noise(joint=1e-5, force=0.3)
@@ -39,7 +39,7 @@ EASY = Requirements(accuracy=1.05e-5, levels=(10.0, 40.0), per_disc=9)
 
 
 def tip_of(robot):
-    return free_tip(robot, make_workspace(robot, radii=3, angles=18))
+    return loaded_tip(robot, make_workspace(robot, radii=3, angles=18))
 
 
 def prepared(robot):
@@ -119,8 +119,8 @@ def test_the_set_reaches_the_accuracy_after_every_loss_and_checks_itself(design)
     assert design.row.prediction.leverage.max() <= MOST_LEVERAGE
     assert np.bincount(design.plan.disc, minlength=3).min() >= TOUCHES_PER_DISC
     np.testing.assert_allclose(without_each(ROBOT, design.plan, design.tip), design.without_each)
-    assert (np.diff(design.curve.chosen) < 0).all() and (design.curve.bound <= design.curve.chosen).all()
-    assert (design.curve.chosen < design.curve.even).all()
+    assert (np.diff(design.curve.chosen) < 0).all() and (design.curve.lower_bound <= design.curve.chosen).all()
+    assert (design.curve.chosen < design.curve.evenly_distributed).all()
 
 
 def test_every_other_touch_of_a_disc_and_posture_has_a_preload(design):

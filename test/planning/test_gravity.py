@@ -15,7 +15,7 @@ from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.candidates import LEAST_ARM, candidate_plan
 from scara_kinetostatic.planning.next_touches import Planner
-from scara_kinetostatic.planning.prediction import Robot, exact_plan, free_tip, make_workspace, predict, tip_std
+from scara_kinetostatic.planning.prediction import Robot, exact_plan, loaded_tip, make_workspace, predict, tip_std
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
@@ -33,7 +33,7 @@ CELL = sk.Cell(
 def test_the_free_tip_hangs():
     robot = Robot.of(CELL, TRUTH)
     area = make_workspace(robot, radii=3, angles=12)
-    tip, free = free_tip(robot, area).derivative[:, 0], np.zeros_like(area.places)
+    tip, free = loaded_tip(robot, area).derivative[:, 0], np.zeros_like(area.places)
     joints, torques = inverse_kinetostatics(TRUTH, area.places, free, area.posture)
     sure = (np.abs(torques) > 0.01).all(axis=1)
     for k, name in enumerate(TRUTH.names):
@@ -49,7 +49,7 @@ def test_a_fit_scatters_as_predicted():
     robot = Robot.of(CELL, TRUTH)
     every = candidate_plan(robot, (10.0, 40.0), per_disc=12)
     predicted = predict(robot, every)
-    assert predicted.rank == 14 and tip_std(free_tip(robot, make_workspace(robot)), predicted).largest < 2e-5
+    assert predicted.rank == 14 and tip_std(loaded_tip(robot, make_workspace(robot)), predicted).largest < 2e-5
     found = sk.calibrate(simulate_touches(CELL, ExtendedModel(TRUTH), every, CELL.noise, 5), CELL)
     np.testing.assert_allclose(found.std, predicted.std, rtol=0.15)
     assert np.abs((found.parameters.as_array() - TRUTH.as_array()) / found.std).max() < 4.0

@@ -43,13 +43,13 @@ def of(group: str, scene: list[Primitive], shape: Shape | None = None) -> list[P
 
 def test_objects_are_where_the_cell_says() -> None:
     scene = object_markers(DISCS)
-    for disc, marker in zip(DISCS, of('objects', scene, Shape.CYLINDER), strict=True):
+    for disc, marker in zip(DISCS, of('objects', scene, 'cylinder'), strict=True):
         assert marker.points[0][:2] == (disc.x, disc.y) and marker.size == 2 * disc.radius
-    assert [item.text for item in of('objects', scene, Shape.TEXT)] == [disc.name for disc in DISCS]
+    assert [item.text for item in of('objects', scene, 'text')] == [disc.name for disc in DISCS]
 
 
 def test_the_arm_ends_at_the_tip() -> None:
-    (links,) = of('nominal', arm_markers('nominal', PAPER_NOMINAL, (0.3, 0.9), UNUSED), Shape.STRIP)
+    (links,) = of('nominal', arm_markers('nominal', PAPER_NOMINAL, (0.3, 0.9), UNUSED), 'strip')
     np.testing.assert_allclose(links.points[-1][:2], forward(PAPER_NOMINAL, (0.3, 0.9)), atol=1e-12)
     lengths = np.linalg.norm(np.diff(links.points, axis=0), axis=1)
     np.testing.assert_allclose(lengths, [PAPER_NOMINAL.l1, PAPER_NOMINAL.l2])
@@ -63,7 +63,7 @@ def test_a_force_ends_at_the_tip_and_is_as_long_as_it_is_large() -> None:
     np.testing.assert_allclose(head, forward(PAPER_NOMINAL, (0.8, 2.1)))
     np.testing.assert_allclose(head - tail, SCALES.force * np.array([-9.8, 0.1]))
     (dot,) = touch_markers([touch._replace(accepted=False)], PAPER_NOMINAL, DISCS, SCALES)
-    assert (dot.group, dot.shape, dot.colour) == ('rejected', Shape.DOT, UNUSED)
+    assert (dot.group, dot.shape, dot.colour) == ('rejected', 'dot', UNUSED)
 
 
 def test_a_force_in_the_frame_of_the_tool_is_turned() -> None:
@@ -92,7 +92,7 @@ def displaced() -> dict[str, Any]:
 
 def test_a_displaced_object_is_drawn_where_it_is(displaced: dict[str, Any]) -> None:
     scene = of('found', result_markers(displaced, DISCS, SCALES))
-    (disc,), (arrow,) = (of('found', scene, shape) for shape in (Shape.CYLINDER, Shape.ARROW))
+    (disc,), (arrow,) = (of('found', scene, shape) for shape in ('cylinder', 'arrow'))
     stated = np.array([DISCS[1].x, DISCS[1].y])
     np.testing.assert_allclose(np.array(disc.points[0][:2]) - stated, MOVED, atol=2e-5)
     assert disc.size == 2 * DISCS[1].radius
@@ -104,8 +104,8 @@ def test_a_displaced_object_is_drawn_where_it_is(displaced: dict[str, Any]) -> N
 def test_another_radius_is_drawn(grown: Outcome) -> None:
     document, discs = as_document(grown), grown.final.cell.discs
     scene = of('found', result_markers(document, discs, SCALES))
-    (disc,) = of('found', scene, Shape.CYLINDER)
-    assert not of('found', scene, Shape.ARROW)
+    (disc,) = of('found', scene, 'cylinder')
+    assert not of('found', scene, 'arrow')
     (effect,) = document['diagnosis']['effects']
     assert disc.size == 2 * (discs[1].radius + effect['parameters']['radius']['value'])
 
@@ -129,7 +129,7 @@ def test_the_uncertainty_is_that_of_the_calibration(plain: Outcome) -> None:
     joints = c.touches.joints[0]
     derivative = tip_derivative(c, Poses(joints[None], c.touches.posture[:1], np.zeros((1, 2))))[0]
     covariance = derivative @ c.covariance @ derivative.T  # without load the joints stand at Q* = Q
-    (ellipse,) = of('uncertainty', uncertainty_markers(as_document(plain), joints, SCALES), Shape.STRIP)
+    (ellipse,) = of('uncertainty', uncertainty_markers(as_document(plain), joints, SCALES), 'strip')
     away = np.array(ellipse.points)[:, :2] - forward(c.parameters, joints)
     expected = 2 * np.sqrt(np.linalg.eigvalsh(covariance)[-1])
     assert np.linalg.norm(away, axis=1).max() == pytest.approx(SCALES.uncertainty * expected)

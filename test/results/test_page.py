@@ -14,8 +14,8 @@ import pytest
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.model.cell import Identification
 from scara_kinetostatic.report.quantities import micrometres
+from scara_kinetostatic.results.figures import _smooth
 from scara_kinetostatic.results.report import html_text, numbers
-from scara_kinetostatic.results.tip_maps import _smooth
 
 VOID = {'meta', 'br', 'img', 'hr', 'input', 'link'}
 

@@ -13,10 +13,10 @@ from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.arrays import Floats, rms
-from scara_kinetostatic.report import NOT_DETERMINED, Document, Figure, Figures, Note, Report, Section, Table, Verdict
-from scara_kinetostatic.report.content import Block, Items, Level
+from scara_kinetostatic.report import Block, Figure, Figures, Items, Level, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, Margins, as_svg, new_figure
-from scara_kinetostatic.report.quantities import Scale, chance, count, p_equals, scale_of, shown
+from scara_kinetostatic.report.json_file import Document
+from scara_kinetostatic.report.quantities import NOT_DETERMINED, Scale, chance, count, p_equals, scale_of, shown
 from scara_kinetostatic.studies.loops import dial_gauge
 from scara_kinetostatic.studies.loops.fit import Prediction
 from scara_kinetostatic.studies.loops.laws import PARAMETERS
