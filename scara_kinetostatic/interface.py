@@ -30,7 +30,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import posture, rotate
+from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
 from scara_kinetostatic.pipeline import (
@@ -283,9 +283,7 @@ def predict_force(
                 nearest = c.cell.surfaces.nearest(c.cell.surfaces.distances(found.tip), disc)
                 touched = touched.replace(surface=nearest)
         force = found.force
-    if o.frame is SensorFrame.BASE:
-        return np.asarray(force)
-    return rotate(force, -(o.joints.sum(axis=1) + c.parameters.theta1 + c.parameters.theta2))
+    return np.asarray(o.frame.from_base(force, o.joints, c.parameters))
 
 
 def locate(

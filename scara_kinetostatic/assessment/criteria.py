@@ -17,12 +17,11 @@ from scara_kinetostatic.assessment import rejections
 from scara_kinetostatic.assessment.evidence import Decision, Evidence
 from scara_kinetostatic.assessment.grade import LIMITS, Assessment, Grade, Remark, quantity
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.random_effects import RIVALS
+from scara_kinetostatic.calibration.declared_errors import RIVALS, DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.tip_uncertainty import tip_covariance
-from scara_kinetostatic.calibration.uncertainty_budget import MORE_TOUCHES, Improvement, best_improvement, source_title
+from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Improvement, best_improvement, source_title
 from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
@@ -383,7 +382,7 @@ def advice(evidence: Evidence) -> str:
 
 def action_for(item: Improvement) -> str:
     """What to do, in the imperative: ``measure the place of disc_2 to 5 µm``."""
-    if item.labels == (MORE_TOUCHES,):
+    if item.labels == (NOISE,):
         return f'record {item.wanted:.0f} touches of the same kind instead of {item.declared:.0f}'
     kind = item.labels[0].partition('[')[0]
     target = ', '.join(label.rstrip(']').partition('[')[2] for label in item.labels)

@@ -30,10 +30,6 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.touches.clock import Samples
 from scara_kinetostatic.touches.streams import FixedTransform, JointParts, UnjoinedError
 
-_LARGEST_VALUE = 1e9
-"""Larger values, and those that are not finite, are dropped, rad or N."""
-_MOST_COMPARED = 4_000_000
-"""After so many comparisons of a message with a layout, the rest of a batch is dropped: there are too many layouts."""
 _MOST_NAMES = 1000
 """Most joints in a message."""
 _INCOMPLETE = 'incomplete'
@@ -180,7 +176,8 @@ class Decoder:
             same = frame == self.frame_ids.index(frame_id)
             values[same] = all_values[same] @ turn.T
         absent = np.isnan(values[:, :2]) & bool(self._joint_names)
-        finite = np.all((np.abs(values[:, :2]) < _LARGEST_VALUE) | absent, axis=1)
+        # larger values are dropped as well, rad or N
+        finite = np.all((np.abs(values[:, :2]) < 1e9) | absent, axis=1)
         self.dropped += Counter({'with values that are not finite': int(np.sum(~finite))})
         found = Samples(stamp[finite], log_time[finite], values[finite])
         missing = np.isnan(found.values)
@@ -215,7 +212,8 @@ class Decoder:
             compared += len(where)
             while len(rows):
                 compared += len(rows)
-                if compared > _MOST_COMPARED:
+                # too many layouts: the rest of the batch is dropped
+                if compared > 4_000_000:
                     self.dropped['in too many layouts'] += left
                     return
                 fields, problem = self._fields(rows[0].tobytes())
@@ -265,11 +263,8 @@ def decode_transforms(payload: bytes) -> list[FixedTransform]:
         message: Any = ros2_types().deserialize_cdr(payload, TF_MESSAGE)
     except Exception as error:  # rosbags raises whatever the bytes lead to
         raise ValueError(f'/tf_static: the message is no {TF_MESSAGE}') from error
-    found = []
-    for item in message.transforms:
-        turn = item.transform.rotation
-        found.append(FixedTransform(item.header.frame_id, item.child_frame_id, (turn.x, turn.y, turn.z, turn.w)))
-    return found
+    turns = ((item, item.transform.rotation) for item in message.transforms)
+    return [FixedTransform(item.header.frame_id, item.child_frame_id, (q.x, q.y, q.z, q.w)) for item, q in turns]
 
 
 @lru_cache

@@ -28,8 +28,7 @@ from mcap.summary import Summary
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from scara_kinetostatic.bags.budget import Budget, unpack
-from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Source, Topic
+from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Budget, Source, Topic, unpack
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""

@@ -14,11 +14,9 @@ from contextlib import closing, suppress
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
 
 import zstandard
 
-from scara_kinetostatic.bags.budget import ZSTD_MAGIC, Budget, unpack
 from scara_kinetostatic.bags.cdr import Decoder, decode_string, decode_transforms
 from scara_kinetostatic.bags.messages import (
     DISCARD_TOPIC,
@@ -29,12 +27,15 @@ from scara_kinetostatic.bags.messages import (
     TF_MESSAGE,
     TF_STATIC,
     WRENCH_STAMPED,
+    ZSTD_MAGIC,
     Batch,
+    Budget,
     Source,
     Topic,
     batched,
     printable,
     reading,
+    unpack,
 )
 from scara_kinetostatic.bags.sources import open_recording
 from scara_kinetostatic.errors import CellError, InputError, RecordingError, one_line
@@ -51,22 +52,8 @@ from scara_kinetostatic.touches.streams import (
     interleaved_seconds,
 )
 
-_MOST_TRANSFORMS = 1000
-"""Messages on `/tf_static` that are read: a driver that sends them in every cycle says nothing new."""
 _JSON = 100
 """Messages on `/tf_static` and of discarded touches cost as much as so many others."""
-
-
-class _Contents(NamedTuple):
-    """What a recording holds of two topics: its source, which then knows all topics; the decoders of the two topics;
-    of each touch that was discarded while recording a stamp within its hold, and when that was received, ns; and what
-    the fixed transforms say of the wrenches.
-    """
-
-    source: Source
-    decoders: dict[str, Decoder]
-    discarded: list[tuple[int, int]]
-    frame: WrenchFrame
 
 
 def read_streams(path: str | Path, cell: Cell) -> Streams:
@@ -84,24 +71,23 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
     """
     with reading(path):
         names = cell.sensor.topics
-        contents = _read(path, names, cell)
-        topics = contents.source.topics()
-        found = _cell_topics(path, topics, cell.sensor)
+        source, decoders, discarded, frame = _read(path, names, cell)
+        found = _cell_topics(path, source.topics(), cell.sensor)
         if found != names:
             names = found
-            contents = _read(path, names, cell)
-        frame_ids = sorted(contents.decoders[names[1]].frame_ids)
-        turns = {name: turn for name in frame_ids if (turn := contents.frame.turn(name)) is not None}
-        joint_decoder, wrench_decoder = contents.decoders.values()
+            source, decoders, discarded, frame = _read(path, names, cell)
+        joint_decoder, wrench_decoder = decoders.values()
+        frame_ids = sorted(wrench_decoder.frame_ids)
+        turns = {name: turn for name in frame_ids if (turn := frame.turn(name)) is not None}
         streams = {names[0]: joint_decoder.samples(), names[1]: wrench_decoder.samples(turns)}
-        warnings = list(contents.source.warnings)
-        for (topic, decoder), msgtype in zip(contents.decoders.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
+        warnings = list(source.warnings)
+        for (topic, decoder), msgtype in zip(decoders.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
             if len(streams[topic].stamp) == 0:
-                raise _nothing_usable(path, contents.source, topic, msgtype, decoder, cell)
+                raise _nothing_usable(path, source, topic, msgtype, decoder, cell)
             warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in decoder.dropped.items()]
         if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values[:, :2]):
             warnings.append(f'{names[0]}: {INTERLEAVED}')
-        warnings += [f'{names[1]}: {said}' for name in frame_ids if (said := contents.frame.complaint(name))]
+        warnings += [f'{names[1]}: {said}' for name in frame_ids if (said := frame.complaint(name))]
         samples, offset = list(streams.values()), cell.sensor.time_offset
         (joints, wrench), valid = on_one_clock(str(path), names, samples, warnings, offset)
         moved = JointStream.of(*joints).moved(cell)
@@ -114,35 +100,44 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
             WrenchStream(*wrench),
             warnings=tuple(map(one_line, warnings)),
             topics=names,
-            discarded=tuple(times[valid.by_log_time] for times in contents.discarded),
+            discarded=tuple(times[valid.by_log_time] for times in discarded),
             force_ranges=None if turns else wrench_decoder.force_ranges(),
-            turned=one_line('; '.join(map(contents.frame.description, turns))),
+            turned=one_line('; '.join(map(frame.description, turns))),
         )
 
 
-def _read(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
-    """What a recording holds of two topics."""
+def _read(
+    path: str | Path, names: tuple[str, str], cell: Cell
+) -> tuple[Source, dict[str, Decoder], list[tuple[int, int]], WrenchFrame]:
+    """What a recording holds of two topics.
+
+    Returns:
+        Its source, which then knows all topics; the decoders of the two; of each touch that was discarded while
+        recording a stamp within its hold, and when that was received, ns; and what the fixed transforms say of the
+        wrenches.
+    """
     types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
     decoders = dict(zip(names, (Decoder(cell.joint_names, cell.other_joints), Decoder()), strict=True))
+    discarded, frame, transforms = list[tuple[int, int]](), WrenchFrame(cell), 0
     budget = Budget(Path(path))
-    contents = _Contents(open_recording(path, budget), decoders, [], WrenchFrame(cell))
-    transforms = 0
-    for batch in contents.source.batches((*types, DISCARD_TOPIC, TF_STATIC)):
+    source = open_recording(path, budget)
+    for batch in source.batches((*types, DISCARD_TOPIC, TF_STATIC)):
         topic = batch.topic
         for portion in _decompressed(batch, budget) if topic.encoding == 'cdr' else ():
             if topic.msgtype == types.get(topic.name):
                 decoders[topic.name].add(portion)
             elif (topic.name, topic.msgtype) == (DISCARD_TOPIC, STRING):
                 budget.charge(0, _JSON * len(portion.start))
-                contents.discarded.extend(_discarded(portion))
+                discarded += _discarded(portion)
             elif (topic.name, topic.msgtype) == (TF_STATIC, TF_MESSAGE):
-                number = min(len(portion.start), _MOST_TRANSFORMS - transforms)
+                # a driver that sends them in every cycle says nothing new
+                number = min(len(portion.start), 1000 - transforms)
                 transforms += number
                 budget.charge(0, _JSON * number + int(portion.length[:number].sum()) // _JSON)
                 payloads = islice(portion.payloads(), number)
                 for transform in (each for payload in payloads for each in decode_transforms(payload)):
-                    contents.frame.add(transform)
-    return contents
+                    frame.add(transform)
+    return source, decoders, discarded, frame
 
 
 def _decompressed(batch: Batch, budget: Budget) -> Iterator[Batch]:
@@ -166,7 +161,7 @@ def _decompressed(batch: Batch, budget: Budget) -> Iterator[Batch]:
 
 
 def _discarded(batch: Batch) -> list[tuple[int, int]]:
-    """The discarded touches, as `_Contents` has them."""
+    """The discarded touches, as `_read` has them."""
     found = []
     for payload in batch.payloads():
         said = json.loads(decode_string(payload))
@@ -301,17 +296,15 @@ def recorded_cell(paths: Sequence[Path], option: str) -> Cell:
         CellError: it is not valid.
     """
     found = {path: _embedded(path) for path in paths if not is_touch_table(path)}
-    cells = {path: cell for path, (cell, _) in found.items()}
-    if not cells:
+    if not found:
         raise RecordingError(paths[0], 'a table contains no cell description', f'give one by {option}')
-    first = next(iter(cells))
-    for path, cell in cells.items():
+    first, (common, _) = next(iter(found.items()))
+    for path, (cell, warnings) in found.items():
         if cell is None:
-            problem = '; '.join(['contains no cell description', *found[path][1][:1]])
+            problem = '; '.join(['contains no cell description', *warnings[:1]])
             raise RecordingError(path, problem, f'give one by {option}')
-        if cell != cells[first]:
+        if cell != common:
             raise RecordingError(path, f'contains another cell description than {first}', f'choose one by {option}')
-    common = cells[first]
     assert common is not None
     return common
 

@@ -11,9 +11,8 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.rosbag1.reader import Chunk, IndexData, decompressors
 
-from scara_kinetostatic.bags.budget import Budget, unpack
 from scara_kinetostatic.bags.cdr import ros2_types
-from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Source, Topic, batched
+from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Budget, Source, Topic, batched, unpack
 from scara_kinetostatic.errors import RecordingError
 
 _HEADER, _FIELD = 64, 4

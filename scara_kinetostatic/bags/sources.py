@@ -18,15 +18,13 @@ from pathlib import Path, PurePosixPath
 
 import zstandard
 
-from scara_kinetostatic.bags.budget import ZSTD_MAGIC, Budget, BudgetError
 from scara_kinetostatic.bags.mcap_file import MAGIC, McapFile
-from scara_kinetostatic.bags.messages import Batch, Batches, Source, reading, ros_topic
+from scara_kinetostatic.bags.messages import ZSTD_MAGIC, Batch, Batches, Budget, BudgetError, Source, reading, ros_topic
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.yaml_file import parse_strings
 
 METADATA = 'metadata.yaml'
 _FORMS = 'a rosbag2 folder, an .mcap or .db3 file, a ROS 1 .bag, or a touch table (.csv)'
-_STORED = re.compile(r'[^.].*\.(mcap|db3)(\.zstd)?\Z')
 _NUMBERED = re.compile(r'\.?(?P<stem>.+)_(?P<number>[0-9]+)\.mcap(\.part)?\Z')
 """A file of a split recording, hidden and with `.part` while it is being written."""
 
@@ -115,9 +113,12 @@ class BagFolder(Source):
         self._entries = [entry for entry in path.iterdir() if entry.is_file()]
         listed = self._listed_files() if (path / METADATA).exists() else None
         if listed is None:
-            listed = sorted((file for file in self._entries if _STORED.match(file.name)), key=_natural)
+            stored = r'[^.].*\.(mcap|db3)(\.zstd)?\Z'
+            listed = sorted((file for file in self._entries if re.match(stored, file.name)), key=_natural)
             if not listed:
-                raise self._no_recording()
+                inside = [one for one in sorted(path.iterdir()) if (one / METADATA).exists() or one.suffix == '.bag']
+                remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'
+                raise RecordingError(path, 'no recording in this folder', remedy)
             if not self.warnings:
                 self.warnings.append(f'{METADATA} is missing: all files of the folder were read, in order')
         self._files = listed
@@ -134,7 +135,13 @@ class BagFolder(Source):
                 more = 'more' if number > 0 else 'fewer'
                 self.warnings.append(f'{topic}: {METADATA} states {abs(number)} {more} messages than the files contain')
         for path in self._left_over_files():
-            yield from self._read_left_over(path, wanted)
+            count = 0
+            with suppress(RecordingError), reading(path):  # that it ends early is expected
+                for batch in _open_file(path, self._budget).batches(wanted):
+                    count += len(batch.start)
+                    yield batch
+            if count:
+                self.warnings.append(f'{count} messages recovered from {path.name}, which {METADATA} does not list')
 
     def _read(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
         try:
@@ -152,16 +159,6 @@ class BagFolder(Source):
         self.warnings += source.warnings
         if isinstance(source, McapFile):
             self._cut_off.append(source.cut_off)
-
-    def _read_left_over(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
-        """The messages of a file that the metadata does not list; that it ends early is expected and not reported."""
-        count = 0
-        with suppress(RecordingError), reading(path):
-            for batch in _open_file(path, self._budget).batches(wanted):
-                count += len(batch.start)
-                yield batch
-        if count:
-            self.warnings.append(f'{count} messages recovered from {path.name}, which {METADATA} does not list')
 
     def _listed_files(self) -> list[Path] | None:
         """The files that the metadata lists; None where there is no usable list."""
@@ -190,17 +187,9 @@ class BagFolder(Source):
         last = _NUMBERED.match(self._files[-1].name) if self._files else None
         if last is None:
             return []
-        following = []
-        for file in (file for file in self._entries if file not in self._files):
-            match = _NUMBERED.match(file.name)
-            if match and match['stem'] == last['stem'] and int(match['number']) > int(last['number']):
-                following.append(file)
-        return sorted(following, key=_natural)
-
-    def _no_recording(self) -> RecordingError:
-        inside = [item for item in sorted(self.path.iterdir()) if (item / METADATA).exists() or item.suffix == '.bag']
-        remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'
-        return RecordingError(self.path, 'no recording in this folder', remedy)
+        others = ((file, _NUMBERED.match(file.name)) for file in self._entries if file not in self._files)
+        same = ((file, match) for file, match in others if match and match['stem'] == last['stem'])
+        return sorted((file for file, match in same if int(match['number']) > int(last['number'])), key=_natural)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

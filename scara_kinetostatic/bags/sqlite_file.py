@@ -9,8 +9,6 @@ from contextlib import closing
 from scara_kinetostatic.bags.messages import LARGEST_MESSAGE, PORTION, Batches, Source, Topic, batched
 from scara_kinetostatic.errors import RecordingError
 
-_LARGEST_CHECKED = 1 << 30
-"""The structure of a file up to this size is checked, bytes; larger ones contain camera images or the like."""
 _STEPS, _STEPS_PER_RECORD = 1_000_000, 100
 """Steps of SQLite after which they are charged, and how many cost a record; a row that is skipped needs 8."""
 
@@ -45,7 +43,8 @@ class SqliteFile(Source):
         """Warns where the structure is damaged or a message has no topic; the format has no checksums."""
         without_topic = 'SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics)'
         try:
-            checked = self.path.stat().st_size < _LARGEST_CHECKED
+            # larger ones contain camera images or the like
+            checked = self.path.stat().st_size < 1 << 30
             (problem,) = database.execute('PRAGMA quick_check(1)').fetchone() if checked else ('ok',)
             (lost,) = database.execute(without_topic).fetchone()
         except sqlite3.DatabaseError as error:

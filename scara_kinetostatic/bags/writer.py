@@ -41,8 +41,6 @@ __all__ = ['BagWriter', 'fresh_folder', 'write_streams']
 
 SPLIT_SIZE = 1 << 28
 """A file is completed at this size, bytes, even if nothing is touched."""
-_CHUNK_SIZE = 256 * 1024
-"""A chunk is closed when it holds so many bytes: what a reader decompresses at a time, and what a kill may cost."""
 _FOREVER = QosTime(9223372036, 854775807)
 
 
@@ -99,7 +97,8 @@ class McapWriter:
         self.counts: Counter[str] = Counter()
         self._stream = path.open('xb')
         compression = CompressionType.ZSTD if compress else CompressionType.NONE
-        self._writer = Writer(self._stream, chunk_size=_CHUNK_SIZE, compression=compression, enable_data_crcs=True)
+        # a chunk is what a reader decompresses at a time, and what a kill may cost
+        self._writer = Writer(self._stream, chunk_size=256 * 1024, compression=compression, enable_data_crcs=True)
         self._writer.start('ros2', 'scara_kinetostatic')
         self._ids = {channel: self._register(channel) for channel in channels}
 

@@ -13,7 +13,7 @@ from scara_kinetostatic.calibration.fit_point import Point, base_force, fitted_s
 from scara_kinetostatic.calibration.gauss_helmert import nearest_flanks
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
-from scara_kinetostatic.calibration.observations import Observations, observe
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
@@ -80,7 +80,8 @@ def calibrate(
         remedy = 'take it from catalogue(cell), by its label'
         raise ParameterError('effects', f'expected effects, got {wrong[0]!r:.60}', remedy)
     start = _start(cell, effects, start, fixed)
-    if sources := _held_sources(start, fixed):
+    held_laws = [law for law in start.effects if all(f'{law.label}.{p.name}' in fixed for p in law.parameters)]
+    if sources := {getattr(law, 'declared_as', '') or law.label for law in held_laws if law.parameters}:
         cell = without_sources(cell, sources)
     if warm_start is not None:
         if warm_start.model.effects != start.effects:
@@ -114,42 +115,56 @@ def calibrate(
     try:
         found = estimate(observations, cell, start, free, warm_start)
         if start.parameters.has_gravity and warm_start is None:
-            touches, observations, found, unsettled = _settle_flanks(touches, cell, start, free, found)
+            touches, found, unsettled = _settle_flanks(touches, cell, start, free, found)
             left_out += unsettled
         if cell.has_outlines:
-            touches, observations, found, unsettled = _reassociate(touches, observations, cell, start, free, found)
+            touches, found, unsettled = _reassociate(touches, cell, start, free, found)
             left_out += unsettled
     except np.linalg.LinAlgError as error:
         problem = 'the fit diverged to where the model is not defined'
         raise UnsupportedDataError(problem, 'check the nominal values, the discs and the sensor in the cell') from error
-    return build_result(touches, cell, start, fixed, observations, found, left_out)
-
-
-_FLANKS_APART = 8.0
-"""Standard deviations between two flanks of a joint from which touches tell them apart. With 6 wrong ones are left."""
-_MISFIT = 5.0
-"""Standard deviations of chi-square beyond its mean from which on touches disagree, as some on a wrong flank do."""
+    return build_result(touches, cell, start, fixed, found, left_out)
 
 
 def _settle_flanks(
     touches: TouchSet, cell: Cell, start: ExtendedModel, free: Indices, found: Estimation
-) -> tuple[TouchSet, Observations, Estimation, list[Rejection]]:
+) -> tuple[TouchSet, Estimation, list[Rejection]]:
     """Fit again under gravity without touches whose flank is not told; where the rest disagree, once more with fewer
     torques taken as of known sign, if these agree: a model error that no flank explains is left to the diagnosis.
     """
     everything, good, needed = found.observations, found.used, fewest_touches(len(free))
     noise = cell.noise or min(found.noise, USUAL_NOISE, key=lambda one: one.joint_rms)  # not what a model error adds
-    known, found = _with_told_flanks(everything, good, cell, start, free, found, noise, wide=False)
+
+    def with_told_flanks(found: Estimation, *, wide: bool) -> tuple[Mask, Estimation]:
+        """Twice by the touches whose torques have a known sign, which no flank can mislead; then by all but those whose
+        flank this fit does not tell, and once more where their flanks were not yet right.
+        """
+        for is_last in (False, False, True, True):
+            fit = found.fit.point
+            point = project(everything.with_errors(fit.errors), fit.model, noise)
+            along, covariance = point.whitened.jacobian[:, 0], covariance_of_fit(found.fit, found.subspace)
+            # over the variance of a touch
+            predicted = np.einsum('ni,ij,nj->n', along, covariance, along, optimize=True)
+            apart = nearest_flanks(everything, fit.model, point.adjusted.state, wide=wide)[1] / point.whitened.root[0]
+            apart /= np.sqrt(1.0 + predicted)
+            # flanks that are so many standard deviations apart are told; with 6 wrong ones are left
+            known = (apart >= 8.0) & ~_only_guessed(point, wide) if is_last else np.isinf(apart)
+            if known.sum() >= (1 if is_last else 3) * needed:
+                near = WarmStart(fit.model, found.noise, good[known], fit.errors)
+                found = estimate(everything.select(known), cell, start, free, near)
+        return known, found
+
+    known, found = with_told_flanks(found, wide=False)
     if _disagree(found, noise, len(free)):
         with suppress(UnsupportedDataError):
-            fewer, other = _with_told_flanks(everything, good, cell, start, free, found, noise, wide=True)
+            fewer, other = with_told_flanks(found, wide=True)
             if fewer.sum() >= 3 * needed and not _disagree(other, noise, len(free)):
                 known, found = fewer, other
     reason = 'the torque of a joint is near zero: on which side of its backlash it rests is not known'
     if known.sum() < needed:
         raise UnsupportedDataError(f'of {(~known).sum()} touches {reason}', 'press harder, or farther from the axes')
     unsettled = [Rejection(int(touches.index[k]), reason) for k in np.flatnonzero(~known)]
-    return touches.select(known), everything.select(known), found, unsettled
+    return touches.select(known), found, unsettled
 
 
 def _disagree(found: Estimation, noise: Noise, count: int) -> bool:
@@ -157,40 +172,8 @@ def _disagree(found: Estimation, noise: Noise, count: int) -> bool:
     point = found.fit.point
     distance = project(found.observations.with_errors(point.errors), point.model, noise).distance[found.used]
     freedoms = max(2 * len(distance) - count, 1)
-    return float(distance.sum()) > freedoms + _MISFIT * np.sqrt(2 * freedoms)
-
-
-def _with_told_flanks(
-    everything: Observations,
-    good: Mask,
-    cell: Cell,
-    start: ExtendedModel,
-    free: Indices,
-    found: Estimation,
-    noise: Noise,
-    *,
-    wide: bool,
-) -> tuple[Mask, Estimation]:
-    """Twice by the touches whose torques have a known sign, which no flank can mislead; then by all but those whose
-    flank this fit does not tell, and once more where their flanks were not yet right.
-    """
-    for is_last in (False, False, True, True):
-        fit = found.fit.point
-        point = project(everything.with_errors(fit.errors), fit.model, noise)
-        along, covariance = point.whitened.jacobian[:, 0], covariance_of_fit(found.fit, found.subspace)
-        predicted = np.einsum('ni,ij,nj->n', along, covariance, along, optimize=True)  # over the variance of a touch
-        apart = nearest_flanks(everything, fit.model, point.adjusted.state, wide=wide)[1] / point.whitened.root[0]
-        apart /= np.sqrt(1.0 + predicted)
-        known = (apart >= _FLANKS_APART) & ~_only_guessed(point, wide) if is_last else np.isinf(apart)
-        if known.sum() < (1 if is_last else 3) * fewest_touches(len(free)):
-            continue
-        near = WarmStart(fit.model, found.noise, good[known], fit.errors)
-        found = estimate(everything.select(known), cell, start, free, near)
-    return known, found
-
-
-_ON_A_FLANK = 3
-"""Touches with a torque of sure sign that show a flank."""
+    # standard deviations of chi-square beyond its mean: touches on a wrong flank disagree by more
+    return float(distance.sum()) > freedoms + 5.0 * np.sqrt(2 * freedoms)
 
 
 def _only_guessed(point: Point, wide: bool) -> Mask:
@@ -202,29 +185,26 @@ def _only_guessed(point: Point, wide: bool) -> Mask:
     torques = joint_torques(p, np.array([state.link1, state.link2]).T, force.T).T
     unsure = has_no_sure_sign(p, torques, wide=wide)
     fewest = np.minimum(*(((sign * torques > 0) & ~unsure).sum(axis=1) for sign in (1, -1)))
-    return np.asarray((unsure & (fewest < _ON_A_FLANK)[:, None]).any(axis=0))
-
-
-_BOTH_EDGES = 1e-3
-"""Distance of the tip from both edges of an inner corner below which it may touch both, m."""
-_MOST_SETTLING = 6
-"""Fits after the first at most, until every touch is of the edge or corner on which the fit places it."""
+    # three touches with a torque of sure sign show a flank
+    return np.asarray((unsure & (fewest < 3)[:, None]).any(axis=0))
 
 
 def _reassociate(
-    touches: TouchSet, observations: Observations, cell: Cell, start: ExtendedModel, free: Indices, found: Estimation
-) -> tuple[TouchSet, Observations, Estimation, list[Rejection]]:
+    touches: TouchSet, cell: Cell, start: ExtendedModel, free: Indices, found: Estimation
+) -> tuple[TouchSet, Estimation, list[Rejection]]:
     """Fit again with every touch on the edge or corner where the fit before places it; those that alternate are left
     out, and those in an inner corner, where the tip touches both edges.
     """
     seen, left_out = list[Indices](), list[Rejection]()
-    for _ in range(_MOST_SETTLING):
+    # until every touch is of the edge or corner on which the fit places it
+    for _ in range(6):
         observations = found.observations
         assert observations.surface is not None
         seen.append(observations.surface)
         surface = fitted_surfaces(observations, cell, found.fit.point)
         touches = touches.replace(surface=surface)
-        doubtful = cell.surfaces.touch_both(fitted_tips(observations, found.fit.point), _BOTH_EDGES)
+        # nearer than this to both edges of an inner corner, m, the tip may touch both
+        doubtful = cell.surfaces.touch_both(fitted_tips(observations, found.fit.point), 1e-3)
         if (surface == observations.surface).all() and not doubtful.any():
             break
         if any((surface == before).all() for before in seen):
@@ -245,7 +225,7 @@ def _reassociate(
     else:
         problem = 'the touches do not settle on the edges and corners of the outlines'
         raise UnsupportedDataError(problem, 'touch farther from the corners, or check the places of the objects')
-    return touches, observations, found, left_out
+    return touches, found, left_out
 
 
 def _start(
@@ -272,12 +252,6 @@ def _with_fixed(model: ExtendedModel, fixed: Mapping[str, float]) -> ExtendedMod
         return model
     pairs = zip(model.names, model.as_array().tolist(), strict=True)
     return model.with_array([fixed.get(name, value) for name, value in pairs])
-
-
-def _held_sources(model: ExtendedModel, fixed: Mapping[str, float]) -> set[str]:
-    """Labels of the sources of uncertainty whose errors are those of effects that are held at given values."""
-    held = [law for law in model.effects if all(f'{law.label}.{p.name}' in fixed for p in law.parameters)]
-    return {getattr(law, 'declared_as', '') or law.label for law in held if law.parameters}
 
 
 def _checked(fixed: Mapping[str, float] | None) -> dict[str, float]:

@@ -189,20 +189,16 @@ def _begin(
     return observations, fit.point.model, observations.errors, adjusted, first, fit.iterations
 
 
-_ALIKE = 0.02, 10.0
-"""Touches in a cell of a grid of so many rad and N are alike."""
-_MOST_ALIKE = 3
-"""How many touches that are alike count in the robust runs: a few places touched again and again, more than half of
-all touches together, would else be fitted alone, by whatever parameters, and all others be the outliers."""
-
-
 def _few_of_each(observations: Observations) -> Mask:
-    """The first few of touches that are alike, (n,)."""
-    joint, force = _ALIKE
-    cells = np.round(np.concatenate([observations.joints / joint, observations.force / force], axis=1))
+    """The first three of touches that are alike, in a cell of a grid of 0.02 rad and 10 N, (n,).
+
+    A few places touched again and again, more than half of all touches together, would else be fitted alone by the
+    robust runs, by whatever parameters, and all others be the outliers.
+    """
+    cells = np.round(np.concatenate([observations.joints / 0.02, observations.force / 10.0], axis=1))
     kind = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
     order, few = np.argsort(kind, kind='stable'), np.ones(len(kind), dtype=bool)
-    few[order[_MOST_ALIKE:]] = kind[order[_MOST_ALIKE:]] != kind[order[:-_MOST_ALIKE]]
+    few[order[3:]] = kind[order[3:]] != kind[order[:-3]]
     return few
 
 
@@ -228,16 +224,12 @@ def _next_round(
     directions = unidentifiable_directions(*some, free, now.noise)
     if late and directions.shape[1] < now.unidentifiable.shape[1]:
         directions = now.unidentifiable
-    if _span_the_same(directions, now.unidentifiable, late):
+    before = now.unidentifiable
+    if directions.shape == before.shape and (  # in late rounds, as many are the same
+        late or float(np.abs(directions - before @ (before.T @ directions)).max(initial=0.0)) <= 1e-3
+    ):
         return _Round(FINAL, good, noise, now.subspace, now.unidentifiable)
     return _Round(FINAL, good, noise, everything.without(directions), directions)
-
-
-def _span_the_same(now: Floats, before: Floats, late: bool) -> bool:
-    """Whether the same directions are unidentifiable as before; in late rounds, whether as many are."""
-    if now.shape != before.shape:
-        return False
-    return late or float(np.abs(now - before @ (before.T @ now)).max(initial=0.0)) <= 1e-3
 
 
 def _update_noise(observations: Observations, point: Point, now: _Round, stated: Noise | None) -> Noise:
@@ -251,7 +243,7 @@ def _update_noise(observations: Observations, point: Point, now: _Round, stated:
     system = least_squares.compress(point.whitened.jacobian, point.whitened.residual, basis=basis, prior=known)
     fitted = basis @ least_squares.covariance(system, least=1.0) @ basis.T
     rows = None if known is None else known[:, :-1]
-    return estimate_noise(point.linear, point.whitened, fitted, now.noise, stated, rows)
+    return estimate_noise(point, fitted, now.noise, stated, rows)
 
 
 def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:

@@ -25,10 +25,10 @@ from scara_kinetostatic.calibration.gauss_helmert import (
 )
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, in_blocks, put
 from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, pick
-from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, force_covariance
+from scara_kinetostatic.model.cell import Cell, Noise, force_covariance
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
-from scara_kinetostatic.model.kinematics import forward, rotate
+from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch_equations import Arm
 
@@ -250,9 +250,7 @@ def base_force(observations: Observations, model: ExtendedModel) -> Floats:
     Errors of the sensor, if the model has such effects, are corrected.
     """
     force = true_force(model, observations.force, observations.metadata)
-    if observations.frame is SensorFrame.BASE:
-        return force
-    return rotate(force, observations.joints.sum(axis=1) + model.parameters.theta1 + model.parameters.theta2)
+    return observations.frame.to_base(force, observations.joints, model.parameters)
 
 
 def fitted_tips(observations: Observations, point: Point) -> Floats:
@@ -273,16 +271,16 @@ def fitted_surfaces(observations: Observations, cell: Cell, point: Point) -> Ind
 
 def force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
-    return in_blocks(len(observations.joints), lambda part: _force_residual(observations.select(part), model))
 
+    def part(where: slice) -> Floats:
+        o = observations.select(where)
+        measured = base_force(o, model)
+        off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
+        at, known = o.contact_problem(o.joints)[:4], o.metadata
+        found = contact(model, *at, warm_start=measured, metadata=known, off_normal=off_normal, tangents=o.tangents)
+        return measured - found.force
 
-def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
-    o = observations
-    measured = base_force(o, model)
-    off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
-    at, known = o.contact_problem(o.joints)[:4], o.metadata
-    found = contact(model, *at, warm_start=measured, metadata=known, off_normal=off_normal, tangents=o.tangents)
-    return measured - found.force
+    return in_blocks(len(observations.joints), part)
 
 
 def _measured_off_normal(observations: Observations, model: ExtendedModel) -> Floats:

@@ -118,7 +118,11 @@ def linearise(
         derivative[:, :, model.base_count :] += columns
     misclosure = by_touch(2, len(o.joints))
     misclosure[:, 0], misclosure[:, 1] = e.h.real, e.h.imag
-    for by, off in zip((*by_joints.T, *by_force.T), _off_measured(o, adjusted), strict=True):
+    # measured less adjusted: both joints, rad, and the force along and across the adjusted one, N
+    (x, y), (off_x, off_y) = adjusted.force.T, (o.force - adjusted.force).T
+    size = np.hypot(x, y)
+    offs = *(o.joints - adjusted.joints).T, (off_x * x + off_y * y) / size, (off_y * x - off_x * y) / size
+    for by, off in zip((*by_joints.T, *by_force.T), offs, strict=True):
         misclosure += (by * off).T
     parts = [] if o.declared is None else [_by_errors(o, model, adjusted.force, state, by_force)]
     if o.random is not None:
@@ -126,12 +130,12 @@ def linearise(
         pairs_of = zip(units, (o.random.joints, o.random.place, o.random.sensor), strict=True)
         parts.append(np.asarray(sum(by_unit @ column for by_unit, column in pairs_of)))
     by_errors = np.concatenate(parts, axis=-1) if len(parts) > 1 else parts[0] if parts else None
-    if not model.off_normal_std:
-        return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_errors=by_errors)
-    by_off_normal = off_normal_derivative(model, e)
-    if adjusted.off_normal is not None:
-        misclosure -= by_off_normal * adjusted.off_normal[:, None]
-    by_angle = model.off_normal_std * by_off_normal
+    by_angle = None
+    if model.off_normal_std:
+        by_off_normal = off_normal_derivative(model, e)
+        if adjusted.off_normal is not None:
+            misclosure -= by_off_normal * adjusted.off_normal[:, None]
+        by_angle = model.off_normal_std * by_off_normal
     return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_angle, by_errors)
 
 
@@ -200,16 +204,6 @@ def _on_edges(observations: Observations, model: ExtendedModel, state: State, ou
     by_turn = along * (o.radii - 1j * (tip * tangent.conj()).real)
     moved += o.declared.rotation[o.surface].T * by_turn
     out[:, 0], out[:, 1] = moved.real, moved.imag
-
-
-def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
-    """Measured less adjusted: both joints, rad, and the force along and across the adjusted one, N; (n,) each."""
-    o, a = observations, adjusted
-    along, across = a.force[:, 0], a.force[:, 1]
-    x, y = o.force[:, 0] - along, o.force[:, 1] - across
-    size = np.hypot(along, across)
-    first, second = o.joints.T - a.joints.T
-    return first, second, (x * along + y * across) / size, (y * along - x * across) / size
 
 
 def adjust(

@@ -14,7 +14,6 @@ A direction of L̄ is unidentifiable for either of two reasons.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -37,8 +36,6 @@ SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5
 NOISE_SHARE = 0.25
 _SAMPLE_SIZE = 1024
 """Touches from which the information that noise produces is worked out, if there are more: drawn at random."""
-_VARIANTS = 4
-"""Forces at which the change of the Jacobian is worked out: two ways along F̂, two across."""
 _MEMBER_PART = 0.05
 """A parameter belongs to a group if its part of the unidentifiable direction, in `SCALES`, is at least this."""
 
@@ -94,33 +91,6 @@ class Identifiability:
     combinations: tuple[Combination, ...] = ()
     advice: str = ''
     notes: tuple[str, ...] = ()
-
-
-def identify(
-    model: ExtendedModel,
-    fixed: Iterable[str],
-    directions: Floats,
-    covariance: Floats,
-    changes: Floats,
-    mean_force: float,
-    notes: tuple[str, ...],
-) -> Identifiability:
-    """What the data show by a fit.
-
-    Args:
-        model: fitted.
-        fixed: names of parameters that were held.
-        directions: the unidentifiable ones, (k, d), as `unidentifiable_directions` gives them.
-        covariance: of all values, (12 + k, 12 + k).
-        changes: whitened derivatives of the used touches by what the fit could change, (n, 2, m).
-        mean_force: of the touches, N.
-        notes: as in `Identifiability`.
-    """
-    held = model.held.union(fixed)
-    free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
-    groups = group_names(directions, free, model, np.sqrt(np.diag(covariance)))
-    pairs, rank = determined_pairs(directions, free, model.as_array(), covariance), len(free) - directions.shape[1]
-    return Identifiability(rank, condition_number(changes), groups, pairs, advise(groups, mean_force), notes)
 
 
 def unidentifiable_directions(observations: Observations, point: Point, free: Indices, noise: Noise) -> Floats:
@@ -198,31 +168,30 @@ def _purified(row: Floats, scaled: Floats, by_noise: Floats) -> Floats:
 
 def _noise_triangle(observations: Observations, point: Point, noise: Noise) -> Floats:
     """How the whitened Jacobian changes by one standard deviation of what noise is left in F̂, along it and across it,
-    as the triangle R of its QR factorisation, (12, 12).
+    as the triangle R of its QR factorisation, (12, 12): at four forces, two ways along F̂ and two across.
     """
     count = len(observations.joints)
     if count > _SAMPLE_SIZE:
         some = np.sort(np.random.default_rng(0).choice(count, _SAMPLE_SIZE, replace=False))
         observations, point = observations.select(some), select(point, some)
     a, model, n = point.adjusted, point.model, len(observations.joints)
-    l11, l21, l22 = point.whitened.root
     x, y = a.force[:, 0], a.force[:, 1]
     size = np.hypot(x, y)
-    moved = np.empty((2, _VARIANTS, n))
+    moved = np.empty((2, 4, n))
     for k, (along_x, along_y) in enumerate(((x / size, y / size), (-y / size, x / size))):
         left = noise_left(point.linear, point.whitened.root, noise, k)
         moved[:, 2 * k] = x + left * along_x, y + left * along_y
         moved[:, 2 * k + 1] = x - left * along_x, y - left * along_y
-    every = np.tile(np.arange(n), _VARIANTS)
+    every = np.tile(np.arange(n), 4)
     o, adjusted, force = observations.select(every), pick(a, every), moved.reshape(2, -1).T
     placed = place_force(o, model, adjusted.joints, force, adjusted.state)
     state, arm = solve_links(model, o.contact_problem(adjusted.joints, adjusted.off_normal), placed)
     linear = linearise(o, model, adjusted._replace(force=force, state=state), arm)
-    root = (np.tile(l11, _VARIANTS), np.tile(l21, _VARIANTS), np.tile(l22, _VARIANTS))
+    l11, l21, l22 = (np.tile(part, 4) for part in point.whitened.root)
     derivative = linear.derivative
     if linear.by_errors is not None:
         derivative = np.concatenate([derivative, linear.by_errors], axis=2)
-    columns = whiten_by(derivative, root).transpose(2, 1, 0).reshape(-1, 2, _VARIANTS, n)
+    columns = whiten_by(derivative, (l11, l21, l22)).transpose(2, 1, 0).reshape(-1, 2, 4, n)
     changes = (columns[:, :, 0::2] - columns[:, :, 1::2]) / 2
     triangle = upper_triangle(changes.reshape(len(columns), -1).T, overwrite=True)
     return triangle * np.sqrt(max(count / _SAMPLE_SIZE, 1.0))

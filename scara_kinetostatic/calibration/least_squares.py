@@ -57,7 +57,12 @@ def compress(
     roots = None if weights is None else np.sqrt(weights)
     triangles = []
     for part in blocks(n):
-        triangles.append(_triangle(derivative[part], residual[part], None if roots is None else roots[part]))
+        by, left = derivative[part].transpose(2, 1, 0), residual[part].T
+        rows = np.empty((k + 1, *left.shape))  # transposed: in the order in which LAPACK takes it without a copy
+        rows[:k], rows[k] = by, -left
+        if roots is not None:
+            rows *= roots[part]
+        triangles.append(upper_triangle(rows.reshape(k + 1, -1).T, overwrite=True))
     if prior is not None:
         triangles.append(prior)
     triangle = triangles[0] if len(triangles) == 1 else upper_triangle(np.concatenate(triangles))
@@ -66,16 +71,6 @@ def compress(
     if trouble:
         raise np.linalg.LinAlgError('the singular value decomposition does not converge')
     return Compressed(u.T @ triangle[:k, k], values, vt.T)
-
-
-def _triangle(derivative: Floats, residual: Floats, roots: Floats | None) -> Floats:
-    """R of the QR factorisation of the rows [J, -r], each touch's times its root, (k + 1, k + 1)."""
-    n, _, k = derivative.shape
-    rows = np.empty((k + 1, 2, n))  # transposed: in the order in which LAPACK takes it without a copy
-    rows[:k], rows[k] = derivative.transpose(2, 1, 0), -residual.T
-    if roots is not None:
-        rows *= roots
-    return upper_triangle(rows.reshape(k + 1, 2 * n).T, overwrite=True)
 
 
 def upper_triangle(rows: Floats, overwrite: bool = False) -> Floats:

@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.calibration.gauss_helmert import Linearisation, Whitened, outer
+from scara_kinetostatic.calibration.fit_point import Point
+from scara_kinetostatic.calibration.gauss_helmert import Linearisation, outer
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Noise
 
@@ -46,19 +47,13 @@ def as_stated(noise: Noise, stated: Noise | None) -> Noise:
 
 
 def estimate_noise(
-    linear: Linearisation,
-    whitened: Whitened,
-    covariance: Floats,
-    noise: Noise,
-    stated: Noise | None = None,
-    prior: Floats | None = None,
+    point: Point, covariance: Floats, noise: Noise, stated: Noise | None = None, prior: Floats | None = None
 ) -> Noise:
     """One round of REML at a fit.
 
     Args:
-        linear: the equations of the used touches.
-        whitened: the same, whitened with `noise`.
-        covariance: C of the parameters in the scale of `whitened.jacobian`, (12 + k + m, 12 + k + m).
+        point: the used touches, whitened with `noise`.
+        covariance: C of the parameters in the scale of its Jacobian, (12 + k + m, 12 + k + m).
         noise: the levels so far.
         stated: what the cell description says of them, which is kept; None for nothing.
         prior: derivatives of what is known besides, with unit variances, (p, 12 + k + m); None for nothing.
@@ -66,9 +61,10 @@ def estimate_noise(
     Returns:
         The levels that the residuals call for, each within a factor of 10 of before.
     """
-    free = estimated_levels(noise, stated)
+    linear, whitened, free = point.linear, point.whitened, estimated_levels(noise, stated)
     size = np.array([max(getattr(noise, key), _LEAST[key]) ** 2 for key in free])
-    parts = [whiten_matrix(_unit_variance(linear, key), whitened.root) for key in free]
+    by = {'joint': linear.by_joints, 'force': linear.by_force}
+    parts = [whiten_matrix(outer(by[key]) if key in by else growing(linear), whitened.root) for key in free]
     parts.append(np.eye(2) - np.tensordot(size, np.array(parts), 1))  # V less these
     r, jacobian, count = whitened.residual, whitened.jacobian, len(free)
     weighted = [part @ jacobian for part in parts]
@@ -95,13 +91,6 @@ def estimate_noise(
     if np.linalg.eigvalsh(matrix * np.outer(size, size)).min() <= 0:  # some act alike: no telling them apart
         return same_ratio
     return _bounded(noise, dict(zip(free, np.sqrt(_distinguishable(matrix, vector)).tolist(), strict=True)))
-
-
-def _unit_variance(linear: Linearisation, key: str) -> Floats:
-    """V_l of each touch: the entries 11, 21, 22, (n, 3)."""
-    if key == 'joint':
-        return outer(linear.by_joints)
-    return outer(linear.by_force) if key == 'force' else growing(linear)
 
 
 def growing(linear: Linearisation) -> Floats:

@@ -11,17 +11,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import NOTHING_KNOWN, DeclaredErrors, Prior
-from scara_kinetostatic.calibration.random_effects import RandomEffects
+from scara_kinetostatic.calibration.declared_errors import NOTHING_KNOWN, DeclaredErrors, Prior, RandomEffects
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, T, over_arrays, pick
 from scara_kinetostatic.model.cell import Cell, SensorFrame
-from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import Gripper, forward, rotate
+from scara_kinetostatic.model.kinematics import Gripper, forward
 from scara_kinetostatic.model.outline import PER_ANGLE, Surfaces
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.model.touch_equations import Edges
+from scara_kinetostatic.model.touch_equations import ContactProblem, Edges
 
 BLOCK = 4096
 """Touches per block: 32 KiB per array of numbers."""
@@ -225,8 +223,7 @@ def _touched_surfaces(cell: Cell, touches: TouchSet) -> Indices:
     """
     p, todo, found, force = cell.nominal, touches.surface < 0, touches.surface.copy(), touches.force
     if todo.any():
-        if cell.sensor.frame is SensorFrame.TOOL:
-            force = rotate(force, touches.joints.sum(axis=1) + p.theta1 + p.theta2)
+        force = cell.sensor.frame.to_base(force, touches.joints, p)
         tips = forward(p, touches.joints[todo])
         unit = force[todo] / np.maximum(np.hypot(*force[todo].T), 1e-300)[:, None]
         misses = cell.surfaces.misses(tips, unit, PER_ANGLE)[0]

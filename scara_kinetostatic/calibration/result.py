@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
+from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, DeclaredErrors, Prior, RandomEffects
 from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
 from scara_kinetostatic.calibration.fit_point import (
     FINAL,
@@ -25,10 +25,17 @@ from scara_kinetostatic.calibration.fit_point import (
     project,
     select,
 )
-from scara_kinetostatic.calibration.identifiability import Identifiability, identify, scales_of, shape_notes
+from scara_kinetostatic.calibration.identifiability import (
+    Identifiability,
+    advise,
+    condition_number,
+    determined_pairs,
+    group_names,
+    scales_of,
+    shape_notes,
+)
 from scara_kinetostatic.calibration.noise_estimation import estimated_levels
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, observe
-from scara_kinetostatic.calibration.random_effects import LARGE_EFFECT, RandomEffects
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, read_only
@@ -327,9 +334,8 @@ def build_result(
     cell: Cell,
     start: ExtendedModel,
     fixed: Mapping[str, float],
-    observations: Observations,
     found: Estimation,
-    left_out: Sequence[Rejection] = (),
+    left_out: Sequence[Rejection],
 ) -> Calibration:
     """The result of an estimation.
 
@@ -338,21 +344,28 @@ def build_result(
         cell: the cell.
         start: the model where the fit began.
         fixed: parameters held, by name.
-        observations: the touches as the fit took them.
         found: the estimation.
         left_out: touches that the fit left out.
     """
-    fit, used = found.fit, found.used
-    model = fit.point.model
-    observations = observations.with_errors(fit.point.errors)
-    everything = covariance_of_fit(fit, found.subspace)
-    contributions, chi_square, freedoms = contributions_of(found, observations, everything)
+    fit, used, observations = found.fit, found.used, found.observations
+    model, everything = fit.point.model, covariance_of_fit(fit, found.subspace)
+    contributions, chi_square, freedoms = contributions_of(found, everything)
     covariance = np.sum([part.covariance for part in contributions], axis=0)
     std = np.sqrt(np.diag(covariance))
     changes = fit.point.whitened.derivative[used] @ found.subspace.basis
     notes = () if observations.surface is None else shape_notes(cell, observations.surface[used])
     mean_force = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
-    identifiability = identify(model, fixed, found.unidentifiable, covariance, changes, mean_force, notes)
+    held, values = model.held.union(fixed), model.as_array()
+    free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
+    groups = group_names(found.unidentifiable, free, model, std)
+    identifiability = Identifiability(
+        rank=len(free) - found.unidentifiable.shape[1],
+        condition=condition_number(changes),
+        confounded=groups,
+        combinations=determined_pairs(found.unidentifiable, free, values, covariance),
+        advice=advise(groups, mean_force),
+        notes=notes,
+    )
     confounded = {name for group in identifiability.confounded for name in group}
     std[[name in confounded for name in model.names]] = np.nan
     return Calibration(
@@ -369,7 +382,7 @@ def build_result(
         contributions=contributions,
         touches=touches,
         used=used,
-        rejected=_rejections(touches, found, observations, left_out),
+        rejected=_rejections(touches, found, left_out),
         noise=found.noise,
         noise_source='estimated' if estimated_levels(found.noise, cell.noise) else 'given',
         force=base_force(observations, model),
@@ -384,13 +397,11 @@ def build_result(
     )
 
 
-def _rejections(
-    touches: TouchSet, found: Estimation, observations: Observations, left_out: Sequence[Rejection]
-) -> tuple[Rejection, ...]:
+def _rejections(touches: TouchSet, found: Estimation, left_out: Sequence[Rejection]) -> tuple[Rejection, ...]:
     """The outliers and the touches left out, in the order of their numbers."""
     bad = np.flatnonzero(~found.used)
     rejected = list(left_out)
-    off = force_residual(observations.select(bad), found.fit.point.model) if len(bad) else np.zeros((0, 2))
+    off = force_residual(found.observations.select(bad), found.fit.point.model) if len(bad) else np.zeros((0, 2))
     for k, size in zip(bad, np.hypot(*off.T), strict=True):
         std = np.sqrt(found.distance[k])
         reason = f'disagrees with the other touches: its force is {size:.2g} N off, {std:.1f} standard deviations'
@@ -415,9 +426,7 @@ class Contribution(NamedTuple):
     covariance: Floats
 
 
-def contributions_of(
-    found: Estimation, observations: Observations, covariance: Floats
-) -> tuple[tuple[Contribution, ...], float, int]:
+def contributions_of(found: Estimation, covariance: Floats) -> tuple[tuple[Contribution, ...], float, int]:
     """What noise and each declared source contribute to the covariance, chi-square, degrees of freedom.
 
     With C the covariance of the fit and P the rows of the prior, the estimate moves by -C P_sᵀ e_s with the true errors
@@ -425,7 +434,7 @@ def contributions_of(
     noise and declared errors can be, all are enlarged alike.
     """
     fit, values = found.fit, len(found.subspace.origin)
-    prior = ActivePrior.of(observations, found.subspace)
+    prior = ActivePrior.of(found.observations, found.subspace)
     chi_square = float(fit.point.distance[found.used].sum()) + fit.prior_cost
     freedoms = 2 * int(found.used.sum()) - found.subspace.basis.shape[1]
     parts = []

@@ -313,6 +313,11 @@ def tip_uncertainty(c: Calibration, area: Workspace | None = None) -> TipUncerta
     variances = area.variances(c.covariance)
     expanded = COVERAGE_FACTOR * np.sqrt(variances.max(axis=1))
     known = np.isfinite(expanded)
+    turns = jacobian(c.parameters, area.poses.joints)
+    first, second = turns[..., 0] * abs(c.parameters.g1), turns[..., 1] * abs(c.parameters.g2)
+    values, touched = np.full(area.reached.shape, np.nan), np.zeros(area.reached.shape, dtype=bool)
+    values[area.reached], touched[area.reached] = expanded, area.touched
+    maps = zip(POSTURES, values, touched, area.reached, strict=True)
     return TipUncertainty(
         median=_statistic(np.median, expanded[known]),
         worst=_statistic(np.max, expanded[known]),
@@ -320,8 +325,8 @@ def tip_uncertainty(c: Calibration, area: Workspace | None = None) -> TipUncerta
         median_touched=_statistic(np.median, expanded[known & area.touched]),
         worst_touched=_statistic(np.max, expanded[known & area.touched]),
         undetermined=float(np.mean(~known)),
-        lost_motion=_lost_motion(c, area),
-        maps=_maps(area, expanded),
+        lost_motion=float(np.max([np.hypot(*(first + second).T), np.hypot(*(first - second).T)])),
+        maps=tuple(UncertaintyMap(side, area.x, area.y, u, near) for side, u, near, some in maps if some.any()),
         alone=area.alone,
     )
 
@@ -347,17 +352,3 @@ def _worst_pose(c: Calibration, area: Workspace, variances: Floats) -> WorstPose
         direction=direction,
         gradient=direction @ derivative,
     )
-
-
-def _lost_motion(c: Calibration, area: Workspace) -> float:
-    """The largest ‖±J_1 g1 ± J_2 g2‖ over the workspace, m."""
-    turns = jacobian(c.parameters, area.poses.joints)
-    first, second = turns[..., 0] * abs(c.parameters.g1), turns[..., 1] * abs(c.parameters.g2)
-    return float(np.max([np.hypot(*(first + second).T), np.hypot(*(first - second).T)]))
-
-
-def _maps(area: Workspace, expanded: Floats) -> tuple[UncertaintyMap, ...]:
-    values, touched = np.full(area.reached.shape, np.nan), np.zeros(area.reached.shape, dtype=bool)
-    values[area.reached], touched[area.reached] = expanded, area.touched
-    maps = zip(POSTURES, values, touched, area.reached, strict=True)
-    return tuple(UncertaintyMap(side, area.x, area.y, u, between) for side, u, between, some in maps if some.any())

@@ -23,8 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
-from scara_kinetostatic.calibration.random_effects import LARGE_EFFECT, RIVALS, UNDETECTED
+from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, RIVALS, UNDETECTED, DeclaredErrors, Prior
 from scara_kinetostatic.calibration.result import Calibration, of_full_model
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
@@ -108,14 +107,11 @@ def uncertainty_budget(c: Calibration, tip: TipUncertainty | None = None) -> tup
     return tuple(item(*part) for part in c.contributions)
 
 
-MORE_TOUCHES = 'noise'
-
-
 class Improvement(NamedTuple):
     """An action, and the uncertainty of the tip after it.
 
     Attributes:
-        labels: the sources that are then known better; `MORE_TOUCHES` for twice as many touches.
+        labels: the sources that are then known better; `NOISE` for twice as many touches.
         declared: the largest declared standard uncertainty of them now; the number of touches for more touches.
         wanted: the same after it.
         unit: of both; empty for a number of touches.
@@ -217,7 +213,7 @@ def _more_touches(c: Calibration, area: Workspace) -> Iterator[Improvement]:
     rows = np.zeros((0, len(everything))) if prior is None else prior.rows(values)
     known = (rows @ basis).T @ (rows @ basis)
     covariance = basis @ np.linalg.inv(2 * information - known) @ basis.T * c.enlargement
-    yield _improvement(c, area, (MORE_TOUCHES,), (count, 2 * count), '', covariance)
+    yield _improvement(c, area, (NOISE,), (count, 2 * count), '', covariance)
 
 
 def _improvement(

@@ -129,7 +129,7 @@ def add_max_bytes(parser: argparse.ArgumentParser) -> None:
     """Adds ``--max-bytes``, which holds for child processes as well."""
 
     def convert(text: str) -> int:
-        from scara_kinetostatic.bags.budget import MAX_BYTES
+        from scara_kinetostatic.bags.messages import MAX_BYTES
 
         os.environ[MAX_BYTES] = str(value := whole(1)(text))
         return value

@@ -42,7 +42,6 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, correlated_samples, rms
 from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.outline import surfaces_of
-from scara_kinetostatic.model.tip import DEPENDS
 
 _CIRCLE = (('center_x', 'm'), ('center_y', 'm'), ('radius', 'm'))
 SHAPES = {
@@ -61,7 +60,7 @@ def parameter_stds(contour: Contour, arm: CalibratedArm, points: Mask, design: F
     by_model = inverse @ contour.by_model[points]
     systematic = np.einsum('ij,jk,ik->i', by_model, arm.covariance, by_model)
     free = ((by_model @ arm.undetermined) ** 2).sum(axis=1)
-    systematic[free > DEPENDS**2 * systematic] = np.nan
+    systematic[free > systematic] = np.nan
     common = arm.cell.uncertainty.radius * inverse.sum(axis=1)
     slow = _slow_noise(np.asarray(inverse, dtype=np.float64), contour, points, residual)
     passes = contour.passes[points]

@@ -27,8 +27,8 @@ import numpy as np
 from scara_kinetostatic.files.columns import csv_lines
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
+from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.plane import Plane
 
 SPACING = 5e-4
 """Least distance of the nodes of an outline, m."""

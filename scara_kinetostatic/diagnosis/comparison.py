@@ -428,11 +428,10 @@ def discriminating_touches(
 def _predict(pool: TouchSet, fit: Calibration) -> tuple[Floats, Floats]:
     """The forces F that a fit predicts for touches, (n, 2), N, NaN where it reaches none; ∂F/∂Q, (n, 2, 2)."""
     o, model = observe(pool, replace(fit.cell, sensor=fit.cell.sensor._replace(frame=SensorFrame.BASE))), fit.model
-    touched = o.joints, o.centers, o.radii
-    found = contact(model, *touched, o.gripper, warm_start=pool.force, metadata=o.metadata, tangents=o.tangents)
+    touched = o.joints, o.centers, o.radii, o.gripper
+    found = contact(model, *touched, warm_start=pool.force, metadata=o.metadata, tangents=o.tangents)
     reached = (found.solved & (found.magnitude > 0))[:, None]
-    by_joints = contact_derivatives(model, *touched, found, o.gripper, o.metadata, o.tangents).joints
-    return np.where(reached, found.force, np.nan), by_joints
+    return np.where(reached, found.force, np.nan), contact_derivatives(model, found).joints
 
 
 def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]]:

@@ -32,13 +32,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import Prior, Source
+from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, RIVALS, Prior, RandomEffects, Source
 from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, fewest_touches, find_good, studentised
 from scara_kinetostatic.calibration.fit_point import Point, base_force, select
 from scara_kinetostatic.calibration.gauss_helmert import outer
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels, whiten_matrix
-from scara_kinetostatic.calibration.random_effects import LARGE_EFFECT, RIVALS, RandomEffects
 from scara_kinetostatic.calibration.result import Calibration, Contribution, enlargement_of, of_full_model
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.diagnosis.linear_problem import fitted_effects

@@ -203,7 +203,6 @@ class Effect(EffectLaw):
         return VARIABLES[self.plot_variable].axis(at)
 
 
-@dataclass(frozen=True)
 class LinearEffect(Effect):
     """An effect that is linear in its parameters."""
 
@@ -220,7 +219,6 @@ class LinearEffect(Effect):
         return self.basis(at)
 
 
-@dataclass(frozen=True)
 class SensorEffect(Effect):
     """An error of the force sensor: it moves nothing."""
 
@@ -270,7 +268,6 @@ class EffectOfJoint(Effect):
         return VARIABLES[self.plot_variable].axis(at, self.joint)
 
 
-@dataclass(frozen=True)
 class JointEffect(EffectOfJoint, LinearEffect):
     """A linear effect of one joint: δ of that joint alone."""
 

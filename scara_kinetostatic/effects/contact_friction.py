@@ -104,10 +104,6 @@ class OffNormalForce(Effect):
     def with_off_normal_std(self, std: float) -> OffNormalForce:
         return replace(self, off_normal=std)
 
-    @classmethod
-    def instances(cls, cell: Cell) -> Iterable[Effect]:
-        return []
-
     def shift(self, at: TouchState, values: Floats) -> Shift:
         return _off_normal(at, at.off_normal)
 

@@ -2,8 +2,8 @@
 depends on the torque, hysteresis; a periodic error of its transmission; slip with memory.
 
 **Slip** is a second spring behind friction, constant or growing with the load that it carries:
-δ = compliance · P(C), with P the play operator (`model.play_operator`) over the torque C. Its state depends on the
-turning points of C alone, `TouchSet.history`.
+δ = compliance · P(C), with P the play operator (`model.touch.play_operator`) over the torque C. Its state depends on
+the turning points of C alone, `TouchSet.history`.
 
 **The two are not the same, nor are they another together with `joint_hysteresis`.** By constant friction of half width
 r, a joint that was pressed up to C_m > 2 r and let go keeps compliance · r, whatever C_m was, and stands still while
@@ -19,7 +19,6 @@ compliance, μ and p are confounded. Two preloads, one below and one above 2 μ 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -28,10 +27,9 @@ from scara_kinetostatic.effects.base import EffectOfJoint, JointEffect, Trial
 from scara_kinetostatic.effects.variables import PlotAxis
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
-from scara_kinetostatic.model.play_operator import LARGEST_RATIO, play_operator
+from scara_kinetostatic.model.touch import LARGEST_RATIO, play_operator
 
 
-@dataclass(frozen=True)
 class EncoderGain(JointEffect):
     """The encoder reports q where the actuator is at (1 + gain) q: δ = -gain q.
 
@@ -50,7 +48,6 @@ class EncoderGain(JointEffect):
         return (-at.joints[:, self.joint],)
 
 
-@dataclass(frozen=True)
 class JointCoupling(JointEffect):
     """The other joint turns this one, as a belt drive through it does: the actuator is at q_i + coupling q_j, so that
     δ_i = -coupling q_j.
@@ -73,7 +70,6 @@ class JointCoupling(JointEffect):
         return (-at.joints[:, 1 - self.joint],)
 
 
-@dataclass(frozen=True)
 class CablePull(JointEffect):
     """A cable or hose across the joint turns it by a torque τ that depends smoothly on its angle.
 
@@ -112,7 +108,6 @@ class CablePull(JointEffect):
         return -angle, -(angle**2), -(angle**3)
 
 
-@dataclass(frozen=True)
 class JointHardening(JointEffect):
     """Beside p c the joint deflects by δ = -rate c³: it hardens for a positive rate, softens for a negative one.
 
@@ -137,7 +132,6 @@ class JointHardening(JointEffect):
         return (-(at.torques[:, self.joint] ** 3),)
 
 
-@dataclass(frozen=True)
 class JointHysteresis(JointEffect):
     """Coulomb friction in the transmission: the link lags the actuator by δ = width · direction of approach.
 
@@ -156,7 +150,6 @@ class JointHysteresis(JointEffect):
         return (np.sign(at.metadata.approach[:, self.joint]),)
 
 
-@dataclass(frozen=True)
 class ZeroDrift(JointEffect):
     """The zero of a joint drifts with time t since the start of the recording: δ = -rate t.
 
@@ -180,7 +173,6 @@ LOWEST, HIGHEST = 1.0, 120.0
 _TYPICAL_CYCLES = (1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
 
 
-@dataclass(frozen=True)
 class TransmissionError(EffectOfJoint):
     """A wave of the gear, the coupling or the encoder: δ = amplitude · cos(cycles · q - phase)."""
 
@@ -274,7 +266,6 @@ def _as_wave(coefficients: Floats, cycles: float) -> Floats:
     return np.array([np.hypot(cosine, sine), np.arctan2(sine, cosine), cycles])
 
 
-@dataclass(frozen=True)
 class JointSlip(EffectOfJoint):
     """A second spring behind friction: δ = compliance · P_r(C), P_r the play of half width r = `slip_torque`.
 
@@ -370,7 +361,6 @@ class JointSlip(EffectOfJoint):
         return np.quantile(np.abs(load), 0.9) * np.geomspace(0.01, 0.9, 12)
 
 
-@dataclass(frozen=True)
 class LoadFriction(JointSlip):
     """A second spring behind friction that grows with its load: δ = compliance (1 + μ) P(C), |C - P| ≤ μ |P|.
 

@@ -15,7 +15,7 @@ from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import displacement, quantity
+from scara_kinetostatic.model.parameters import displacement, off
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ class ObjectRotation(DiscEffect):
         ]
 
     def correction(self, values: Mapping[str, float]) -> str:
-        sense = 'counter-clockwise' if values['angle'] > 0 else 'clockwise'
-        return f'measure the rotation of {self.target} again: it is {quantity(abs(values["angle"]), "rad")} {sense}'
+        turned = off(values['angle'], 'rad', 'counter-clockwise', 'clockwise')
+        return f'measure the rotation of {self.target} again: it is {turned}'
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         d = at.across_edges(-quarter_turn(at.centers - self.reference))
@@ -104,7 +104,6 @@ class ObjectRotation(DiscEffect):
         return (d,)
 
 
-@dataclass(frozen=True)
 class ObjectRadius(DiscEffect):
     """The disc is larger by `radius` than stated: d = radius · n."""
 
@@ -118,15 +117,13 @@ class ObjectRadius(DiscEffect):
     force_dependence = ForceDependence.DIRECTION
 
     def correction(self, values: Mapping[str, float]) -> str:
-        error = values['radius']
-        size = f'{quantity(abs(error), "m")} {"larger" if error > 0 else "smaller"}'
+        size = off(values['radius'], 'm', 'larger', 'smaller')
         return f'measure the radius of {self.target} again: it is {size}'
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         return (at.normal,)
 
 
-@dataclass(frozen=True)
 class ObjectOffset(ObjectRadius):
     """All sides of the outline stand further out by `offset`: d = offset · n."""
 
@@ -138,8 +135,7 @@ class ObjectOffset(ObjectRadius):
     identified_by = 'touches of opposite sides, and of another object'
 
     def correction(self, values: Mapping[str, float]) -> str:
-        error = values['offset']
-        where = f'{quantity(abs(error), "m")} further {"out" if error > 0 else "in"}'
+        where = off(values['offset'], 'm', 'further out', 'further in')
         return f'measure {self.target} again: its sides stand {where}'
 
 
@@ -187,8 +183,7 @@ class EdgeBow(DiscEffect):
         return self.statement.format(target=self.edge)
 
     def correction(self, values: Mapping[str, float]) -> str:
-        error = values['bow']
-        where = f'{quantity(abs(error), "m")} further {"out" if error > 0 else "in"}'
+        where = off(values['bow'], 'm', 'further out', 'further in')
         return f'grind {self.edge}: its middle stands {where} than its ends'
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
@@ -250,7 +245,6 @@ class PlatePosition(LinearEffect):
         return np.asarray(np.isin(at.metadata.disc, self.discs))
 
 
-@dataclass(frozen=True)
 class ContactCompliance(EffectOfDiscs, LinearEffect):
     """Hertz's contact: the tip sinks into the disc by yield · f^(2/3), so d = -yield f^(2/3) n.
 

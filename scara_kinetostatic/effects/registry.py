@@ -226,9 +226,9 @@ def evaluate_once(effect: Effect, cell: Cell) -> None:
         shift = effect.shift(at, values)
         _check_shifts('shift', [shift], 1, n)
         _check_shifts('derivative', effect.derivative(at, values), k, n)
-        states = _some_touches(cell, factor=2.0), _some_touches(cell, turn=0.1)
-        needs = (ForceDependence.ALL, 'magnitude'), (ForceDependence.DIRECTION, 'direction')
-        for state, (needed, what) in zip(states, needs, strict=True):
+        larger = _some_touches(cell, factor=2.0), ForceDependence.ALL, 'magnitude'
+        turned = _some_touches(cell, turn=0.1), ForceDependence.DIRECTION, 'direction'
+        for state, needed, what in (larger, turned):
             other = effect.shift(state, values)
             changed = any(a is not None and (b is None or (a != b).any()) for a, b in zip(shift, other, strict=True))
             if effect.force_dependence < needed and changed:

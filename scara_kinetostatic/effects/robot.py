@@ -37,7 +37,6 @@ from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shif
 from scara_kinetostatic.model.kinematics import quarter_turn
 
 
-@dataclass(frozen=True)
 class AnisotropicGripper(LinearEffect):
     """The compliance of the gripper couples along and across link 2: d = -coupling (F·v w + F·w v), w = R90 v.
 
@@ -63,7 +62,6 @@ class AnisotropicGripper(LinearEffect):
         return (Shift(place=at.across_edges(-(f_along * across + f_across * along))),)
 
 
-@dataclass(frozen=True)
 class AnisotropicBacklash(LinearEffect):
     """The gripper has more backlash in one direction than in another: d = -(a cos 2χ + b sin 2χ) n.
 
@@ -144,7 +142,6 @@ class LinkBending(LinearEffect):
         return (Shift(joints=np.array([c1 / 3 + c2 / 6, c1 / 6 + c2 / 3]).T),)
 
 
-@dataclass(frozen=True)
 class BaseCompliance(LinearEffect):
     """The robot stands on springs: pushed by -F, its base moves by d = -[[excess, coupling], [coupling, -excess]] F.
 
@@ -170,10 +167,6 @@ class BaseCompliance(LinearEffect):
         return tuple(Shift(place=at.across_edges(np.array(part).T)) for part in ((-x, y), (-y, -x)))
 
 
-LARGEST_SAG = 1e-4
-"""Angle by which the weight of a tilted arm may turn a joint, rad."""
-
-
 @dataclass(frozen=True)
 class BaseTilt(LinearEffect):
     """The part of gravity that lies in the plane of the arm loads the joints.
@@ -189,7 +182,7 @@ class BaseTilt(LinearEffect):
     taken as independent of each other, though both point downhill.
 
     The larger an arm, the stiffer its joints and the heavier its links: moments are plausible that turn a joint by
-    `LARGEST_SAG` at its nominal compliance. An upright arm has none of this: its cell states `gravity`.
+    1e-4 rad at its nominal compliance. An upright arm has none of this: its cell states `gravity`.
 
     Attributes:
         sizes: largest plausible moments of joint 1 and joint 2, Nm.
@@ -217,7 +210,7 @@ class BaseTilt(LinearEffect):
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
         p = cell.nominal
-        sizes = (LARGEST_SAG / p.p1 if p.p1 > 0 else 10.0, LARGEST_SAG / p.p2 if p.p2 > 0 else 10.0)
+        sizes = (1e-4 / p.p1 if p.p1 > 0 else 10.0, 1e-4 / p.p2 if p.p2 > 0 else 10.0)
         return [] if p.has_gravity else [cls(sizes=sizes)]
 
     @property
@@ -236,7 +229,6 @@ class BaseTilt(LinearEffect):
         return tuple(Shift(joints=torque[:, None] * slope) for torque, slope in zip(torques, slopes, strict=True))
 
 
-@dataclass(frozen=True)
 class LinkGrowth(LinearEffect):
     """Both links grow with time t since the start of the recording: d = rate t (l1 u + l2 v).
 

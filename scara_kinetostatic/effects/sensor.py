@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from scara_kinetostatic.effects.base import SensorEffect
@@ -11,7 +9,6 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import Parameter, TouchMetadata
 
 
-@dataclass(frozen=True)
 class SensorBias(SensorEffect):
     """The sensor reports F + b, b = (x, y) constant in its frame: what the tare before the touch left, e = b."""
 
@@ -29,7 +26,6 @@ class SensorBias(SensorEffect):
         return np.full(force.shape, values)
 
 
-@dataclass(frozen=True)
 class SensorRotation(SensorEffect):
     """The sensor reports R(angle) F: e = (R(angle) - I) F."""
 
@@ -52,7 +48,6 @@ class SensorRotation(SensorEffect):
         return (np.array([-s * force[:, 0] - c * force[:, 1], c * force[:, 0] - s * force[:, 1]]).T,)
 
 
-@dataclass(frozen=True)
 class SensorNonlinearity(SensorEffect):
     """The sensor reports (1 + rate · ‖F‖) F: its gain grows with the force, or falls, e = rate ‖F‖ F.
 
@@ -75,7 +70,6 @@ class SensorNonlinearity(SensorEffect):
         return np.asarray(values[0] * (np.hypot(force[:, 0], force[:, 1])[:, None] * force))
 
 
-@dataclass(frozen=True)
 class SensorCrossTalk(SensorEffect):
     """The sensor reports (I + A) F in its own frame, e = A F with A = [[gain/2, xy], [yx, -gain/2]].
 

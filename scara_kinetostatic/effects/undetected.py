@@ -7,11 +7,10 @@ so that the uncertainty of a prediction contains them wherever the arm is.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -22,45 +21,43 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import ArmClass, Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 
-TYPICAL: Mapping[str, tuple[float | tuple[float, ...], str]] = MappingProxyType(
-    {
-        'contact_friction': (4e-3, 'lubricated steel, pressed along the normal'),
-        'sensor_rotation': (2e-3, 'a flange with pins'),
-        'sensor_bias': (0.05, 'drift of a strain-gauge sensor between tare and hold'),
-        'sensor_nonlinearity': (1e-4, '0.4 % of 40 N'),
-        'sensor_cross_talk': (2e-3, 'calibrated six-axis sensors: 0.2 to 1 %'),
-        'encoder_gain': (2e-5, 'belt or cable across the joint'),
-        # the gear alone: 1.5e-4 rad or more, peak to peak (Harmonic Drive, catalogue CSF/CSG, positioning accuracy)
-        'transmission_error': (2e-5, '4 arcsec: what its compensation, or an encoder at the output, leaves of a gear'),
-        'joint_coupling': (2e-5, 'belt of joint 2 through the shoulder'),
-        'cable_pull': ((5e-6, 2.5e-6, 8e-7), 'a soft hose: a smooth curve of 5 µrad at 1 rad, by its Taylor series'),
-        'tip_shape': (2e-6, 'a ground pin'),
-        'joint_hardening': (2e-9, '2 µrad at 10 Nm'),
-        'joint_hysteresis': (1e-5, '2 arcsec'),
-        'joint_slip': (5e-7, 'a tenth of a stiff joint'),
-        'load_friction': (5e-7, 'the same'),
-        'anisotropic_gripper': (2e-7, '8 µm at 40 N'),
-        'anisotropic_backlash': (3e-6, 'a fit of the gripper'),
-        'link_bending': (4e-7, 'a tube of aluminium'),
-        'base_compliance': (1e-7, '4 µm at 40 N: a steel frame'),
-        'base_tilt': (2e-2, '5 kg, 0.2 m, levelled to 2 mrad'),
-        'contact_compliance': (3e-7, 'Hertz: steel on steel'),
-        'object_position': (1e-5, 'a coordinate measuring machine in the workshop'),
-        'plate_position': (1e-5, 'the same'),
-        'object_radius': (5e-6, 'a ground pin'),
-        'object_rotation': (1e-4, '10 µm over 0.1 m'),
-        'object_offset': (5e-6, 'as the radius'),
-        'edge_bow': (3e-6, 'a ground edge'),
-        'thermal_drift': (1e-8, '6 µrad, or 6 µm per metre, in ten minutes: 0.5 K of steel, 1.15e-5 per K'),
-        'shift': (3e-6, 'fastened'),
-        'shift[joint1]': (5e-6, 'an encoder that keeps its zero'),
-        'shift[joint2]': (5e-6, 'the same'),
-        'shift[sensor]': (3e-2, 'as its drift'),
-    }
-)
+TYPICAL: Mapping[str, tuple[float | tuple[float, ...], str]] = {
+    'contact_friction': (4e-3, 'lubricated steel, pressed along the normal'),
+    'sensor_rotation': (2e-3, 'a flange with pins'),
+    'sensor_bias': (0.05, 'drift of a strain-gauge sensor between tare and hold'),
+    'sensor_nonlinearity': (1e-4, '0.4 % of 40 N'),
+    'sensor_cross_talk': (2e-3, 'calibrated six-axis sensors: 0.2 to 1 %'),
+    'encoder_gain': (2e-5, 'belt or cable across the joint'),
+    # the gear alone: 1.5e-4 rad or more, peak to peak (Harmonic Drive, catalogue CSF/CSG, positioning accuracy)
+    'transmission_error': (2e-5, '4 arcsec: what its compensation, or an encoder at the output, leaves of a gear'),
+    'joint_coupling': (2e-5, 'belt of joint 2 through the shoulder'),
+    'cable_pull': ((5e-6, 2.5e-6, 8e-7), 'a soft hose: a smooth curve of 5 µrad at 1 rad, by its Taylor series'),
+    'tip_shape': (2e-6, 'a ground pin'),
+    'joint_hardening': (2e-9, '2 µrad at 10 Nm'),
+    'joint_hysteresis': (1e-5, '2 arcsec'),
+    'joint_slip': (5e-7, 'a tenth of a stiff joint'),
+    'load_friction': (5e-7, 'the same'),
+    'anisotropic_gripper': (2e-7, '8 µm at 40 N'),
+    'anisotropic_backlash': (3e-6, 'a fit of the gripper'),
+    'link_bending': (4e-7, 'a tube of aluminium'),
+    'base_compliance': (1e-7, '4 µm at 40 N: a steel frame'),
+    'base_tilt': (2e-2, '5 kg, 0.2 m, levelled to 2 mrad'),
+    'contact_compliance': (3e-7, 'Hertz: steel on steel'),
+    'object_position': (1e-5, 'a coordinate measuring machine in the workshop'),
+    'plate_position': (1e-5, 'the same'),
+    'object_radius': (5e-6, 'a ground pin'),
+    'object_rotation': (1e-4, '10 µm over 0.1 m'),
+    'object_offset': (5e-6, 'as the radius'),
+    'edge_bow': (3e-6, 'a ground edge'),
+    'thermal_drift': (1e-8, '6 µrad, or 6 µm per metre, in ten minutes: 0.5 K of steel, 1.15e-5 per K'),
+    'shift': (3e-6, 'fastened'),
+    'shift[joint1]': (5e-6, 'an encoder that keeps its zero'),
+    'shift[joint2]': (5e-6, 'the same'),
+    'shift[sensor]': (3e-2, 'as its drift'),
+}
 """Typical size of each effect of an industrial arm by label or name, in the unit of its parameters, and what it is.
 Conventions, orders of magnitude: where more is known it is declared."""
-CLASSES = MappingProxyType({ArmClass.INDUSTRIAL: 1.0, ArmClass.DESKTOP: 5.0, ArmClass.PRINTED: 25.0})
+CLASSES = {ArmClass.INDUSTRIAL: 1.0, ArmClass.DESKTOP: 5.0, ArmClass.PRINTED: 25.0}
 """Classes of arms, and by what factor their typical sizes are larger; a convention."""
 
 
@@ -136,11 +133,6 @@ class Undetected(LinearEffect):
     plot_variable = 'angle'
     is_physical = False
     is_undetected = True
-
-    @classmethod
-    def instances(cls, cell: Cell) -> Iterable[Effect]:
-        """None: they are no part of the catalogue."""
-        return []
 
     @classmethod
     def of(cls, cell: Cell, columns: Sequence[Column]) -> tuple[Undetected, ...]:

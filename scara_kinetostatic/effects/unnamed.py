@@ -6,10 +6,9 @@ function fitted to it. Such a term says where the model deviates and by how much
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, repeat
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,21 +16,18 @@ from numpy.typing import NDArray
 from scara_kinetostatic.effects.base import Effect, LinearEffect, at_joint
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, Variable
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter, Shift, TouchState
 
-CURVE_VARIABLES = MappingProxyType(
-    {
-        'q1': ('angle', 0),
-        'q2': ('angle', 1),
-        'torque1': ('torque', 0),
-        'torque2': ('torque', 1),
-        'force': ('magnitude', None),
-        'direction': ('direction', None),
-        'direction_from_link2': ('direction_from_link2', None),
-        'time': ('time', None),
-    }
-)
+CURVE_VARIABLES: dict[str, tuple[str, int | None]] = {
+    'q1': ('angle', 0),
+    'q2': ('angle', 1),
+    'torque1': ('torque', 0),
+    'torque2': ('torque', 1),
+    'force': ('magnitude', None),
+    'direction': ('direction', None),
+    'direction_from_link2': ('direction_from_link2', None),
+    'time': ('time', None),
+}
 """What a curve may depend on, by name: the key of `VARIABLES`, and the joint."""
 JOINTS = ('q1', 'q2')
 """Angles that are not periodic: a curve over them may have a slope."""
@@ -70,11 +66,6 @@ class Unnamed(LinearEffect):
     identified_by = 'touches in which this variable changes while all others stay'
     plot_variable = 'angle'
     is_physical = False
-
-    @classmethod
-    def instances(cls, cell: Cell) -> Iterable[Effect]:
-        """None: which curves are possible depends on the touches, see `empirical_effects`."""
-        return []
 
     @property
     def _variable(self) -> tuple[Variable, int | None]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -103,30 +102,28 @@ def _numbers(at: TouchState) -> Floats:
 
 
 _NONE, _DIRECTION = ForceDependence.NONE, ForceDependence.DIRECTION
-VARIABLES = MappingProxyType(
-    {
-        'angle': Variable('angle of joint {joint}', 'rad', _of_joint(lambda at: at.joints), _NONE),
-        'torque': Variable('torque of joint {joint}', 'Nm', _of_joint(lambda at: at.torques)),
-        'link1_torque': Variable(
-            'bending moment in the middle of link 1', 'Nm', lambda at, _: 0.5 * at.torques.sum(axis=1)
-        ),
-        'other_angle': Variable(
-            'angle of the joint beside joint {joint}', 'rad', lambda at, joint: at.joints[:, 1 - (joint or 0)], _NONE
-        ),
-        'magnitude': Variable('force', 'N', lambda at, _: at.magnitude),
-        'direction': Variable('direction of the force', 'rad', lambda at, _: _angle(at.normal), _DIRECTION),
-        'direction_from_link2': Variable(
-            'direction of the force from link 2', 'rad', lambda at, _: _from_link2(at), _DIRECTION
-        ),
-        'place': Variable('place on the disc', 'rad', lambda at, _: _angle(-at.normal)),
-        'disc': Variable('number of the object', '', lambda at, _: at.metadata.disc.astype(float) + 1),
-        'along_edge': Variable('place along the edge', 'm', lambda at, _: at.along_edge, _NONE),
-        'time': Variable('time', 's', lambda at, _: at.metadata.time, _NONE),
-        'touch': Variable('number of the touch', '', lambda at, _: _numbers(at)),
-        'approach': Variable(
-            'direction of approach of joint {joint}', '', _of_joint(lambda at: np.sign(at.metadata.approach))
-        ),
-        'slide': Variable('direction of the slide along the disc', '', lambda at, _: slide(at)),
-    }
-)
+VARIABLES = {
+    'angle': Variable('angle of joint {joint}', 'rad', _of_joint(lambda at: at.joints), _NONE),
+    'torque': Variable('torque of joint {joint}', 'Nm', _of_joint(lambda at: at.torques)),
+    'link1_torque': Variable(
+        'bending moment in the middle of link 1', 'Nm', lambda at, _: 0.5 * at.torques.sum(axis=1)
+    ),
+    'other_angle': Variable(
+        'angle of the joint beside joint {joint}', 'rad', lambda at, joint: at.joints[:, 1 - (joint or 0)], _NONE
+    ),
+    'magnitude': Variable('force', 'N', lambda at, _: at.magnitude),
+    'direction': Variable('direction of the force', 'rad', lambda at, _: _angle(at.normal), _DIRECTION),
+    'direction_from_link2': Variable(
+        'direction of the force from link 2', 'rad', lambda at, _: _from_link2(at), _DIRECTION
+    ),
+    'place': Variable('place on the disc', 'rad', lambda at, _: _angle(-at.normal)),
+    'disc': Variable('number of the object', '', lambda at, _: at.metadata.disc.astype(float) + 1),
+    'along_edge': Variable('place along the edge', 'm', lambda at, _: at.along_edge, _NONE),
+    'time': Variable('time', 's', lambda at, _: at.metadata.time, _NONE),
+    'touch': Variable('number of the touch', '', lambda at, _: _numbers(at)),
+    'approach': Variable(
+        'direction of approach of joint {joint}', '', _of_joint(lambda at: np.sign(at.metadata.approach))
+    ),
+    'slide': Variable('direction of the slide along the disc', '', lambda at, _: slide(at)),
+}
 """By name; the keys are what `Effect.plot_variable` may be."""

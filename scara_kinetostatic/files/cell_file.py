@@ -20,10 +20,10 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.yaml_file import POSITIVE, Section, Within, dump_yaml, parse_yaml, read_text, shown
 from scara_kinetostatic.model import cell as cells
+from scara_kinetostatic.model.cell import Plane, axes_problem
 from scara_kinetostatic.model.effect_law import Parameter
 from scara_kinetostatic.model.outline import Outline, outline_problem
 from scara_kinetostatic.model.parameters import MOMENTS, MOST_GRAVITY, NAMES, UNITS, Parameters
-from scara_kinetostatic.model.plane import Plane, axes_problem
 
 CELL_TOPIC = '/cell_description'
 """Topic of the cell description in a recording, `std_msgs/msg/String`."""

@@ -29,9 +29,9 @@ from scara_kinetostatic.files.robot_urdf import Robot, axis_of
 from scara_kinetostatic.files.urdf import render
 from scara_kinetostatic.files.yaml_file import dump_yaml
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import MOMENTS, Parameters, quantity
-from scara_kinetostatic.model.plane import Plane
 
 GRAVITY = 9.81
 """m/s², along -z of the root."""

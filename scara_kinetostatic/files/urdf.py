@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 from markupsafe import Markup
 
 from scara_kinetostatic.errors import one_line
+from scara_kinetostatic.model.cell import BASE_FRAME as BASE_FRAME
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.plane import BASE_FRAME as BASE_FRAME
 
 TOOL_FRAME = 'tool0'
 """Frame of the tip; x runs along link 2."""

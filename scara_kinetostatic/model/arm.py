@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
-from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
+from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import posture as posture_of
@@ -134,13 +134,10 @@ class CalibratedArm:
 
     @classmethod
     def of(cls, calibration: HasArm) -> CalibratedArm:
-        """That of a `Calibration`, which nobody has assessed."""
+        """That of a `Calibration`, which nobody has assessed; of the final one of an `Outcome`, with its assessment."""
         return calibration.arm
 
-    @classmethod
-    def of_outcome(cls, outcome: HasArm) -> CalibratedArm:
-        """That of the final calibration of an `Outcome`, with its assessment."""
-        return outcome.arm
+    of_outcome = of
 
     @property
     def effects(self) -> tuple[EffectLaw, ...]:
@@ -176,18 +173,12 @@ def force_on_object(
     """
     turned = rotate(reported, np.full(len(reported), -arm.sensor.rotation)) / (1 + arm.sensor.gain)
     force = true_force(arm.model, turned, metadata)
-    return force if arm.cell.sensor.frame is SensorFrame.BASE else rotate(force, _tool_angle(arm, joints))
+    return arm.cell.sensor.frame.to_base(force, joints, arm.model.parameters)
 
 
 def in_sensor_frame(arm: CalibratedArm, force: Floats, joints: Floats) -> Floats:
     """Forces (n, 2) in the base frame, in that of the sensor."""
-    return force if arm.cell.sensor.frame is SensorFrame.BASE else rotate(force, -_tool_angle(arm, joints))
-
-
-def _tool_angle(arm: CalibratedArm, joints: Floats) -> Floats:
-    """Angle of the tool frame, (n,), rad."""
-    p = arm.model.parameters
-    return np.asarray(joints.sum(axis=1) + p.theta1 + p.theta2)
+    return arm.cell.sensor.frame.from_base(force, joints, arm.model.parameters)
 
 
 CHUNK = 4096
@@ -225,7 +216,7 @@ class TipPosition(NamedTuple):
     @property
     def std(self) -> Floats:
         """Standard uncertainty of x and y, (n, 2), m."""
-        return _std(self.covariance)
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
 class JointAngles(NamedTuple):
@@ -262,7 +253,7 @@ class JointAngles(NamedTuple):
     @property
     def std(self) -> Floats:
         """Standard uncertainty of both angles, (n, 2), rad."""
-        return _std(self.covariance)
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,7 +416,3 @@ def _in_chunks(some: Callable[[slice], tuple[Any, ...]], n: int) -> Iterator[Any
     """The arrays that `some` works out for n poses, chunk after chunk."""
     parts = [some(slice(first, first + CHUNK)) for first in range(0, max(n, 1), CHUNK)]
     return (np.concatenate(column) for column in zip(*parts, strict=True))
-
-
-def _std(covariance: Floats) -> Floats:
-    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))

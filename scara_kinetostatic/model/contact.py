@@ -23,14 +23,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex, pairs, pick
+from scara_kinetostatic.model.arrays import Floats, Mask, as_complex, pairs, pick
 from scara_kinetostatic.model.cell import GripperSign
-from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import Gripper, as_gripper, forward
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
 from scara_kinetostatic.model.touch_equations import (
     Arm,
+    ContactProblem,
     Edges,
     Equations,
     State,
@@ -47,69 +48,6 @@ from scara_kinetostatic.model.touch_equations import (
 
 _ANGLE_STEP = 1e-5
 """Step of the central difference over an angle, rad."""
-
-
-class ContactProblem(NamedTuple):
-    """n touches as the equations take them, besides the model and the state.
-
-    Attributes:
-        joints: Q, (n, 2), rad.
-        centers: centre of each touch's disc, (n, 2), m.
-        radii: its radius, (n,), m.
-        gripper: the form of (7).
-        metadata: of the touches; effects need it, the base model does not.
-        off_normal: off-normal angle of the force in each touch, (n,), rad; None for zero.
-        edges: which touches are of a straight edge; None for arcs alone.
-    """
-
-    joints: Floats
-    centers: Floats
-    radii: Floats
-    gripper: Gripper
-    metadata: TouchMetadata | None = None
-    off_normal: Floats | None = None
-    edges: Edges | None = None
-
-    def select(self, which: Mask | Indices) -> ContactProblem:
-        """The touches that a mask or an array of positions picks."""
-        return pick(self, which)
-
-    def inward(self, tips: Floats) -> Floats:
-        """Vectors along which forces without friction act on the object, (n, 2), for tips (n, 2), m."""
-        to_center = self.centers - tips
-        return to_center if self.edges is None else pairs(self.edges.inward(as_complex(to_center)))
-
-    def touch_state(self, parameters: Parameters, state: State, arm: Arm | None = None) -> TouchState:
-        """The touches at a state, as effects take them; `arm` saves work where that of the state is known."""
-        assert self.metadata is not None
-        arm = view_arm(parameters, *state[:4], self.gripper) if arm is None else arm
-        f, normal, pull = state.magnitude, pairs(arm.normal), pull_of(parameters, arm.link1, arm.link2)
-        return TouchState(
-            parameters=parameters,
-            joints=self.joints,
-            force=f[:, None] * normal,
-            magnitude=f,
-            normal=normal,
-            torques=(f * arm.lever if pull is None else f * arm.lever + pull.torque).T,
-            link1=pairs(arm.link1),
-            link2=pairs(arm.link2),
-            centers=self.centers,
-            radii=self.radii,
-            metadata=self.metadata,
-            off_normal=np.zeros(len(f)) if self.off_normal is None else self.off_normal,
-            tangents=None if self.edges is None else pairs(self.edges.tangent),
-        )
-
-    def shifted(self, model: ExtendedModel, state: State, arm: Arm | None = None) -> ContactProblem:
-        """The same touches for the base model: Q - δ and S_c - d instead of Q and S_c; `arm` as in `touch_state`."""
-        if not model.effects:
-            return self
-        return self.shifted_by(*model.shift(self.touch_state(model.parameters, state, arm)))
-
-    def shifted_by(self, joints: Floats, place: Floats) -> ContactProblem:
-        """Q - δ and S_c - d instead of Q and S_c."""
-        edges = None if self.edges is None else self.edges.shifted(as_complex(place))
-        return self._replace(joints=self.joints - joints, centers=self.centers - place, off_normal=None, edges=edges)
 
 
 def _shifts_by_force(model: ExtendedModel, problem: ContactProblem, state: State, arm: Arm) -> Iterator[Shift]:
@@ -145,11 +83,11 @@ def extended_equations(
     """
     p, gripper = model.parameters, problem.gripper
     if not model.effects:
-        return touch_equations(p, *problem[:3], state, gripper, arm, problem.edges)
+        return touch_equations(p, problem, state, arm)
     arm = view_arm(p, *state[:4], gripper) if arm is None else arm
     at = problem.touch_state(p, state, arm)
     shifted = problem.shifted_by(*model.shift(at))
-    e = touch_equations(p, *shifted[:3], state, gripper, arm, shifted.edges)
+    e = touch_equations(p, shifted, state, arm)
     shifts = tuple(_shifts_by_force(model, problem, state, arm))
     turns = (0.0 if shift.joints is None else shift.joints.T * e.rows.on for shift in shifts)
     row_f, row_d = (row + turn for row, turn in zip(e.rows_by, turns, strict=True))
@@ -206,10 +144,6 @@ def solve_links(
     return state, arm
 
 
-_TURN_LIMIT = 0.5
-"""Largest turn of the force in one step, rad."""
-
-
 def solve_state(model: ExtendedModel, problem: ContactProblem) -> tuple[State, Mask]:
     """Solve the equations of n touches, tension allowed.
 
@@ -229,7 +163,7 @@ def solve_state(model: ExtendedModel, problem: ContactProblem) -> tuple[State, M
             arm = view_arm(model.parameters, *state[:4], problem.gripper)
             state = next_modes(model.parameters, problem.shifted(model, state, arm).joints, state, arm)
         todo = ~_is_solved(model, problem, state)
-        part, done = _solve_by_modes(model, problem.select(todo))
+        part, done = _solve_by_modes(model, pick(problem, todo))
     solved = ~todo
     solved[todo] = done
     return start.replace_where(solved, _put(state, todo, part)), solved
@@ -239,7 +173,8 @@ def _newton_step(e: Equations, state: State) -> State:
     h_f, h_d = e.h_by
     det = (h_f.conj() * h_d).imag
     change_f, change_d = -(e.h.conj() * h_d).imag / det, -(h_f.conj() * e.h).imag / det
-    change_d = np.clip(change_d, -_TURN_LIMIT, _TURN_LIMIT)
+    # so far a step may turn the direction of the force, rad
+    change_d = np.clip(change_d, -0.5, 0.5)
     return move_links(e, state, change_f, change_d)
 
 
@@ -263,7 +198,7 @@ def _solve_by_modes(
     every = np.tile(np.arange(n), len(mode1))
     start = free_state(model.parameters, problem.joints, problem.centers, problem.edges)
     state = pick(start, every)._replace(mode1=np.repeat(mode1, n), mode2=np.repeat(mode2, n))
-    problem = problem.select(every)
+    problem = pick(problem, every)
     for _ in range(9):
         state = _newton_step(extended_equations(model, problem, state), state)
     away = np.zeros(len(every)) if warm_start is None else _distance(state, warm_start[every])
@@ -288,7 +223,7 @@ def nearest_equilibrium(model: ExtendedModel, problem: ContactProblem, state: St
     if not toggles.any():
         return state
     with np.errstate(all='ignore'):
-        other, found = _solve_by_modes(model, problem.select(toggles), warm_start[toggles])
+        other, found = _solve_by_modes(model, pick(problem, toggles), warm_start[toggles])
         closer = found & (_distance(other, warm_start[toggles]) < _distance(state, warm_start)[toggles])
     return _put(state, toggles, pick(state, toggles).replace_where(closer, other))
 
@@ -309,6 +244,7 @@ class Contact(NamedTuple):
     """The contact of n touches with their discs.
 
     Attributes:
+        problem: what was given.
         force: F on the object, base frame, (n, 2), N; zero without contact.
         magnitude: f, (n,), N; negative where the tip would have to pull
             (only with `tension`).
@@ -318,6 +254,7 @@ class Contact(NamedTuple):
         solved: whether Newton's method converged, (n,).
     """
 
+    problem: ContactProblem
     force: Floats
     magnitude: Floats
     tip: Floats
@@ -361,7 +298,12 @@ def contact(
     """
     model = as_model(model)
     parameters = model.parameters
-    problem = _problem(model, joints, centers, radii, gripper, metadata, tangents)._replace(off_normal=off_normal)
+    joints = np.atleast_2d(np.asarray(joints, dtype=float))
+    centers = np.broadcast_to(np.asarray(centers, dtype=float), joints.shape)
+    radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
+    metadata = TouchMetadata.plain(len(joints)) if metadata is None and model.effects else metadata
+    edges = Edges.of(tangents, radii)
+    problem = ContactProblem(joints, centers, radii, as_gripper(gripper), metadata, off_normal, edges)
     state, solved = solve_state(model, problem)
     if warm_start is not None:
         state = nearest_equilibrium(model, problem, state, np.asarray(warm_start))
@@ -386,25 +328,7 @@ def contact(
         tangent = pairs(problem.edges.tangent)
         surface = surface + ((rigid - surface) * tangent).sum(axis=1)[:, None] * tangent
     tip = np.where((state.magnitude != 0)[:, None], surface, rigid)
-    return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
-
-
-def _problem(
-    model: ExtendedModel,
-    joints: ArrayLike,
-    centers: ArrayLike,
-    radii: ArrayLike,
-    gripper: Gripper | GripperSign,
-    metadata: TouchMetadata | None,
-    tangents: Floats | None,
-) -> ContactProblem:
-    joints = np.atleast_2d(np.asarray(joints, dtype=float))
-    centers = np.broadcast_to(np.asarray(centers, dtype=float), joints.shape)
-    radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
-    if metadata is None and model.effects:
-        metadata = TouchMetadata.plain(len(joints))
-    edges = Edges.of(tangents, radii)
-    return ContactProblem(joints, centers, radii, as_gripper(gripper), metadata, edges=edges)
+    return Contact(problem, state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
 
 
 def _reaches(parameters: Parameters, free: State, problem: ContactProblem) -> Mask:
@@ -432,30 +356,14 @@ class ContactDerivatives(NamedTuple):
     parameters: Floats
 
 
-def contact_derivatives(
-    model: ExtendedModel | Parameters,
-    joints: ArrayLike,
-    centers: ArrayLike,
-    radii: ArrayLike,
-    found: Contact,
-    gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
-    metadata: TouchMetadata | None = None,
-    tangents: Floats | None = None,
-) -> ContactDerivatives:
+def contact_derivatives(model: ExtendedModel | Parameters, found: Contact) -> ContactDerivatives:
     """∂A/∂Q and ∂A/∂L̄ by the implicit function theorem: h_F dF = -h_Q dQ - h_L̄ dL̄.
 
     Args:
         model: the extended model, or L̄ of the base model alone.
-        joints: Q, (n, 2), rad.
-        centers: centre of each touch's disc, (n, 2), m.
-        radii: its radius, (n,), m.
-        found: what `contact` returned for the same arguments.
-        gripper: the form of (7); a bare sign is the isotropic gripper.
-        metadata: as in `contact`.
-        tangents: as in `contact`.
+        found: what `contact` returned for it.
     """
-    model, state = as_model(model), found.state
-    problem = _problem(model, joints, centers, radii, gripper, metadata, tangents)
+    model, state, problem = as_model(model), found.state, found.problem._replace(off_normal=None)
     loaded = (state.magnitude != 0).astype(float)
     state = state._replace(
         mode1=np.where(loaded == 0, 1, state.mode1), mode2=np.where(loaded == 0, 1, state.mode2)

@@ -41,9 +41,8 @@ class MotionSense:
     """The sense in which each joint has moved last, pose after pose; 0 before its first motion."""
 
     def __init__(self) -> None:
-        self._references = [0.0, 0.0]
+        self._references = list[float]()
         self._sense = [0.0, 0.0]
-        self._begun = False
 
     def note(self, first: float, second: float) -> tuple[float, float]:
         """The senses after the next pose, -1, 0 or 1 each.
@@ -52,10 +51,8 @@ class MotionSense:
             first: angle of joint 1, rad.
             second: of joint 2.
         """
-        angles = (first, second)
-        if not self._begun:
-            self._references, self._begun = list(angles), True
-        for joint, angle in enumerate(angles):
+        self._references = self._references or [first, second]
+        for joint, angle in enumerate((first, second)):
             moved = angle - self._references[joint]
             # movement of a joint that counts as its last one, rad: above the noise of its angle
             if abs(moved) > 1e-4:

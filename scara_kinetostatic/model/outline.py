@@ -29,10 +29,6 @@ EDGE_RADIUS = 0.05
 disc of that size does; the solution does not depend on it."""
 PER_ANGLE = 0.1
 """What an angle between force and normal counts beside a distance while the place is the nominal one, m/rad."""
-_CORNER_SHARE = 0.25
-"""Part of the places along an outline that belongs to its corners, by the angles through which they turn."""
-_FROM_END = 5e-4
-"""Distance of planned places from the end of an edge, m; of an arc a tenth of it, at most."""
 
 
 class Outline(NamedTuple):
@@ -211,7 +207,7 @@ class Surfaces(NamedTuple):
     def places(self, object: Indices, angle: Floats) -> tuple[Indices, Floats]:
         """Surface and part of it, -1 to 1, of places along objects, (m,) each.
 
-        A whole turn goes once round. The corners of an outline have `_CORNER_SHARE` of it.
+        A whole turn goes once round. The corners of an outline have a quarter of it.
 
         Args:
             object: numbers in the cell, (m,).
@@ -223,12 +219,13 @@ class Surfaces(NamedTuple):
             edge, halves = self.is_edge[own], self.halves[own]
             length = np.where(edge, halves, 0.0)
             turn = np.where(edge, 0.0, halves)
-            share = _CORNER_SHARE if length.any() and turn.any() else float(turn.any())
+            share = 0.25 if length.any() and turn.any() else float(turn.any())
             weight = (1 - share) * length / max(length.sum(), 1e-300) + share * turn / max(turn.sum(), 1e-300)
             ends = np.cumsum(weight)
             at = angle[here] / (2 * np.pi) % 1.0 * ends[-1]
             k = np.minimum(np.searchsorted(ends, at, side='right'), len(own) - 1)
-            most = 1 - np.where(edge, np.minimum(_FROM_END / np.maximum(halves, 1e-12), 0.2), 0.1 * (halves < np.pi))
+            # touches keep 0.5 mm from the ends of an edge
+            most = 1 - np.where(edge, np.minimum(5e-4 / np.maximum(halves, 1e-12), 0.2), 0.1 * (halves < np.pi))
             surface[here], part[here] = own[k], np.clip(2 * (at - ends[k]) / weight[k] + 1, -most[k], most[k])
         return surface, part
 

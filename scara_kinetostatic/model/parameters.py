@@ -61,10 +61,12 @@ def quantity(value: float, unit: str) -> str:
 
 def displacement(x: float, y: float) -> str:
     """A displacement in words: `75 µm further in x, 38 µm less in y`."""
-    return ', '.join(
-        f'{quantity(abs(value), "m")} {"further" if value > 0 else "less"} in {axis}'
-        for axis, value in (('x', x), ('y', y))
-    )
+    return ', '.join(f'{off(value, "m", "further", "less")} in {axis}' for axis, value in (('x', x), ('y', y)))
+
+
+def off(value: float, unit: str, above: str, below: str) -> str:
+    """A difference in words, of which one says where it is above 0 and one where it is not: `75 µm larger`."""
+    return f'{quantity(abs(value), unit)} {above if value > 0 else below}'
 
 
 @dataclass(frozen=True)
@@ -108,16 +110,13 @@ class Parameters:
             if not isfinite(value):
                 raise ParameterError(name, f'expected a finite number, got {value}')
             object.__setattr__(self, name, float(value))
-        if self.gravity is not LEVEL:
-            self._check_gravity()
-
-    def _check_gravity(self) -> None:
+        if self.gravity is LEVEL:
+            return
         try:
             gx, gy = map(float, self.gravity)
         except (TypeError, ValueError):
-            raise ParameterError(
-                'gravity', f'expected two numbers, got {self.gravity!r}', 'give (0.0, -9.81)'
-            ) from None
+            problem = f'expected two numbers, got {self.gravity!r}'
+            raise ParameterError('gravity', problem, 'give (0.0, -9.81)') from None
         if not (gx * gx + gy * gy) ** 0.5 <= MOST_GRAVITY:
             problem = f'expected at most {MOST_GRAVITY:g} m/s² in size, got {(gx, gy)}'
             raise ParameterError('gravity', problem, 'give it in m/s²: (0.0, -9.81)')

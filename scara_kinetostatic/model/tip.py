@@ -366,10 +366,6 @@ def joints_under_load(law: Law, tip: Floats, force: Force, posture: Indices, met
     return Equilibrium(np.where(solved, joints, np.nan).T, tip, at, state)
 
 
-DEPENDS = 1.0
-"""A change of the tip by the plausible range of an undetermined direction that counts, in standard uncertainties."""
-
-
 class Spread(NamedTuple):
     """The covariance of the values of a model, made ready.
 
@@ -403,7 +399,7 @@ class Spread(NamedTuple):
         if not self.undetermined.shape[1]:
             return found
         free = np.square(derivative[..., :2, :] @ self.undetermined).sum(axis=(-1, -2))
-        return np.where((free > DEPENDS**2 * _variance(found))[..., None, None], np.nan, found)
+        return np.where((free > _variance(found))[..., None, None], np.nan, found)
 
     def with_dead_bands(self, by_model: Floats, jacobian: Floats, at: Loading, force: Force) -> Floats:
         """Covariance of the tip by the values of the model and the unknown places in the dead bands, (..., r, r), m².
@@ -420,7 +416,7 @@ class Spread(NamedTuple):
         if not self.undetermined.shape[1]:
             return total
         free = _variance(band_covariance(self.undetermined_gaps, jacobian, at, force))
-        return np.where((free > DEPENDS**2 * _variance(total))[..., None, None], np.nan, total)
+        return np.where((free > _variance(total))[..., None, None], np.nan, total)
 
 
 def _variance(covariance: Floats) -> Floats:

@@ -54,7 +54,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, pairs, unit_vectors
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, Skew, component_by_parameters, forward
 from scara_kinetostatic.model.outline import EDGE_RADIUS
 from scara_kinetostatic.model.parameters import Parameters
@@ -256,6 +257,65 @@ class Edges(NamedTuple):
         return np.where(self.tangent == 0, self.sense * to_center, normal)
 
 
+class ContactProblem(NamedTuple):
+    """n touches as the equations take them, besides the model and the state.
+
+    Attributes:
+        joints: Q, (n, 2), rad.
+        centers: centre of each touch's disc, (n, 2), m.
+        radii: its radius, (n,), m.
+        gripper: the form of (7).
+        metadata: of the touches; effects need it, the base model does not.
+        off_normal: off-normal angle of the force in each touch, (n,), rad; None for zero.
+        edges: which touches are of a straight edge; None for arcs alone.
+    """
+
+    joints: Floats
+    centers: Floats
+    radii: Floats
+    gripper: Gripper
+    metadata: TouchMetadata | None = None
+    off_normal: Floats | None = None
+    edges: Edges | None = None
+
+    def inward(self, tips: Floats) -> Floats:
+        """Vectors along which forces without friction act on the object, (n, 2), for tips (n, 2), m."""
+        to_center = self.centers - tips
+        return to_center if self.edges is None else pairs(self.edges.inward(as_complex(to_center)))
+
+    def touch_state(self, parameters: Parameters, state: State, arm: Arm | None = None) -> TouchState:
+        """The touches at a state, as effects take them; `arm` saves work where that of the state is known."""
+        assert self.metadata is not None
+        arm = view_arm(parameters, *state[:4], self.gripper) if arm is None else arm
+        f, normal, pull = state.magnitude, pairs(arm.normal), pull_of(parameters, arm.link1, arm.link2)
+        return TouchState(
+            parameters=parameters,
+            joints=self.joints,
+            force=f[:, None] * normal,
+            magnitude=f,
+            normal=normal,
+            torques=(f * arm.lever if pull is None else f * arm.lever + pull.torque).T,
+            link1=pairs(arm.link1),
+            link2=pairs(arm.link2),
+            centers=self.centers,
+            radii=self.radii,
+            metadata=self.metadata,
+            off_normal=np.zeros(len(f)) if self.off_normal is None else self.off_normal,
+            tangents=None if self.edges is None else pairs(self.edges.tangent),
+        )
+
+    def shifted(self, model: ExtendedModel, state: State, arm: Arm | None = None) -> ContactProblem:
+        """The same touches for the base model: Q - δ and S_c - d instead of Q and S_c; `arm` as in `touch_state`."""
+        if not model.effects:
+            return self
+        return self.shifted_by(*model.shift(self.touch_state(model.parameters, state, arm)))
+
+    def shifted_by(self, joints: Floats, place: Floats) -> ContactProblem:
+        """Q - δ and S_c - d instead of Q and S_c."""
+        edges = None if self.edges is None else self.edges.shifted(as_complex(place))
+        return self._replace(joints=self.joints - joints, centers=self.centers - place, off_normal=None, edges=edges)
+
+
 def free_state(parameters: Parameters, joints: Floats, centers: Floats, edges: Edges | None = None) -> State:
     """A start for n touches: links at the measured angles, no force, pointing from tip to disc."""
 
@@ -302,10 +362,6 @@ class Rows(NamedTuple):
         return self.inverse[:, 0] * left[0] + self.inverse[:, 1] * left[1]
 
 
-_LEAST_FORCE = 1e-3
-"""A smaller force does not divide the row of a joint that floats under gravity, N."""
-
-
 def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None) -> Rows:
     """The rows of (6) and (8) at a state, and M⁻¹; `arm` saves work where that of the state is known."""
     arm = view_arm(parameters, *state[:4], gripper) if arm is None else arm
@@ -314,7 +370,8 @@ def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gr
     weight = on * (parameters.joint_compliances * state.magnitude) + (1.0 - on)
     pull, pulled = pull_of(parameters, arm.link1, arm.link2), None
     if pull is not None:
-        force = np.where(np.abs(state.magnitude) > _LEAST_FORCE, state.magnitude, _LEAST_FORCE)
+        # N; a smaller one leaves a joint within its backlash where it is
+        force = np.where(np.abs(state.magnitude) > 1e-3, state.magnitude, 1e-3)
         by = on * parameters.joint_compliances + (1.0 - on) / force
         weight, pulled = by * state.magnitude, (by, pull.per_moment)
     row = weight * arm.lever + on * (np.array(state[:2]) - joints.T) + parameters.joint_backlashes * mode
@@ -386,32 +443,20 @@ def across(tangent: Complexes, vectors: Complexes) -> Complexes:
     return np.asarray(vectors - tangent * (vectors * tangent.conj()).real)
 
 
-def touch_equations(
-    parameters: Parameters,
-    joints: Floats,
-    centers: Floats,
-    radii: Floats,
-    state: State,
-    gripper: Gripper,
-    arm: Arm | None = None,
-    edges: Edges | None = None,
-) -> Equations:
+def touch_equations(parameters: Parameters, problem: ContactProblem, state: State, arm: Arm | None = None) -> Equations:
     """The equations of n touches at a state.
 
     Args:
         parameters: L̄.
-        joints: Q, (n, 2), rad.
-        centers: centre of each touch's disc, (n, 2), m.
-        radii: its radius, (n,), m.
+        problem: what is given of the touches.
         state: where to evaluate.
-        gripper: the form of (7).
         arm: that of the state, where it is known.
-        edges: which touches are of a straight edge; None for arcs alone.
 
     Returns:
         Residuals and derivatives, to first order exact wherever the rows hold.
     """
-    p, f, rows = parameters, state.magnitude, joint_rows(parameters, joints, state, gripper, arm)
+    p, f, (joints, centers, radii, gripper, *_, edges) = parameters, state.magnitude, problem
+    rows = joint_rows(p, joints, state, gripper, arm)
     arm, reach, seen = rows.arm, radii + gripper.stretch(p, state.magnitude), rows.arm.normal.conj()
     circle = arm.reach[0] + reach + (p.x0 + 1j * p.y0 - as_complex(centers)) * seen
     by_f, by_d = np.asarray(gripper.slope(p), dtype=complex), np.asarray(1j * reach)

@@ -45,7 +45,7 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.special import erfc
 
-from scara_kinetostatic.calibration.random_effects import UNDETECTED
+from scara_kinetostatic.calibration.declared_errors import UNDETECTED
 from scara_kinetostatic.calibration.result import UndetectedErrors
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import effect_entry, read_effect

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from scara_kinetostatic.calibration.random_effects import UNDETECTED
+from scara_kinetostatic.calibration.declared_errors import UNDETECTED
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, State, p_values
 from scara_kinetostatic.report.quantities import SCALES, scale_of, shown

@@ -24,10 +24,9 @@ from scara_kinetostatic.errors import CalibrationFileError, CellError, InputErro
 from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, SensorFrame, Uncertainty
+from scara_kinetostatic.model.cell import Cell, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import reported_force
-from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
 from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite, undetected_part
@@ -193,15 +192,13 @@ class CalibrationRecord:
             KeyError, TypeError, ValueError: they are damaged.
         """
         rows = [row for row in self.document['touches']['fitted'] if row['used']]
-        discs = {disc.name: k for k, disc in enumerate(self.arm.cell.discs)}
-        frame, p = self.arm.cell.sensor.frame, self.arm.model.parameters
+        discs, frame = {disc.name: k for k, disc in enumerate(self.arm.cell.discs)}, self.arm.cell.sensor.frame
 
         def column(name: str, *shape: int, kind: Any = float) -> Any:
             return np.array([row[name] for row in rows], dtype=kind).reshape(len(rows), *shape)
 
-        joints, force = column('joints', 2), column('force', 2)
-        if frame is not SensorFrame.BASE:
-            force = rotate(force, -(joints.sum(axis=1) + p.theta1 + p.theta2))
+        joints = column('joints', 2)
+        force = frame.from_base(column('force', 2), joints, self.arm.model.parameters)
         touches = TouchSet(
             joints=joints,
             force=force,

@@ -29,8 +29,7 @@ from scara_kinetostatic.files.calibration_file import load_calibration, parse_do
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell
-from scara_kinetostatic.model.plane import Plane
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plane
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_identification
 from scara_kinetostatic.nodes.conversion import diagnostic
 from scara_kinetostatic.nodes.streams import LATCHED

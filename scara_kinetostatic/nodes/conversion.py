@@ -30,8 +30,8 @@ from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import read_document
 from scara_kinetostatic.files.touch_table import LARGEST
 from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.report.markers import Primitive

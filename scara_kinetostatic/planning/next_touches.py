@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.random_effects import RIVALS, UNDETECTED
+from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
 from scara_kinetostatic.effects.base import Effect

@@ -19,7 +19,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame
-from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn, rotate
+from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn
 from scara_kinetostatic.model.outline import PER_ANGLE
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -99,8 +99,7 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
 
 def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[Floats, Floats]:
     """m_d of every touch and disc, (n, m, 2), m, and F/|F| in the base frame, (n, 2)."""
-    if cell.sensor.frame is SensorFrame.TOOL:
-        force = rotate(force, joints.sum(axis=1) + parameters.theta1 + parameters.theta2)
+    force = cell.sensor.frame.to_base(force, joints, parameters)
     unit = force / np.maximum(np.linalg.norm(force, axis=1), 1e-300)[:, None]
     if cell.has_outlines:
         return cell.surfaces.misses(forward(parameters, joints), unit, PER_ANGLE)[0], unit

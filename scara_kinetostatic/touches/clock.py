@@ -120,8 +120,12 @@ def _common_clock(
 
 def _compared(source: str, topics: Sequence[str], samples: Sequence[Samples], best_lags: BestLags) -> Clock:
     """The clock of the stamps, by the best lags of both topics in each second that has both."""
-    for known, topic in zip(best_lags, samples, strict=True):
-        _note_lags(known, topic)
+    for known, (stamp, log_time, _) in zip(best_lags, samples, strict=True):  # the largest lag in each second
+        second = np.maximum.accumulate(log_time) // SECOND
+        first = np.append(0, np.flatnonzero(np.diff(second)) + 1)
+        largest = np.maximum.reduceat(stamp - log_time, first)
+        for number, lag in zip(second[first].tolist(), largest.tolist(), strict=True):
+            known[number] = max(lag, known.get(number, lag))
     one, other = best_lags
     lags = np.array([(one[second], other[second]) for second in sorted(one.keys() & other.keys())])
     if not len(lags):
@@ -146,15 +150,6 @@ def _compared(source: str, topics: Sequence[str], samples: Sequence[Samples], be
         raise _refusal(source, f'{what}, or messages of one topic came late', remedy)
     is_sure = len(lags) > 15 or (len(lags) > 3 and abs(best - usual) < SECOND // 50)
     return Clock(False, -best, f'{what}: the stamps of {topics[1]} were shifted', is_sure)
-
-
-def _note_lags(best: dict[int, int], samples: Samples) -> None:
-    """Takes the largest lag in each second of the recording time."""
-    second = np.maximum.accumulate(samples.log_time) // SECOND
-    first = np.append(0, np.flatnonzero(np.diff(second)) + 1)
-    lags = np.maximum.reduceat(samples.stamp - samples.log_time, first)
-    for number, lag in zip(second[first].tolist(), lags.tolist(), strict=True):
-        best[number] = max(lag, best.get(number, lag))
 
 
 def on_one_clock(

@@ -30,9 +30,6 @@ from scara_kinetostatic.touches.streams import NAMES, Streams
 
 DISCARDED = 'discarded while recording'
 """Reason of a touch that was accepted and then discarded."""
-_CARRIES, _IDLE = 0.3, 0.1
-"""An axis carries the force of contact if its range is at least so large a part of the largest, and does not where its
-range and all touches are below so small a part of that of fz."""
 
 
 @dataclass(frozen=True)
@@ -178,14 +175,17 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
 def _check_axes(streams: Streams, held: TouchSet, cell: Cell) -> None:
     """Check that the axes in the plane, fx and fy, carry the force of contact.
 
+    An axis does if its range is at least 0.3 of the largest, and does not where its range and all touches are below a
+    tenth of that of fz.
+
     Raises:
         RecordingError: fz does, and one of them does not, in any touch.
     """
     if streams.force_ranges is None:
         return
     *plane, z = np.maximum(streams.force_ranges, [*np.abs(held.force).max(axis=0, initial=0.0), 0.0]).tolist()
-    idle = [name for name, one in zip(('fx', 'fy'), plane, strict=True) if one < _IDLE * z]
-    if idle and z > max(2 * CONTACT_FORCE, _CARRIES * max(plane)):
+    idle = [name for name, one in zip(('fx', 'fy'), plane, strict=True) if one < 0.1 * z]
+    if idle and z > max(2 * CONTACT_FORCE, 0.3 * max(plane)):
         topic, carry = (streams.topics or cell.sensor.topics)[1], [n for n in ('fx', 'fy', 'fz') if n not in idle]
         problem = f'{topic} has the force of contact in {" and ".join(carry)}, none in {" and ".join(idle)}'
         where = f'record how it is mounted in {NAMES[cell.sensor.frame][0]} on /tf_static'

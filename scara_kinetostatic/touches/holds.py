@@ -20,9 +20,6 @@ from scara_kinetostatic.report.quantities import rounded_down
 from scara_kinetostatic.touches.contacts import Contacts, Tare, tare_before
 from scara_kinetostatic.touches.signals import Signals, Topic, median, robust_mean, runs, steps_of_mean, white_noise
 
-_BEGIN_OMITTED, _END_OMITTED = 0.25, 0.1
-"""Parts of a hold, less half of `Settings.shortest_hold`, that are not averaged: at first the force may creep."""
-
 
 class Settings:
     """What a hold is, and why one is rejected.
@@ -214,7 +211,7 @@ def _inner(begin: float, end: float, window: float) -> tuple[float, float]:
     """The interval to average, from the first to the last steady sample of a hold: (begin, end), s."""
     extra = end - begin - Settings.shortest_hold / 2
     if extra > 0:
-        return begin + _BEGIN_OMITTED * extra, end - _END_OMITTED * extra
+        return begin + 0.25 * extra, end - 0.1 * extra  # at first the force may creep
     more = min(-0.5 * extra, window)
     return begin - more, end + more
 

@@ -18,25 +18,6 @@ SMOOTHING = 0.03
 """Length of the moving mean of force and joint angles, s."""
 
 
-class Settings:
-    """Gaps, windows and outliers.
-
-    Attributes:
-        shortest_gap: a pause of a topic is a gap if it is longer than this, s,
-        gap_periods: and longer than this many periods of the topic.
-        shortest_window: time over which neighbouring means are taken, s,
-        window_periods: but at least this many periods of either topic.
-        outlier_spreads: `robust_mean` leaves out what is farther from the median than this many times the range of
-            the middle 68 %.
-    """
-
-    shortest_gap: float = 0.1
-    gap_periods: float = 5.0
-    shortest_window: float = 0.03
-    window_periods: float = 2.5
-    outlier_spreads: float = 4.0
-
-
 class Topic(NamedTuple):
     """One topic.
 
@@ -54,8 +35,8 @@ class Topic(NamedTuple):
 
     @property
     def gap_limit(self) -> float:
-        """Longest pause within a touch, s."""
-        return max(Settings.shortest_gap, Settings.gap_periods * self.period)
+        """Longest pause within a touch, s: five periods, but at least 0.1 s."""
+        return max(0.1, 5.0 * self.period)
 
     def stretch(self, begin: float, end: float) -> slice:
         """The samples from `begin` (included) to `end` (not included), s."""
@@ -102,7 +83,7 @@ class Signals(NamedTuple):
     def window(self) -> float:
         """Time over which neighbouring means are taken, s: short, but with enough samples of either topic."""
         longest = max(self.joints.period, self.wrench.period)
-        return max(Settings.shortest_window, Settings.window_periods * longest)
+        return max(0.03, 2.5 * longest)
 
 
 def as_signals(streams: Streams, cell: Cell) -> Signals | None:
@@ -224,14 +205,17 @@ def white_noise(values: Floats) -> float:
 
 
 def robust_mean(values: Floats) -> tuple[Floats, Floats]:
-    """Mean and standard deviation, (2,) each, of samples (n, 2) without outliers (`Settings.outlier_spreads`)."""
+    """Mean and standard deviation, (2,) each, of samples (n, 2) without outliers.
+
+    These are farther from the median than four times the range of the middle 68 %.
+    """
     ordered, last = np.sort(values, axis=0), len(values) - 1
     center = ordered[last // 2]
     spread = ordered[round(0.84 * last)] - ordered[round(0.16 * last)]
     if not spread.all():
         spread = np.where(spread > 0, spread, ordered[round(0.975 * last)] - ordered[round(0.025 * last)])
     off = values - center
-    off[np.abs(off) > np.where(spread > 0, Settings.outlier_spreads * spread, np.inf)] = np.nan
+    off[np.abs(off) > np.where(spread > 0, 4.0 * spread, np.inf)] = np.nan
     kept = np.isfinite(off)
     count, off = kept.sum(axis=0), np.where(kept, off, 0.0)
     mean = off.sum(axis=0) / count

@@ -230,10 +230,6 @@ def _matrix(quaternion: Sequence[float]) -> Floats | None:
     return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)
 
 
-_MOST = 5000
-"""Readings of a joint that wait for the other: 5 s at 1 kHz."""
-
-
 class UnjoinedError(Exception):
     """A message that does not fit those of the other joints; the text says why."""
 
@@ -247,7 +243,8 @@ class JointParts:
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = names
-        self._waiting = tuple(deque[tuple[int, float]](maxlen=_MOST) for _ in range(2))
+        # 5 s at 1 kHz
+        self._waiting = tuple(deque[tuple[int, float]](maxlen=5000) for _ in range(2))
         self._others = [(0, nan)] * (len(names) - 2)  # when it was received, ns, and the position
         self._heard, self._lag, self._is_new = list[int](), [0, 0], [False, False]
         self._stamped = list[bool]()

@@ -12,7 +12,7 @@ from scara_kinetostatic.assessment.criteria import action_for
 from scara_kinetostatic.assessment.evidence import Conformity, Decision, conformity
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.random_effects import RIVALS
+from scara_kinetostatic.calibration.declared_errors import RIVALS
 from scara_kinetostatic.calibration.result import Calibration, Contribution
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import Improvement, Item

@@ -27,7 +27,7 @@ from bags.forms import (
 )
 from mcap.writer import CompressionType
 
-from scara_kinetostatic.bags import budget
+from scara_kinetostatic.bags import messages as bag_messages
 from scara_kinetostatic.bags.cdr import joint_state_messages, string_message
 from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
@@ -456,6 +456,6 @@ def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_pat
 
 
 def test_a_file_that_grows_without_end_when_decompressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(budget, '_BYTES', 1 << 20)
+    monkeypatch.setattr(bag_messages, '_BYTES', 1 << 20)
     (tmp_path / 'a.db3.zstd').write_bytes(zstandard.compress(b'SQLite format 3\0' + bytes(1 << 24)))
     assert 'unpacks to more than 1048576 bytes' in refused(tmp_path / 'a.db3.zstd')

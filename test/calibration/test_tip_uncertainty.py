@@ -19,7 +19,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import (
     workspace,
 )
 from scara_kinetostatic.calibration.uncertainty_budget import (
-    MORE_TOUCHES,
+    NOISE,
     best_improvement,
     improvements,
     round_value,
@@ -231,7 +231,7 @@ def _with_disc(name: str, **changes: float) -> Cell:
 def test_twice_as_many_touches_give_what_was_said() -> None:
     c = fitted(PAPER_CELL)
     (item,) = improvements(c)
-    assert (item.labels, item.declared, item.wanted) == ((MORE_TOUCHES,), 72, 144)
+    assert (item.labels, item.declared, item.wanted) == ((NOISE,), 72, 144)
     assert item.worst == pytest.approx(tip_uncertainty(c).worst / np.sqrt(2))
 
 

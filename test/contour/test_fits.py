@@ -17,9 +17,9 @@ from scara_kinetostatic.contour.result import COLUMNS, csv_text, dxf_text, svg_t
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
+from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.report import as_text
 from scara_kinetostatic.simulation.slides import Slide, SlideTiming, polygon, simulate_slides
 

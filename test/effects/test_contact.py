@@ -46,9 +46,7 @@ def test_derivatives_of_the_force(effect):
     scene = random_scene(4, 120)
     model = with_effect(effect, scene.parameters)
     found = solve(scene, model, scene.joints)
-    given = contact_derivatives(
-        model, scene.joints, scene.poses.centers, scene.poses.radii, found, metadata=scene.metadata
-    )
+    given = contact_derivatives(model, found)
     whole = model.as_array()
     for k, step in enumerate(np.concatenate([STEPS, 1e-3 * np.abs(plausible(effect))])):
         change = step * (np.arange(len(whole)) == k)

@@ -32,12 +32,11 @@ from scara_kinetostatic.files.export import (
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
-from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign, Region
+from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign, Plane, Region
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
-from scara_kinetostatic.model.plane import Plane
 
 JOINTS = np.random.default_rng(0).uniform(-np.pi, np.pi, (30, 2))
 PROGRAM = """\

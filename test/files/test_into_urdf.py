@@ -16,9 +16,9 @@ from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import nominal_arm
 from scara_kinetostatic.files.export import exported_into
 from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.plane import Plane
 
 
 def calibrated(text: str, name: str = 'scara', l2: float = -1.5e-3) -> CalibratedArm:

@@ -11,10 +11,9 @@ import pytest
 from files.robots import Tree
 
 from scara_kinetostatic.files.urdf import CALIBRATED, TOOL_FRAME, Arm, arm_urdf, side_by_side
-from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.cell import PAPER_CELL, Plane
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.model.plane import Plane
 
 JOINTS = ('shoulder', 'elbow & more')
 CELL = replace(PAPER_CELL, joint_names=JOINTS)

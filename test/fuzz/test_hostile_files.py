@@ -11,8 +11,8 @@ from benchmark.common import CELL
 from benchmark.faults import fuzz
 from benchmark.faults.formats import short_streams
 from benchmark.faults.hostile import CASES, MEGABYTES, SECONDS, Cost, cost_of
-from scara_kinetostatic.bags import budget
-from scara_kinetostatic.bags.budget import MAX_BYTES, Budget
+from scara_kinetostatic.bags import messages as bag_messages
+from scara_kinetostatic.bags.messages import MAX_BYTES, Budget
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.cli.main import main
@@ -64,8 +64,8 @@ def test_the_limit_can_be_raised(
     write_streams(path, streams, CELL)
     monkeypatch.setenv(MAX_BYTES, '1000')
     read_streams(path, CELL)  # it never lowers the limit
-    monkeypatch.setattr(budget, '_BYTES', 1000)
-    monkeypatch.setattr(budget, '_BYTES_RATIO', 0)
+    monkeypatch.setattr(bag_messages, '_BYTES', 1000)
+    monkeypatch.setattr(bag_messages, '_BYTES_RATIO', 0)
     with pytest.raises(RecordingError, match='more than 1000 bytes, implausible for its size; if you trust it, raise'):
         read_streams(path, CELL)
     monkeypatch.setenv(MAX_BYTES, 'many')

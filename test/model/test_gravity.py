@@ -88,7 +88,7 @@ def test_direct_inverse_and_contact_agree():
 def test_derivatives_of_the_force(name):
     _, force, joints, _, centers = poses()
     found = contact(TRUTH, joints, centers, RADIUS, warm_start=force)
-    analytic = contact_derivatives(TRUTH, joints, centers, RADIUS, found).parameters[:, :, TRUTH.names.index(name)]
+    analytic = contact_derivatives(TRUTH, found).parameters[:, :, TRUTH.names.index(name)]
     step = 1e-4 if name in MOMENTS else 1e-8
     up, down = (
         contact(TRUTH.replace(**{name: getattr(TRUTH, name) + sign * step}), joints, centers, RADIUS, warm_start=force)

@@ -13,7 +13,7 @@ from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.kinematics import Gripper
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
-from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
+from scara_kinetostatic.model.touch_equations import ContactProblem, excess_derivative, touch_equations
 
 EXCESS = ((4e-6, 7e-6), (7e-6, -3e-6))
 GRIPPERS = tuple(Gripper(sign, EXCESS) for sign in GripperSign)
@@ -68,7 +68,7 @@ def test_derivatives_of_the_contact(gripper=PHYSICAL):
     keep = (np.abs(torques) / np.hypot(*poses.force.T)[:, None] > 0.01).all(axis=1)
     joints, centers, radii, warm_start = joints[keep], poses.centers[keep], poses.radii[keep], poses.force[keep]
     found = contact(PAPER_ACTUAL, joints, centers, radii, gripper, warm_start=warm_start)
-    derivatives = contact_derivatives(PAPER_ACTUAL, joints, centers, radii, found, gripper)
+    derivatives = contact_derivatives(PAPER_ACTUAL, found)
 
     def force(v, q):
         return contact(Parameters.from_array(v), q, centers, radii, gripper, warm_start=warm_start).force
@@ -87,10 +87,10 @@ def test_derivative_by_the_excess(sign):
 
     def residual(entries):
         changed = Gripper(sign, ((entries[0], entries[1]), (entries[2], entries[3])))
-        e = touch_equations(PAPER_ACTUAL, joints, poses.centers, poses.radii, state, changed)
+        e = touch_equations(PAPER_ACTUAL, ContactProblem(joints, poses.centers, poses.radii, changed), state)
         return np.stack([e.h.real, e.h.imag], axis=1)
 
-    e = touch_equations(PAPER_ACTUAL, joints, poses.centers, poses.radii, state, gripper)
+    e = touch_equations(PAPER_ACTUAL, ContactProblem(joints, poses.centers, poses.radii, gripper), state)
     assert_derivative(residual, np.ravel(EXCESS), excess_derivative(state, e, gripper), np.full(4, 1e-9))
 
 

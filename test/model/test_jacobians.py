@@ -76,7 +76,7 @@ def test_contact(robot, sign):
         return contact(p, q, poses.centers, poses.radii, sign, warm_start=poses.force).force
 
     found = contact(robot, joints, poses.centers, poses.radii, sign, warm_start=poses.force)
-    derivatives = contact_derivatives(robot, joints, poses.centers, poses.radii, found, sign)
+    derivatives = contact_derivatives(robot, found)
     small = np.full(2, 1e-7)
     assert_derivative(lambda d: force(robot, joints + d), np.zeros(2), derivatives.joints, small)
     assert_derivative(
@@ -96,7 +96,7 @@ def test_contact_with_a_floating_joint_does_not_depend_on_it():
     joints = joints + np.array([0.3 * robot.g1, 0.0])
     centers, radii = real + 0.08 * unit, np.full(2, 0.08)
     found = contact(robot, joints, centers, radii, warm_start=force)
-    derivatives = contact_derivatives(robot, joints, centers, radii, found)
+    derivatives = contact_derivatives(robot, found)
     assert (found.state.mode1 == 0).all()
     np.testing.assert_array_equal(derivatives.joints[:, :, 0], 0)
     np.testing.assert_array_equal(derivatives.parameters[:, :, [2, 7, 10]], 0)
@@ -110,6 +110,6 @@ def test_contact_with_a_floating_joint_does_not_depend_on_it():
 def test_no_contact_no_derivative():
     joints = np.array([[0.3, 0.9]])
     found = contact(PAPER_ACTUAL, joints, [[0.9, 0.9]], [0.05])
-    derivatives = contact_derivatives(PAPER_ACTUAL, joints, [[0.9, 0.9]], [0.05], found)
+    derivatives = contact_derivatives(PAPER_ACTUAL, found)
     assert not derivatives.joints.any()
     assert not derivatives.parameters.any()

@@ -9,8 +9,7 @@ from model.helpers import ROBOTS, random_poses
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.kinetostatics import joint_torques
-from scara_kinetostatic.model.play_operator import play_limits, play_operator, play_range
-from scara_kinetostatic.model.touch import remembered, torques_of
+from scara_kinetostatic.model.touch import play_limits, play_operator, play_range, remembered, torques_of
 
 
 def driven(load: np.ndarray, half_width: float) -> float:

@@ -28,9 +28,8 @@ from trajectory_msgs.msg import JointTrajectory
 import scara_kinetostatic as sk
 from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Identification, Lift, Sensor
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Identification, Lift, Plane, Sensor
 from scara_kinetostatic.model.online import OnlineArm
-from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
 from scara_kinetostatic.nodes.compensator import Compensator
 from scara_kinetostatic.nodes.conversion import PlanarPose, joint_state, pose_bytes, wrench

@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
-from scara_kinetostatic.model.plane import Plane
+from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.conversion import JointReader, Sample, UnusableMessageError, frame_of, wrench_sample
 from scara_kinetostatic.report.markers import Primitive

@@ -24,9 +24,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.cell import PAPER_CELL, Plane
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.plane import Plane
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.calibrator import _summary as summary
 from scara_kinetostatic.nodes.session import JudgedTouch

@@ -10,8 +10,7 @@ from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.effects.joints import JointSlip
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.model.play_operator import play_operator
-from scara_kinetostatic.model.touch import torques_of
+from scara_kinetostatic.model.touch import play_operator, torques_of
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, Trajectory, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import find_touches

@@ -9,7 +9,7 @@ import pytest
 from studies.load_records import RATE, columns, record, torque
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
-from scara_kinetostatic.model.play_operator import play_operator
+from scara_kinetostatic.model.touch import play_operator
 from scara_kinetostatic.report import as_page, as_text, plain
 from scara_kinetostatic.studies.loops.record import Record, RecordPath
 from scara_kinetostatic.studies.loops.report import hysteresis_document, hysteresis_report, verdict

@@ -8,8 +8,7 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Sensor, SensorFrame
-from scara_kinetostatic.model.plane import Plane
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plane, Sensor, SensorFrame
 from scara_kinetostatic.touches.streams import FixedTransform, WrenchFrame
 
 NO_TURN = (0.0, 0.0, 0.0, 1.0)

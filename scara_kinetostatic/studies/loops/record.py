@@ -46,7 +46,7 @@ from scara_kinetostatic.errors import ParameterError, RecordingError, Unsupporte
 from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.columns import Column, Place, Table, load_table, one_of, split_heading
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
-from scara_kinetostatic.model.play_operator import play_limits, play_range
+from scara_kinetostatic.model.touch import play_limits, play_range
 
 MOTION, LOAD = 'motion', 'load'
 FEWEST_SWEEPS = 6
@@ -382,7 +382,7 @@ class RecordPath:
         return (self.earlier, ~self.earlier) if self.in_loops else (self.earlier,)
 
     def play_operator(self, half_width: float, state: float, ratio: float = 0.0) -> Floats:
-        """Output of the play operator (`model.play_operator`), (n,), in the unit of the driver.
+        """Output of the play operator (`model.touch.play_operator`), (n,), in the unit of the driver.
 
         Args:
             half_width: r, in the unit of the driver.

@@ -204,7 +204,7 @@ def paper_calibrate(touches: TouchSet, cell: Cell) -> PaperFit:
         o = observations
         with np.errstate(all='ignore'):
             found = contact(parameters, o.joints, o.centers, o.radii, o.gripper, tension=True, warm_start=measured)
-            jacobian = contact_derivatives(parameters, o.joints, o.centers, o.radii, found, o.gripper).parameters
+            jacobian = contact_derivatives(parameters, found).parameters
         residual = measured - found.force
         return _Iterate(parameters, residual, jacobian, force_error(residual))
 
@@ -330,7 +330,7 @@ def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL) -> LinearProblem:
     """J_L̄ and A_Q of the touches without noise."""
     o = observe(paper_touches(levels), CELL)
     found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.gripper, warm_start=o.force)
-    derivatives = contact_derivatives(PAPER_ACTUAL, o.joints, o.centers, o.radii, found, o.gripper)
+    derivatives = contact_derivatives(PAPER_ACTUAL, found)
     jacobian = (derivatives.parameters * SCALES).reshape(-1, len(NAMES))
     n = len(o.joints)
     blocks = np.zeros((n, 2, n, 2))
@@ -482,7 +482,7 @@ def observable_parts(touches: TouchSet, cell: Cell, parameters: Parameters, nois
     a = point.adjusted
     state = place_force(observations, point.model, a.joints, a.force, a.state)
     o = observations
-    equations = touch_equations(parameters, a.joints, o.centers, o.radii, state, o.gripper)
+    equations = touch_equations(parameters, o.contact_problem(a.joints), state)
     entries = whiten_by(excess_derivative(state, equations, o.gripper), point.whitened.root)
     base = (point.whitened.derivative * SCALES).reshape(-1, len(NAMES))
     parts = {  # of E, by name: contribution of one unit to the entries 11, 12, 21, 22
