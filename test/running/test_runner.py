@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,7 @@ from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.planning.next_touches import Planner
-from scara_kinetostatic.running.campaign import calibrated
+from scara_kinetostatic.running.campaign import Campaign, Knowledge, calibrated
 from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, Command, Commander, Track
 from scara_kinetostatic.running.robot import Fault as PlannedFault
 from scara_kinetostatic.simulation.commanded import COMMANDED_SENSORS, Fault, ModelBody, Plant, PlantSettings, Reading
@@ -400,6 +402,24 @@ def test_an_arm_that_is_known_stays_known() -> None:
     assert found.now is None or found.now > 2e-3
     assert found.planner.arm is planner.arm
     assert len(found.planned.plan)
+
+
+def test_so_many_touches_decide_between_effects_and_no_more() -> None:
+    asked = list[bool]()
+
+    def work(_: object, cell: Cell, touches: TouchSet, former: Planner, given_up: object, decides: bool) -> Future[Any]:
+        asked.append(decides)
+        found = Future[Any]()
+        found.set_result(Knowledge(former, planned, 1e-4, 'caution', verdict='ambiguous', discriminating=decides))
+        return found
+
+    campaign = Campaign(replace(CELL, tolerance=None), 50, None, work)
+    planned = campaign.knowledge.planned
+    touches = simulate_touches(CELL, TRUTH, default_plan(CELL, 10))
+    for k in range(30):
+        campaign.accept(SimpleNamespace(touches=touches.select(np.array([k])), start=1))
+        assert campaign.poll() is None
+    assert asked == [True] * 12 + [False] * 10
 
 
 def test_travel_is_one_smooth_command_and_a_contact_is_streamed() -> None:
