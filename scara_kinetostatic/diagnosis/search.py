@@ -39,13 +39,17 @@ from scara_kinetostatic.diagnosis.mixed_model import HEAVY_TAILS, LIGHT_TAILS, M
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets
 from scara_kinetostatic.diagnosis.noise_structure import fit_again, fit_with_off_normal
 from scara_kinetostatic.effects.base import Effect, Trial
+from scara_kinetostatic.effects.undetected import typical_size
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import ArmClass
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G2, P_EE
 
 _MOST_IN_UNION = 5
 """Effects of several credible sets that are named together at most; of more, those of the best sets."""
+_VANISHED = 0.1
+"""Typical size below which named effects are none: in the mixed model others explain the touches."""
 _PEAKS = 8
 """Places of a grid about which a frequency or a friction is compared."""
 _BELOW_ZERO = 4.0
@@ -130,6 +134,9 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         else:
             effects = fitted_effects(fitted.fit)
             wrong = {effect.label for effect, values, _ in effects if not effect.is_plausible(np.array(values))}
+            arm = c.cell.uncertainty.effects.arm
+            if all(_in_typical_size(effect, values, arm) < _VANISHED for effect, values, _ in effects):
+                wrong = {effect.label for effect, _, _ in effects}  # what is not named explains the touches
         if wrong or fitted is None:
             excluded |= wrong
             found, model, before = None, fitted or plain, {('', 0.0)}
@@ -162,6 +169,12 @@ def _fit(
         return model
     before = replace(c, used=fit.used)
     return model if held_out_force_error(fit).force_error <= held_out_force_error(before).force_error else None
+
+
+def _in_typical_size(effect: Effect, values: Floats, arm: ArmClass) -> float:
+    """The largest amplitude of an effect, in its typical size."""
+    amplitudes = np.abs(effect.amplitudes(values))
+    return max((size / typical_size(effect, k, arm) for k, size in enumerate(amplitudes.tolist()) if size), default=0.0)
 
 
 def _name(member: Candidate) -> tuple[str, float]:

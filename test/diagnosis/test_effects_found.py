@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from diagnosis.simulated import CELL, NOISE, UNKNOWN_NOISE, deviations, effect, examined, simulate
 
+from benchmark import lone_flaws
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
@@ -247,3 +248,13 @@ def test_a_user_s_own_effect_takes_part():
     found = diagnose(calibrate(simulate((law, (1.5e-4,))), CELL), effects=(law, effect('encoder_gain[joint1]')))
     assert found.verdict == 'explained'
     assert named(found.found) == ['ripple[joint1]']
+
+
+@pytest.mark.parametrize(('label', 'seed'), [('base_compliance', 301), ('anisotropic_gripper', 302)])
+def test_names_that_vanish_in_the_mixed_model_are_none(label: str, seed: int) -> None:
+    """Displaced discs of the wrong radius explained the linear problem, and nothing once all effects were in the fit."""
+    task = lone_flaws.Task(label, 10.0, seed)
+    found = lone_flaws.run_task(task)
+    assert found['verdict'] == 'explained'
+    assert found['names'] == [label]
+    assert found['z'] < 3
