@@ -252,7 +252,7 @@ def test_a_user_s_own_effect_takes_part():
 
 @pytest.mark.parametrize(('label', 'seed'), [('base_compliance', 301), ('anisotropic_gripper', 302)])
 def test_names_that_vanish_in_the_mixed_model_are_none(label: str, seed: int) -> None:
-    """Displaced discs of the wrong radius explained the linear problem, and nothing once all effects were in the fit."""
+    """Displaced discs of wrong radius explained the linear problem, and nothing once all effects were in the fit."""
     task = lone_flaws.Task(label, 10.0, seed)
     found = lone_flaws.run_task(task)
     assert found['verdict'] == 'explained'
