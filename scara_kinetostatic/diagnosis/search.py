@@ -27,7 +27,6 @@ from scara_kinetostatic.diagnosis.candidates import (
 )
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
-    CREDIBLE,
     FRICTION_SIGNIFICANCE,
     INDEPENDENT_PART,
     Problem,
@@ -54,6 +53,10 @@ _PEAKS = 8
 """Places of a grid about which a frequency or a friction is compared."""
 _BELOW_ZERO = 4.0
 """Standard deviations below zero at which a compliance or backlash is of no robot."""
+_RULED_OUT = 20.0
+"""Difference of the deviance with the sizes beyond which a rival is none. A base tilt of 600 typical sizes beside a
+gain of 5 has 22; a soft contact of 760 beside a nonlinear sensor of 70 has 11, and either may be true.
+"""
 _MOST_RIVALS = 4
 """Credible sets whose predictions are compared at most."""
 
@@ -216,7 +219,7 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, list[Mix
     ]
     fits = [(one, fit, fit.deviance + one.penalty) for one, fit in pairs if fit is not None]
     least = min((deviance for *_, deviance in fits), default=0.0)
-    kept = [(one, fit) for one, fit, deviance in fits if deviance <= least + CREDIBLE]
+    kept = [(one, fit) for one, fit, deviance in fits if deviance <= least + _RULED_OUT]
     if not kept:
         return found, []
     ruled_out = [one for one, *_ in fits if all(one is not other for other, _ in kept)]
