@@ -218,17 +218,17 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, list[Mix
         for one in sets.credible[:_MOST_RIVALS]
     ]
     fits = [(one, fit, fit.deviance + one.penalty) for one, fit in pairs if fit is not None]
-    least = min((deviance for *_, deviance in fits), default=0.0)
-    kept = [(one, fit) for one, fit, deviance in fits if deviance <= least + _RULED_OUT]
-    if not kept:
-        return found, []
-    ruled_out = [one for one, *_ in fits if all(one is not other for other, _ in kept)]
-    sets = sets._replace(credible=tuple(one for one in sets.credible if all(one is not other for other in ruled_out)))
-    labels, rivals = _partition(sets)
-    model = found.model
-    if ruled_out and not rivals:
-        model = _fit(base, known, start_from(found.problem, sets.members(kept[0][0]))) or kept[0][1]
-    found = found._replace(model=model, scored_subsets=sets, in_every_model=labels, rivals=rivals)
+    most = min((deviance for *_, deviance in fits), default=0.0) + _RULED_OUT
+    kept = [(one, fit) for one, fit, deviance in fits if deviance <= most]
+    ruled_out = {one.members for one, _, deviance in fits if deviance > most}
+    if ruled_out:
+        sets = sets._replace(credible=tuple(one for one in sets.credible if one.members not in ruled_out))
+        labels, rivals = _partition(sets)
+        found = found._replace(scored_subsets=sets, in_every_model=labels, rivals=rivals)
+        if not rivals:
+            best, fit = kept[0]
+            model = _fit(base, known, start_from(found.problem, sets.members(best))) or fit
+            found = found._replace(model=model)
     return found, [fit for _, fit in kept]
 
 
