@@ -24,7 +24,7 @@ from scara_kinetostatic.touches.detection import find_touches
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
 TOOL = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
 PLAN = default_plan(CELL, per_disc=8, preload=0.3)
-SOME = PLAN.select(np.arange(0, len(PLAN), 3))
+SOME = PLAN.select(np.arange(2, len(PLAN), 3))
 EXACT = Noise(0.0, 0.0)
 QUIET = SensorModel(EXACT, force_noise=0.0, resolution=0.0)
 OVAL = OvalDisc.of(1, 'disc_2')
@@ -146,7 +146,7 @@ def test_drift_goes_on_while_the_recording_lasts():
 def test_an_effect_that_leaves_no_touch_is_refused():
     truth = with_effects([of('object_position[disc_2]')], [0.4, 0.4])
     with pytest.raises(UnsupportedDataError, match=r"cannot (hold|reach) touch \d+ of the plan, on 'disc_2'"):
-        simulate_touches(CELL, truth, PLAN.select(PLAN.disc == 1).select(np.arange(4)))
+        simulate_touches(CELL, truth, PLAN.select(PLAN.disc == 1).select(np.arange(1)))
 
 
 @pytest.mark.parametrize('extra', [(), (1e-4,), (1e-4, 1e-4, 1e-4)])
