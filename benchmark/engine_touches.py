@@ -9,7 +9,8 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.mujoco.engine import Scene
 from scara_kinetostatic.simulation.mujoco.streams import SimulatedMotion, TouchController, as_sensed
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.streams import SensorModel
+from scara_kinetostatic.simulation.streams import Phase, SensorModel
+from scara_kinetostatic.touches.load_history import last_movement
 
 
 def simulate_touches(scene: Scene, cell: Cell, plan: Plan, *, noise: Noise | None = None, seed: int = 0) -> TouchSet:
@@ -19,15 +20,20 @@ def simulate_touches(scene: Scene, cell: Cell, plan: Plan, *, noise: Noise | Non
 
 def as_touches(motion: SimulatedMotion, cell: Cell, plan: Plan) -> TouchSet:
     """The touches of a motion, without noise and without the load before them, which the streams have."""
-    holds = motion.holds
+    joints, holds, lowered = motion.joints, motion.holds, motion.last(Phase.PAUSE)
+    touching = [a + int(motion.force[a:b].any(axis=1).argmax()) for a, b in zip(lowered, holds, strict=True)]
+    approach, press = (
+        np.array([last_movement(joints[a:b], joints[b]) for a, b in zip(begins, holds, strict=True)])
+        for begins in (lowered, touching)
+    )
     return TouchSet(
-        joints=motion.joints[holds],
+        joints=joints[holds],
         force=as_sensed(motion, cell)[holds],
         disc=plan.disc,
         posture=plan.posture,
         time=motion.time[holds],
-        approach=motion.approach,
-        press=motion.press,
+        approach=approach,
+        press=press,
     )
 
 

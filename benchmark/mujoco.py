@@ -84,10 +84,10 @@ def true_values(scene: Scene, motion: SimulatedMotion, plan: Plan) -> dict[str, 
 
 def off_normal(scene: Scene, motion: SimulatedMotion, plan: Plan) -> float:
     """Root mean square of the angle between the engine's force and the disc's normal, rad."""
-    force = motion.force[motion.holds]
+    force, links = motion.force[motion.holds], motion.links[motion.holds]
     yields = scene.parameters.p_ee + np.array(scene.base_compliance)
     backlash = scene.parameters.g_ee * force / np.linalg.norm(force, axis=1)[:, None]
-    inward = CELL.centers[plan.disc] - (kinematics.forward(scene.parameters, motion.links) - yields * force - backlash)
+    inward = CELL.centers[plan.disc] - (kinematics.forward(scene.parameters, links) - yields * force - backlash)
     cross = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
     return float(np.sqrt(np.mean(np.arctan2(cross, (inward * force).sum(axis=1)) ** 2)))
 

@@ -66,7 +66,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -93,7 +92,7 @@ class CandidateTouches(NamedTuple):
         derivative: whitened Jacobian J of each, (n, 2, 12 + m).
         information: JᵀJ of each, (n, 12 + m, 12 + m).
         rows: indices of the parameters on which the tip depends, (k,).
-        quadric: TᵀT over these at each place, packed, (k (k + 1) / 2, g).
+        quadric: TᵀT over these at each place, flat, (k², g).
         declared: rows of the prior of what the cell declares as uncertain, (p, 12 + m).
         prior: information of that prior and of the search's, (12 + m, 12 + m).
         values: how many of them are no declared errors.
@@ -110,7 +109,8 @@ class CandidateTouches(NamedTuple):
 
     def variance(self, covariance: Floats) -> Floats:
         """Variance of the tip at each place for covariances of L̄ (…, 12, 12), (…, g), m²."""
-        return pack(covariance[..., self.rows[:, None], self.rows]) @ self.quadric
+        own = covariance[..., self.rows[:, None], self.rows]
+        return np.asarray(own.reshape(*own.shape[:-2], -1) @ self.quadric)
 
     def evenly_distributed(self, number: float) -> float:
         """Largest standard deviation of the tip for a number of touches evenly distributed over all candidates, m."""
@@ -134,9 +134,9 @@ class CandidateTouches(NamedTuple):
         rows = np.union1d(self.rows, values)
         squares = np.zeros((len(rows), len(rows)))
         tip, own = np.searchsorted(rows, self.rows), np.searchsorted(rows, values)
-        squares[np.ix_(tip, tip)] = (1 - share) / self.variance(now)[0] * unpack(self.quadric[:, 0])
+        squares[np.ix_(tip, tip)] = (1 - share) / self.variance(now)[0] * self.quadric.reshape(len(tip), -1)
         squares[own, own] += share / now[values, values].sum()
-        return self._replace(rows=rows, quadric=pack(squares, twice=True)[:, None])
+        return self._replace(rows=rows, quadric=squares.reshape(-1, 1))
 
 
 def candidate_plan(
@@ -194,11 +194,11 @@ def prepare_candidates(robot: Robot, plan: Plan, tip: Tip, *, mean: bool = False
     if mean:
         scaled = np.sqrt(tip.weight / scaled.shape[1])[:, None, None, None] * scaled
     scaled = scaled[..., rows].reshape(1 if mean else scaled.shape[0] * scaled.shape[1], -1, len(rows))
-    squares = pack(scaled.swapaxes(1, 2) @ scaled, twice=True)
+    quadric = (scaled.swapaxes(1, 2) @ scaled).reshape(len(scaled), -1).T.copy()
     information = np.einsum('nik,nil->nkl', derivative, derivative)
     prior = declared.T @ declared
     prior[:values, :values] += np.eye(values)
-    return CandidateTouches(plan, derivative, information, rows, squares.T.copy(), declared, prior, values)
+    return CandidateTouches(plan, derivative, information, rows, quadric, declared, prior, values)
 
 
 def declared_rows(robot: Robot) -> tuple[Floats, Floats]:
@@ -212,27 +212,6 @@ def declared_rows(robot: Robot) -> tuple[Floats, Floats]:
     return scales, robot.declared.prior.rows(values) * scales
 
 
-_lower = cache(np.tril_indices)
-
-
-def pack(matrices: Floats, *, twice: bool = False) -> Floats:
-    """Lower triangles of symmetric matrices (…, k, k) as vectors, (…, k (k + 1) / 2).
-
-    With `twice` the elements off the diagonal are doubled, so that `pack(a) @ pack(b, twice=True)` is trace(a b).
-    """
-    i, j = _lower(matrices.shape[-1])
-    packed = matrices[..., i, j]
-    return packed * np.where(i == j, 1.0, 2.0) if twice else packed
-
-
-def unpack(packed: Floats) -> Floats:
-    """The symmetric matrix of a vector made by `pack(…, twice=True)`."""
-    k = int((np.sqrt(8 * len(packed) + 1) - 1) / 2)
-    lower = np.zeros((k, k))
-    lower[_lower(k)] = packed
-    return (lower + lower.T) / 2
-
-
 MOST_LEVERAGE = 0.8
 """Largest leverage in a set that checks itself: a fifth of any error of a touch shows in its residual."""
 TOUCHES_PER_DISC = 3
@@ -242,8 +221,7 @@ TOUCHES_PER_DISC = 3
 def leverages(candidates: CandidateTouches, chosen: list[int]) -> Floats:
     """Leverage of each touch of a set, (m,)."""
     rows = candidates.derivative[chosen]
-    covariance = np.linalg.inv(candidates.information_of(chosen))
-    return _larger_eigenvalue(*_entries(np.einsum('nik,kl,njl->nij', rows, covariance, rows, optimize=True)))
+    return _larger_eigenvalue(rows @ np.linalg.inv(candidates.information_of(chosen)) @ np.swapaxes(rows, 1, 2))
 
 
 def leverage_with_each(candidates: CandidateTouches, chosen: list[int]) -> Floats:
@@ -251,24 +229,12 @@ def leverage_with_each(candidates: CandidateTouches, chosen: list[int]) -> Float
 
     With a touch i the blocks become H_jj - G (I + H_ii)⁻¹ Gᵀ with G = J_j C J_iᵀ, and its own (I + H_ii)⁻¹ H_ii.
     """
-    rows, every = candidates.derivative[chosen], candidates.derivative
-    k = every.shape[2]
-    through = every.reshape(-1, k) @ np.linalg.inv(candidates.information_of(chosen))
-    a, b, c = _entries(np.einsum('nik,njk->nij', through.reshape(every.shape), every))
-    largest = _larger_eigenvalue(a, b, c)
-    l11 = np.sqrt(1 + a)  # Cholesky factor of I + H_ii
-    l21 = b / l11
-    l22 = np.sqrt(1 + c - l21**2)
-    cross = (rows.reshape(-1, k) @ through.T).reshape(len(rows), 2, len(every), 2)
-    first = cross[..., 0] / l11
-    second = (cross[..., 1] - first * l21) / l22
-    own = np.einsum('nik,njk->nij', through.reshape(every.shape)[chosen], rows)
-    entries = (
-        own[:, i, j, None] - first[:, i] * first[:, j] - second[:, i] * second[:, j]
-        for i, j in ((0, 0), (1, 0), (1, 1))
-    )
-    others = _larger_eigenvalue(*entries).max(axis=0, initial=0.0)
-    return np.maximum(largest / (1 + largest), others)
+    covariance: Floats = np.asarray(np.linalg.inv(candidates.information_of(chosen)), dtype=float)
+    through, blocks, root = _of_each(candidates, covariance)
+    cross = np.tensordot(candidates.derivative[chosen], through, axes=(2, 2)).transpose(0, 2, 1, 3) @ root
+    others = _larger_eigenvalue(blocks[chosen][:, None] - cross @ np.swapaxes(cross, -1, -2))
+    own = _larger_eigenvalue(blocks)
+    return np.maximum(own / (1 + own), others.max(axis=0, initial=0.0))
 
 
 def penalty(leverage: Floats) -> Floats:
@@ -293,12 +259,9 @@ def least_on_discs(candidates: CandidateTouches, weights: Floats, number: int) -
     return np.asarray(least)
 
 
-def _entries(blocks: Floats) -> tuple[Floats, Floats, Floats]:
-    return blocks[:, 0, 0], blocks[:, 1, 0], blocks[:, 1, 1]
-
-
-def _larger_eigenvalue(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Of symmetric matrices [[a, b], [b, c]]."""
+def _larger_eigenvalue(blocks: Floats) -> Floats:
+    """Of symmetric matrices, (…, 2, 2)."""
+    a, b, c = blocks[..., 0, 0], blocks[..., 1, 0], blocks[..., 1, 1]
     return np.asarray((a + c) / 2 + np.hypot((a - c) / 2, b))
 
 
@@ -394,7 +357,7 @@ def find_lower_bound(candidates: CandidateTouches, target: float, iterations: in
         information = number * np.tensordot(design, candidates.information, axes=1) + regular
         covariance: Floats = np.asarray(np.linalg.inv(information), dtype=float)
         variance = candidates.variance(covariance)
-        squares = unpack(candidates.quadric @ places)
+        squares = (candidates.quadric @ places).reshape(len(candidates.rows), -1)
         through = candidates.derivative @ covariance[:, candidates.rows]
         gain = np.einsum('nik,kl,nil->n', through, squares, through, optimize=True)
         known = candidates.declared @ covariance[:, candidates.rows]
@@ -478,12 +441,17 @@ def _covariances(candidates: CandidateTouches, chosen: list[int], checked: bool)
 
 def _added(candidates: CandidateTouches, covariance: Floats) -> Floats:
     """Variance of the tip at each place with each candidate added, (n, g), m²."""
-    through = candidates.derivative @ covariance
-    innovation = np.eye(2) + through @ np.swapaxes(candidates.derivative, 1, 2)
-    root = np.linalg.cholesky(np.linalg.inv(innovation))
+    through, _, root = _of_each(candidates, covariance)
     gain = np.swapaxes(root, 1, 2) @ through[:, :, candidates.rows]
-    less = pack(np.swapaxes(gain, 1, 2) @ gain) @ candidates.quadric
+    less = (np.swapaxes(gain, 1, 2) @ gain).reshape(len(gain), -1) @ candidates.quadric
     return np.asarray(np.maximum(candidates.variance(covariance) - less, 0.0))
+
+
+def _of_each(candidates: CandidateTouches, covariance: Floats) -> tuple[Floats, Floats, Floats]:
+    """J C, (n, 2, 12 + m), and H = J C Jᵀ of each candidate, and the Cholesky factor of (1 + H)⁻¹, (n, 2, 2)."""
+    through = candidates.derivative @ covariance
+    blocks = through @ np.swapaxes(candidates.derivative, 1, 2)
+    return through, blocks, np.linalg.cholesky(np.linalg.inv(np.eye(2) + blocks))
 
 
 def _criterion(variance: Floats, smooth: bool, doublings: int = 4) -> Floats:

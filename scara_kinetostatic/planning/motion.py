@@ -27,7 +27,7 @@ from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.outline import Outline, inside
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.simulation.plan import BASE_MARGIN, LIMIT_MARGIN, REACH_MARGIN
+from scara_kinetostatic.simulation.plan import LIMIT_MARGIN, reach
 
 _AROUND = 10
 """Points around a disc or a corner."""
@@ -146,13 +146,12 @@ class Space:
     def _base(self) -> Edges:
         p = self.parameters
         base = np.array([[p.x0, p.y0]])
-        radius = np.array([max(abs(p.l1 - p.l2) + REACH_MARGIN, BASE_MARGIN)])
-        return Edges(base, base, radius, np.array([-1]))
+        return Edges(base, base, np.array(reach(p)[:1]))
 
     @property
     def reach(self) -> float:
         """Largest distance of the tip from the base, m."""
-        return self.parameters.l1 + self.parameters.l2 - REACH_MARGIN
+        return reach(self.parameters)[1]
 
     def joints(self, poses: Poses) -> Floats:
         """Joint angles of the arm without a load, in the turn of the limits, (n, 2), rad."""

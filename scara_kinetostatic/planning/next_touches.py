@@ -59,8 +59,7 @@ from scara_kinetostatic.planning.candidates import (
     variance_with_each,
 )
 from scara_kinetostatic.planning.motion import Poses, Roadmap, Space, Ways, shortest_order
-from scara_kinetostatic.planning.optimal_design import contributions
-from scara_kinetostatic.planning.prediction import Robot, Tip, exact_plan, tip_in_use
+from scara_kinetostatic.planning.prediction import Robot, Tip, contributions, exact_plan, tip_in_use
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
 
@@ -217,14 +216,20 @@ class Planner:
         return len(self.robot.parameters.names) + sum(len(effect.parameters) for effect in self.arm.effects)
 
     @cached_property
-    def _tip(self) -> Tip:
+    def _tip_of_all(self) -> Tip:
+        """The tip by all values."""
         return tip_in_use(self.robot, float(np.mean(self.arm.cell.touch.force)))
 
-    def _expanded(self, covariance: Floats) -> Floats:
-        """Expanded uncertainty of the tip at each place for a covariance of the arm's values, (g,), m."""
-        derivative = self._tip.derivative[..., : self._values]
+    @cached_property
+    def _tip(self) -> Tip:
+        """The tip by those of the arm's model."""
+        return self._tip_of_all._replace(derivative=self._tip_of_all.derivative[..., : self._values])
+
+    def _largest(self, covariance: Floats) -> float:
+        """Largest expanded uncertainty of the tip for a covariance of the arm's values, m."""
+        derivative = self._tip.derivative
         variance = np.linalg.eigvalsh(derivative @ covariance @ derivative.swapaxes(-1, -2))[..., -1]
-        return np.asarray(COVERAGE_FACTOR * np.sqrt(np.maximum(variance, 0.0).max(axis=1)))
+        return float(COVERAGE_FACTOR * np.sqrt(max(variance.max(), 0.0)))
 
     @cached_property
     def space(self) -> Space:
@@ -258,54 +263,45 @@ class Planner:
 
     def problems(self, plan: Plan) -> list[str]:
         """Why each touch of a plan cannot be made; empty where it can."""
-        cell, start = self.arm.cell, self.approach(plan)
-        deep = plan.contact(cell) - cell.touch.search * plan.normal(cell)
+        cell, p, start = self.arm.cell, self.arm.model.parameters, self.approach(plan)
+        contact, normal = plan.contact(cell), plan.normal(cell)
+        deep = contact - cell.touch.search * normal
+        # where the largest force drags the rigid tip
+        joints, force = self.space.joints(Poses(contact, plan.posture)), (1 + plan.preload) * plan.force
+        moved = jacobian(p, joints) @ press_aside(p, joints, -force[:, None] * normal, plan.aside)[..., None]
+        end, slid = contact + moved[..., 0], np.abs((moved[..., 0] * quarter_turn(normal)).sum(axis=1))
         stands = ~(self.space.beyond_limits(start) | self.space.beyond_limits(Poses(deep, plan.posture)))
-        moves = np.zeros(len(plan), dtype=bool)
-        both = np.flatnonzero(stands.all(axis=1))
-        moves[both] = self.space.keeps_limits(start.select(both), deep[both])
+        moves: Mask = np.asarray(stands.all(axis=1))
+        moves[moves] = self.space.keeps_limits(start.select(moves), deep[moves])
+        moves &= ~self.space.beyond_limits(Poses(end, plan.posture)).any(axis=1)
         clear = self.space.is_clear(start.tip, deep, but=plan.disc)
-        end, slid = self._dragged(plan.select(both))
-        moves[both] &= ~self.space.beyond_limits(Poses(end, plan.posture[both])).any(axis=1)
-        clear[both] &= self.space.is_clear(plan.contact(cell)[both], end, but=plan.disc[both])
+        clear &= self.space.is_clear(contact, end, but=plan.disc)
         good = np.flatnonzero(moves & clear)
         joined = np.zeros(len(plan), dtype=bool)
         joined[good] = self.roadmap.largest_part(start.select(good))
+        disc, angle, posture = np.array(self.given_up, dtype=float).reshape(-1, 3).T[..., None]
+        near_by = np.abs(wrap(plan.angle - angle)) < np.deg2rad(10)  # nearer nothing is touched
+        left = ((plan.disc == disc) & (plan.posture == posture) & near_by).any(axis=0)
+        surface, part = cell.surfaces.places(plan.disc, plan.angle)
+        touched, size = cell.surfaces.select(surface), np.abs(cell.surfaces.radii[surface])
+        to_end = np.where(touched.is_edge, (1 - np.abs(part)) * touched.halves, _SLIPS * size)
+        # the tip of an arm of unknown geometry may pass beside a corner
+        has_corners = np.array([isinstance(item, Outline) for item in cell.discs])[plan.disc]
+        corner = has_corners & (np.where(touched.is_edge, to_end, size) < cell.touch.search)
         one, two = cell.joint_names
-        left = np.zeros(len(plan), dtype=bool)
-        for disc, angle, posture in self.given_up:
-            near_by = np.abs(wrap(plan.angle - angle)) < np.deg2rad(10)  # nearer nothing is touched
-            left |= (plan.disc == disc) & (plan.posture == posture) & near_by
-        slipped = np.zeros(len(plan), dtype=bool)
-        surface, part = cell.surfaces.places(plan.disc[both], plan.angle[both])
-        touched = cell.surfaces.select(surface)
-        to_end = np.where(touched.is_edge, (1 - np.abs(part)) * touched.halves, _SLIPS * np.abs(touched.radii))
-        slipped[both] = slid > np.maximum(to_end, _SLIPS * (cell.tip_radius or 0.0))
-        corner = np.zeros(len(plan), dtype=bool)
-        if self.arm.undetermined[:6].any():  # the tip of an arm of unknown geometry may pass beside a corner
-            room = np.where(touched.is_edge, to_end, np.abs(touched.radii))
-            has_corners = np.array([isinstance(disc, Outline) for disc in cell.discs])[plan.disc[both]]
-            corner[both] = has_corners & (room < cell.touch.search)
         within = f'within {1e3 * self.space.clearance:.1f} mm'
         cases = {
-            'beyond touch.max_force': (1 + plan.preload) * plan.force > cell.touch.max_force,
+            'beyond touch.max_force': force > cell.touch.max_force,
             'given up': left,
             f'beyond the limits of {two}': ~stands[:, 1],
             f'beyond the limits of {one}': ~stands[:, 0] | ~moves,
             f'an object, the base or the end of the reach is {within}': ~clear,
-            'the press would drag the tip off it': slipped,
-            'a corner is nearer than touch.search, and the arm is not yet calibrated': corner,
+            'the press would drag the tip off it': slid > np.maximum(to_end, _SLIPS * (cell.tip_radius or 0.0)),
+            'a corner is nearer than touch.search, and the arm is not yet calibrated': corner
+            & self.arm.undetermined[:6].any(),
             'no way leads there': ~joined,
         }
         return [str(text) for text in np.select(list(cases.values()), list(cases), '')]
-
-    def _dragged(self, plan: Plan) -> tuple[Floats, Floats]:
-        """Where the rigid tip is under the largest force, (n, 2), m, and how far aside, (n,), m."""
-        p, contact, normal = self.arm.model.parameters, plan.contact(self.arm.cell), plan.normal(self.arm.cell)
-        joints = self.space.joints(Poses(contact, plan.posture))
-        force = -((1 + plan.preload) * plan.force)[:, None] * normal
-        moved = (jacobian(p, joints) @ press_aside(p, joints, force, plan.aside)[..., None])[..., 0]
-        return contact + moved, np.abs((moved * quarter_turn(normal)).sum(axis=1))
 
     @cached_property
     def _candidates(self) -> tuple[Plan, list[str]]:
@@ -353,7 +349,7 @@ class Planner:
     @cached_property
     def candidates(self) -> CandidateTouches:
         """The touches to choose from; the information of those made is part of the prior."""
-        candidates = prepare_candidates(self.robot, self._candidates[0], self._tip, mean=True)
+        candidates = prepare_candidates(self.robot, self._candidates[0], self._tip_of_all, mean=True)
         candidates = candidates._replace(prior=candidates.prior + self._information_made)
         return candidates.counting(self._in_doubt, 0.5) if len(self._in_doubt) else candidates
 
@@ -372,10 +368,9 @@ class Planner:
         Raises:
             UnsupportedDataError: no touch can be reached, or none from there.
         """
+        nothing = self.candidates.plan.select(np.zeros(0, dtype=np.intp))
         chosen = _best(self.candidates, number)
-        plan = self.candidates.plan.select(np.array(chosen))
-        reasons = self._reasons(self.candidates, chosen)
-        return self._arranged(plan, reasons, self._candidates[1], self._uncertainty(self.candidates, chosen), start)
+        return self._arranged(nothing, [], self.candidates, chosen, self._candidates[1], start)
 
     def discriminating(
         self, touches: Sequence[DiscriminatingTouch], number: int, start: Poses | None = None
@@ -404,7 +399,7 @@ class Planner:
         reasons = [f'predictions differ by {touches[k].difference:.1f} N, {touches[k].in_std:.1f} σ' for k in there]
         plan, candidates = plan.select(np.array(there, dtype=np.intp)), self.candidates
         if there:
-            planned = prepare_candidates(self.robot, plan, self._tip, mean=True).information.sum(axis=0)
+            planned = prepare_candidates(self.robot, plan, self._tip_of_all, mean=True).information.sum(axis=0)
             candidates = candidates._replace(prior=candidates.prior + planned)
         if len(self._in_doubt):
             candidates = candidates.counting(self._in_doubt, 1.0)
@@ -413,14 +408,21 @@ class Planner:
         if not there and largest_variance(candidates, more) > 0.9:
             why = left[0] if left else 'more touches hardly sharpen what is suspected'
             raise UnsupportedDataError(f'no touch that decides can be reached: {why}', 'change the cell')
-        reasons += self._reasons(candidates, more, self._in_doubt)
-        every = Plan.joined([plan, candidates.plan.select(np.array(more, dtype=np.intp))])
-        return self._arranged(every, reasons, left, self._uncertainty(candidates, more), start)
+        return self._arranged(plan, reasons, candidates, more, left, start, self._in_doubt)
 
     def _arranged(
-        self, plan: Plan, reasons: list[str], left_out: list[str], found: Uncertainty, start: Poses | None
+        self,
+        made: Plan,
+        reasons: list[str],
+        candidates: CandidateTouches,
+        chosen: list[int],
+        left_out: list[str],
+        start: Poses | None,
+        decided: Indices | None = None,
     ) -> PlannedTouches:
-        """The touches in the order of a short way."""
+        """Touches with their reasons and those chosen, which tell `decided` values, in the order of a short way."""
+        plan = Plan.joined([made, candidates.plan.select(np.array(chosen, dtype=np.intp))])
+        reasons = reasons + self._reasons(candidates, chosen, decided)
         own = self.approach(plan)
         begin = own.select(slice(0)) if start is None else start
         stops = Poses(np.concatenate([begin.tip, own.tip]), np.concatenate([begin.posture, own.posture]))
@@ -433,39 +435,30 @@ class Planner:
             )
         order = shortest_order(ways.lengths, first=0 if first else None)[first:]
         at = np.array(order) - first
-        texts = [reasons[k] for k in at]
+        texts, found = [reasons[k] for k in at], self._uncertainty(candidates, chosen)
         return PlannedTouches(plan.select(at), texts, own.select(at), ways, order, left_out, found)
 
     def _uncertainty(self, candidates: CandidateTouches, chosen: list[int]) -> Uncertainty:
         """Of the tip by the arm's own model, without what is undecided."""
-        values = len(self.robot.model.names)
-        kept = np.r_[: self._values, values : len(candidates.prior)]
+        count = self._values
+        kept = np.r_[:count, len(self.robot.model.names) : len(candidates.prior)]
         scales = declared_rows(self.robot)[0][kept]
 
         def covariance(information: Floats) -> Floats:
             return np.asarray(scales[:, None] * np.linalg.inv(information[np.ix_(kept, kept)]) * scales)
 
-        def largest(information: Floats) -> float:
-            return float(self._expanded(covariance(information)[: self._values, : self._values]).max())
-
-        ratio = 1.0
-        if known := self.now is not None and np.isfinite(self.now):
-            ratio = np.sqrt(max(self.now**2 - self.undetected**2, 0.0)) / largest(self.candidates.prior)
-        undetected = self.undetected if known else 0.0
-        every = candidates.information_of(chosen) + MOST_TOUCHES * candidates.information.mean(axis=0)
-        least = covariance(every)
-        by_source = []
-        if self.robot.declared is not None:
-            moved = least[: self._values] @ (candidates.declared[:, kept] / scales).T
-            rows = self.robot.declared.prior.by_source()
-            by_source = [(source, moved[:, where] @ moved[:, where].T) for source, where in rows]
-        own = least[: self._values, : self._values]
-        tip = self._tip._replace(derivative=self._tip.derivative[..., : self._values])
-        parts = contributions(own, by_source, tip)
+        together = candidates.information_of(chosen)
+        least = covariance(together + MOST_TOUCHES * candidates.information.mean(axis=0))
+        own = least[:count, :count]
+        before, after = (self._largest(covariance(made)[:count, :count]) for made in (self.candidates.prior, together))
+        ratio, undetected = 1.0, 0.0
+        if self.now is not None and np.isfinite(self.now):
+            ratio, undetected = np.sqrt(max(self.now**2 - self.undetected**2, 0.0)) / before, self.undetected
+        parts = contributions(least, count, self.robot.declared, self._tip)
         limit = max(parts, key=lambda kind: parts[kind])
         share = parts[limit] ** 2 / sum(part**2 for part in parts.values())
-        planned = float(np.hypot(ratio * largest(candidates.information_of(chosen)), undetected))
-        return Uncertainty(self.now, planned, ratio * float(self._expanded(own).max()), limit, share, undetected)
+        planned = float(np.hypot(ratio * after, undetected))
+        return Uncertainty(self.now, planned, ratio * self._largest(own), limit, share, undetected)
 
     def _reasons(self, candidates: CandidateTouches, chosen: list[int], among: Indices | None = None) -> list[str]:
         """What each touch of a set tells: the value, of all or of some, whose variance would grow most without it."""

@@ -13,7 +13,6 @@ the number of touches, and what is left with the largest number that a design co
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -22,7 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import Source
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Disc, Plate
@@ -51,10 +49,9 @@ from scara_kinetostatic.planning.prediction import (
     loaded_tip,
     make_workspace,
     predict,
-    reach,
     tip_std,
 )
-from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan
+from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE, Plan, reach
 
 _ABOVE_LIMIT = 1.1
 """Accuracy over the limit that can be reached with a reasonable number of touches: more could gain a tenth."""
@@ -149,12 +146,37 @@ class DiscMap(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Design:
-    """The result.
+class Task:
+    """What is designed.
 
     Attributes:
         robot: the robot with its cell; with all discs on one plate, in the frame of that plate.
         requirements: of the design.
+        free: the free tip over the workspace.
+        loaded: the tip under load.
+    """
+
+    robot: Robot
+    requirements: Requirements
+    free: Tip
+    loaded: Tip
+
+    @property
+    def tip(self) -> Tip:
+        """The tip of which the accuracy is required."""
+        return self.loaded if self.requirements.under_load else self.free
+
+    def predicted(self, label: str, robot: Robot, plan: Plan, number: int | None = None) -> Row:
+        """The prediction for a plan, or for a number of touches evenly distributed over it."""
+        prediction = predict(robot, plan, number)
+        return Row(label, prediction, tip_std(self.free, prediction), tip_std(self.loaded, prediction))
+
+
+@dataclass(frozen=True)
+class Design(Task):
+    """The result.
+
+    Attributes:
         accuracy: largest standard deviation of the tip that counts as required, m.
         plan: the touches to make, in their order: the smallest set found that reaches the accuracy and keeps it after
             the loss of any one touch, without a leverage that is too large, and with touches on every disc.
@@ -167,15 +189,12 @@ class Design:
         curve: accuracy by the number of touches.
         tables: predictions by what is varied: ``levels``, ``postures``, ``discs``.
         additional_disc: accuracy with one additional disc.
-        tip: of which the accuracy is required, over the workspace.
         plate: in whose frame the tip is, because it carries all discs; None for the base frame.
         least_possible: largest standard deviation of the tip that very many touches leave, m; 0 where the cell
             declares no uncertainties.
         in_base_frame: that of the recommended set in the base frame, m; None where no plate stands between.
     """
 
-    robot: Robot
-    requirements: Requirements
     accuracy: float
     plan: Plan
     row: Row
@@ -186,7 +205,6 @@ class Design:
     curve: Curve
     tables: dict[str, list[Row]]
     additional_disc: DiscMap
-    tip: Tip
     plate: Plate | None
     least_possible: float
     in_base_frame: float | None
@@ -199,26 +217,7 @@ class Design:
     @property
     def contributions(self) -> dict[str, float]:
         """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m."""
-        return contributions(self.row.prediction.covariance, self.row.prediction.by_source, self.tip)
-
-
-class _Task(NamedTuple):
-    """What is designed: the robot with its cell, the requirements, and the tip over the full workspace."""
-
-    robot: Robot
-    requirements: Requirements
-    free: Tip
-    loaded: Tip
-
-    @property
-    def tip(self) -> Tip:
-        """The tip of which the accuracy is required."""
-        return self.loaded if self.requirements.under_load else self.free
-
-    def row(self, label: str, robot: Robot, plan: Plan, number: int | None = None) -> Row:
-        """The prediction for a plan, or for a number of touches evenly distributed over it."""
-        prediction = predict(robot, plan, number)
-        return Row(label, prediction, tip_std(self.free, prediction), tip_std(self.loaded, prediction))
+        return self.row.prediction.contributions(self.tip)
 
 
 def optimal_design(robot: Robot, requirements: Requirements | None = None, report: Progress | None = None) -> Design:
@@ -236,7 +235,7 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     q, report, in_base, plate = requirements or Requirements(), report or (lambda *_: None), robot, robot.common_plate
     robot = robot.on_plate() if plate else robot
     workspace = make_workspace(robot)
-    task = _Task(robot, q, loaded_tip(robot, workspace), loaded_tip(robot, workspace, q.load))
+    task = Task(robot, q, loaded_tip(robot, workspace), loaded_tip(robot, workspace, q.load))
     report('candidate touches', 0.0)
     every = candidate_plan(robot, q.levels, q.postures, q.per_disc)
     very_many = predict(robot, every, MOST_TOUCHES)
@@ -257,11 +256,10 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     curve = _curve(task, candidates, bound)
     report('force levels, postures, discs', 0.8)
     return Design(
-        robot=robot,
-        requirements=q,
+        **vars(task),
         accuracy=accuracy,
         plan=plan,
-        row=task.row('recommended set', robot, plan),
+        row=task.predicted('recommended set', robot, plan),
         without_each=without_each(robot, plan, task.tip),
         held_out=held_out_ratio(robot, plan),
         tried=tried,
@@ -269,14 +267,13 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
         curve=curve,
         tables=_tables(task),
         additional_disc=_additional_disc(task),
-        tip=task.tip,
         plate=plate,
         least_possible=lowest,
         in_base_frame=tip_std(task.tip, predict(in_base, plan)).largest if plate else None,
     )
 
 
-def _coarse_tip(task: _Task) -> Tip:
+def _coarse_tip(task: Task) -> Tip:
     """The required tip on a coarse grid, for the search: both limits of the reach and the middle."""
     robot, q = task.robot, task.requirements
     if q.under_load:
@@ -284,11 +281,10 @@ def _coarse_tip(task: _Task) -> Tip:
     return loaded_tip(robot, make_workspace(robot, 3))
 
 
-def _out_of_reach(task: _Task, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
+def _out_of_reach(task: Task, accuracy: float, very_many: Prediction) -> UnsupportedDataError:
     """That what the cell declares does not allow the accuracy, and what limits it."""
     lowest = tip_std(task.tip, very_many).largest
-    parts = contributions(very_many.covariance, very_many.by_source, task.tip)
-    kind, part = max(parts.items(), key=lambda item: item[1])
+    kind, part = max(very_many.contributions(task.tip).items(), key=lambda item: item[1])
     enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
     half = ' (half of tolerance.tip: k = 2)' if task.robot.cell.tolerance == 2 * accuracy else ''
     return UnsupportedDataError(
@@ -299,41 +295,8 @@ def _out_of_reach(task: _Task, accuracy: float, very_many: Prediction) -> Unsupp
     )
 
 
-_KINDS = {
-    'object_position': 'the places of the discs',
-    'object_radius': 'the radii of the discs',
-    'plate_position': 'the places of the plates',
-    'plate_angle': 'the rotation of the plates',
-    'radius': 'the error common to all radii',
-    'force_gain': 'the gain of the force sensor',
-    'force_rotation': 'the rotation of the force sensor',
-    'nominal': 'the nominal values',
-}
-"""Kinds of declared uncertainties, in words."""
-
-
-def contributions(covariance: Floats, by_source: Sequence[tuple[Source, Floats]], tip: Tip) -> dict[str, float]:
-    """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m, by their names.
-
-    Their squares add up to the square of the whole. The places of all discs are one kind, and so on.
-
-    Args:
-        covariance: of the values of the model.
-        by_source: the part of it that each declared uncertainty contributes.
-        tip: over the workspace.
-    """
-    place = np.einsum('gdik,kl,gdil->gd', tip.derivative, covariance, tip.derivative, optimize=True)
-    worst = tip.derivative[np.unravel_index(int(np.argmax(place)), place.shape)]
-    found: defaultdict[str, float] = defaultdict(float)
-    for source, own in by_source:
-        kind = source.label.split('[')[0]
-        found[_KINDS.get(kind, kind)] += float(np.einsum('ik,kl,il->', worst, own, worst))
-    found['noise'] = max(0.0, float(place.max()) - sum(found.values()))
-    return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
-
-
 def _smallest_set(
-    task: _Task, accuracy: float, candidates: CandidateTouches, bound: LowerBound, rank: int, report: Progress
+    task: Task, accuracy: float, candidates: CandidateTouches, bound: LowerBound, rank: int, report: Progress
 ) -> tuple[Plan, dict[int, float]]:
     """The smallest set found that checks itself and keeps the accuracy on the full workspace, and what smaller ones
     reach; the search itself is for a coarse grid, and where that was too coarse, it is asked for more.
@@ -342,7 +305,8 @@ def _smallest_set(
         UnsupportedDataError: the accuracy is out of reach.
     """
     seed, tried = task.requirements.seed, dict[int, float]()
-    effort = int(60 * min(1.0, 6000 / candidates.quadric.size))  # starts times touches: seconds for each number
+    k, places = len(candidates.rows), candidates.quadric.shape[1]
+    effort = int(60 * min(1.0, 12000 / (k * (k + 1) * places)))  # starts times touches: seconds for each number
     most, target = min(MOST_TOUCHES, len(candidates.plan)), accuracy
     number = max(FEWEST_TOUCHES, bound.number(target)) + 1
     while number <= most:
@@ -388,7 +352,7 @@ def _mixed(plan: Plan) -> Plan:
     return plan.select(around[np.argsort(np.arange(len(plan)) * golden_ratio % 1.0, kind='stable')])
 
 
-def _curve(task: _Task, candidates: CandidateTouches, bound: LowerBound) -> Curve:
+def _curve(task: Task, candidates: CandidateTouches, bound: LowerBound) -> Curve:
     """The accuracy by the number of touches."""
     numbers, seed = [n for n in (16, 20, 24, 30, 36, 48, 72, 108) if n <= len(candidates.plan)], task.requirements.seed
     chosen = [best_set(candidates, bound, n, seed=seed, starts=2 if n < 30 else 1)[1] for n in numbers]
@@ -397,31 +361,26 @@ def _curve(task: _Task, candidates: CandidateTouches, bound: LowerBound) -> Curv
     return Curve(np.array(numbers), np.array(chosen), np.array(even), least)
 
 
-def _tables(task: _Task) -> dict[str, list[Row]]:
+def _tables(task: Task) -> dict[str, list[Row]]:
     """Predictions for every subset of the force levels, each posture and both, all discs and all but one."""
     robot, q, discs = task.robot, task.requirements, task.robot.cell.discs
     subsets = [some for count in range(1, len(q.levels) + 1) for some in combinations(q.levels, count)]
-    varied: dict[str, list[tuple[str, tuple[Disc | Outline, ...], Sequence[float], Sequence[int]]]] = {
-        'levels': [(', '.join(f'{f:g}' for f in some) + ' N', discs, some, q.postures) for some in subsets],
-        'postures': [(name, discs, q.levels, p) for name, p in (('left', (1,)), ('right', (-1,)), ('both', (1, -1)))],
-        'discs': [
-            (', '.join(disc.name for disc in some), some, q.levels, q.postures)
-            for some in (*combinations(discs, len(discs) - 1), discs)
-            if some
-        ],
-    }
-    tables = {name: list[Row]() for name in varied}
-    for name, rows in varied.items():
-        for label, some, levels, postures in rows:
-            other = replace(robot, cell=replace(robot.cell, discs=some))
-            with suppress(CellError, UnsupportedDataError):  # a disc that cannot be touched so
-                tables[name].append(
-                    task.row(label, other, candidate_plan(other, levels, postures, q.per_disc), q.number)
-                )
+    groups = [some for some in (*combinations(discs, len(discs) - 1), discs) if some]
+    rows: list[tuple[str, str, tuple[Disc | Outline, ...], Sequence[float], Sequence[int]]] = [
+        *(('levels', ', '.join(f'{f:g}' for f in some) + ' N', discs, some, q.postures) for some in subsets),
+        *(('postures', name, discs, q.levels, p) for name, p in (('left', (1,)), ('right', (-1,)), ('both', (1, -1)))),
+        *(('discs', ', '.join(disc.name for disc in some), some, q.levels, q.postures) for some in groups),
+    ]
+    tables = {name: list[Row]() for name in ('levels', 'postures', 'discs')}
+    for name, label, some, levels, postures in rows:
+        other = replace(robot, cell=replace(robot.cell, discs=some))
+        with suppress(CellError, UnsupportedDataError):  # a disc that cannot be touched so
+            plan = candidate_plan(other, levels, postures, q.per_disc)
+            tables[name].append(task.predicted(label, other, plan, q.number))
     return tables
 
 
-def _additional_disc(task: _Task, grid: int = 25, per_disc: int = 12) -> DiscMap:
+def _additional_disc(task: Task, grid: int = 25, per_disc: int = 12) -> DiscMap:
     """Accuracy with one additional disc of medium radius, as well known as the first one and on its plate."""
     robot, q, cell, tip = task.robot, task.requirements, task.robot.cell, _coarse_tip(task)
     number, radius = q.number + max(1, q.number // len(cell.discs)), float(np.median(cell.radii))
@@ -431,7 +390,7 @@ def _additional_disc(task: _Task, grid: int = 25, per_disc: int = 12) -> DiscMap
         plan = candidate_plan(other, q.levels, q.postures, per_disc)
         return prepare_candidates(other, plan, tip).evenly_distributed(number)
 
-    base, (least, most) = np.array([cell.nominal.x0, cell.nominal.y0]), reach(robot)
+    base, (least, most) = np.array([cell.nominal.x0, cell.nominal.y0]), reach(cell.nominal)
     x, y = (at + np.linspace(-most, most, grid) for at in base)
     values = np.full((grid, grid), np.nan)
     for row, column in np.ndindex(grid, grid):

@@ -22,6 +22,7 @@ where the uncertainty is largest.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -30,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import least_squares
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Source
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.fit_point import Point, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted
 from scara_kinetostatic.calibration.identifiability import (
@@ -58,7 +59,7 @@ from scara_kinetostatic.model.kinetostatics import (
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_values, tip_under_load
 from scara_kinetostatic.model.touch_equations import State, has_no_sure_sign
-from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN, Plan
+from scara_kinetostatic.simulation.plan import Plan, reach
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, in_sensor_frame
 
 
@@ -142,7 +143,7 @@ class Prediction:
         condition: condition number of the whitened Jacobian with unit columns, over the identifiable directions.
         leverage: largest eigenvalue of each touch's block of the hat matrix, (m,), 0 to 1; at 1 no other touch checks
             it, and an error in it is not detected.
-        by_source: the part of `covariance` that each declared uncertainty contributes, (12, 12); the rest is noise.
+        together: of L̄ and what the cell declares as uncertain, (12 + m, 12 + m).
     """
 
     touches: int
@@ -152,12 +153,17 @@ class Prediction:
     confounded: tuple[tuple[str, ...], ...]
     condition: float
     leverage: Floats
-    by_source: tuple[tuple[Source, Floats], ...] = ()
+    together: Floats
+    declared: DeclaredErrors | None
 
     @property
     def rank(self) -> int:
         """Number of independent combinations of the base model's parameters that are identifiable."""
         return len(self.std) - self.motions.shape[1]
+
+    def contributions(self, tip: Tip) -> dict[str, float]:
+        """Those to the covariance."""
+        return contributions(self.together, len(self.std), self.declared, tip)
 
 
 class ExactTouches(NamedTuple):
@@ -231,7 +237,7 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         UnsupportedDataError: the robot cannot reach a touch.
     """
     observations, point, _ = exact_plan(robot, plan)
-    count, declared = len(robot.parameters.names), robot.declared
+    count = len(robot.parameters.names)
     parameters = np.arange(count)
     unidentifiable = unidentifiable_directions(observations, point, parameters, robot.noise)
     subspace = Subspace.of_free(point.model, parameters, robot.scales).without(unidentifiable)
@@ -244,10 +250,6 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     groups = group_names(unidentifiable, parameters, ExtendedModel(robot.parameters))
     std = np.sqrt(np.diag(own))
     std[[name in {member for group in groups for member in group} for name in robot.parameters.names]] = np.nan
-    by_source = []
-    if declared is not None:  # C Pᵀ P C by the rows of the prior of each source
-        moved = covariance[:count] @ declared.prior.rows(count).T
-        by_source = [(source, moved[:, rows] @ moved[:, rows].T) for source, rows in declared.prior.by_source()]
     hat = np.einsum('nik,kl,njl->nij', w.jacobian, covariance, w.jacobian, optimize=True)
     return Prediction(
         touches=number or len(plan),
@@ -257,8 +259,47 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         confounded=groups,
         condition=condition_number(root * (w.derivative @ subspace.basis)),
         leverage=np.linalg.eigvalsh(hat)[:, -1],
-        by_source=tuple(by_source),
+        together=covariance,
+        declared=robot.declared,
     )
+
+
+_KINDS = {
+    'object_position': 'the places of the discs',
+    'object_radius': 'the radii of the discs',
+    'plate_position': 'the places of the plates',
+    'plate_angle': 'the rotation of the plates',
+    'radius': 'the error common to all radii',
+    'force_gain': 'the gain of the force sensor',
+    'force_rotation': 'the rotation of the force sensor',
+    'nominal': 'the nominal values',
+}
+"""Kinds of declared uncertainties, in words."""
+
+
+def contributions(covariance: Floats, count: int, declared: DeclaredErrors | None, tip: Tip) -> dict[str, float]:
+    """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m, by their names.
+
+    Their squares add up to the square of the whole. The places of all discs are one kind, and so on. A source with the
+    rows R of the prior contributes C RᵀR C to the covariance C.
+
+    Args:
+        covariance: C of the values of the model and the declared errors.
+        count: number of the values.
+        declared: what the cell declares as uncertain.
+        tip: over the workspace.
+    """
+    own = covariance[:count, :count]
+    place = np.einsum('gdik,kl,gdil->gd', tip.derivative, own, tip.derivative, optimize=True)
+    worst = tip.derivative[np.unravel_index(int(np.argmax(place)), place.shape)]
+    found: defaultdict[str, float] = defaultdict(float)
+    if declared is not None:
+        moved = worst @ covariance[:count] @ declared.prior.rows(count).T
+        for source, rows in declared.prior.by_source():
+            kind = source.label.split('[')[0]
+            found[_KINDS.get(kind, kind)] += float((moved[:, rows] ** 2).sum())
+    found['noise'] = max(0.0, float(place.max()) - sum(found.values()))
+    return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
 
 
 class Tip(NamedTuple):
@@ -308,12 +349,6 @@ class Workspace:
     angles: Floats
 
 
-def reach(robot: Robot) -> tuple[float, float]:
-    """Smallest and largest distance of the tip from the base, with the margins of a plan of touches, m."""
-    p = robot.cell.nominal
-    return max(abs(p.l1 - p.l2) + REACH_MARGIN, BASE_MARGIN), p.l1 + p.l2 - REACH_MARGIN
-
-
 def make_workspace(robot: Robot, radii: int = 8, angles: int = 36) -> Workspace:
     """The polar grid over all that is within reach, in the region of the cell and within the limits of the joints.
 
@@ -326,7 +361,7 @@ def make_workspace(robot: Robot, radii: int = 8, angles: int = 36) -> Workspace:
         ParameterError: as `possible_poses`.
     """
     nominal = robot.cell.nominal
-    distance = np.linspace(*reach(robot), radii)
+    distance = np.linspace(*reach(nominal), radii)
     angle = 2 * np.pi * np.arange(angles) / angles
     directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     grid = (nominal.x0, nominal.y0) + distance[:, None, None] * directions

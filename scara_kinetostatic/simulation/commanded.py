@@ -21,7 +21,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from math import cos, exp, hypot, isfinite, sin
+from math import exp, hypot, isfinite
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -33,7 +33,7 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import forward, posture
-from scara_kinetostatic.model.outline import Outline, Surfaces, inside
+from scara_kinetostatic.model.outline import Outline, surfaces_of
 from scara_kinetostatic.model.touch import remembered, torques_of
 from scara_kinetostatic.simulation.plan import check_numbers
 from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, Robot, SensorModel, reported_force
@@ -87,68 +87,16 @@ class Body(Protocol):
         """
 
 
-class Circle(NamedTuple):
-    """The surface of an object next to the tip, as an arc.
-
-    Attributes:
-        name: of the object.
-        number: of the disc; the number of discs for an obstacle.
-        gap: distance of the rigid tip's centre from touching it, m; negative where it is within.
-        x: of the arc's centre, m.
-        y: likewise.
-        radius: of the arc along which the tip's centre moves, m.
-        tangent: unit vector along a straight edge of an object; None of an arc.
-        surface: number among the surfaces of the cell; -1 of a disc or an obstacle.
-    """
-
-    name: str
-    number: int
-    gap: float
-    x: float
-    y: float
-    radius: float
-    tangent: tuple[float, float] | None = None
-    surface: int = -1
-
-
-_FLAT = 10.0
-"""Radius of the arc in whose place an edge stands, m: over 1 mm it is straight to 0.1 µm."""
-_SHARP = 1e-4
-"""Least radius of a corner, m."""
 _NEAR = 3e-3
 """Gap above which there is no contact, m: effects and uncertainties of objects are smaller."""
-
-
 _DEEP, _CRASH = 0.01, 1e5
 """Depth beyond which a tip without an equilibrium has crashed into an object, m; force by depth then, N/m."""
 
 
-def _circle_of_outline(name: str, number: int, outline: Floats, tip: Floats, tip_radius: float) -> Circle:
-    """The edge or corner of an outline next to the tip, (2,), m."""
-    along = np.roll(outline, -1, axis=0) - outline
-    part = np.clip(((tip - outline) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
-    feet = outline + part[:, None] * along
-    distances = np.hypot(*(tip - feet).T)
-    k = int(distances.argmin())
-    foot, distance = feet[k], max(float(distances[k]), 1e-12)
-    side = -1.0 if inside(outline, tip[None])[0] else 1.0
-    is_edge = 0.0 < part[k] < 1.0 or side < 0
-    inner, outward = _FLAT if is_edge else 0.0, side * (tip - foot) / distance
-    center = foot - inner * outward
-    radius = inner + (tip_radius if is_edge else max(tip_radius, _SHARP))
-    return Circle(name, number, side * distance - tip_radius, float(center[0]), float(center[1]), radius)
-
-
-def _circle_of_object(number: int, name: str, is_closed: bool, first: int, surfaces: Surfaces, tip: Floats) -> Circle:
-    """The edge or corner of an object next to the tip, (2,), m; `first` is the number of its first surface."""
-    distances = surfaces.distances(tip[None])[0]
-    k = int(distances.argmin())
-    (x, y), radius, tangent = (part[k] for part in surfaces[1:4])
-    along, gap = float((tip - (x, y)) @ tangent), surfaces.gaps(tip[None])[0, k]
-    if not is_closed and tangent.any() and abs(along) > surfaces.halves[k]:  # past the end of an open outline
-        gap = distances[k]
-    edge = (float(tangent[0]), float(tangent[1])) if tangent.any() else None
-    return Circle(name, number, float(gap), float(x), float(y), float(radius), edge, first + k)
+def _around(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    """Corners in the order of an outline, counter-clockwise."""
+    x, y = np.array(corners).T
+    return corners if x @ np.roll(y, -1) > y @ np.roll(x, -1) else corners[::-1]
 
 
 class _Movement:
@@ -193,15 +141,16 @@ class ModelBody:
 
     def __init__(self, cell: Cell, truth: Robot) -> None:
         self.cell, self.model = cell, as_model(truth)
-        self._discs, self._objects = [], []
-        for k, disc in enumerate(cell.discs):
-            own = cell.surfaces.object == k
-            if isinstance(disc, Outline):
-                surfaces = cell.surfaces.select(own)
-                self._objects.append((k, disc.name, disc.is_closed, int(np.argmax(own)), surfaces))
+        obstacles = (Outline(f'obstacle {k + 1}', _around(corners)) for k, corners in enumerate(cell.obstacles))
+        self._objects = (*cell.discs, *obstacles)
+        self._surfaces = surfaces_of(self._objects, cell.tip_radius or 1e-4)
+        self._discs, self._outlines = [], []
+        for number, item in enumerate(self._objects):
+            own = np.flatnonzero(self._surfaces.object == number)
+            if isinstance(item, Outline):
+                self._outlines.append((own, item.is_open))
             else:
-                self._discs.append((k, disc.name, disc.x, disc.y, disc.radius))
-        self._outlines = [np.array(outline, dtype=float) for outline in cell.obstacles]
+                self._discs.append((int(own[0]), item.x, item.y, item.radius))
         self.begin((0.0, 0.0), 0.0)
 
     def begin(self, joints: tuple[float, float], lift: float) -> None:
@@ -212,20 +161,21 @@ class ModelBody:
         self._history: list[tuple[float, float, float, float]] = []
         self._metadata = TouchMetadata.plain(1)
 
-    def nearest(self, joints: tuple[float, float]) -> Circle | None:
-        """What the rigid tip is next to, or deepest within, at motor angles."""
-        p = self.model.parameters
-        first = joints[0] + p.theta1
-        second = first + joints[1] + p.theta2
-        x, y = p.x0 + p.l1 * cos(first) + p.l2 * cos(second), p.y0 + p.l1 * sin(first) + p.l2 * sin(second)
-        found = [Circle(name, k, hypot(x - u, y - v) - r, u, v, r) for k, name, u, v, r in self._discs]
-        tip, size = np.array([x, y]), self.cell.tip_radius or 0.0
-        found += [
-            _circle_of_outline(f'obstacle {k + 1}', len(self.cell.discs), outline, tip, size)
-            for k, outline in enumerate(self._outlines)
-        ]
-        found += [_circle_of_object(*item, tip) for item in self._objects]
-        return min(found, key=lambda circle: circle.gap, default=None)
+    def nearest(self, joints: tuple[float, float]) -> tuple[int, float]:
+        """The surface of the object next to the rigid tip, or in which it is deepest, at motor angles, and its gap, m.
+
+        The gap is the distance of the tip's centre from touching it; infinite where there is no object.
+        """
+        (x, y), s = forward(self.model.parameters, np.array(joints)).tolist(), self._surfaces
+        found = [(k, hypot(x - u, y - v) - r) for k, u, v, r in self._discs]
+        if self._outlines:
+            tip = np.array([[x, y]])
+            away, gaps = s.distances(tip)[0], s.gaps(tip)[0]
+            for own, is_open in self._outlines:
+                k = int(own[np.argmin(away[own])])
+                past = is_open and abs((tip[0] - s.centers[k]) @ s.tangents[k]) > s.halves[k]  # its end
+                found.append((k, float(away[k] if past else gaps[k])))
+        return min(found, key=lambda item: item[1], default=(0, np.inf))
 
     def advance(self, time: float, joints: tuple[float, float], lift: float) -> None:
         """The equilibrium at motor angles, next to that of the step before."""
@@ -235,43 +185,39 @@ class ModelBody:
         self.joints, self._raised, self._time = joints, raised, time
         for movement, angle in zip(self._movements, joints, strict=True):
             movement.follow(angle, bool(self.touched))
-        circle = None if raised else self.nearest(joints)
-        before = self.touched
-        if circle is None or circle.gap > _NEAR:
+        before, (surface, gap) = self.touched, (0, np.inf) if raised else self.nearest(joints)
+        if gap > _NEAR:
             self.force, self.touched = (0.0, 0.0), ''
         else:
-            self._press(circle)
+            self._press(surface, gap)
         self.contacts += bool(self.touched) and not before
         if self.model.effects and (self.touched or before):
             self._remember()
 
-    def _press(self, circle: Circle) -> None:
-        """The force of the contact with an arc; where no equilibrium is found it stays, deep inside it is a crash."""
-        q = np.array([self.joints])
+    def _press(self, k: int, gap: float) -> None:
+        """The force of the contact with a surface; without an equilibrium it stays, deep inside it is a crash."""
+        q, s = np.array([self.joints]), self._surfaces.select(np.array([k]))
         if self.model.effects:
             history = np.array([self._history]) if self._history else None
-            approach = np.array([[movement.approach for movement in self._movements]])
-            press = np.array([[movement.press for movement in self._movements]])
+            approach, press = np.array([[(each.approach, each.press) for each in self._movements]]).transpose(2, 0, 1)
             self._metadata = TouchMetadata(
-                np.array([circle.number]), np.array([self._time]), approach, posture(self.model.parameters, q), press,
-                history, order=np.array([self.contacts]), surface=np.array([circle.surface]),
+                s.object, np.array([self._time]), approach, posture(self.model.parameters, q), press,
+                history, order=np.array([self.contacts]), surface=np.array([k]),
             )  # fmt: skip
-        warm_start = np.array([self.force]) if self.touched else None
-        center = np.array([[circle.x, circle.y]])
-        tangents = np.array([circle.tangent or (0.0, 0.0)]) if self._objects else None
         found = contact(
-            self.model, q, center, np.array([circle.radius]), self.cell.gripper, warm_start=warm_start,
-            metadata=self._metadata, tangents=tangents,
+            self.model, q, s.centers, s.radii, self.cell.gripper,
+            warm_start=np.array([self.force]) if self.touched else None,
+            metadata=self._metadata, tangents=s.tangents if self._outlines else None,
         )  # fmt: skip
+        x, y = self.force
         if found.solved[0]:
-            self.force = float(found.force[0, 0]), float(found.force[0, 1])
-        elif circle.gap < -_DEEP:
-            out = center[0] - forward(self.model.parameters, q)[0]
-            if circle.tangent is not None:  # into the object, at right angles to the edge
-                out = np.array([-circle.tangent[1], circle.tangent[0]])
-            x, y = -_CRASH * circle.gap * out / np.hypot(*out)
-            self.force = float(x), float(y)
-        self.touched = circle.name if any(self.force) else ''
+            x, y = found.force[0].tolist()
+        elif gap < -_DEEP:
+            inwards = s.centers[0] - forward(self.model.parameters, q)[0]
+            inwards = -s.normals[0] if s.is_edge[0] else inwards / np.hypot(*inwards)
+            x, y = (-_CRASH * gap * inwards).tolist()
+        self.force = x, y
+        self.touched = self._objects[int(s.object[0])].name if any(self.force) else ''
 
     def _remember(self) -> None:
         """The turning points of the load, which joints with memory keep."""
@@ -283,10 +229,6 @@ class ModelBody:
         """As `reported_force`."""
         state = np.array([self.joints]), np.array([self.force]), np.zeros((1, 2)), np.array([share])
         return np.asarray(reported_force(self.cell, self.model, *state, self._metadata)[0])
-
-
-_ROOM = 0.03
-"""Kept free around the tip at the start, m."""
 
 
 def free_pose(cell: Cell) -> tuple[float, float]:
@@ -303,8 +245,7 @@ def free_pose(cell: Cell) -> tuple[float, float]:
     q1, q2 = np.meshgrid(*(np.linspace(low, high, 60)[6:-6] for low, high in limits))
     poses = np.column_stack([q1.ravel(), q2.ravel()])
     for pose in poses[np.argsort(np.hypot(*(forward(cell.nominal, poses) - middle).T))].tolist():
-        circle = body.nearest((pose[0], pose[1]))
-        if circle is None or circle.gap > _ROOM:
+        if body.nearest((pose[0], pose[1]))[1] > 0.03:
             return pose[0], pose[1]
     raise UnsupportedDataError('the simulated robot has no room to stand in', 'give a start')
 
@@ -333,8 +274,6 @@ class Fault(str, Enum):
 
 _Rows = Sequence[Sequence[float]]
 """Of joints, one value each."""
-_CREEP = 0.05
-"""Speed at which a joint creeps off, rad/s or m/s."""
 
 
 @dataclass(frozen=True)
@@ -414,35 +353,40 @@ class Plant:
     ) -> None:
         self.cell, self.body, self.settings, self.sensors = cell, body, settings or PlantSettings(), sensors
         self._random = np.random.default_rng([seed, 2])
-        lift, s = cell.lift, self.settings
-        self.names = (*cell.joint_names, *([lift.joint] if lift else []), *cell.hold)
+        lift, s, anywhere = cell.lift, self.settings, (-np.inf, np.inf)
         start = s.start or free_pose(cell)
-        self._position = [*start, *([lift.up] if lift else []), *cell.hold.values()]
-        self._setpoint = list(self._position)
-        self._speeds = [s.speed, s.speed, *([s.lift_speed] if lift else []), *(s.speed for _ in cell.hold)]
-        self._limits = [*(cell.limits or [(-np.inf, np.inf)] * 2)]
-        self._limits += [(min(lift.up, lift.down), max(lift.up, lift.down))] if lift else []
-        self._limits += [(-np.inf, np.inf) for _ in cell.hold]
-        self._motion: tuple[list[float], list[list[float]], list[list[float]] | None] | None = None
-        self.scaling, self.active, self._elapsed, self._rate = 1.0, True, 0.0, [0.0] * len(self.names)
+        # of each joint its name, where it stands, its largest speed and its limits
+        joints = list(zip(cell.joint_names, start, [s.speed] * 2, cell.limits or [anywhere] * 2, strict=True))
+        if lift:
+            joints.append((lift.joint, lift.up, s.lift_speed, (min(lift.up, lift.down), max(lift.up, lift.down))))
+        joints += [(name, angle, s.speed, anywhere) for name, angle in cell.hold.items()]
+        self.names, position, speeds, self._limits = zip(*joints, strict=True)
+        self._position, self._speeds = np.array(position), np.array(speeds)
+        self.scaling, self.active, self._elapsed = 1.0, True, 0.0
+        self._stop()
         self._overload = self._most = s.overload or 2.0 * cell.touch.max_force
         self.time, self.peak_force, self.stopped, self.fault = 0.0, 0.0, '', Fault.NONE
         self._noise = sensors.touch_noise or cell.noise or TYPICAL_NOISE
         # of joints and force, in standard deviations
-        self._error, self._next = self._random.standard_normal((2, 4)).tolist()
+        self._error, self._next = self._random.standard_normal((2, 4))
         self._touching = False
         self._delayed: deque[Reading] = deque()
         body.begin((start[0], start[1]), self._raised)
 
+    def _stop(self) -> None:
+        """The setpoint is where the joints are, without a motion."""
+        self._motion: tuple[Floats, Floats, Floats | None] | None = None
+        self._setpoint, self._rate = self._position.copy(), np.zeros(len(self.names))
+
     @property
     def _raised(self) -> float:
         lift = self.cell.lift
-        return (self._position[2] - lift.down) / (lift.up - lift.down) if lift else 0.0
+        return float((self._position[2] - lift.down) / (lift.up - lift.down)) if lift else 0.0
 
     @property
     def left(self) -> float:
         """Time that is left of the motion, s."""
-        return max(0.0, self._motion[0][-1] - self._elapsed) if self._motion else 0.0
+        return max(0.0, float(self._motion[0][-1]) - self._elapsed) if self._motion else 0.0
 
     def command(
         self, names: Sequence[str], times: Sequence[float], positions: _Rows, velocities: _Rows | None = None
@@ -459,24 +403,23 @@ class Plant:
             ParameterError: it is refused; the former one goes on.
         """
         points = self._checked(names, times, positions)
-        if not points:
-            self._motion, self._setpoint, self._rate = None, list(self._position), [0.0] * len(self.names)
+        if not len(points):
+            self._stop()
             return
-        rates: list[list[float]] | None = None
+        rates: Floats | None = None
         if velocities is not None and len(velocities[0]):
             if any(velocities[-1]):
                 raise ParameterError('trajectory refused', 'the velocity of its last point is not zero')
-            rates = [self._rate, *self._ordered(names, velocities)]
+            rates = np.vstack([self._rate, self._ordered(names, velocities)])
         self._elapsed = 0.0
-        self._motion = [0.0, *times], [list(self._setpoint), *points], rates
+        self._motion = np.array([0.0, *times]), np.vstack([self._setpoint, points]), rates
 
-    def _ordered(self, names: Sequence[str], rows: _Rows) -> list[list[float]]:
+    def _ordered(self, names: Sequence[str], rows: _Rows) -> Floats:
         """Readings or rates of the joints, as the arm has them, in the order of its names."""
-        order = [list(names).index(name) for name in self.names]
-        found = [[float(row[k]) for k in order] for row in rows]
-        return [[*self.cell.angles(np.array(row[:2])).tolist(), *row[2:]] for row in found]
+        found = np.array(rows, dtype=float).reshape(-1, len(names))[:, [list(names).index(name) for name in self.names]]
+        return np.hstack([self.cell.angles(found[:, :2]), found[:, 2:]])
 
-    def _checked(self, names: Sequence[str], times: Sequence[float], positions: _Rows) -> list[list[float]]:
+    def _checked(self, names: Sequence[str], times: Sequence[float], positions: _Rows) -> Floats:
         """The points in the order of `names`."""
         where = 'trajectory refused'
         if self.stopped:
@@ -520,84 +463,76 @@ class Plant:
     def _advance(self, duration: float) -> None:
         self.time += duration
         self._elapsed += self.scaling * duration
-        wanted, follow = self._wanted(), 1.0 - exp(-duration / self.settings.lag) if self.settings.lag else 1.0
-        stands = self.stopped or self.fault is Fault.DOES_NOT_FOLLOW
-        creeping = {Fault.MOVED: 0, Fault.HELD_MOVES: len(self.names) - 1}.get(self.fault, -1)
-        stuck = 2 if self.fault is Fault.LIFT_STUCK and self.cell.lift else -1
-        for k, (goal, speed) in enumerate(zip(wanted, self._speeds, strict=True)):
-            if k == creeping:
-                self._position[k] += _CREEP * duration
-            if stands or k in (creeping, stuck):
-                continue
-            most = speed * duration
-            self._setpoint[k] += min(max(goal - self._setpoint[k], -most), most)
-            self._position[k] += follow * (self._setpoint[k] - self._position[k])
-        self.body.advance(self.time, (self._position[0], self._position[1]), self._raised)
+        self._move(duration)
+        q1, q2 = self._position[:2].tolist()
+        self.body.advance(self.time, (q1, q2), self._raised)
         force, touching = hypot(*self.body.force), bool(self.body.touched)
         self.peak_force = max(self.peak_force, force)
         self._most = self._overload if force < self._overload else self._most
         if force > self._most and not self.stopped:
             self.stopped = f'{force:.0f} N on {self.body.touched}, more than {self._overload:g} N'
-            self._motion, self._setpoint, self._rate = None, list(self._position), [0.0] * len(self.names)
+            self._stop()
         if self._touching and not touching:
-            self._next = self._random.standard_normal(4).tolist()
+            self._next = self._random.standard_normal(4)
         self._touching = touching
         if not touching:  # within some tenths of a second of free motion the error is that of the next touch
-            part = 1.0 - exp(-duration / 0.1)
-            self._error = [a + part * (b - a) for a, b in zip(self._error, self._next, strict=True)]
+            self._error = self._error + (1.0 - exp(-duration / 0.1)) * (self._next - self._error)
 
-    def _wanted(self) -> list[float]:
+    def _move(self, duration: float) -> None:
+        """The drives go on, each joint towards its setpoint, the setpoint towards the motion."""
+        follow = 1.0 - exp(-duration / self.settings.lag) if self.settings.lag else 1.0
+        moves, most = np.full(len(self.names), not self.stopped), self._speeds * duration
+        joints: dict[Fault, int | slice] = {Fault.DOES_NOT_FOLLOW: slice(None), Fault.MOVED: 0, Fault.HELD_MOVES: -1}
+        if self.cell.lift:
+            joints[Fault.LIFT_STUCK] = 2
+        if self.fault in joints:
+            moves[joints[self.fault]] = False
+        if self.fault in (Fault.MOVED, Fault.HELD_MOVES):
+            self._position[joints[self.fault]] += 0.05 * duration  # rad/s or m/s
+        self._setpoint += moves * np.clip(self._wanted() - self._setpoint, -most, most)
+        self._position += moves * follow * (self._setpoint - self._position)
+
+    def _wanted(self) -> Floats:
         """Where the motion has the joints now."""
+        self._rate = np.zeros(len(self.names))
         if self._motion is None or not self.active:
-            self._motion, self._rate = None, [0.0] * len(self.names)
+            self._motion = None
             return self._setpoint
         times, points, rates = self._motion
-        while len(times) > 1 and self._elapsed >= times[1]:
-            for every in (times, points, rates or []):
-                del every[:1]
-        if len(times) == 1:
-            self._rate = [0.0] * len(self.names)
-            return points[0]
-        span = times[1] - times[0]
-        part = (self._elapsed - times[0]) / span
-        mean = [(b - a) / span for a, b in zip(points[0], points[1], strict=True)]
-        if rates is None:
-            self._rate = mean
-            return [a + part * span * v for a, v in zip(points[0], mean, strict=True)]
-        ends = list(zip(points[0], mean, rates[0], rates[1], strict=True))
-        self._rate = [
-            6 * part * (1 - part) * v + (1 - part) * (1 - 3 * part) * u + part * (3 * part - 2) * w
-            for _, v, u, w in ends
-        ]
+        k = int(np.searchsorted(times, self._elapsed, side='right'))
+        if k == len(times):
+            return np.asarray(points[-1])
+        span, step = times[k] - times[k - 1], points[k] - points[k - 1]
+        part = (self._elapsed - times[k - 1]) / span
+        u, w = (step, step) if rates is None else (span * rates[k - 1], span * rates[k])
+        self._rate = (6 * part * (1 - part) * step + (1 - part) * (1 - 3 * part) * u + part * (3 * part - 2) * w) / span
         cubic = part * part * (3 - 2 * part), part * (1 - part) ** 2, part * part * (part - 1)
-        return [a + span * (cubic[0] * v + cubic[1] * u + cubic[2] * w) for a, v, u, w in ends]
+        return np.asarray(points[k - 1] + cubic[0] * step + cubic[1] * u + cubic[2] * w)
 
     def _read(self) -> Reading:
-        s, body, noise = self.sensors, self.body, self._random.standard_normal(4).tolist()
+        s, body, noise = self.sensors, self.body, self._random.standard_normal(4)
         joints: tuple[float, ...] | None = None
         if self.fault is not Fault.SILENT_JOINTS:
-            levels = self._noise.joint_levels
-            angles = [body.joints[k] + (levels[k] * self._error[k] + s.joint_noise * noise[k]) for k in (0, 1)]
-            read = [*self.cell.readings(np.array(angles)).tolist(), *self._position[2:]]
-            joints = tuple(round(each / s.resolution) * s.resolution if s.resolution else each for each in read)
+            angles = body.joints + (np.array(self._noise.joint_levels) * self._error[:2] + s.joint_noise * noise[:2])
+            read = np.append(self.cell.readings(angles), self._position[2:])
+            joints = tuple((np.round(read / s.resolution) * s.resolution if s.resolution else read).tolist())
         wrench: tuple[float, float] | None = None
         if self.fault is not Fault.SILENT_WRENCH:
-            x, y = self._sensed()
-            wrench = x + s.bias[0] + s.force_noise * noise[2], y + s.bias[1] + s.force_noise * noise[3]
+            x, y = (self._sensed() + s.bias + s.force_noise * noise[2:]).tolist()
+            wrench = x, y
         return Reading(self.time, joints, wrench, body.force, body.touched)
 
     def zero(self) -> None:
         """Takes the present force as zero, as the driver of a force sensor does when asked."""
-        x, y = self._sensed()
-        self.sensors = replace(self.sensors, bias=(-x, -y))
+        x, y = (-self._sensed()).tolist()
+        self.sensors = replace(self.sensors, bias=(x, y))
 
-    def _sensed(self) -> tuple[float, float]:
-        """The force with the error of the touch, in the frame of the sensor and with its sign, N."""
-        force, x, y = hypot(*self.body.force), 0.0, 0.0
+    def _sensed(self) -> Floats:
+        """The force with the error of the touch, in the frame of the sensor and with its sign, (2,), N."""
+        size, force = hypot(*self.body.force), np.zeros(2)
         if self.body.touched:
-            share, grown = min(force / FULL, 1.0), self._noise.growth * force
-            levels = [hypot(level * share, grown) for level in self._noise.force_levels]
-            x, y = (self.body.sensed(share) + np.array(levels) * self._error[2:4]).tolist()
-        x += 30.0 * (self.fault is Fault.FREE_FORCE)
-        sign = -1.0 if self.cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-        return sign * x, sign * y
+            share = min(size / FULL, 1.0)
+            levels = np.hypot(share * np.array(self._noise.force_levels), self._noise.growth * size)
+            force = self.body.sensed(share) + levels * self._error[2:]
+        force[0] += 30.0 * (self.fault is Fault.FREE_FORCE)
+        return -force if self.cell.sensor.sign is SensorSign.ON_ROBOT else force

@@ -20,6 +20,7 @@ from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.kinetostatics import drag
 from scara_kinetostatic.model.outline import Outline, boundary, inside
+from scara_kinetostatic.model.parameters import Parameters
 
 REACH_MARGIN = 0.03
 """Distance of the tip from the stretched and from the folded arm, m: the true arm may be shorter."""
@@ -196,15 +197,19 @@ def default_plan(
     return plan.select(reachable)
 
 
+def reach(nominal: Parameters) -> tuple[float, float]:
+    """Smallest and largest distance of the tip from the base, with margins, m."""
+    return max(abs(nominal.l1 - nominal.l2) + REACH_MARGIN, BASE_MARGIN), nominal.l1 + nominal.l2 - REACH_MARGIN
+
+
 def within_reach(cell: Cell, plan: Plan) -> Mask:
     """Which touches the nominal arm reaches with a margin, free of the other discs, (m,)."""
-    nominal = cell.nominal
+    nominal, (folded, stretched) = cell.nominal, reach(cell.nominal)
     reachable = np.ones(len(plan), dtype=bool)
     for distance in (0.0, CLEARANCE):
         tip = plan.contact(cell) + distance * plan.normal(cell)
         radius = np.hypot(tip[:, 0] - nominal.x0, tip[:, 1] - nominal.y0)
-        folded = max(abs(nominal.l1 - nominal.l2) + REACH_MARGIN, BASE_MARGIN)
-        reachable &= (radius >= folded) & (radius <= nominal.l1 + nominal.l2 - REACH_MARGIN)
+        reachable &= (radius >= folded) & (radius <= stretched)
         apart = np.linalg.norm(tip[:, None] - cell.centers[None], axis=2) - cell.radii
         apart[np.arange(len(plan)), plan.disc] = np.inf
         for number in (k for k, disc in enumerate(cell.discs) if isinstance(disc, Outline)):

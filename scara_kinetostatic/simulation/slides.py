@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
@@ -353,21 +353,17 @@ class SlidingMotion:
         joints, force = np.empty((len(time), 2)), np.zeros((len(time), 2))
         tip = np.full((len(time), 2), np.nan)
         travelling = phase == SlidePhase.TRAVEL
-        joints[travelling] = self._between(slide[travelling], time[travelling])
+        to = slide[travelling]
+        begin, end = self._stations[2 * to], self._stations[2 * to + 1]
+        part = minimum_jerk((time[travelling] - self._knots[to, 0]) / self.timing.travel)
+        joints[travelling] = begin + part[:, None] * (end - begin)
         for number in range(len(self.slides)):
             here = np.flatnonzero((slide == number) & ~travelling)
-            joints[here], tip[here], pressed, loaded = self._states(number, time[here])
-            force[here[loaded]] = pressed[loaded]
+            joints[here], tip[here], force[here] = self._states(number, time[here])
         return SlideState(joints, force, tip, slide.clip(max=len(self.slides) - 1), phase)
 
-    def _between(self, slide: Indices, time: Floats) -> Floats:
-        """Joint angles on the way to a slide, (k, 2), rad."""
-        begin, end = self._stations[2 * slide], self._stations[2 * slide + 1]
-        part = minimum_jerk((time - self._knots[slide, 0]) / self.timing.travel)
-        return np.asarray(begin + part[:, None] * (end - begin))
-
-    def _states(self, number: int, time: Floats) -> tuple[Floats, Floats, Floats, Mask]:
-        """Joint angles, rad, tip, m, and force, N, at times within a slide, (k, 2) each; where it presses.
+    def _states(self, number: int, time: Floats) -> tuple[Floats, Floats, Floats]:
+        """Joint angles, rad, tip, m, and force, N, at times within a slide, (k, 2) each.
 
         The angles are Ḡ, each joint crossing its backlash within `CROSSING`, near the path of the slide. The force is
         F = N (-n + μ τ t); 0+ along -n in the free motion.
@@ -394,7 +390,8 @@ class SlidingMotion:
         tip = point + (self.tip_radius + clearance)[:, None] * normal
         places, path = self._paths[number]
         near = np.column_stack([np.interp(travelled, places, column) for column in path.T])
-        return near + wrap(self._poses(number, tip, force) - near), tip, force, normal_force > 0
+        joints = near + wrap(self._poses(number, tip, force) - near)
+        return joints, tip, np.where(normal_force[:, None] > 0, force, 0.0)
 
     def _poses(self, number: int, tip: Floats, force: Floats) -> Floats:
         p, posture = self.model.parameters, self.slides[number].posture

@@ -207,10 +207,10 @@ class Trajectory:
         self.truth = self.model.parameters
         if not len(plan):
             raise UnsupportedDataError('the plan holds no touch', 'plan at least one')
-        self._contact = plan.contact(cell)
-        self._inward = -plan.normal(cell)
-        self.hold_force = plan.force[:, None] * self._inward
-        self.peak_force = (1.0 + plan.preload)[:, None] * self.hold_force
+        self._contact, self._inward = plan.contact(cell), -plan.normal(cell)
+        self._surfaces, self._every = cell.surfaces.select(plan.surface(cell)), np.arange(len(plan))
+        self._planned = self.hold_force = plan.force[:, None] * self._inward
+        self.peak_force = (1.0 + plan.preload)[:, None] * self._planned
         self._depth = np.zeros((2, len(plan)))
         self._solve_poses()
         self._start_and_end = self.free_joints[[0, -1]] + (0.25, -0.15)
@@ -220,13 +220,23 @@ class Trajectory:
             self._include_effects()
 
     def _solve_poses(self) -> None:
-        """Joint angles at the ends of the phases."""
-        self.hold_joints = self._pose(self._commanded_tip(1.0), self.hold_force)
+        """Joint angles at the ends of the phases.
+
+        Raises:
+            UnsupportedDataError: the simulated robot cannot reach a touch.
+        """
+        self.hold_joints = self._pose(self._commanded_tip(1.0), self._planned)
         self.contact_joints = self._near_hold(self._pose(self._commanded_tip(0.0), FIRST_FORCE * self._inward))
-        self.peak_joints = self._loaded_joints(np.arange(len(self.plan)), 1.0 + self.plan.preload)
+        self.peak_joints = self._loaded_joints(self._every, 1.0 + self.plan.preload)
         clear = self._contact - self.timing.clearance * self._inward
         self.free_joints = self._near_hold(self._pose(clear, np.zeros_like(clear)))
-        self._check_reach()
+        poses = np.hstack([self.hold_joints, self.peak_joints, self.contact_joints, self.free_joints])
+        lost = np.flatnonzero(~np.isfinite(poses).all(axis=1))
+        if len(lost):
+            name = self.cell.discs[self.plan.disc[lost[0]]].name
+            problem = f'the simulated robot cannot reach touch {lost[0]} of the plan, on {name!r}'
+            remedy = 'leave the touch out, move the disc, or simulate a robot closer to the nominal one'
+            raise UnsupportedDataError(problem, remedy)
 
     def _include_effects(self) -> None:
         """The forces with effects. The metadata are those of the path without effects, then corrected.
@@ -237,13 +247,12 @@ class Trajectory:
         for number in range(_MOST_PASSES):
             self.metadata = self._metadata()
             self._take_histories()
-            compliance = self._normal_compliance(self.hold_force)
             for row, relative_force in enumerate((LIGHT_FORCE, 1.0)):
-                self._depth[row] = self._command_depths(relative_force, compliance, self._depth[row])
+                self._depth[row] = self._command_depths(relative_force, self._depth[row])
             self._solve_poses()
             self.peak_force = self._peak_forces()
             self._take_histories()
-            if number and not self._off_plan(self._in_hold()).any():
+            if number and not self._off_plan(self._in_hold(), 0.02).any():
                 break
         self.hold_force = self._hold_forces()
         for _ in range(_MOST_PASSES):
@@ -273,17 +282,17 @@ class Trajectory:
             metadata: of the moments.
             tension: as in `model.contact.contact`.
         """
-        surface, surfaces = self.plan.surface(self.cell)[touch], self.cell.surfaces
+        at = self._surfaces.select(touch)
         return contact(
             self.model,
             joints,
-            surfaces.centers[surface],
-            surfaces.radii[surface],
+            at.centers,
+            at.radii,
             self.cell.gripper,
-            tangents=surfaces.tangents[surface] if self.cell.has_outlines else None,
             tension=tension,
             warm_start=warm_start,
             metadata=metadata,
+            tangents=at.tangents if self.cell.has_outlines else None,
         )
 
     def _force_over_time(self, touch: Indices, joints: Floats, warm_start: Floats, phase: Indices) -> Floats:
@@ -303,16 +312,19 @@ class Trajectory:
                 force[:, axis] = np.interp(at, at[found.solved], force[found.solved, axis])
         return force
 
-    def _command_depths(self, relative_force: float, compliance: Floats, start: Floats) -> Floats:
+    def _command_depths(self, relative_force: float, start: Floats) -> Floats:
         """Depths at which the force is reached, beyond those of the base model, (m,), m; by the secant method.
 
         Args:
             relative_force: part of the force of the hold that is wanted.
-            compliance: depth per force of the robot without effects, (m,), m/N.
             start: first depths, (m,), m.
         """
-        wanted, planned = relative_force * self.plan.force, relative_force * self.hold_force
-        depth, slope, todo = start.copy(), compliance.copy(), np.arange(len(self.plan))
+        wanted, planned, p = relative_force * self.plan.force, relative_force * self._planned, self.truth
+        # depth per force of the robot without effects, m/N
+        torques = inverse_kinetostatics(p, self._contact, self._planned, self.plan.posture, self.cell.gripper)[1]
+        arms = torques / self.plan.force[:, None]
+        compliance = p.p_ee + (np.array([p.p1, p.p2]) * arms**2).sum(axis=1)
+        depth, slope, todo = start.copy(), compliance.copy(), self._every
         before = np.full((2, len(self.plan)), np.nan)
         for _ in range(30):
             joints = self._pose(self._contact + depth[:, None] * self._inward, planned)[todo]
@@ -331,17 +343,16 @@ class Trajectory:
 
     def _peak_forces(self) -> Floats:
         """Largest force on the object in each touch, (m, 2), N; the planned one where no equilibrium is found."""
-        planned = ((1.0 + self.plan.preload) * self.plan.force)[:, None] * self._inward
+        planned = (1.0 + self.plan.preload)[:, None] * self._planned
         before = self.metadata._replace(history=self.histories.press)
-        found = self._contact_at(np.arange(len(self.plan)), self.peak_joints, planned, before)
+        found = self._contact_at(self._every, self.peak_joints, planned, before)
         return np.where(found.solved[:, None], found.force, planned)
 
     def _in_hold(self) -> Contact:
         """A(Q, L̄) in each hold."""
-        planned = self.plan.force[:, None] * self._inward
-        return self._contact_at(np.arange(len(self.plan)), self.hold_joints, planned, self.metadata)
+        return self._contact_at(self._every, self.hold_joints, self._planned, self.metadata)
 
-    def _off_plan(self, found: Contact, tolerance: float = 0.02) -> Mask:
+    def _off_plan(self, found: Contact, tolerance: float) -> Mask:
         """Which touches have no equilibrium, or not the force that is planned but for a relative error, (m,)."""
         return ~(np.abs(found.magnitude - self.plan.force) <= tolerance * self.plan.force) | ~found.solved
 
@@ -365,14 +376,9 @@ class Trajectory:
 
     def _metadata(self) -> TouchMetadata:
         approach, press = (last_movement(path, self.hold_joints) for path in (self.path, self.path[1:]))
-        order, surface, plan = np.arange(len(self.plan)), self.plan.surface(self.cell), self.plan
-        return TouchMetadata(plan.disc, self.hold_time, approach, plan.posture, press, order=order, surface=surface)
-
-    def _normal_compliance(self, force: Floats) -> Floats:
-        """Displacement of the tip along the normal per force by the base model, (m,), m/N."""
-        p, size = self.truth, np.hypot(*force.T)
-        torques = inverse_kinetostatics(p, self._contact, force, self.plan.posture, self.cell.gripper)[1]
-        return np.asarray(p.p_ee + (np.array([p.p1, p.p2]) * (torques / size[:, None]) ** 2).sum(axis=1))
+        plan, surface = self.plan, self.plan.surface(self.cell)
+        found = TouchMetadata(plan.disc, self.hold_time, approach, plan.posture, press)
+        return found._replace(order=self._every, surface=surface)
 
     def _commanded_tip(self, relative_force: Floats | float, touch: Indices | slice = slice(None)) -> Floats:
         """Commanded place of the tip of the base model at a relative force, (k, 2), m."""
@@ -432,21 +438,12 @@ class Trajectory:
         """Ḡ at a relative force, without a jump of a full turn within the touch."""
         force = np.maximum(relative_force * self.plan.force[touch], FIRST_FORCE)[:, None] * self._inward[touch]
         joints = self._pose(self._commanded_tip(relative_force, touch), force, touch)
+        return self._near_hold(joints, touch)
+
+    def _near_hold(self, joints: Floats, touch: Indices | slice = slice(None)) -> Floats:
+        """The same joint angles within half a turn of the hold."""
         hold = self.hold_joints[touch]
-        turned = np.abs(joints - hold) > np.pi
-        return np.where(turned, hold + wrap(joints - hold), joints)
-
-    def _near_hold(self, joints: Floats) -> Floats:
-        return self.hold_joints + wrap(joints - self.hold_joints)
-
-    def _check_reach(self) -> None:
-        poses = np.hstack([self.hold_joints, self.peak_joints, self.contact_joints, self.free_joints])
-        lost = np.flatnonzero(~np.isfinite(poses).all(axis=1))
-        if len(lost):
-            name = self.cell.discs[self.plan.disc[lost[0]]].name
-            problem = f'the simulated robot cannot reach touch {lost[0]} of the plan, on {name!r}'
-            remedy = 'leave the touch out, move the disc, or simulate a robot closer to the nominal one'
-            raise UnsupportedDataError(problem, remedy)
+        return np.asarray(hold + wrap(joints - hold))
 
     def _schedule(self) -> tuple[Floats, float]:
         """Starts of all phases and the end of the trajectory."""
@@ -512,21 +509,19 @@ class SensorModel:
         return cls(Noise(0.0, 0.0), 0.0, 0.0, (0.0, 0.0), 0.0, rate, rate, 0.0, 0.0)
 
     def touch_errors(
-        self, cell: Cell, unit: Floats, force: Floats | None = None, sensor_angle: Floats | None = None
+        self, cell: Cell, unit: Floats, force: Floats, sensor_angle: Floats | None = None
     ) -> tuple[Floats, Floats]:
         """Errors of the joint angles and of the force of each touch, (n, 2) each, rad and N, base frame.
 
         Args:
             cell: its noise is taken where the sensors have none.
             unit: both errors in standard deviations, (2, n, 2).
-            force: in the hold, (n, 2), N; where the noise grows with it.
+            force: in the hold, (n, 2), N: the noise may grow with it.
             sensor_angle: of the sensor's x axis in the base frame, (n,), rad; None for 0.
         """
         noise = self.touch_noise or cell.noise or TYPICAL_NOISE
-        joint_errors, force_errors = np.array(noise.joint_levels) * unit[0], np.array(noise.force_levels) * unit[1]
-        if noise.growth and force is not None:
-            grown = noise.growth * np.hypot(force[:, 0], force[:, 1])[:, None]
-            force_errors = np.hypot(noise.force_levels, grown) * unit[1]
+        joint_errors = np.array(noise.joint_levels) * unit[0]
+        force_errors = np.hypot(noise.force_levels, noise.growth * np.hypot(*force.T)[:, None]) * unit[1]
         if noise.is_plain or sensor_angle is None:
             return joint_errors, force_errors
         return joint_errors, rotate(force_errors, sensor_angle)

@@ -34,7 +34,6 @@ from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
-SCHEMA = 'scara_kinetostatic/truth/1'
 PAPER_ROBOTS = {'paper': PAPER_ACTUAL, 'measured': PAPER_MEASURED}
 """Robots by name: L̄a of table 2 and the compliances and backlashes of figure 4(d)."""
 
@@ -143,15 +142,13 @@ def load_truth(path: str | Path, cell: Cell) -> ExtendedModel:
     parameters = Parameters.from_mapping(given, str(path))
     parameters = parameters.replace(**moments, gravity=n.gravity, phi1=n.phi1, phi2=n.phi2)
     parameters.check_physical(str(path))
-    listed = top.items('effects', 'effects', ('name',), ('target', 'parameters')) if data.get('effects') else []
-    return with_effects(parameters, (_stored_effect(entry, cell) for entry in listed))
-
-
-def _stored_effect(entry: Section, cell: Cell) -> TrueEffect:
-    name, target = entry.word('name'), entry.data.get('target')
-    effect = find(cell, f'{name}[{target}]' if target else name)
-    values = entry.section('parameters', [parameter.name for parameter in effect.parameters])
-    return TrueEffect(effect, tuple(values.number(parameter.name) for parameter in effect.parameters))
+    effects = []
+    for entry in top.items('effects', 'effects', ('name',), ('target', 'parameters')) if data.get('effects') else []:
+        name, target = entry.word('name'), entry.data.get('target')
+        effect = find(cell, f'{name}[{target}]' if target else name)
+        values = entry.section('parameters', [parameter.name for parameter in effect.parameters])
+        effects.append(TrueEffect(effect, tuple(values.number(parameter.name) for parameter in effect.parameters)))
+    return with_effects(parameters, effects)
 
 
 def truth_text(truth: ExtendedModel | Parameters, seed: int = 0) -> str:
@@ -161,7 +158,14 @@ def truth_text(truth: ExtendedModel | Parameters, seed: int = 0) -> str:
         {'name': effect.name, 'target': effect.target, 'parameters': model.values[effect.label]}
         for effect in cast('tuple[Effect, ...]', model.effects)
     ]
-    return dump({'schema': SCHEMA, 'seed': seed, 'parameters': model.parameters.as_dict(), 'effects': listed})
+    return dump(
+        {
+            'schema': 'scara_kinetostatic/truth/1',
+            'seed': seed,
+            'parameters': model.parameters.as_dict(),
+            'effects': listed,
+        }
+    )
 
 
 def dump(truth: dict[str, Any]) -> str:

@@ -52,7 +52,7 @@ def test_a_pressed_tip_has_the_force_of_the_model(frame: SensorFrame) -> None:
 def test_a_tip_that_is_dragged_aside_has_the_whole_friction() -> None:
     """Under the force, and as it eases, whatever the tip did before: the force is off the normal by the coefficient."""
     at = Plant(CELL, EngineBody(replace(scene_named('plain'), contact_friction=0.15), CELL))
-    for angle in 0.3 + np.pi / 3 * np.arange(6):
+    for angle in 0.3 + 2 * np.pi / 3 * np.arange(3):
         out = np.array([[np.cos(angle), np.sin(angle)]])
         place, other = np.array([[DISC.x, DISC.y]]) + DISC.radius * out, np.array([-out[0, 1], out[0, 0]])
         for side in (1, -1):
@@ -77,19 +77,18 @@ def test_a_tip_that_is_dragged_aside_has_the_whole_friction() -> None:
 def test_a_tip_that_slides_as_it_retracts_stays_in_contact_until_the_force_is_gone() -> None:
     """With contacts as hard as the engine makes them it bounces, and the force jumps by tens of newtons."""
     at = Plant(CELL, EngineBody(replace(scene_named('plain'), contact_friction=0.1), CELL))
-    for side in (1, -1):
-        for angle in (0.3, 1.9, 3.4, 5.0):
-            out = np.array([[np.cos(angle), np.sin(angle)]])
-            place = np.array([[DISC.x, DISC.y]]) + DISC.radius * out
-            free, pressed = (inverse(PAPER_ACTUAL, place + off * out, side)[0] for off in (0.01, -1.5e-3))
-            go(at, free, 0.02, 1.5)
-            go(at, free, 0.0, 0.3)
-            assert hypot(*go(at, pressed, 0.0, 2.0).true_force) > 20.0
-            at.command(at.names, [2.3], [[*free, 0.0]])  # 5 mm/s
-            force = [hypot(*at.step(at.time + 0.004).true_force) for _ in range(600)]
-            assert force[-1] == 0.0
-            assert max(np.diff(force)) < 1.0
-            go(at, free, 0.02, 0.3)
+    for side, angle in ((1, 0.3), (-1, 1.9), (1, 3.4), (-1, 5.0)):
+        out = np.array([[np.cos(angle), np.sin(angle)]])
+        place = np.array([[DISC.x, DISC.y]]) + DISC.radius * out
+        free, pressed = (inverse(PAPER_ACTUAL, place + off * out, side)[0] for off in (0.01, -1.5e-3))
+        go(at, free, 0.02, 1.5)
+        go(at, free, 0.0, 0.3)
+        assert hypot(*go(at, pressed, 0.0, 2.0).true_force) > 20.0
+        at.command(at.names, [2.3], [[*free, 0.0]])  # 5 mm/s
+        force = [hypot(*at.step(at.time + 0.004).true_force) for _ in range(600)]
+        assert force[-1] == 0.0
+        assert max(np.diff(force)) < 1.0
+        go(at, free, 0.02, 0.3)
 
 
 def test_without_a_lift_it_meets_the_disc_from_the_side_and_stops() -> None:

@@ -86,17 +86,15 @@ def test_the_memory_follows_from_the_contact_torques(few: Plan) -> None:
     """Inertia changes the state by less than a tenth of the slip torque."""
     scene = scene_named('joint_slip')
     controller = TouchController(scene, CELL, few)
-    engine, slipped, links = controller.engine, [], []
-    tick = controller._tick
+    slipped, tick = [], controller._tick
 
     def watch(progress: float = 0.0) -> None:
         tick(progress)
-        slipped.append(engine.data.joint('slip2').qpos[0])
-        links.append(engine.links)
+        slipped.append(controller.engine.data.joint('slip2').qpos[0])
 
     controller._tick = watch  # type: ignore[method-assign]
     motion = controller.run()
-    torques = -np.einsum('nij,ni->nj', kinematics.jacobian(PAPER_ACTUAL, np.array(links)), motion.force)[:, 1]
+    torques = -np.einsum('nij,ni->nj', kinematics.jacobian(PAPER_ACTUAL, motion.links), motion.force)[:, 1]
     half_width, compliance = scene.slip_torque[1], scene.slip_compliance[1]
     place = np.array(expected_play(torques.tolist(), half_width))[motion.holds]
     error = np.array(slipped)[motion.holds] / compliance - place

@@ -61,21 +61,16 @@ def test_touches_whose_flank_is_doubtful_are_no_candidates():
     assert (exact_plan(robot, kept).arms >= LEAST_ARM).all()
     level = candidate_plan(Robot.of(replace(CELL, nominal=sk.PAPER_NOMINAL)), (10.0, 40.0))
     assert 0.2 * len(level) < len(kept) < 0.9 * len(level)
-    force = -kept.force[:, None] * kept.normal(CELL)
+    force, modes = -kept.force[:, None] * kept.normal(CELL), []
     for lighter in (0.85, 1.0, 1.15):  # as long as the moments are about right
         arm = CELL.nominal.replace(s1=lighter * CELL.nominal.s1, s2=lighter * CELL.nominal.s2)
-        torques = inverse_kinetostatics(arm, kept.contact(CELL), force, kept.posture)[1]
-        assert (np.sign(torques) == np.sign(_torques(kept, force))).all()
-
-
-def _torques(plan, force):
-    return inverse_kinetostatics(CELL.nominal, plan.contact(CELL), force, plan.posture)[1]
+        modes.append(np.sign(inverse_kinetostatics(arm, kept.contact(CELL), force, kept.posture)[1]))
+    assert np.ptp(modes, axis=0).max() == 0
 
 
 def test_planned_touches_lose_fewer_than_even_ones():
-    planned = (
-        Planner(CalibratedArm.of(sk.calibrate(sk.simulate(CELL, TRUTH, seed=3), CELL)), now=1e-4).accurate(24).plan
-    )
+    arm = CalibratedArm.of(sk.calibrate(sk.simulate(CELL, TRUTH, seed=3), CELL))
+    planned = Planner(arm, now=1e-4).accurate(18).plan
     even = default_plan(CELL, 4, (20.0,))
     lost = []
     for plan in (planned, even):

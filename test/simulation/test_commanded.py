@@ -56,13 +56,13 @@ def beside(disc: Disc, depth: float, angle: float = -np.pi / 2) -> list[float]:
 )
 def test_a_held_touch_has_the_force_of_the_plan(effects: list[str], tolerance: float) -> None:
     """The trajectory of a plan commands Ḡ(S, F): without an inner solve, and with what friction and joints remember."""
-    plan = default_plan(LIFTED, per_disc=4, preload=0.3).select(np.arange(1, 24, 7))
+    plan = default_plan(LIFTED, per_disc=4, preload=0.3).select(np.array([1, 8]))
     truth = with_effects(PAPER_ACTUAL, [parse_effect(text, LIFTED) for text in effects])
     planned = Trajectory(LIFTED, truth, plan)
     at = plant(LIFTED, effects, overload=1e3, start=tuple(planned.free_joints[0]))
     for k in range(len(plan)):
         poses = [planned.free_joints[k], planned.contact_joints[k], planned.peak_joints[k], planned.hold_joints[k]]
-        go(at, [*poses[0], 0.02, 0.5], 2.5)
+        go(at, [*poses[0], 0.02, 0.5], 1.2)
         for joints in (*poses[: 4 if plan.preload[k] else 2], poses[3]):
             last = go(at, [*joints, 0.0, 0.5])[-1]
         assert last.true_force == pytest.approx(planned.hold_force[k], abs=tolerance)
@@ -105,14 +105,14 @@ def test_frame_and_sign_of_the_sensor() -> None:
 def test_the_error_of_a_touch_stays_and_the_next_has_another() -> None:
     at = plant(sensors=SensorModel(bias=(0.0, 0.0), force_noise=0.0, resolution=0.0))
     errors = []
-    for _ in range(25):
+    for _ in range(10):
         go(at, beside(CELL.discs[1], -0.003), 0.3)
         held = go(at, beside(CELL.discs[1], 1e-3), 0.3)[-10:]
         found = [(np.subtract(one.joints, at.body.joints), np.subtract(one.force, one.true_force)) for one in held]
         assert np.ptp([force for _, force in found], axis=0) == pytest.approx(0.0, abs=1e-6)
         errors.append(np.concatenate(found[-1]))
     spread = np.std(errors, axis=0) / [1e-5, 1e-5, 0.3, 0.3]
-    assert spread == pytest.approx(1.0, abs=0.45)
+    assert spread == pytest.approx(1.0, abs=0.6)
 
 
 def test_a_motion_is_linear_between_its_points_and_replaces_the_former() -> None:
@@ -210,10 +210,10 @@ def test_contact_while_travelling_stops_the_drives_until_reset() -> None:
     assert not at.stopped
 
 
-def test_an_obstacle_pushes_back_along_the_normal_of_its_edge_and_from_its_corner() -> None:
-    square = ((0.35, -0.1), (0.45, -0.1), (0.45, 0.1), (0.35, 0.1))
+@pytest.mark.parametrize('turn', [1, -1])
+def test_an_obstacle_pushes_back_along_the_normal_of_its_edge_and_from_its_corner(turn: int) -> None:
+    square = ((0.35, -0.1), (0.45, -0.1), (0.45, 0.1), (0.35, 0.1))[::turn]
     cell = replace(CELL, obstacles=(square,), tip_radius=0.005)
-    at = plant(cell)
     for place, push in (((0.345, 0.03), (1.0, 0.0)), ((0.40, 0.105), (0.0, -1.0)), ((0.3465, 0.1035), (0.707, -0.707))):
         away, within = (np.array(place) - amount * np.array(push) for amount in (0.02, -6e-4))
         free, pressed = (inverse(PAPER_ACTUAL, tip[None], -1)[0] for tip in (away, within))
@@ -224,20 +224,18 @@ def test_an_obstacle_pushes_back_along_the_normal_of_its_edge_and_from_its_corne
         assert np.array(last.true_force) / hypot(*last.true_force) == pytest.approx(push, abs=0.06)
 
 
-@pytest.mark.parametrize('frame', list(SensorFrame))
-def test_faults(frame: SensorFrame) -> None:
-    cell = replace(LIFTED, sensor=LIFTED.sensor._replace(frame=frame))
-    at = plant(cell)
+def test_faults() -> None:
+    at = plant(LIFTED)
     here = [*at.body.joints, 0.02, 0.5]
     goal = [here[0] - 0.1, here[1], 0.0, 0.5]
-    at.fault = Fault.DOES_NOT_FOLLOW
-    assert go(at, goal)[-1].joints == pytest.approx(here)
-    at.fault = Fault.LIFT_STUCK
-    assert go(at, goal)[-1].joints == pytest.approx([*goal[:2], 0.02, 0.5], abs=1e-6)
-    at.fault = Fault.MOVED
-    assert go(at, here)[-1].joints[0] > here[0] + 0.03 - 0.1
-    at.fault = Fault.HELD_MOVES
-    assert go(at, here)[-1].joints[3] == pytest.approx(0.54, abs=1e-6)
+    for fault, expected in (
+        (Fault.DOES_NOT_FOLLOW, here),
+        (Fault.LIFT_STUCK, [*goal[:2], 0.02, 0.5]),
+        (Fault.MOVED, [goal[0] + 0.04, *goal[1:]]),
+        (Fault.HELD_MOVES, [*goal[:3], 0.54]),
+    ):
+        at.fault = fault
+        assert go(at, goal)[-1].joints == pytest.approx(expected, abs=1e-6)
     at.fault = Fault.FREE_FORCE
     assert at.step(at.time + STEP).force == pytest.approx((30.0, 0.0))
     at.fault = Fault.SILENT_JOINTS
@@ -245,8 +243,7 @@ def test_faults(frame: SensorFrame) -> None:
     at.fault = Fault.SILENT_WRENCH
     assert at.step(at.time + STEP).force is None
     at.fault = Fault.LATE
-    late = go(at, here)
-    assert late[-1].time == pytest.approx(at.time - 0.3, abs=2 * STEP)
+    assert go(at, here)[-1].time == pytest.approx(at.time - 0.3, abs=2 * STEP)
     at.fault = Fault.NONE
     assert at.step(at.time + STEP).time == at.time
 
@@ -282,8 +279,7 @@ def test_with_velocities_a_motion_is_a_spline_that_begins_with_the_rate_it_has()
     assert middle == pytest.approx(q1 - 0.2 - 0.125 * 0.2, abs=1e-9)
     rate = (at.step(1.5 + 1e-4).joints[0] - middle) / 1e-4
     at.command(at.names, [1.0], [[q1, q2]], [[0.0, 0.0]])
-    begun = at.step(1.5 + 2e-4).joints[0] - at.step(1.5 + 2e-4).joints[0]
-    assert begun == 0.0
+    at.step(1.5 + 2e-4)
     after = [at.step(1.5 + 1e-4 * k).joints[0] for k in (3, 4)]
     assert np.diff(after)[0] / 1e-4 == pytest.approx(rate, abs=2e-3)
 

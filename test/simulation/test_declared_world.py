@@ -39,7 +39,7 @@ def declared(cell: Cell) -> DeclaredErrors:
 
 def test_a_world_is_spread_as_declared() -> None:
     random = np.random.default_rng(1)
-    worlds = [World.draw(CELL, random) for _ in range(2000)]
+    worlds = [World.draw(CELL, random) for _ in range(1200)]
     centers = np.array([world.cell.centers for world in worlds]) - CELL.centers
     assert centers[:, 0].std(axis=0) == pytest.approx([1.5e-5, 1.5e-5], rel=0.07)
     arm = np.abs(CELL.centers[1] - (0.0, 0.3))[::-1]

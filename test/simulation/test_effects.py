@@ -24,6 +24,7 @@ from scara_kinetostatic.touches.detection import find_touches
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
 TOOL = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
 PLAN = default_plan(CELL, per_disc=8, preload=0.3)
+SOME = PLAN.select(np.arange(2, len(PLAN), 3))
 EXACT = Noise(0.0, 0.0)
 QUIET = SensorModel(EXACT, force_noise=0.0, resolution=0.0)
 OVAL = OvalDisc.of(1, 'disc_2')
@@ -60,9 +61,9 @@ def test_touches_obey_the_extended_model_under_the_planned_force(effect, values)
 @EVERY
 def test_touches_found_in_the_streams_are_those_without(effect, values):
     truth = with_effects([effect], values)
-    found = find_touches(simulate_streams(CELL, truth, PLAN, sensors=QUIET), CELL)
-    made = simulate_touches(CELL, truth, PLAN, EXACT)
-    assert found.found == len(found.touches) == len(PLAN)
+    found = find_touches(simulate_streams(CELL, truth, SOME, sensors=QUIET), CELL)
+    made = simulate_touches(CELL, truth, SOME, EXACT)
+    assert found.found == len(found.touches) == len(SOME)
     assert not found.warnings
     np.testing.assert_array_equal(found.touches.disc, made.disc)
     np.testing.assert_allclose(found.touches.joints, made.joints, rtol=0, atol=1e-8)
@@ -78,7 +79,7 @@ def test_touches_found_in_the_streams_are_those_without(effect, values):
 def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
     truth = with_effects([of(label)], plausible(of(label)))
     motion = Trajectory(CELL, truth, PLAN)
-    time = np.linspace(0.0, motion.duration, 60_000)
+    time = np.linspace(0.0, motion.duration, 20_000)
     instant = motion.state_at(time)
     load = np.hypot(*instant.force.T)
     assert np.all(load[(instant.phase == Phase.TRAVEL) | (instant.phase == Phase.PAUSE)] == 0)
@@ -87,20 +88,17 @@ def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
     np.testing.assert_allclose(instant.relative_force, load / np.hypot(*motion.hold_force.T)[instant.touch])
     np.testing.assert_allclose(instant.relative_force.max(), 1.3, rtol=0.04)
     assert np.abs(np.diff(load)).max() < 500.0 * (time[1] - time[0]) + 0.2
-    disc = PLAN.disc[instant.touch[::50]]
-    metadata = motion.metadata.select(instant.touch[::50])
-    expected = contact(truth, instant.joints[::50], CELL.centers[disc], CELL.radii[disc], metadata=metadata)
-    warm_start = expected.solved & ~np.isin(instant.phase[::50], [Phase.TRAVEL, Phase.PAUSE])
+    disc = PLAN.disc[instant.touch[::20]]
+    metadata = motion.metadata.select(instant.touch[::20])
+    expected = contact(truth, instant.joints[::20], CELL.centers[disc], CELL.radii[disc], metadata=metadata)
+    warm_start = expected.solved & ~np.isin(instant.phase[::20], [Phase.TRAVEL, Phase.PAUSE])
     assert warm_start.mean() > 0.4
-    np.testing.assert_allclose(instant.force[::50][warm_start], expected.force[warm_start], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(instant.force[::20][warm_start], expected.force[warm_start], rtol=0, atol=1e-9)
 
 
 def test_effects_at_their_start_change_nothing():
     start = [value for effect in EFFECTS for value in effect.start]
-    touches, plain = (
-        simulate_touches(CELL, with_effects(EFFECTS, start), PLAN),
-        simulate_touches(CELL, PAPER_ACTUAL, PLAN),
-    )
+    touches, plain = (simulate_touches(CELL, of, PLAN) for of in (with_effects(EFFECTS, start), PAPER_ACTUAL))
     np.testing.assert_array_equal(touches.joints, plain.joints)
     np.testing.assert_allclose(touches.force, plain.force, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(touches.press, plain.press)
@@ -148,7 +146,7 @@ def test_drift_goes_on_while_the_recording_lasts():
 def test_an_effect_that_leaves_no_touch_is_refused():
     truth = with_effects([of('object_position[disc_2]')], [0.4, 0.4])
     with pytest.raises(UnsupportedDataError, match=r"cannot (hold|reach) touch \d+ of the plan, on 'disc_2'"):
-        simulate_touches(CELL, truth, PLAN)
+        simulate_touches(CELL, truth, PLAN.select(PLAN.disc == 1).select(np.arange(1)))
 
 
 @pytest.mark.parametrize('extra', [(), (1e-4,), (1e-4, 1e-4, 1e-4)])
@@ -159,15 +157,7 @@ def test_values_must_be_those_of_the_effects(extra):
 
 @pytest.mark.parametrize(
     ('cell', 'preload', 'expected'),
-    [
-        (CELL, 0.0, 'be268aaf0e7d9d1f'),
-        (CELL, 0.3, '2bb1089c0d5f32ea'),
-        (
-            replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT)),
-            0.3,
-            '7997bb1f2bbb4969',
-        ),
-    ],
+    [(CELL, 0.0, 'be268aaf0e7d9d1f'), (CELL, 0.3, '2bb1089c0d5f32ea'), (TOOL, 0.3, '7997bb1f2bbb4969')],
     ids=['plain', 'preload', 'tool'],
 )
 def test_without_effects_recordings_are_what_they_always_were(cell, preload, expected):

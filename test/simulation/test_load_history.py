@@ -15,7 +15,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import SensorModel, Trajectory, simulate_streams, simulate_touches
 from scara_kinetostatic.touches.detection import find_touches
 
-PLAN = default_plan(CELL, 12, preload=0.4)
+PLAN = default_plan(CELL, 4, preload=0.4)
 SLIP = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0), JointSlip.of(1)), ((6e-5, 1.5), (4e-5, 2.0)))
 
 
@@ -37,7 +37,7 @@ def test_the_memory_goes_from_touch_to_touch():
 
 
 def test_a_further_pass_begins_with_what_the_last_one_left():
-    plan, m = PLAN.select(np.arange(20)), 20
+    plan, m = PLAN.select(np.arange(12)), 12
     twice = Trajectory(CELL, SLIP, plan.select(np.tile(np.arange(m), 2)))
     second = Trajectory(CELL, SLIP, plan, repeated=True)
     np.testing.assert_allclose(second.hold_force, twice.hold_force[m:], rtol=0, atol=1e-3)
@@ -47,7 +47,7 @@ def test_a_further_pass_begins_with_what_the_last_one_left():
 
 def test_both_joints_slip_as_on_an_arm():
     """Where a joint is about to slip the force may miss the plan, but it is that of the robot at its joint angles."""
-    plan = default_plan(CELL, 12, levels=(4.0, 10.0, 20.0), preload=0.3)
+    plan = default_plan(CELL, 4, levels=(4.0, 10.0, 20.0), preload=0.3)
     both = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0), JointSlip.of(1)), ((1.9e-4, 2.2), (1.9e-4, 2.2)))
     touches = simulate_touches(CELL, both, plan, EXACT)
     np.testing.assert_allclose(np.hypot(*touches.force.T), plan.force, rtol=0.1)
@@ -66,7 +66,7 @@ def test_a_preloaded_joint_keeps_a_part_of_its_deflection():
 
 
 def test_whole_streams_have_the_same_holds_and_histories():
-    plan = PLAN.select(np.arange(24))
+    plan = PLAN.select(np.arange(12))
     streams = simulate_streams(CELL, SLIP, plan, sensors=SensorModel.ideal())
     found, exact = find_touches(streams, CELL).touches, simulate_touches(CELL, SLIP, plan, EXACT)
     assert len(found) == len(plan)

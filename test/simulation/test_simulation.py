@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.kinematics import forward, posture, rotate
+from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import (
@@ -45,15 +45,15 @@ def test_force_is_that_of_the_model_all_along(truth, plan):
 @pytest.mark.parametrize('plan', [PLAN, BEYOND], ids=['plain', 'beyond'])
 def test_motion_is_continuous_and_rises_steadily(sign, plan):
     motion = Trajectory(replace(CELL, gripper_sign=sign), PAPER_MEASURED, plan)
-    time = np.linspace(-0.1, motion.duration + 0.1, 200_000)
+    time = np.linspace(-0.1, motion.duration + 0.1, 60_000)
     instant = motion.state_at(time)
     assert np.abs(np.diff(instant.joints, axis=0)).max() < 9.0 * (time[1] - time[0])
     assert np.abs(np.diff(instant.force, axis=0)).max() < 500.0 * (time[1] - time[0])
     load = np.hypot(*instant.force.T)
-    same = np.diff(instant.touch) == 0
-    assert np.all(np.diff(load)[same & (instant.phase[1:] == Phase.PRESS)] >= -1e-9)
-    assert np.all(np.diff(load)[same & (instant.phase[1:] == Phase.RELEASE)] <= 1e-9)
-    assert np.all(np.diff(load)[same & (instant.phase[:-1] == Phase.EASE)] <= 1e-9)
+    same, rise = np.diff(instant.touch) == 0, np.diff(load)
+    assert np.all(rise[same & (instant.phase[1:] == Phase.PRESS)] >= -1e-9)
+    assert np.all(rise[same & (instant.phase[1:] == Phase.RELEASE)] <= 1e-9)
+    assert np.all(rise[same & (instant.phase[:-1] == Phase.EASE)] <= 1e-9)
     assert np.all(load[(instant.phase == Phase.APPROACH) | (instant.phase == Phase.RETRACT)] == 0)
 
 
@@ -100,16 +100,16 @@ def test_unreachable_for_the_simulated_robot():
         Trajectory(CELL, PAPER_ACTUAL, PLAN.select(np.zeros(len(PLAN), dtype=bool)))
 
 
-@pytest.mark.parametrize('wrong', [{'hold': 0.0}, {'press': -1.0}, {'speed': np.inf}])
-def test_senseless_timing(wrong):
+@pytest.mark.parametrize(
+    ('kind', 'wrong'),
+    [
+        *((Timing, wrong) for wrong in ({'hold': 0.0}, {'press': -1.0}, {'speed': np.inf})),
+        *((SensorModel, wrong) for wrong in ({'joint_rate': 0.0}, {'force_noise': -1.0}, {'bias': (np.nan, 0.0)})),
+    ],
+)
+def test_senseless_timing_and_sensors(kind, wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
-        Timing(**wrong)
-
-
-@pytest.mark.parametrize('wrong', [{'joint_rate': 0.0}, {'force_noise': -1.0}, {'bias': (np.nan, 0.0)}])
-def test_senseless_sensors(wrong):
-    with pytest.raises(ParameterError, match='sensors'):
-        SensorModel(**wrong)
+        kind(**wrong)
 
 
 def test_stamps_are_irregular_and_increase():
@@ -144,26 +144,11 @@ def test_seed_decides():
 def test_repeatability_is_the_noise_of_the_touches():
     errors = []
     exact = simulate_touches(CELL, PAPER_ACTUAL, PLAN, Noise(0.0, 0.0))
-    for seed in range(20):
+    for seed in range(12):
         noisy = simulate_touches(CELL, PAPER_ACTUAL, PLAN, seed=seed)
         errors.append(np.hstack([noisy.joints - exact.joints, noisy.force - exact.force]))
     scatter = np.concatenate(errors).std(axis=0)
     np.testing.assert_allclose(scatter, [1e-5, 1e-5, 0.3, 0.3], rtol=0.06)
-
-
-@pytest.mark.parametrize('frame', list(SensorFrame))
-@pytest.mark.parametrize('sign', list(SensorSign))
-def test_frame_and_sign(frame, sign):
-    cell = replace(CELL, sensor=CELL.sensor._replace(frame=frame, sign=sign))
-    sensors = SensorModel(Noise(0, 0), force_noise=0.0, bias=(0.7, -0.4), jitter=0.0)
-    force = simulate_streams(cell, PAPER_MEASURED, SMALL, sensors=sensors).wrench.force - (0.7, -0.4)
-    reference = simulate_streams(CELL, PAPER_MEASURED, SMALL, sensors=sensors)
-    expected = reference.wrench.force - (0.7, -0.4)
-    if frame is SensorFrame.TOOL:
-        motion = Trajectory(CELL, PAPER_MEASURED, SMALL)
-        q = motion.state_at(1e-9 * (reference.wrench.stamp - START)).joints
-        expected = rotate(expected, -(q.sum(axis=1) + PAPER_MEASURED.theta1 + PAPER_MEASURED.theta2))
-    np.testing.assert_allclose(force, -expected if sign is SensorSign.ON_ROBOT else expected, atol=1e-9)
 
 
 def test_touches_agree_with_the_streams_they_stand_for():

@@ -47,7 +47,7 @@ def test_contact_obeys_model_and_friction(slide, truth):
     assert np.abs(np.diff(state.joints, axis=0)).max() < 8.0 * (time[1] - time[0])
     sliding = state.phase == SlidePhase.SLIDE
     outline = slide.outline
-    np.testing.assert_allclose(normal_error(outline, state.tip[sliding][::10]), CELL.tip_radius, atol=5e-8)
+    np.testing.assert_allclose(normal_error(outline, state.tip[sliding][::20]), CELL.tip_radius, atol=5e-8)
     tip, force = state.tip[sliding], state.force[sliding]
     angles = np.arctan2(*np.diff(tip, axis=0).T[::-1])
     off = np.angle(np.exp(1j * (np.arctan2(force[:-1, 1], force[:-1, 0]) - angles)))

@@ -144,12 +144,8 @@ def scene_named(name: str) -> Scene:
 
 TIMESTEP = 5e-4
 """Of the integration, s."""
-LARGEST_TIP = 5e-3
-"""Radius of the ball at the tip, m, unless a disc is small."""
 LIFT = 0.02
 """How far the third axis lifts the tip above its place between the discs, m."""
-PAD_FULL = 0.7
-"""Impedance of a coat on a disc from the depth on for which its stiffness is stated."""
 
 
 class Settings:
@@ -159,6 +155,8 @@ class Settings:
         disc_height: half the height of a disc, m.
         object_height: third semi-axis of an ellipsoid, m.
         slab: thickness of the slab behind an edge, m.
+        largest_tip: radius of the ball at the tip, m, unless a disc is small.
+        pad_full: impedance of a coat on a disc from the depth on for which its stiffness is stated.
         sliding_stiffness: of the contact with an object along which the tip slides, N/m: about that of a steel ball
             of this size on steel.
         sliding_time: damping of that contact over its stiffness, s.
@@ -175,19 +173,14 @@ class Settings:
     disc_height: float = 8e-3
     object_height: float = 0.2
     slab: float = 5e-3
+    largest_tip: float = 5e-3
+    pad_full: float = 0.7
     sliding_stiffness: float = 1e7
     sliding_time: float = 2e-5
     sliding_impedance: float = 0.7
     small_mass: float = 0.3
     elbow_mass: float = 2.1
     friction_hardness: float = 1e3
-
-
-def _tip_radius(cell: Cell) -> float:
-    """Radius of the ball at the tip, m: the discs are smaller by it than the radii in the cell."""
-    if cell.has_outlines:
-        return float(cell.tip_radius or 0.0)
-    return min(LARGEST_TIP, 0.5 * float(cell.radii.min()))
 
 
 def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
@@ -199,7 +192,9 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
         outline: of one object that stands there instead of the discs.
     """
     a, b = scene.tilt
-    tip = _tip_radius(cell)
+    # the discs are smaller by the ball at the tip than the radii in the cell
+    tip = min(Settings.largest_tip, 0.5 * float(cell.radii.min()))
+    tip = float(cell.tip_radius or 0.0) if cell.has_outlines else tip
     moved = (scene.displaced_disc(cell), *scene.displacement)
     condim = 3 if scene.contact_friction else 1
     return render(
@@ -225,7 +220,6 @@ def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
             for k, disc in enumerate(cell.discs)
         ],
         padded=scene.padded_discs(cell),
-        pad_full=PAD_FULL,
         sliding=Markup(f'friction="{scene.contact_friction} 0.0 0.0" condim="{condim}" priority="1"'),
         outline=outline,
         pieces={} if outline is None else _geoms(outline),
@@ -368,8 +362,8 @@ class Engine:
             softness = 1.0 / ((2.0 * TIMESTEP) ** 2 * Settings.sliding_stiffness * inverse_mass)
             self.model.geom_solimp[self.model.geom_contype > 0, :2] = 1.0 / (1.0 + softness)
         for number in scene.padded_discs(cell):
-            damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * PAD_FULL
-            stiffness = scene.pad[0] * inverse_mass * (1.0 - PAD_FULL)
+            damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * Settings.pad_full
+            stiffness = scene.pad[0] * inverse_mass * (1.0 - Settings.pad_full)
             self.model.geom_solref[self.model.geom(f'disc{number}').id] = (-stiffness, -damping)
 
     def command(self, joints: Floats, lift: float) -> None:
@@ -404,11 +398,6 @@ class Engine:
         matrix = self.data.xmat[self._frame]
         return float(np.arctan2(matrix[3], matrix[0]))
 
-    @property
-    def speed(self) -> float:
-        """Largest speed of any joint, m/s or rad/s."""
-        return float(np.abs(self.data.qvel).max())
-
     def force(self) -> Floats:
         """Force of the tip on the discs, base frame, (2,), N."""
         total, wrench = np.zeros(3), np.zeros(6)
@@ -439,7 +428,6 @@ class EngineBody:
     tick = TICK
 
     def __init__(self, scene: Scene, cell: Cell) -> None:
-        load_engine()
         if cell.obstacles:
             raise CellError('obstacles', 'the physics engine has discs only', 'leave them out')
         self._scene, self._cell = scene, cell

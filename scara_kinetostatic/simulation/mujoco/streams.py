@@ -8,6 +8,7 @@ joints reach the force from the other side.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -21,7 +22,6 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.mujoco.engine import LIFT, TICK, Engine, Scene, load_engine
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import START, CellState, Phase, SensorModel, Timing, minimum_jerk, recorded
-from scara_kinetostatic.touches.load_history import last_movement
 from scara_kinetostatic.touches.streams import Streams
 
 
@@ -40,6 +40,10 @@ class Settings:
         compliance_limits: limits of the compliance that the controller estimates, m/N.
         longest_press: longest time for a press, s.
         lift_time: duration of lifting or lowering the tip by the third axis, s.
+        contact_force: sensed force that ends the approach, N.
+        rest: after the first contact, s.
+        filter: time constant of the filter of the force, s.
+        tolerance: relative error of the force at which a press ends.
     """
 
     largest_depth: float = 0.02
@@ -50,6 +54,10 @@ class Settings:
     creep_speed: float = 4e-3
     slowest_press: float = 2e-4
     compliance_limits: tuple[float, float] = (5e-6, 3e-4)
+    contact_force: float = 0.5
+    rest: float = 0.04
+    filter: float = 0.004
+    tolerance: float = 0.005
     longest_press: float = 5.0
     lift_time: float = 0.1
 
@@ -78,45 +86,39 @@ SLOW = Pace(
 
 
 class SimulatedMotion(NamedTuple):
-    """The motion, tick by tick, and at the end of each hold.
+    """The motion, tick by tick.
 
     Attributes:
-        time: (k,), s.
         joints: motor angles, (k, 2), rad.
         force: of the tip on the discs, base frame, (k, 2), N.
+        links: angles of the links, without offsets, (k, 2), rad.
         link2_angle: direction of link 2, (k,), rad.
         touch: number of the touch in the plan, (k,).
         phase: which `Phase`, (k,).
         progress: completed part of a travel, 0 to 1, (k,).
-        holds: tick at the end of each hold, (m,).
-        approach: last movement of each joint before each hold, (m, 2), rad.
-        press: the part of it in contact, from the first tick with a force on, (m, 2), rad.
-        links: angles of the links at the end of each hold, without offsets, (m, 2), rad.
-        speed: largest speed of any joint of the engine then, (m,), rad/s or m/s.
     """
 
-    time: Floats
     joints: Floats
     force: Floats
+    links: Floats
     link2_angle: Floats
     touch: Indices
     phase: Indices
     progress: Floats
-    holds: Indices
-    approach: Floats
-    press: Floats
-    links: Floats
-    speed: Floats
 
+    @property
+    def time(self) -> Floats:
+        """Of each tick, (k,), s."""
+        return np.asarray(TICK * np.arange(1, len(self.joints) + 1), dtype=float)
 
-CONTACT_FORCE = 0.5
-"""Sensed force that ends the approach, N."""
-REST = 0.04
-"""Rest after the first contact, s."""
-FILTER = 0.004
-"""Time constant of the controller's filter of the force, s."""
-FORCE_TOLERANCE = 0.005
-"""Relative error of the force at which a press ends."""
+    def last(self, phase: Phase) -> Indices:
+        """The last tick of a phase of each touch, (m,)."""
+        return np.flatnonzero((self.phase[:-1] == phase) & (self.phase[1:] != phase))
+
+    @property
+    def holds(self) -> Indices:
+        """The last tick of each hold, (m,)."""
+        return self.last(Phase.HOLD)
 
 
 class TouchController:
@@ -145,7 +147,7 @@ class TouchController:
         self._command, self._depth, self._lift = self._home[0], 0.0, LIFT
         self._touch, self._phase = 0, Phase.TRAVEL
         self._force, self._first, self._compliance = 0.0, (0.0, 0.0), Settings.compliance_limits[0]
-        self._ticks: list[tuple[Floats, Floats, float, int, int, float]] = []
+        self._ticks: list[tuple[Floats, Floats, Floats, float, int, int, float]] = []
 
     def run(self) -> SimulatedMotion:
         """Makes all touches.
@@ -153,28 +155,17 @@ class TouchController:
         Raises:
             UnsupportedDataError: a force is not reached.
         """
-        holds, begins, links, speed = [], [], [], []
         for touch in range(len(self.plan)):
             self._touch = touch
             self._travel(self._paths[touch, 0])
-            begins.append(self._lower())
+            self._phase = Phase.PAUSE
+            self._raise(0.0)
+            self._rest(Phase.PAUSE, self.timing.pause)
             self._approach_and_press()
             self._rest(Phase.HOLD, self.timing.hold)
-            holds.append(len(self._ticks) - 1)
-            links.append(self.engine.links)
-            speed.append(self.engine.speed)
             self._retract()
         self._travel(self._home[1])
-        columns = (np.array(column) for column in zip(*self._ticks, strict=True))
-        joints, force, angle, number, phase, progress = columns
-        touching = [a + int(force[a:b].any(axis=1).argmax()) for a, b in zip(begins, holds, strict=True)]
-        approach, press = (
-            np.array([last_movement(joints[a:b], joints[b]) for a, b in zip(starts, holds, strict=True)])
-            for starts in (begins, touching)
-        )
-        time = np.asarray(TICK * np.arange(1, len(joints) + 1), dtype=float)
-        ends = np.array(holds), approach, press, np.array(links), np.array(speed)
-        return SimulatedMotion(time, joints, force, angle, number, phase, progress, *ends)
+        return SimulatedMotion(*(np.array(column) for column in zip(*self._ticks, strict=True)))
 
     def _motor_paths(self, cell: Cell) -> Floats:
         """Motor angles for the depths of each touch by the nominal arm, (m, Settings.depths, 2), rad."""
@@ -189,25 +180,23 @@ class TouchController:
     def _tick(self, progress: float = 0.0) -> None:
         self.engine.command(self._command, self._lift)
         self.engine.advance()
-        force = self.engine.force()
-        self._force += TICK / (TICK + FILTER) * (float(np.hypot(*force)) - self._force)
-        self._ticks.append((self.engine.joints, force, self.engine.link2_angle, self._touch, self._phase, progress))
+        force, e = self.engine.force(), self.engine
+        self._force += TICK / (TICK + Settings.filter) * (float(np.hypot(*force)) - self._force)
+        self._ticks.append((e.joints, force, e.links, e.link2_angle, self._touch, self._phase, progress))
 
     def _at(self, depth: float) -> Floats:
         path = self._paths[self._touch]
         return np.array([np.interp(depth, self._depths, path[:, joint]) for joint in (0, 1)])
 
     def _travel(self, goal: Floats) -> None:
-        self._phase, start = Phase.TRAVEL, self._command
-        distance = float(np.abs(goal - start).max())
-        for part in _minimum_jerk_steps(max(self.timing.travel, distance / self.timing.speed)):
-            self._command = start + part * (goal - start)
+        self._phase, distance = Phase.TRAVEL, float(np.abs(goal - self._command).max())
+        for part, command in _ramp(self._command, goal, max(self.timing.travel, distance / self.timing.speed)):
+            self._command = command
             self._tick(part)
 
     def _raise(self, lift: float) -> None:
-        start = self._lift
-        for part in _minimum_jerk_steps(Settings.lift_time):
-            self._lift = start + part * (lift - start)
+        for _, height in _ramp(self._lift, lift, Settings.lift_time):
+            self._lift = height
             self._tick()
 
     def _rest(self, phase: Phase, duration: float) -> None:
@@ -215,22 +204,15 @@ class TouchController:
         for _ in range(round(duration / TICK)):
             self._tick()
 
-    def _lower(self) -> int:
-        """Lowers the tip beside the disc; returns the number of the tick then."""
-        self._phase = Phase.PAUSE
-        self._raise(0.0)
-        self._rest(Phase.PAUSE, self.timing.pause)
-        return len(self._ticks) - 1
-
     def _approach_and_press(self) -> None:
         """From the free pose to the force of the hold."""
         speed, passed = self.timing.clearance / self.timing.approach, 0.0
         self._phase, self._depth = Phase.APPROACH, -self.timing.clearance
-        while self._force < CONTACT_FORCE:
+        while self._force < Settings.contact_force:
             passed += TICK
             is_near, fast = self._depth > -Settings.slow_distance, speed * min(1.0, passed / Settings.lift_time)
             self._advance(Settings.slow_speed if is_near else fast)
-        self._rest(Phase.PRESS, REST)
+        self._rest(Phase.PRESS, Settings.rest)
         while self._force < Settings.firm_force:
             self._advance(Settings.creep_speed)
         self._first, self._compliance = (self._depth, self._force), Settings.compliance_limits[0]
@@ -255,7 +237,7 @@ class TouchController:
         sense, (depth, force) = np.sign(level - self._force), self._first
         for _ in range(round(Settings.longest_press / TICK)):
             missing = sense * (level - self._force)
-            if missing < FORCE_TOLERANCE * level:
+            if missing < Settings.tolerance * level:
                 return
             if sense > 0 and self._force > force + Settings.firm_force:
                 compliance = (self._depth - depth) / (self._force - force)
@@ -268,18 +250,18 @@ class TouchController:
 
     def _retract(self) -> None:
         """Retracts and lifts the tip."""
-        start, goal = self._depth, -self.timing.clearance
-        for part in _minimum_jerk_steps(self.timing.release + self.timing.retract):
+        for _, depth in _ramp(self._depth, -self.timing.clearance, self.timing.release + self.timing.retract):
             self._phase = Phase.RELEASE if self._ticks[-1][1].any() else Phase.RETRACT
-            self._command = self._at(start + part * (goal - start))
+            self._command = self._at(depth)
             self._tick()
         self._phase = Phase.RETRACT
         self._raise(LIFT)
 
 
-def _minimum_jerk_steps(duration: float) -> Floats:
-    """The minimum-jerk law at each tick of a movement, (k,), the last one 1."""
-    return minimum_jerk(np.linspace(0.0, 1.0, max(2, round(duration / TICK)) + 1)[1:])
+def _ramp(start: Any, goal: Any, duration: float) -> Iterator[tuple[float, Any]]:
+    """Part of a movement by the minimum-jerk law, and where it is, at each of its ticks."""
+    for part in minimum_jerk(np.linspace(0.0, 1.0, max(2, round(duration / TICK)) + 1)[1:]):
+        yield float(part), start + part * (goal - start)
 
 
 def preload_plan(cell: Cell, per_disc: int = 12) -> Plan:
@@ -308,16 +290,19 @@ def simulate_streams(
 
 def as_streams(motion: SimulatedMotion, scene: Scene, cell: Cell, sensors: SensorModel, seed: int = 0) -> Streams:
     """Both streams of a motion; the arguments are those of `simulate_streams`."""
-    held = as_sensed(motion, cell)[motion.holds]
-    unit = np.random.default_rng([seed, 0]).standard_normal((2, len(held), 2))
-    errors = sensors.touch_errors(cell, unit, held)
-    turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `_state_at` has turned the force
+    times, sensed, size = motion.time, as_sensed(motion, cell), np.linalg.norm(motion.force, axis=1)
+    relative_force = size / np.maximum(size[motion.holds], 1e-9)[motion.touch]
+    values = np.column_stack([motion.joints, sensed, motion.progress, relative_force])
+    unit = np.random.default_rng([seed, 0]).standard_normal((2, len(motion.holds), 2))
+    errors = sensors.touch_errors(cell, unit, sensed[motion.holds])
+    turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `at` has turned the force
 
     def at(time: Floats) -> tuple[CellState, Floats, Floats]:
-        return _state_at(motion, cell, time), *errors
+        tick = np.clip(np.searchsorted(times, time), 0, len(times) - 1)
+        now = np.column_stack([np.interp(time, times, column) for column in values.T])
+        return CellState(now[:, :2], now[:, 2:4], motion.touch[tick], motion.phase[tick], *now[:, 4:].T), *errors
 
-    duration = float(motion.time[-1])
-    return recorded(f'physics: {scene.name}', turned, scene.parameters, sensors, duration, at, seed, START)
+    return recorded(f'physics: {scene.name}', turned, scene.parameters, sensors, float(times[-1]), at, seed, START)
 
 
 def as_sensed(motion: SimulatedMotion, cell: Cell) -> Floats:
@@ -325,19 +310,6 @@ def as_sensed(motion: SimulatedMotion, cell: Cell) -> Floats:
     if cell.sensor.frame is SensorFrame.BASE:
         return motion.force
     return rotate(motion.force, -motion.link2_angle)
-
-
-def _state_at(motion: SimulatedMotion, cell: Cell, time: Floats) -> CellState:
-    """The motion at times in s, force in the frame of the sensor."""
-    tick = np.clip(np.searchsorted(motion.time, time), 0, len(motion.time) - 1)
-    magnitude = np.linalg.norm(motion.force, axis=1)
-    held = np.maximum(magnitude[motion.holds], 1e-9)
-    values = np.column_stack([motion.joints, as_sensed(motion, cell), magnitude / held[motion.touch], motion.progress])
-    at = np.column_stack([np.interp(time, motion.time, column) for column in values.T])
-    return CellState(at[:, :2], at[:, 2:4], motion.touch[tick], motion.phase[tick], at[:, 5], at[:, 4])
-
-
-SCHEMA = 'scara_kinetostatic/physics_truth/1'
 
 
 def truth_of_scene(scene: Scene, cell: Cell, seed: int = 0) -> dict[str, Any]:
@@ -352,7 +324,7 @@ def truth_of_scene(scene: Scene, cell: Cell, seed: int = 0) -> dict[str, Any]:
         InputError: MuJoCo is not installed.
     """
     return {
-        'schema': SCHEMA,
+        'schema': 'scara_kinetostatic/physics_truth/1',
         'engine': f'MuJoCo {load_engine().__version__}',
         'scene': scene.name,
         'seed': seed,
@@ -376,38 +348,31 @@ def expected_parameters(scene: Scene) -> Parameters:
 
 def built_effects(scene: Scene, cell: Cell) -> list[dict[str, Any]]:
     """The effects of the scene: name, target and values, SI units."""
-    effects = []
-
-    def add(name: str, target: str | None, **values: float) -> None:
-        effects.append({'name': name, 'target': target, 'parameters': {key: float(v) for key, v in values.items()}})
-
-    if scene.contact_friction:
-        add('contact_friction', None, coefficient=scene.contact_friction)
-    target: str | None
-    for number, compliance in enumerate((scene.parameters.p1, scene.parameters.p2)):
-        target = f'joint{number + 1}'
-        if scene.bearing_friction[number]:
-            torque = scene.bearing_friction[number]
-            add('joint_hysteresis', target, width=compliance * torque, bearing_torque=torque)
-        if scene.winding_friction[number]:
-            add('joint_slip', target, compliance=compliance, slip_torque=scene.winding_friction[number])
-        if scene.slip_compliance[number]:
-            slipping = scene.slip_torque[number]
-            add('joint_slip', target, compliance=scene.slip_compliance[number], slip_torque=slipping)
-    displaced = scene.displaced_disc(cell)
-    if displaced is not None:
-        add('object_position', cell.discs[displaced].name, x=scene.displacement[0], y=scene.displacement[1])
-    if any(scene.base_compliance):
-        along_x, along_y = scene.base_compliance
-        add('base_compliance', None, excess=0.5 * (along_x - along_y), coupling=0.0)
-    if scene.link_compliance:
-        add('link_bending', 'link1', compliance=scene.link_compliance)
-    padded = scene.padded_discs(cell)
-    if padded:
-        target = None if len(padded) == len(cell.discs) else cell.discs[padded[0]].name
-        add('contact_compliance', target, stiffness=scene.pad[0], depth=scene.pad[1])
-    if any(scene.tilt):
-        add('base_tilt', None, tilt_x=scene.tilt[0], tilt_y=scene.tilt[1])
-    if scene.cable:
-        add('cable', 'joint2', stiffness=scene.cable)
-    return effects
+    s, p, moved, padded = scene, scene.parameters, scene.displaced_disc(cell), scene.padded_discs(cell)
+    at = '' if moved is None else cell.discs[moved].name
+    coated = None if len(padded) in (0, len(cell.discs)) else cell.discs[padded[0]].name
+    rows: list[tuple[Any, str, str | None, dict[str, float]]] = [
+        (s.contact_friction, 'contact_friction', None, {'coefficient': s.contact_friction})
+    ]
+    for k, spring in enumerate((p.p1, p.p2)):
+        joint, bearing, winding = f'joint{k + 1}', s.bearing_friction[k], s.winding_friction[k]
+        slip, slipping = s.slip_compliance[k], s.slip_torque[k]
+        rows += [
+            (bearing, 'joint_hysteresis', joint, {'width': spring * bearing, 'bearing_torque': bearing}),
+            (winding, 'joint_slip', joint, {'compliance': spring, 'slip_torque': winding}),
+            (slip, 'joint_slip', joint, {'compliance': slip, 'slip_torque': slipping}),
+        ]
+    (x, y), (tilt_x, tilt_y), (along_x, along_y), (stiffness, depth) = s.displacement, s.tilt, s.base_compliance, s.pad
+    rows += [
+        (at, 'object_position', at, {'x': x, 'y': y}),
+        (any(s.base_compliance), 'base_compliance', None, {'excess': 0.5 * (along_x - along_y), 'coupling': 0.0}),
+        (s.link_compliance, 'link_bending', 'link1', {'compliance': s.link_compliance}),
+        (padded, 'contact_compliance', coated, {'stiffness': stiffness, 'depth': depth}),
+        (any(s.tilt), 'base_tilt', None, {'tilt_x': tilt_x, 'tilt_y': tilt_y}),
+        (s.cable, 'cable', 'joint2', {'stiffness': s.cable}),
+    ]
+    return [
+        {'name': name, 'target': target, 'parameters': {key: float(value) for key, value in values.items()}}
+        for is_built, name, target, values in rows
+        if is_built
+    ]
