@@ -6,28 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contour.slides import CELL, DISC, SQUARE, arm
+from contour.slides import CELL, SQUARE, traced
 
 from scara_kinetostatic.contour.fits import deviations, of_all_points
 from scara_kinetostatic.contour.report import contour_document, contour_report
-from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.outline import Outline
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.simulation.slides import Slide, polygon, simulate_slides
+from scara_kinetostatic.simulation.slides import polygon
 
 BLOCK = Outline('block', ((0.10, 0.30), (0.20, 0.30), (0.20, 0.40), (0.10, 0.40)), 0.01)
 WITH_BLOCK = replace(CELL, discs=(Disc('far', -0.25, 0.30, 0.15), BLOCK))
 
 
-def traced(outline, **more):
-    slide = Slide(outline, 15, 0.1, **{'speed': 0.03, 'end': 1.03, **more})
-    return trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [slide]), arm())
-
-
 def test_a_side_that_stands_50_um_elsewhere():
-    contour = traced(polygon([[0.10, 0.30], [0.20005, 0.30], [0.20005, 0.40], [0.10, 0.40]], 0.01))
+    square = polygon([[0.10, 0.30], [0.20005, 0.30], [0.20005, 0.40], [0.10, 0.40]], 0.01)
+    contour = traced((0, 1.03), outline=square, speed=0.03)
     (found,) = deviations(contour, WITH_BLOCK)
     assert (found.outline, found.object, len(found.points)) == (0, 'block', len(contour))
     x, y = contour.surface[found.points].T
@@ -48,7 +42,7 @@ def test_a_side_that_stands_50_um_elsewhere():
 
 
 def test_a_disc_and_another_tip():
-    contour = traced(DISC, end=0.4)
+    contour = traced((0, 0.4), speed=0.03)
     for tip, radius in ((0.005, 0.065), (0.004, 0.064)):  # the radius of a disc contains that of the tip
         cell = replace(CELL, tip_radius=tip, discs=(Disc('left', -0.25, 0.30, 0.15), Disc('disc', 0.2, 0.3, radius)))
         (found,) = deviations(contour, cell)
@@ -60,14 +54,14 @@ def test_a_disc_and_another_tip():
 
 
 def test_what_is_not_an_object_of_the_cell_is_not_compared():
-    contour = traced(SQUARE, end=0.3)
+    contour = traced((0, 0.3), outline=SQUARE, speed=0.03)
     elsewhere = replace(CELL, discs=(BLOCK.moved((0.02, 0.02)),))
     assert deviations(contour, elsewhere) == ()
     assert np.isnan(of_all_points(contour, ())).all()
 
 
 def test_beyond_an_open_end_nothing_is_compared():
-    contour = traced(polygon([[0.10, 0.30], [0.20, 0.30]], closed=False), end=1.0)
+    contour = traced((0, 1), outline=polygon([[0.10, 0.30], [0.20, 0.30]], closed=False), speed=0.03)
     edge = Outline('edge', ((0.10, 0.30), (0.18, 0.30)), is_open=True)
     (found,) = deviations(contour, replace(CELL, discs=(edge,)))
     assert 0.17 < contour.surface[found.points, 0].max() < 0.1801

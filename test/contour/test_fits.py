@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from contour.slides import CELL, DISC, arm
+from contour.slides import arm, slides, traced
 
 from scara_kinetostatic.contour.fits import fit_shape, of_all_points
 from scara_kinetostatic.contour.report import contour_report
@@ -21,12 +21,12 @@ from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.simulation.slides import Slide, SlideTiming, polygon, simulate_slides
+from scara_kinetostatic.simulation.slides import SlideTiming, polygon
 
 
 @pytest.fixture(scope='module')
 def contour():
-    return trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, end=1.05)]), arm())
+    return traced((0, 1.05))
 
 
 def test_circle(contour):
@@ -47,20 +47,20 @@ def test_a_shape_that_does_not_fit_is_said(contour):
 
 
 def test_arc_and_line():
-    part = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, 1, 0.1, 0.4)]), arm())
-    fit = fit_shape(part, arm(), 'arc')
+    fit = fit_shape(traced((0.1, 0.4)), arm(), 'arc')
     assert abs(fit.value('radius').value - 0.06) < 4 * fit.value('radius').std
     assert fit.value('end').value - fit.value('begin').value == pytest.approx(0.3 * 2 * np.pi, abs=0.05)
     edge = polygon([[0.1, 0.35], [0.25, 0.3]], closed=False)
-    straight = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [Slide(edge, 15, 0.1, 0.05)]), arm())
+    straight = traced((0, 1), outline=edge)
     fit = fit_shape(straight, arm(), 'line')
     true = np.arctan2(-0.15, -0.05)
     assert abs(fit.value('normal_angle').value - true) < 4 * fit.value('normal_angle').std < 4e-4
     assert fit.value('length').value == pytest.approx(np.hypot(0.15, 0.05), abs=3e-3)
     offset = np.array([fit.value('x').value, fit.value('y').value]) - (0.1, 0.35)
     assert abs(offset @ (np.cos(true), np.sin(true))) < 4e-5
+    along = np.linspace(0, 0.1, len(straight))
     with pytest.raises(UnsupportedDataError, match='on no circle'):
-        fit_shape(_exact_line(straight), arm(), 'circle')
+        fit_shape(replace(straight, surface=np.column_stack([along, 0 * along])), arm(), 'circle')
 
 
 @pytest.mark.parametrize('variation_time', [0.5, 1e3])
@@ -69,7 +69,7 @@ def test_noise_that_does_not_change_along_the_slide_is_covered(variation_time):
     timing = SlideTiming(variation_time=variation_time)
     deviations = []
     for seed in range(5):
-        streams = simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, end=1.05)], timing=timing, seed=seed)
+        streams = slides((0, 1.05), timing=timing, seed=seed)
         fit = fit_shape(trace_contour(streams, exact), exact, 'circle')
         truth = (('center_x', 0.2), ('center_y', 0.3), ('radius', 0.06))
         deviations += [(fit.value(name).value - true) / fit.value(name).std for name, true in truth]
@@ -77,8 +77,7 @@ def test_noise_that_does_not_change_along_the_slide_is_covered(variation_time):
 
 
 def test_ends_of_an_arc_in_several_passes(contour):
-    slides = [Slide(DISC, 15, 0.1, 0.05, begin=a, end=b) for a, b in ((0.05, 0.85), (0.85, 0.05), (0.5, 0.85))]
-    fit = fit_shape(trace_contour(simulate_slides(CELL, PAPER_ACTUAL, slides), arm()), arm(), 'arc')
+    fit = fit_shape(traced((0.05, 0.85), (0.85, 0.05), (0.5, 0.85)), arm(), 'arc')
     begin, end = fit.value('begin').value, fit.value('end').value
     assert (begin, end) == pytest.approx((0.05 * 2 * np.pi, 0.85 * 2 * np.pi), abs=0.03)
     whole = fit_shape(contour, arm(), 'arc')
@@ -93,28 +92,18 @@ def test_what_the_slide_or_nothing_decides_has_no_uncertainty(contour):
     assert np.isfinite(fit.value('radius').std)
 
 
-def _exact_line(contour):
-    along = np.linspace(0, 0.1, len(contour))
-    return replace(contour, surface=np.column_stack([along, 0 * along]))
-
-
 def test_csv(contour):
-    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ()), Plane()))))
-    assert tuple(rows[0]) == COLUMNS
-    assert len(rows) == len(contour)
-    values = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
-    np.testing.assert_allclose(values[:, 1:3], contour.surface, atol=1e-9)
-    np.testing.assert_allclose(values[:, 5], contour.std_normal, rtol=1e-3)
-    np.testing.assert_allclose(values[:, 6], np.hypot(*contour.force.T), atol=1e-4)
-    assert np.all(np.diff(values[:, 0]) > 0)
-
-
-def test_csv_in_the_frame_of_a_robot(contour):
     plane = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ()), plane))))
-    names = ('robot_x_m', 'robot_y_m', 'robot_z_m')
-    assert tuple(rows[0]) == (*COLUMNS, *names)
-    found = [[float(row[name]) for name in names] for row in rows]
+    for frame, more in ((Plane(), ()), (plane, ('robot_x_m', 'robot_y_m', 'robot_z_m'))):
+        rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ()), frame))))
+        assert tuple(rows[0]) == (*COLUMNS, *more)
+        assert len(rows) == len(contour)
+        values = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+        np.testing.assert_allclose(np.column_stack([values['x_m'], values['y_m']]), contour.surface, atol=1e-9)
+        np.testing.assert_allclose(values['std_normal_m'], contour.std_normal, rtol=1e-3)
+        np.testing.assert_allclose(values['force_N'], np.hypot(*contour.force.T), atol=1e-4)
+        assert np.all(np.diff(values['time_s']) > 0)
+    found = np.column_stack([values[name] for name in more])
     np.testing.assert_allclose(found, plane.in_robot(contour.surface), rtol=0, atol=1e-9)
 
 

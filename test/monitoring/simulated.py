@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Uncertainty
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
@@ -24,28 +25,16 @@ TRUTH = PAPER_ACTUAL
 
 
 def touches_of(
-    cell: Cell,
-    seed: int,
-    truth: Parameters = TRUTH,
-    effects: tuple[str, ...] = (),
-    world: int | None = 0,
-    count: int = 12,
+    cell: Cell, seed: int, truth: Any = TRUTH, effects: tuple[str, ...] = (), world: int | None = 0, count: int = 12
 ) -> TouchSet:
     """Touches in a random order, in the world whose errors have the seed `world`."""
     made = simulate(cell, truth, seed=seed, drawn=world, effects=effects, per_disc=count)
     return made.select(np.random.default_rng(seed).permutation(len(made)))
 
 
-def record_of(
-    cell: Cell,
-    seed: int,
-    truth: Parameters = TRUTH,
-    effects: tuple[str, ...] = (),
-    world: int | None = 0,
-    count: int = 12,
-) -> CalibrationRecord:
+def record_of(cell: Cell, *which: Any, **more: Any) -> CalibrationRecord:
     """The calibration by such touches."""
-    return as_record(calibrate(touches_of(cell, seed, truth, effects, world, count), cell))
+    return as_record(calibrate(touches_of(cell, *which, **more), cell))
 
 
 def std_of(record: CalibrationRecord, name: str) -> float:

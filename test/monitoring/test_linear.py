@@ -8,10 +8,10 @@ import numpy as np
 from monitoring.simulated import CELL, DECLARED, record_of, std_of, touches_of
 
 from scara_kinetostatic.monitoring.linear import Evidence, Information, State, measure
+from scara_kinetostatic.monitoring.record import CalibrationRecord
 
 
-def test_the_residual_is_that_of_a_change() -> None:
-    record = record_of(DECLARED, 0)
+def test_the_residual_is_that_of_a_change(record: CalibrationRecord) -> None:
     state, touches = State.of(record), touches_of(DECLARED, 1)
     measured = measure(touches, record, state)
     for name, size in (('theta2', 1e-5), ('p1', 1e-6), ('object_position[disc_1].x', 1e-5), ('force_gain', 1e-3)):
@@ -44,8 +44,7 @@ def test_evidence_is_that_of_the_joint_distribution() -> None:
     np.testing.assert_allclose(std**2, np.diag(np.linalg.inv(block)))
 
 
-def test_an_object_described_otherwise_is_a_new_one() -> None:
-    record = record_of(DECLARED, 0)
+def test_an_object_described_otherwise_is_a_new_one(record: CalibrationRecord) -> None:
     name = 'object_position[disc_2].x'
     same = State.of(record)
     moved = DECLARED.discs[1]._replace(x=0.21)

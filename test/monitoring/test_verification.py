@@ -14,7 +14,6 @@ from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Disc, Plate
-from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor
 from scara_kinetostatic.monitoring.linear import State
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -25,20 +24,11 @@ from scara_kinetostatic.report import as_page, plain
 from scara_kinetostatic.touches.detection import Detection
 
 
-@pytest.fixture(scope='module')
-def record() -> CalibrationRecord:
-    return record_of(DECLARED, 0)
-
-
-def detected(touches: TouchSet) -> Detection:
-    return Detection.of(touches)
-
-
 def test_p_values_of_sound_calibrations() -> None:
     found = []
     for k in range(8):
         cell = CELL if k % 2 else DECLARED
-        found.append(verify(detected(touches_of(cell, 50 + k, world=k)), record_of(cell, k, world=k)))
+        found.append(verify(Detection.of(touches_of(cell, 50 + k, world=k)), record_of(cell, k, world=k)))
     p = np.sort([item.p_value for item in found])
     assert np.abs(p - (np.arange(8) + 0.5) / 8).max() < 0.5
     ratio = np.array([item.tip_error / item.expected for item in found])
@@ -47,12 +37,12 @@ def test_p_values_of_sound_calibrations() -> None:
 
 
 def test_the_errors_of_known_objects_are_known_too(record: CalibrationRecord) -> None:
-    known = verify(detected(touches_of(DECLARED, 1)), record)
+    known = verify(Detection.of(touches_of(DECLARED, 1)), record)
     new = Disc('disc_4', 0.25, 0.1, 0.05, 1.5e-5, 5e-6)
     cell = replace(DECLARED, discs=(*DECLARED.discs, new))
     touches = touches_of(cell, 1)
     touches = touches.select(touches.disc == 3)
-    elsewhere = verify(detected(touches), record, cell)
+    elsewhere = verify(Detection.of(touches), record, cell)
     assert known.expected < 8e-6 < 1.2e-5 < elsewhere.expected
     assert elsewhere.p_value > 1e-3
 
@@ -65,7 +55,7 @@ def test_undetected_effects_beside_loosely_known_plates() -> None:
     assert known.undetected.columns
     covariance = State.of(known).covariance
     assert np.linalg.eigvalsh(covariance).min() > -1e-9 * np.linalg.eigvalsh(covariance).max()
-    found = verify(detected(touches_of(CELL, 1)), known)
+    found = verify(Detection.of(touches_of(CELL, 1)), known)
     assert 0.5 < found.tip_error / found.expected < 1.5
     assert found.p_value > 1e-3
     assert not found.causes.ranking
@@ -80,18 +70,18 @@ def test_an_effect_has_the_name_of_a_declared_error() -> None:
     without = known.without_undetected().covariance
     std = np.sqrt(np.diag(known.covariance))
     assert np.linalg.eigvalsh(without / np.outer(std, std)).min() > -1e-9
-    found = verify(detected(touches_of(CELL, 1, effects=('object_position[disc_2]:x=5e-4,y=0',))), known)
+    found = verify(Detection.of(touches_of(CELL, 1, effects=('object_position[disc_2]:x=5e-4,y=0',))), known)
     assert 0.5 < found.tip_error / found.expected < 1.5
 
 
 def test_a_change_is_refused_and_named(record: CalibrationRecord) -> None:
     touches = touches_of(DECLARED, 1, TRUTH.replace(theta2=TRUTH.theta2 + 1e-4))
-    found = verify(detected(touches), record)
+    found = verify(Detection.of(touches), record)
     assert found.assessment.grade is Grade.UNFIT
     assert found.causes.ranking[0].name == 'theta2'
     assert found.test.chi_square > 2 * found.test.freedoms
     tolerant = replace(record, arm=replace(record.arm, cell=replace(DECLARED, tolerance=2e-4)))
-    assert verify(detected(touches), tolerant).assessment.grade is Grade.CAUTION
+    assert verify(Detection.of(touches), tolerant).assessment.grade is Grade.CAUTION
 
 
 @pytest.mark.parametrize('off', [3e-4, 1e-2])
@@ -99,7 +89,7 @@ def test_a_bad_touch_is_named_and_the_others_agree(record: CalibrationRecord, of
     touches = touches_of(DECLARED, 1)
     joints = touches.joints.copy()
     joints[7] += off
-    found = verify(detected(replace(touches, joints=joints)), record)
+    found = verify(Detection.of(replace(touches, joints=joints)), record)
     assert [item.index for item in found.outlying] == [touches.index[7]]
     assert found.assessment.grade is Grade.CAUTION and found.causes.ranking == ()
     assert 'the others agree' in found.assessment.reasons[0]
@@ -114,24 +104,24 @@ def test_a_change_with_a_bad_touch(record: CalibrationRecord) -> None:
     touches = touches_of(DECLARED, 1, TRUTH.replace(g1=TRUTH.g1 + 5e-5))
     joints = touches.joints.copy()
     joints[7] += 1e-2
-    found = verify(detected(replace(touches, joints=joints)), record)
+    found = verify(Detection.of(replace(touches, joints=joints)), record)
     assert found.few_outlie and found.others.p_value < 1e-3
     assert 'the backlash of joint 1 changed' in found.assessment.reasons[0]
 
 
 def test_what_touches_cannot_show_is_said(record: CalibrationRecord) -> None:
     tight = replace(DECLARED, tolerance=1e-5)
-    found = verify(detected(touches_of(DECLARED, 1)), record, tight)
+    found = verify(Detection.of(touches_of(DECLARED, 1)), record, tight)
     assert found.assessment.grade is Grade.CAUTION
     assert 'cannot show a tolerance of 10.0 µm' in found.assessment.reasons[0]
-    wide = verify(detected(touches_of(DECLARED, 1)), record, replace(tight, tolerance=2e-5))
+    wide = verify(Detection.of(touches_of(DECLARED, 1)), record, replace(tight, tolerance=2e-5))
     assert wide.assessment.grade is Grade.FIT
 
 
 def test_touches_on_one_object_say_little(record: CalibrationRecord) -> None:
     touches = touches_of(DECLARED, 1)
     one_side = touches.select(np.flatnonzero(touches.disc == 2)[:6])
-    found = verify(detected(one_side), record, replace(DECLARED, tolerance=2e-5))
+    found = verify(Detection.of(one_side), record, replace(DECLARED, tolerance=2e-5))
     assert found.untouched == ('disc_1', 'disc_2') and found.assessment.grade is Grade.CAUTION
     assert 'there is no touch of disc_1, disc_2' in ' '.join(found.assessment.reasons)
     assert 'expected from noise and uncertainty' in as_page(verification_report(found))
@@ -141,28 +131,28 @@ def test_touches_that_were_seen_or_are_few(record: CalibrationRecord) -> None:
     document = {**record.document, 'recordings': [{'path': 'a', 'sha256': 'ab', 'start': None}]}
     seen = replace(record, document=document)
     recordings = [Recording(str(Path('b')), 'ab', None), Recording('c', 'cd', None)]
-    found = verify(detected(touches_of(DECLARED, 1)), seen, recordings=recordings)
+    found = verify(Detection.of(touches_of(DECLARED, 1)), seen, recordings=recordings)
     assert found.seen == ('b',)
     assert found.assessment.grade is Grade.CAUTION and 'part of the calibration' in found.assessment.reasons[0]
-    again = verify(detected(touches_of(DECLARED, 0).select(np.arange(20))), record)
+    again = verify(Detection.of(touches_of(DECLARED, 0).select(np.arange(20))), record)
     assert again.repeated == 20 and again.assessment.grade is Grade.CAUTION
     assert 'part of the calibration: 20 of 20 touches' in again.assessment.reasons[0]
     assert found.repeated == 0 and not verification_document(again)['independent']
-    few = verify(detected(touches_of(DECLARED, 1).select([0, 1, 2])), record)
+    few = verify(Detection.of(touches_of(DECLARED, 1).select([0, 1, 2])), record)
     assert few.assessment.grade is Grade.CAUTION
     with pytest.raises(UnsupportedDataError):
-        verify(detected(touches_of(DECLARED, 1).select([])), record)
+        verify(Detection.of(touches_of(DECLARED, 1).select([])), record)
 
 
 def test_what_no_single_part_explains_has_no_name(record: CalibrationRecord) -> None:
     """Two parts changed at once."""
     changed = TRUTH.replace(l1=TRUTH.l1 + 1e-3, theta2=TRUTH.theta2 + 2e-3, p1=2 * TRUTH.p1)
-    found = verify(detected(touches_of(DECLARED, 1, changed)), record)
+    found = verify(Detection.of(touches_of(DECLARED, 1, changed)), record)
     assert found.assessment.grade is Grade.UNFIT
     assert found.causes.remaining_p_value < 1e-6
     assert 'no single part explains it' in found.assessment.reasons[0]
     assert verification_document(found)['remaining_p_value'] == found.causes.remaining_p_value
-    one = verify(detected(touches_of(DECLARED, 1, TRUTH.replace(l1=TRUTH.l1 + 1e-3))), record)
+    one = verify(Detection.of(touches_of(DECLARED, 1, TRUTH.replace(l1=TRUTH.l1 + 1e-3))), record)
     assert one.causes.remaining_p_value > 1e-3 and 'most likely link 1 changed its length' in one.assessment.reasons[0]
 
 
@@ -170,7 +160,7 @@ def test_what_no_single_part_explains_has_no_name(record: CalibrationRecord) -> 
 def test_a_large_change_of_one_part_is_named(record: CalibrationRecord, change: dict[str, float]) -> None:
     """What it leaves is the error of linearisation."""
     changed = touches_of(DECLARED, 1, TRUTH.replace(**{name: getattr(TRUTH, name) + d for name, d in change.items()}))
-    found = verify(detected(changed), record)
+    found = verify(Detection.of(changed), record)
     assert 'most likely' in found.assessment.reasons[0]
     assert found.causes.ranking[0].name in (*change, 'base', 'tool')
     alarm = DriftMonitor(record).add(changed)
