@@ -266,8 +266,8 @@ class Candidate(NamedTuple):
         fitted_rms: rms residual of what was fitted, of the samples judged.
         held_out_rms: the same of what was held out.
         parameters: with standard deviations; NaN where there are none.
-        p_gain: p-value of no better prediction than that of law (6); 1 for law (6).
-        bic: difference in BIC to law (6).
+        p_gain: p-value of no better prediction than that of law (6); NaN for law (6).
+        bic: difference in BIC to law (6); NaN for law (6).
         accepted: whether it is better by all criteria.
     """
 
@@ -278,8 +278,8 @@ class Candidate(NamedTuple):
     fitted_rms: float
     held_out_rms: float
     parameters: dict[str, Estimate]
-    p_gain: float = 1.0
-    bic: float = 0.0
+    p_gain: float = float('nan')
+    bic: float = float('nan')
     accepted: bool = False
 
 
