@@ -11,7 +11,7 @@ from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Uncertainty
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
@@ -22,6 +22,11 @@ DECLARED = replace(
     uncertainty=Uncertainty(radius=5e-6, force_gain=0.005, force_rotation=1e-3, nominal={'l1': 1e-3}),
 )
 TRUTH = PAPER_ACTUAL
+
+
+def moved(**changes: float) -> Parameters:
+    """The robot with other values."""
+    return TRUTH.replace(**{name: getattr(TRUTH, name) + change for name, change in changes.items()})
 
 
 def touches_of(

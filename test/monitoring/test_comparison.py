@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, std_of, touches_of
+from monitoring.simulated import CELL, DECLARED, TRUTH, moved, record_of, std_of, touches_of
 
 from benchmark.common import record_of as as_record
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -51,11 +51,11 @@ def test_p_values_and_z_without_a_change(cell: Cell) -> None:
 @pytest.mark.parametrize(
     ('name', 'truth', 'effects'),
     [
-        ('theta2', TRUTH.replace(theta2=TRUTH.theta2 + 1e-4), ()),
-        ('l1', TRUTH.replace(l1=TRUTH.l1 + 6e-5), ()),
-        ('p1', TRUTH.replace(p1=2 * TRUTH.p1), ()),
-        ('g2', TRUTH.replace(g2=1.6 * TRUTH.g2), ()),
-        ('base', TRUTH.replace(x0=TRUTH.x0 + 1e-4, y0=TRUTH.y0 - 1e-4, theta1=TRUTH.theta1 + 1e-4), ()),
+        ('theta2', moved(theta2=1e-4), ()),
+        ('l1', moved(l1=6e-5), ()),
+        ('p1', moved(p1=TRUTH.p1), ()),
+        ('g2', moved(g2=0.6 * TRUTH.g2), ()),
+        ('base', moved(x0=1e-4, y0=-1e-4, theta1=1e-4), ()),
         ('object_position[disc_2]', TRUTH, ('object_position[disc_2]:x=5e-5,y=2e-5',)),
     ],
 )

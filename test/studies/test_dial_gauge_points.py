@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.files.columns import parse_table
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.studies.loops.dial_gauge import DirectionMap, Estimate, Part, analyse_runs, direction_map
-from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2, TIP, Readings, table_readings
+from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2, TIP, Readings
 from scara_kinetostatic.studies.paper.study import DialGaugeBench, load_cycles, simulate_experiments
 
 BENCH, EXACT = DialGaugeBench(), DialGaugeBench(noise=0.0)
@@ -140,14 +138,6 @@ def test_repeated_runs_that_disagree_are_reported_and_widen_the_mean():
     assert len(part.runs) == 2
     assert part.gap.std > 2e-5
     assert any('inconsistent in gap' in warning for warning in warnings)
-
-
-def test_what_cannot_be_analysed_is_named():
-    one_sense = ONE.force >= 0
-    with pytest.raises(UnsupportedDataError, match='gripper at 0°: there is no reversal'):
-        analyse_runs([Readings(ONE.force[one_sense], ONE.displacement[one_sense], direction=0.0)])
-    with pytest.raises(ParameterError, match='line 2: a joint needs its lever'):
-        table_readings(parse_table('force_N,displacement_m,part\n1,0,joint1\n-1,0,joint1\n', 'a.csv', ''))
 
 
 @pytest.mark.parametrize(('joint', 'lever'), [(1, 0.66), (2, 0.33)])

@@ -367,12 +367,8 @@ def study_noise(linear: LinearProblem, ratio: float) -> NoiseStudy:
     covariance, basis = linear.unweighted_covariance(noise), linear.identifiable
     error = basis.T @ ((ESTIMATED_FROM_NOISE.as_array() - PAPER_ACTUAL.as_array()) / SCALES)
     scaled = basis.T @ (covariance / np.outer(SCALES, SCALES)) @ basis
-    return NoiseStudy(
-        noise,
-        *expected_force_error(linear, noise),
-        z=SCALES * (basis @ error) / np.sqrt(np.diag(covariance)),
-        chi_square=float(error @ np.linalg.solve(scaled, error)),
-    )
+    z, chi_square = SCALES * (basis @ error) / np.sqrt(np.diag(covariance)), error @ np.linalg.solve(scaled, error)
+    return NoiseStudy(noise, *expected_force_error(linear, noise), z, float(chi_square))
 
 
 def determined_combination(values: Floats) -> float:
@@ -425,16 +421,10 @@ def compare(
 
 def _scatter(rows: Floats, covariance: Floats) -> Scatter:
     """Of estimates and e_f, (runs, 13), with their predicted covariance."""
-    error = rows[:, :12] - PAPER_ACTUAL.as_array()
-    low, high = np.quantile(rows[:, 12], [0.025, 0.975])
-    return Scatter(
-        runs=len(rows),
-        predicted=np.sqrt(np.diag(covariance)),
-        found=error.std(axis=0, ddof=1),
-        bias=error.mean(axis=0),
-        force_error=float(rows[:, 12].mean()),
-        force_error_range=(float(low), float(high)),
-    )
+    error, force_error = rows[:, :12] - PAPER_ACTUAL.as_array(), float(rows[:, 12].mean())
+    low, high = np.quantile(rows[:, 12], [0.025, 0.975]).tolist()
+    predicted, found = np.sqrt(np.diag(covariance)), error.std(axis=0, ddof=1)
+    return Scatter(len(rows), predicted, found, error.mean(axis=0), force_error, (low, high))
 
 
 class GripperPart(NamedTuple):
