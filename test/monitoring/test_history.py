@@ -126,14 +126,21 @@ def test_files_of_other_versions_and_damaged_entries(run: Run, plain: Outcome, t
     assert run('history', 'remove', path, '1').status == 0
     assert [entry.number for entry in History(path).entries()] == [2]
     execute(path, 'PRAGMA user_version = 9')
-    with pytest.raises(InputError, match='got 9'):
-        History(path)
     (tmp_path / 'empty').touch()
-    with pytest.raises(InputError, match='is no history'):
-        History(tmp_path / 'empty')
+    (tmp_path / 'text').write_text('text' * 1000)
+    execute(tmp_path / 'other.sqlite', 'CREATE TABLE mine (a)')
+    for name, create, message in (
+        ('a.sqlite', False, 'got 9'),
+        ('empty', False, 'is no history'),
+        ('none.sqlite', False, 'no such history'),
+        ('text', False, 'cannot be used'),
+        ('other.sqlite', True, 'is no history'),
+    ):
+        with pytest.raises(InputError, match=message):
+            History(tmp_path / name, create=create)
 
 
-def test_other_robots_and_other_files_are_refused(plain: Outcome, tmp_path: Path) -> None:
+def test_other_robots_are_refused(plain: Outcome, tmp_path: Path) -> None:
     history = History(tmp_path / 'a.sqlite', create=True)
     one = later(plain, '2026-01-01T00:00:00Z')
     cell = one.arm.cell
@@ -143,14 +150,6 @@ def test_other_robots_and_other_files_are_refused(plain: Outcome, tmp_path: Path
     assert history.entries() == []
     assert history.add([one, replace(other, document={**other.document, 'x': 1})][:1], robot='b') == [True]
     assert {entry.robot for entry in history.entries()} == {'b'}
-    with pytest.raises(InputError, match='no such history'):
-        History(tmp_path / 'none.sqlite')
-    (tmp_path / 'text').write_text('text' * 1000)
-    with pytest.raises(InputError, match='cannot be used'):
-        History(tmp_path / 'text')
-    execute(tmp_path / 'other.sqlite', 'CREATE TABLE mine (a)')
-    with pytest.raises(InputError, match='is no history'):
-        History(tmp_path / 'other.sqlite', create=True)
 
 
 def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:

@@ -116,13 +116,13 @@ def test_no_response_after_the_unloading_is_used(analysis: Selection) -> None:
         np.testing.assert_allclose(two.residual - one.residual, changed, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize('half_gap', [0.0, 60e-6])
-def test_law_6_is_sufficient_for_records_of_law_6(half_gap: float) -> None:
-    several = [record(torque(level), 7 + k, half_gap=half_gap) for k, level in enumerate((-2.0, 2.5, -3.0))]
+def test_law_6_is_sufficient_for_records_of_law_6() -> None:
+    half_gap, levels = 60e-6, (-2.0, 2.5, -3.0)
+    several = [record(torque(level), 7 + k, half_gap=half_gap) for k, level in enumerate(levels)]
     found = select_model(Study(several))
     assert (found.verdict, found.selected, found.rivals) == ('none', None, ())
     assert found.before.parameters['compliance'].value == pytest.approx(150e-6, rel=0.02)
-    assert found.before.parameters['half_gap'].value == pytest.approx(half_gap, rel=0.1, abs=2e-6)
+    assert found.before.parameters['half_gap'].value == pytest.approx(half_gap, rel=0.1)
     headline, level, sentences, _ = verdict(found)
     assert (headline, level) == ('Law (6), slope and gap, is sufficient', 'good')
     assert not any('to test' in each or 'hardly' in each or 'keeps' in each for each in sentences)

@@ -232,13 +232,16 @@ _SLIP = Law(
     ('compliance', 'slip_compliance'), (Shape('slip_load', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0),),
     _slips, True,
 )  # fmt: skip
-_RATIO = Shape('friction_ratio', (0.1, 0.3, 0.5), most=LARGEST_RATIO, is_ratio=True)
 LOAD_LAWS = (
     _FRICTION,
     _FRICTION._replace(
         name='load_friction', effect='load_friction', title='friction in parallel that grows with the load',
         meaning='friction in parallel with the spring that grows with the load',
-        shape=(_FRICTION.shape[0], _RATIO, _FRICTION.shape[1]),
+        shape=(
+            _FRICTION.shape[0],
+            Shape('friction_ratio', (0.1, 0.3, 0.5), most=LARGEST_RATIO, is_ratio=True),
+            _FRICTION.shape[1],
+        ),
     ),
     _SLIP,
     _SLIP._replace(

@@ -570,7 +570,9 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
 
 def _run(source: str, rows: Sequence[Mapping[str, Any]]) -> Readings:
     """One run, from its rows."""
-    arrays = {name: np.array([row[name] for row in rows]) for name in ('force', 'displacement', 'cycle', 'line')}
+    arrays: dict[str, Any] = {
+        name: np.array([row[name] for row in rows]) for name in ('force', 'displacement', 'cycle', 'line')
+    }
     of_run = {name: rows[0][name] for name in ('part', 'gauge_at', 'direction', 'lever')}
     return Readings(**arrays, **of_run, source=source)
 

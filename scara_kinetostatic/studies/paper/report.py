@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
-from scara_kinetostatic.report import Document, Figure, Note, Report, Section, Table, Verdict
+from scara_kinetostatic.report import Block, Document, Figure, Note, Report, Section, Table, Verdict
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure
 from scara_kinetostatic.report.quantities import SCALES
 from scara_kinetostatic.studies.loops.report import TITLES, dial_gauge_document, part_figures, summary_table
@@ -229,7 +229,7 @@ def _experiments(r: Reproduction) -> tuple[Section, ...]:
         '32.3 µrad/Nm and 264 µrad; joint 2 108 µrad/Nm and 268 µrad.'
     )
     own = (Section(TITLES[part.name], part_figures(part)) for part in r.dial_gauge.parts.values())
-    gauge = (simulated, summary_table(r.dial_gauge), measured, *own)
+    gauge: tuple[Block, ...] = (simulated, summary_table(r.dial_gauge), measured, *own)
     return (
         Section('The general gripper of (7)', (parts, _gripper_table(r), alias)),
         Section('Section 5.2, figure 4: the dial gauge experiments', gauge),
