@@ -385,16 +385,15 @@ def _pictures(selection: Selection, judged: Judged, name: str) -> Section:
     path, record, per_time = judged.path, judged.path.record, _error_scale(selection)
     residuals = [(judged.before.residual, SERIES[1], 'law (6)')]
     residuals += [(judged.after.residual, SERIES[0], 'selected law')] if selection.selected else []
-    quantities = [('{load}', path.driver, record.load_unit), ('{response}', record.response_change, record.unit('m'))]
+    driver, driven, measured = ('{load}', record.load_unit), ('{response}', record.unit('m')), record.response_change
     if path.driven_by == MOTION:
-        quantities = [('{response}', path.driver, record.unit('m')), ('{load}', path.driven, record.load_unit)]
-    scales = [_scale(float(np.ptp(values)), unit) for _, values, unit in quantities]
-    labels = [f'{record.words(one[0])}  [{scale.unit}]' for one, scale in zip(quantities, scales, strict=True)]
-    driven = quantities[1][1]
-    curves = [(driven, INK, 'measured'), *((driven - left, colour, label) for left, colour, label in residuals)]
-    what = record.words(f'{quantities[1][0]} over {quantities[0][0]}, measured and predicted')
-    curves = [(scales[1].per_si * values, colour, label) for values, colour, label in curves]
-    loop = partial(_curves, scales[0].per_si * path.driver, curves, labels, f'{name}_loop', what)
+        driver, driven, measured = driven, driver, path.driven
+    across, up = _scale(float(np.ptp(path.driver)), driver[1]), _scale(float(np.ptp(measured)), driven[1])
+    labels = [f'{record.words(one[0])}  [{scale.unit}]' for one, scale in ((driver, across), (driven, up))]
+    curves = [(up.per_si * measured, INK, 'measured')]
+    curves += [(up.per_si * (measured - left), colour, label) for left, colour, label in residuals]
+    what = record.words(f'{driven[0]} over {driver[0]}, measured and predicted')
+    loop = partial(_curves, across.per_si * path.driver, curves, labels, f'{name}_loop', what)
     labels = ['time  [s]', f'residual  [{per_time.unit}]']
     what = 'residual over time by each law; what is judged is shaded'
     begins = float(path.time[judged.rows.argmax()])
