@@ -123,9 +123,6 @@ def test_parts_and_noise() -> None:
     shifted = Record('a', time, load + 7.5, angle)
     assert found.judged_from == shifted.judged_from
     assert np.array_equal(found.rest, shifted.rest)
-
-
-def test_it_is_unloaded_after_the_last_loading() -> None:
     several = record(np.concatenate([torque(), 0.5 * torque(), torque()]))
     assert several.judged_from > 2 * len(torque()) + 600
     assert several.rest.sum() < 205
