@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from contour.slides import AROUND, CELL, DISC, SQUARE, arm, rested, since, slides, with_force, with_joints
+from contour.slides import AROUND, CELL, DISC, ELLIPSE, arm, rested, since, slides, with_force, with_joints
 
 from benchmark.common import normal_error
 from scara_kinetostatic.contour.online import OnlineContour
@@ -53,7 +53,7 @@ def check(outline: Outline, turns: float, error: float, rel: float = 0.01) -> No
     assert rms(normal_error(DISC, outline.points)) < error
 
 
-@pytest.mark.parametrize('outline', [DISC, SQUARE])
+@pytest.mark.parametrize('outline', [DISC, ELLIPSE])
 def test_round_an_object_in_several_passes(outline) -> None:
     streams = slides((0.0, 0.4), (0.7, 0.35), (0.65, 1.05), outline=outline)
     (joined,), (whole,) = fed(streams).outlines, trace_contour(streams, arm()).outlines

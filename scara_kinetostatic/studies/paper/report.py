@@ -229,10 +229,10 @@ def _experiments(r: Reproduction) -> tuple[Section, ...]:
         '32.3 µrad/Nm and 264 µrad; joint 2 108 µrad/Nm and 268 µrad.'
     )
     own = (Section(TITLES[part.name], part_figures(part)) for part in r.dial_gauge.parts.values())
-    gauge: tuple[Block, ...] = (simulated, summary_table(r.dial_gauge), measured, *own)
+    experiments: tuple[Block, ...] = (simulated, summary_table(r.dial_gauge), measured, *own)
     return (
         Section('The general gripper of (7)', (parts, _gripper_table(r), alias)),
-        Section('Section 5.2, figure 4: the dial gauge experiments', gauge),
+        Section('Section 5.2, figure 4: the dial gauge experiments', experiments),
     )
 
 
