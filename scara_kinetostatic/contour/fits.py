@@ -306,25 +306,21 @@ def divided(outline: Outline, most: int = 500) -> list[tuple[Indices, bool]]:
     return [(nodes[ends[begin] : ends[end]], is_arc) for begin, end, is_arc in pieces]
 
 
-def _division(
-    points: Floats, std: Floats, line_penalty: float = 30.0, arc_penalty: float = 40.0, fewest: int = 4
-) -> list[tuple[int, int, bool]]:
+def _division(points: Floats, std: Floats) -> list[tuple[int, int, bool]]:
     """The pieces of an open line of nodes: first node, the one after the last, whether it is an arc.
 
     Args:
         points: nodes, (n, 2), m.
         std: of each along the normal, (n,), m.
-        line_penalty: λ of a line.
-        arc_penalty: λ of an arc: it has one value more, and every line is nearly an arc, too.
-        fewest: nodes of a piece.
     """
     count, moments = len(points), _cumulative_moments(points - points.mean(axis=0), std)
+    fewest = 4  # nodes of a piece
     least = np.concatenate([[0.0], np.full(count, np.inf)])
     begin, is_arc = np.zeros(count + 1, dtype=np.intp), np.zeros(count + 1, dtype=bool)
     for end in range(min(fewest, count), count + 1):
         starts = np.arange(max(end - fewest, 0) + 1)
         line, arc = _misfits(moments[end] - moments[starts])
-        line, arc = line + line_penalty, arc + arc_penalty
+        line, arc = line + 30.0, arc + 40.0  # λ: an arc has one value more, and every line is nearly an arc, too
         penalty = np.minimum(line, arc) + least[starts]
         begin[end] = best = int(penalty.argmin())
         least[end], is_arc[end] = penalty[best], arc[best] < line[best]

@@ -35,21 +35,16 @@ def contour_report(
     more = f', and {count(len(contour.outlines) - 1, "other")}' if len(contour.outlines) > 1 else ''
     headline = f'{form} of {_MILLI * first.length:.1f} mm{more}, ± {2 * std:.0f} µm along its normal'
     sentences = (*_sentences(contour), *(_deviation_sentence(contour, deviation) for deviation in deviations))
-    outline = Figure(
-        partial(outline_picture, contour),
-        'The surface in the base frame of the robot; arrows: force of the tip on the object. The radius of the tip, '
-        f'{_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.',
-    )
-    uncertainty = Figure(
-        partial(uncertainty_picture, contour),
-        f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
-        'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.',
-    )
+    seen = 'The surface in the base frame of the robot; arrows: force of the tip on the object. The radius of the tip, '
+    seen += f'{_MILLI * contour.tip_radius:.3f} mm, is taken off along the normal.'
+    of_which = f'Standard uncertainty along the normal, {std:.1f} µm (median), of which {common:.1f} µm are common to '
+    of_which += 'neighbouring points: calibration and radius of the tip. Noise of joint angles and force is the rest.'
+    figures = Figure(partial(outline_picture, contour), seen), Figure(partial(uncertainty_picture, contour), of_which)
     return Report(
         title='Contour of an object by touch',
         answer=Verdict(headline, 'caution' if contour.warnings else 'good', sentences),
         source=f'{contour.source}, with the calibration {calibration}',
-        blocks=(Section('Outline', (outline, uncertainty), shown='page'), *fit_sections(fits)),
+        blocks=(Section('Outline', figures, shown='page'), *fit_sections(fits)),
         remarks=contour.warnings,
         footer='every point in contour.csv, the outlines in contour.svg and contour.dxf',
     )
@@ -65,12 +60,10 @@ def _sentences(contour: Contour) -> tuple[str, ...]:
     parts = [f'{seconds:.2f} s in which {what}' for seconds, what in cut if seconds > 0]
     lines += [f'Left out: {" and ".join(parts)}.'] if parts else []
     coefficient, std, rotation, rotation_std = contour.friction
-    rest = (
-        ', if the force sensor is not turned: travel in one direction cannot distinguish the two. The normals come '
-        'from the path of the tip and need neither.'
-    )
-    turn = f', apparent rotation of the force sensor {shown(rotation, rotation_std, "rad", FIT_UNITS).text}'
-    turn, rest = (turn, '.') if np.isfinite(rotation) else ('', rest)
+    turn, rest = f', apparent rotation of the force sensor {shown(rotation, rotation_std, "rad", FIT_UNITS).text}', '.'
+    if np.isnan(rotation):
+        turn, rest = '', ', if the force sensor is not turned: travel in one direction cannot distinguish the two. '
+        rest += 'The normals come from the path of the tip and need neither.'
     return (*lines, f'Coefficient of friction {coefficient:.3f} ± {std:.3f}{turn} (standard uncertainty){rest}')
 
 
@@ -110,6 +103,15 @@ def fit_sections(fits: Sequence[ShapeFit]) -> list[Section]:
 def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Sequence[Deviation]) -> Document:
     """The contour as data, without its points."""
     friction = ('coefficient', 'std', 'sensor_rotation', 'sensor_rotation_std')
+    fitted, deviating = [], []
+    for fit in fits:
+        found = {key: getattr(fit, key) for key in ('shape', 'outline', 'piece', 'values')}
+        residual = {'residual': {'rms': fit.rms, 'largest': fit.largest}, 'misfit': fit.misfit, 'fits': fit.fits}
+        fitted.append(found | residual)
+    for d in deviations:
+        at = {'std': d.std[d.largest], 'at': contour.surface[d.points[d.largest]]}
+        found = {'outline': d.outline, 'object': d.object, 'points': len(d.points), 'rms': d.rms, 'misfit': d.misfit}
+        deviating.append(found | {'largest': {'value': d.distance[d.largest], **at}})
     return {
         'schema': 'scara_kinetostatic/contour/1',
         'source': contour.source,
@@ -123,30 +125,8 @@ def contour_document(contour: Contour, fits: Sequence[ShapeFit], deviations: Seq
             for o in contour.outlines
         ],
         'left_out': {'no_sliding': contour.stuck, 'no_contact': contour.lost},
-        'fits': [
-            {
-                **{key: getattr(fit, key) for key in ('shape', 'outline', 'piece', 'values')},
-                'residual': {'rms': fit.rms, 'largest': fit.largest},
-                'misfit': fit.misfit,
-                'fits': fit.fits,
-            }
-            for fit in fits
-        ],
-        'deviations': [
-            {
-                'outline': d.outline,
-                'object': d.object,
-                'points': len(d.points),
-                'rms': d.rms,
-                'misfit': d.misfit,
-                'largest': {
-                    'value': d.distance[d.largest],
-                    'std': d.std[d.largest],
-                    'at': contour.surface[d.points[d.largest]],
-                },
-            }
-            for d in deviations
-        ],
+        'fits': fitted,
+        'deviations': deviating,
         'warnings': contour.warnings,
     }
 

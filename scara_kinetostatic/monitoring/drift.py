@@ -30,14 +30,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.touch import LATER, TouchSet
-from scara_kinetostatic.monitoring.hypotheses import (
-    Explanation,
-    Hypothesis,
-    change_title,
-    explanations,
-    hypotheses_of,
-    rivals,
-)
+from scara_kinetostatic.monitoring.hypotheses import Explanation, change_title, explanations, hypotheses_of, rivals
 from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, Information, Measured, State, as_rare, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.report.json_file import Document
@@ -135,6 +128,7 @@ class DriftMonitor:
         self.alarm: Alarm | None = None
         self._raised: int | None = None
         self._objects: frozenset[int] = frozenset()
+        self.hypotheses = hypotheses_of(self.state, ())  # of objects those that have been touched
         self._mean, self._covariance = np.zeros(size), self.state.covariance
         nothing = Information(np.zeros((size, size)), np.zeros(size))
         self._from_calibration = _Start(0, self._mean, self._covariance, nothing)
@@ -144,11 +138,6 @@ class DriftMonitor:
     def copy(self) -> DriftMonitor:
         """The monitor as it is now, such as before a touch that may be taken back."""
         return copy(self)
-
-    @property
-    def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """What may have changed: of objects those that have been touched."""
-        return hypotheses_of(self.state, sorted(self._objects))
 
     def measure(self, touches: TouchSet) -> Measured:
         """Touches as linear measurements; they come after all touches of the calibration.
@@ -171,7 +160,9 @@ class DriftMonitor:
 
     def add_measured(self, touch: Measured, disc: int, *, named: bool = True) -> Alarm | None:
         """The same for one linearised touch; `named`: whether the name of an alarm is worked out, which takes time."""
-        self._objects |= {disc}
+        if disc not in self._objects:
+            self._objects |= {disc}
+            self.hypotheses = hypotheses_of(self.state, sorted(self._objects))
         self.last_distance = float(np.sqrt(touch.chi_squares(self._covariance, self._mean)[0]))
         jacobian = touch.jacobian[0]
         expected = jacobian @ self._mean

@@ -18,18 +18,14 @@ from scara_kinetostatic.report.quantities import SCALES, scale_of, shown
 PENALTY = 4.0
 """Of each changed value, as Schwarz's criterion log n for about fifty measured numbers."""
 _PARTS = {
-    'base': ('x0', 'y0', 'theta1'),
-    'tool': ('theta2', 'l2'),
-    'gripper': ('p_ee', 'g_ee'),
-    'transmission[joint1]': ('p1', 'g1'),
-    'transmission[joint2]': ('p2', 'g2'),
+    'base': (('x0', 'y0', 'theta1'), 'the base of the arm moved'),
+    'tool': (('theta2', 'l2'), 'the tool moved or bent'),
+    'gripper': (('p_ee', 'g_ee'), 'compliance and backlash of the gripper changed'),
+    'transmission[joint1]': (('p1', 'g1'), 'compliance and backlash of joint 1 changed'),
+    'transmission[joint2]': (('p2', 'g2'), 'compliance and backlash of joint 2 changed'),
 }
 _TITLES = {
-    'base': 'the base of the arm moved',
-    'tool': 'the tool moved or bent',
-    'gripper': 'compliance and backlash of the gripper changed',
-    'transmission[joint1]': 'compliance and backlash of joint 1 changed',
-    'transmission[joint2]': 'compliance and backlash of joint 2 changed',
+    **{part: title for part, (_, title) in _PARTS.items()},
     'x0': 'the base moved along x',
     'y0': 'the base moved along y',
     'theta1': 'the zero of joint 1 changed, or the base turned',
@@ -86,7 +82,7 @@ def hypotheses_of(state: State, objects: Sequence[int] | None = None) -> tuple[H
     """
     base = state.cell.nominal.names
     named: dict[str, tuple[int, ...]] = {name: (k,) for k, name in enumerate(base)}
-    named |= {part: tuple(map(base.index, names)) for part, names in _PARTS.items()}
+    named |= {part: tuple(map(base.index, names)) for part, (names, _) in _PARTS.items()}
     touched = [disc for number, disc in enumerate(state.cell.discs) if objects is None or number in objects]
     shown_by = {'object': {disc.name for disc in touched}, 'plate': {disc.plate for disc in touched}}
     cell: dict[str, tuple[int, ...]] = {}

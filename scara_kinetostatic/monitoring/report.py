@@ -51,36 +51,31 @@ def _causes(causes: Causes) -> list[Block]:
 
 def comparison_document(changes: Sequence[Change]) -> Document:
     """All numbers; SI units."""
-    changed = [
-        {
-            'from': {'path': c.before.source, 'created': c.before.created},
-            'to': {'path': c.after.source, 'created': c.after.created},
-            'changed': c.has_changed,
-            **{key: getattr(c, key) for key in ('p_value', 'chi_square', 'degrees_of_freedom', 'notes')},
-            'parameters': {
-                p.name: {
-                    'from': _stated(c.before, p.name),
-                    'to': _stated(c.after, p.name),
-                    'joint_fit': {'from': p.before, 'to': p.after},
-                    **{key: getattr(p, key) for key in ('change', 'std', 'z', 'p_value', 'unit')},
-                }
-                for p in c.parameters
-            },
-            'tip_change': {'rms': c.tip, 'largest': c.largest_tip},
-            **causes_document(c.causes),
-            'effects': {'only_from': c.only_before, 'only_to': c.only_after, 'not_compared': c.not_compared},
-        }
-        for c in changes
-    ]
-    return {'schema': 'scara_kinetostatic/comparison/1', 'version': __version__, 'changes': changed}
+    return {'schema': 'scara_kinetostatic/comparison/1', 'version': __version__, 'changes': [*map(_change, changes)]}
+
+
+def _change(c: Change) -> Document:
+    parameters = {}
+    for p in c.parameters:
+        stated = {'from': _stated(c.before, p.name), 'to': _stated(c.after, p.name)}
+        change = {key: getattr(p, key) for key in ('change', 'std', 'z', 'p_value', 'unit')}
+        parameters[p.name] = {**stated, 'joint_fit': {'from': p.before, 'to': p.after}, **change}
+    return {
+        'from': {'path': c.before.source, 'created': c.before.created},
+        'to': {'path': c.after.source, 'created': c.after.created},
+        'changed': c.has_changed,
+        **{key: getattr(c, key) for key in ('p_value', 'chi_square', 'degrees_of_freedom', 'notes')},
+        'parameters': parameters,
+        'tip_change': {'rms': c.tip, 'largest': c.largest_tip},
+        **causes_document(c.causes),
+        'effects': {'only_from': c.only_before, 'only_to': c.only_after, 'not_compared': c.not_compared},
+    }
 
 
 def comparison_report(changes: Sequence[Change]) -> Report:
     """The changes between calibrations for the terminal and for `comparison.html`."""
-    common = (
-        'σ of the change: errors that both calibrations share, such as those of the discs’ places, are counted only as '
-        'far as they do not cancel. z: change in σ; p: of one value alone, two-sided.'
-    )
+    common = 'σ of the change: errors that both calibrations share, such as those of the discs’ places, are counted '
+    common += 'only as far as they do not cancel. z: change in σ; p: of one value alone, two-sided.'
     sections = []
     for change in changes:
         blocks: tuple[Block, ...] = (_answer(change), *_values(change), *_causes(change.causes), Note(common))
@@ -175,19 +170,17 @@ def verification_document(v: Verification) -> Document:
 
 def verification_report(v: Verification) -> Report:
     """A verification for the terminal and for `verification.html`."""
-    rows = (
-        ('touches', str(v.touches)),
-        ('tip error, rms', f'{micrometres(v.tip_error)} µm'),
-        ('expected from noise and uncertainty', f'{micrometres(v.expected)} µm'),
-        ('chi-square', f'{v.test.chi_square:.4g}, {v.test.freedoms} degrees of freedom'),
-        ('p-value', chance(v.p_value)),
-        *([('p-value without the outliers', chance(v.others.p_value))] if v.few_outlie else []),
-    )
-    summary = Table(('error of the tip: distance of the predicted tip from the surface', ''), ('', ''), rows)
-    caption = (
-        'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
-        'Red: outliers; a touch can be one by the direction of its force alone.'
-    )
+    rows = {
+        'touches': str(v.touches),
+        'tip error, rms': f'{micrometres(v.tip_error)} µm',
+        'expected from noise and uncertainty': f'{micrometres(v.expected)} µm',
+        'chi-square': f'{v.test.chi_square:.4g}, {v.test.freedoms} degrees of freedom',
+        'p-value': chance(v.p_value),
+    } | ({'p-value without the outliers': chance(v.others.p_value)} if v.few_outlie else {})
+    heading = 'error of the tip: distance of the predicted tip from the surface', ''
+    summary = Table(heading, ('', ''), tuple(rows.items()))
+    caption = 'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
+    caption += 'Red: outliers; a touch can be one by the direction of its force alone.'
     return Report(
         'Verification of a calibration',
         answer(v.assessment, v.tolerance, 'Confirmed'),
@@ -213,10 +206,8 @@ def _touch_picture(v: Verification) -> Markup:
 
 def history_report(trends: Sequence[Trend]) -> Report:
     """A history for the terminal and for `history.html`: of each robot the calibrations, and the trend."""
-    caption = (
-        'Value less that of the first calibration; bars: two total standard uncertainties, thick: by noise. '
-        'Errors of the cell that all share move all points alike. Red: changed since the one before (p < 0.01).'
-    )
+    caption = 'Value less that of the first calibration; bars: two total standard uncertainties, thick: by noise. '
+    caption += 'Errors of the cell that all share move all points alike. Red: changed since the one before (p < 0.01).'
     sections, doubtful = [], []
     for number, trend in enumerate(trends):
         changed = f'{count(len(trend.changed), "change")} beyond the uncertainty'

@@ -13,7 +13,7 @@ from studies.gauge_table import GAP, dump_readings, dump_record, record, some
 from scara_kinetostatic.studies.paper.study import simulate_experiments
 
 DIRECTIONS = np.radians([0, 60, 120]).tolist()
-TABLE = dump_readings(simulate_experiments(directions=DIRECTIONS, levels=(10.0, 20.0, 30.0), seed=2))
+TABLE = dump_readings(simulate_experiments(directions=DIRECTIONS, seed=2))
 ONE = 'force_N;displacement_um\n' + ''.join(
     f'{force};{37 * force + (60 if force > 0 else -60) + wobble}\n'
     for force, wobble in zip([10, 20, 30, 20, 10, -10, -20, -30, -20, -10] * 2, [1, 0, -2, 0, 2] * 4, strict=True)

@@ -1,4 +1,4 @@
-"""Fits give back the shape within their uncertainty; the files hold the contour to the letter."""
+"""Fits give back the shape within their uncertainty, files the contour to the letter; deviations from an object."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from contour.slides import CELL, DISC, arm
+from contour.slides import CELL, SQUARE, arm, slides, traced
 
-from scara_kinetostatic.contour.fits import fit_shape, of_all_points
-from scara_kinetostatic.contour.report import contour_report
+from scara_kinetostatic.contour.fits import deviations, fit_shape, of_all_points
+from scara_kinetostatic.contour.report import contour_document, contour_report
 from scara_kinetostatic.contour.result import COLUMNS, csv_text, dxf_text, svg_text
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
-from scara_kinetostatic.model.cell import Plane
+from scara_kinetostatic.model.cell import Disc, Plane
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.outline import Outline
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.simulation.slides import Slide, SlideTiming, polygon, simulate_slides
+from scara_kinetostatic.simulation.slides import SlideTiming, polygon
 
 
 @pytest.fixture(scope='module')
 def contour():
-    return trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, end=1.05)]), arm())
+    return traced((0, 1.05))
 
 
 def test_circle(contour):
@@ -47,20 +48,20 @@ def test_a_shape_that_does_not_fit_is_said(contour):
 
 
 def test_arc_and_line():
-    part = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, 1, 0.1, 0.4)]), arm())
-    fit = fit_shape(part, arm(), 'arc')
+    fit = fit_shape(traced((0.1, 0.4)), arm(), 'arc')
     assert abs(fit.value('radius').value - 0.06) < 4 * fit.value('radius').std
     assert fit.value('end').value - fit.value('begin').value == pytest.approx(0.3 * 2 * np.pi, abs=0.05)
     edge = polygon([[0.1, 0.35], [0.25, 0.3]], closed=False)
-    straight = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [Slide(edge, 15, 0.1, 0.05)]), arm())
+    straight = traced((0, 1), outline=edge)
     fit = fit_shape(straight, arm(), 'line')
     true = np.arctan2(-0.15, -0.05)
     assert abs(fit.value('normal_angle').value - true) < 4 * fit.value('normal_angle').std < 4e-4
     assert fit.value('length').value == pytest.approx(np.hypot(0.15, 0.05), abs=3e-3)
     offset = np.array([fit.value('x').value, fit.value('y').value]) - (0.1, 0.35)
     assert abs(offset @ (np.cos(true), np.sin(true))) < 4e-5
+    along = np.linspace(0, 0.1, len(straight))
     with pytest.raises(UnsupportedDataError, match='on no circle'):
-        fit_shape(_exact_line(straight), arm(), 'circle')
+        fit_shape(replace(straight, surface=np.column_stack([along, 0 * along])), arm(), 'circle')
 
 
 @pytest.mark.parametrize('variation_time', [0.5, 1e3])
@@ -69,7 +70,7 @@ def test_noise_that_does_not_change_along_the_slide_is_covered(variation_time):
     timing = SlideTiming(variation_time=variation_time)
     deviations = []
     for seed in range(5):
-        streams = simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, end=1.05)], timing=timing, seed=seed)
+        streams = slides((0, 1.05), timing=timing, seed=seed)
         fit = fit_shape(trace_contour(streams, exact), exact, 'circle')
         truth = (('center_x', 0.2), ('center_y', 0.3), ('radius', 0.06))
         deviations += [(fit.value(name).value - true) / fit.value(name).std for name, true in truth]
@@ -77,8 +78,7 @@ def test_noise_that_does_not_change_along_the_slide_is_covered(variation_time):
 
 
 def test_ends_of_an_arc_in_several_passes(contour):
-    slides = [Slide(DISC, 15, 0.1, 0.05, begin=a, end=b) for a, b in ((0.05, 0.85), (0.85, 0.05), (0.5, 0.85))]
-    fit = fit_shape(trace_contour(simulate_slides(CELL, PAPER_ACTUAL, slides), arm()), arm(), 'arc')
+    fit = fit_shape(traced((0.05, 0.85), (0.85, 0.05), (0.5, 0.85)), arm(), 'arc')
     begin, end = fit.value('begin').value, fit.value('end').value
     assert (begin, end) == pytest.approx((0.05 * 2 * np.pi, 0.85 * 2 * np.pi), abs=0.03)
     whole = fit_shape(contour, arm(), 'arc')
@@ -93,28 +93,18 @@ def test_what_the_slide_or_nothing_decides_has_no_uncertainty(contour):
     assert np.isfinite(fit.value('radius').std)
 
 
-def _exact_line(contour):
-    along = np.linspace(0, 0.1, len(contour))
-    return replace(contour, surface=np.column_stack([along, 0 * along]))
-
-
 def test_csv(contour):
-    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ()), Plane()))))
-    assert tuple(rows[0]) == COLUMNS
-    assert len(rows) == len(contour)
-    values = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
-    np.testing.assert_allclose(values[:, 1:3], contour.surface, atol=1e-9)
-    np.testing.assert_allclose(values[:, 5], contour.std_normal, rtol=1e-3)
-    np.testing.assert_allclose(values[:, 6], np.hypot(*contour.force.T), atol=1e-4)
-    assert np.all(np.diff(values[:, 0]) > 0)
-
-
-def test_csv_in_the_frame_of_a_robot(contour):
     plane = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ()), plane))))
-    names = ('robot_x_m', 'robot_y_m', 'robot_z_m')
-    assert tuple(rows[0]) == (*COLUMNS, *names)
-    found = [[float(row[name]) for name in names] for row in rows]
+    for frame, more in ((Plane(), ()), (plane, ('robot_x_m', 'robot_y_m', 'robot_z_m'))):
+        rows = list(csv.DictReader(io.StringIO(csv_text(contour, of_all_points(contour, ()), frame))))
+        assert tuple(rows[0]) == (*COLUMNS, *more)
+        assert len(rows) == len(contour)
+        values = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+        np.testing.assert_allclose(np.column_stack([values['x_m'], values['y_m']]), contour.surface, atol=1e-9)
+        np.testing.assert_allclose(values['std_normal_m'], contour.std_normal, rtol=1e-3)
+        np.testing.assert_allclose(values['force_N'], np.hypot(*contour.force.T), atol=1e-4)
+        assert np.all(np.diff(values['time_s']) > 0)
+    found = np.column_stack([values[name] for name in more])
     np.testing.assert_allclose(found, plane.in_robot(contour.surface), rtol=0, atol=1e-9)
 
 
@@ -134,3 +124,58 @@ def test_drawings_are_closed_and_in_millimetres(contour):
     numbers = [float(word) for word in path.attrib['d'].replace('M', ' ').replace('L', ' ').replace('Z', ' ').split()]
     drawn = np.array(numbers).reshape(-1, 2)
     assert np.ptp(drawn, axis=0) == pytest.approx([120.0, 120.0], abs=0.1)
+
+
+BLOCK = Outline('block', ((0.10, 0.30), (0.20, 0.30), (0.20, 0.40), (0.10, 0.40)), 0.01)
+WITH_BLOCK = replace(CELL, discs=(Disc('far', -0.25, 0.30, 0.15), BLOCK))
+
+
+def test_a_side_that_stands_50_um_elsewhere():
+    square = polygon([[0.10, 0.30], [0.20005, 0.30], [0.20005, 0.40], [0.10, 0.40]], 0.01)
+    contour = traced((0, 1.03), outline=square, speed=0.03)
+    (found,) = deviations(contour, WITH_BLOCK)
+    assert (found.outline, found.object, len(found.points)) == (0, 'block', len(contour))
+    x, y = contour.surface[found.points].T
+    moved = (x > 0.199) & (np.abs(y - 0.35) < 0.039)
+    kept = (x < 0.189) & ((np.abs(y - 0.35) > 0.049) | (x < 0.101))
+    for side, true in ((moved, 5e-5), (kept, 0.0)):
+        assert side.sum() > 100
+        assert np.mean(np.abs(found.distance[side] - true) < 1.96 * found.std[side]) > 0.9
+    k = found.largest
+    assert contour.surface[found.points[k], 0] > 0.19
+    assert 5e-5 - 2 * found.std[k] < found.distance[k] < 5e-5 + 4 * found.std[k]
+    assert found.rms == pytest.approx(2.6e-5, abs=5e-6)
+    assert found.misfit > 3
+    text = as_text(contour_report(contour, [], [found], ''))
+    assert 'Outline 1 lies along block of the cell description: at most' in text and 'outside of it' in text
+    (stored,) = contour_document(contour, [], [found])['deviations']
+    assert stored['largest']['value'] == found.distance[k] and stored['object'] == 'block'
+
+
+def test_a_disc_and_another_tip():
+    contour = traced((0, 0.4), speed=0.03)
+    for tip, radius in ((0.005, 0.065), (0.004, 0.064)):  # the radius of a disc contains that of the tip
+        cell = replace(CELL, tip_radius=tip, discs=(Disc('left', -0.25, 0.30, 0.15), Disc('disc', 0.2, 0.3, radius)))
+        (found,) = deviations(contour, cell)
+        assert found.object == 'disc'
+        assert np.mean(np.abs(found.distance) < 1.96 * found.std) > 0.9
+        assert 0.5 < found.misfit < 1.3
+    smaller = replace(CELL, discs=(Disc('disc', 0.2, 0.3, 0.0649),))
+    assert np.median(deviations(contour, smaller)[0].distance) == pytest.approx(1e-4, abs=1e-5)
+
+
+def test_what_is_not_an_object_of_the_cell_is_not_compared():
+    contour = traced((0, 0.3), outline=SQUARE, speed=0.03)
+    elsewhere = replace(CELL, discs=(BLOCK.moved((0.02, 0.02)),))
+    assert deviations(contour, elsewhere) == ()
+    assert np.isnan(of_all_points(contour, ())).all()
+
+
+def test_beyond_an_open_end_nothing_is_compared():
+    contour = traced((0, 1), outline=polygon([[0.10, 0.30], [0.20, 0.30]], closed=False), speed=0.03)
+    edge = Outline('edge', ((0.10, 0.30), (0.18, 0.30)), is_open=True)
+    (found,) = deviations(contour, replace(CELL, discs=(edge,)))
+    assert 0.17 < contour.surface[found.points, 0].max() < 0.1801
+    assert np.abs(found.distance).max() < 4 * found.std.max()
+    deviation = of_all_points(contour, [found])
+    assert np.isnan(deviation).sum() == len(contour) - len(found.points) > 0

@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contour.slides import CELL, DISC, SQUARE, arm
+from contour.slides import SQUARE, arm, traced
 
 from scara_kinetostatic.contour.fits import divided, fit_pieces, fit_shape
 from scara_kinetostatic.contour.report import fit_sections
 from scara_kinetostatic.contour.result import Outline
-from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.slides import Slide, polygon, simulate_slides
-
-
-def traced(outline, **more):
-    slide = Slide(outline, 15, 0.1, **{'speed': 0.03, 'end': 1.03, **more})
-    return trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [slide]), arm())
+from scara_kinetostatic.simulation.slides import polygon
 
 
 @pytest.fixture(scope='module')
 def square():
-    return traced(SQUARE)
+    return traced((0, 1.03), outline=SQUARE, speed=0.03)
 
 
 def test_a_rounded_square(square):
@@ -58,18 +51,19 @@ def test_points_belong_to_one_piece_at_most(square):
 
 
 def test_one_shape_alone():
-    disc = traced(DISC)
+    disc = traced((0, 1.03), speed=0.03)
     (fit,) = fit_pieces(disc, arm())
     assert fit.shape == 'circle'
     assert fit.value('radius').value == pytest.approx(fit_shape(disc, arm(), 'circle').value('radius').value, abs=1e-6)
-    (edge,) = fit_pieces(traced(polygon([[0.1, 0.35], [0.25, 0.3]], closed=False), end=1.0), arm())
+    line = polygon([[0.1, 0.35], [0.25, 0.3]], closed=False)
+    (edge,) = fit_pieces(traced((0, 1), outline=line, speed=0.03), arm())
     assert edge.shape == 'line'
     assert edge.value('length').value == pytest.approx(np.hypot(0.15, 0.05), abs=2e-3)
 
 
 def test_sharp_edges():
     corner = polygon([[0.10, 0.30], [0.20, 0.30], [0.20, 0.40]], closed=False)
-    lines = fit_pieces(traced(corner, end=1.0), arm())
+    lines = fit_pieces(traced((0, 1), outline=corner, speed=0.03), arm())
     assert [fit.shape for fit in lines] == ['line', 'line']
     normals = [(np.cos(a), np.sin(a)) for a in (fit.value('normal_angle').value for fit in lines)]
     offsets = [np.dot(n, [fit.value('x').value, fit.value('y').value]) for n, fit in zip(normals, lines, strict=True)]
@@ -100,9 +94,8 @@ def test_the_division_is_that_of_least_cost():
 
 
 def test_what_there_is_not(square):
-    with pytest.raises(ParameterError, match='expected 0 to 0, got 3'):
-        fit_pieces(square, arm(), 3)
-    with pytest.raises(ParameterError, match='expected 0 to 0, got -1'):
-        fit_shape(square, arm(), 'circle', -1)
+    for number in (3, -1):
+        with pytest.raises(ParameterError, match=f'expected 0 to 0, got {number}'):
+            fit_pieces(square, arm(), number)
     with pytest.raises(ParameterError, match='expected circle, arc, line'):
         fit_shape(square, arm(), 'square')

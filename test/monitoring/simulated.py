@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -23,29 +24,22 @@ DECLARED = replace(
 TRUTH = PAPER_ACTUAL
 
 
+def moved(**changes: float) -> Parameters:
+    """The robot with other values."""
+    return TRUTH.replace(**{name: getattr(TRUTH, name) + change for name, change in changes.items()})
+
+
 def touches_of(
-    cell: Cell,
-    seed: int,
-    truth: Parameters = TRUTH,
-    effects: tuple[str, ...] = (),
-    world: int | None = 0,
-    count: int = 12,
+    cell: Cell, seed: int, truth: Any = TRUTH, effects: tuple[str, ...] = (), world: int | None = 0, count: int = 12
 ) -> TouchSet:
     """Touches in a random order, in the world whose errors have the seed `world`."""
     made = simulate(cell, truth, seed=seed, drawn=world, effects=effects, per_disc=count)
     return made.select(np.random.default_rng(seed).permutation(len(made)))
 
 
-def record_of(
-    cell: Cell,
-    seed: int,
-    truth: Parameters = TRUTH,
-    effects: tuple[str, ...] = (),
-    world: int | None = 0,
-    count: int = 12,
-) -> CalibrationRecord:
+def record_of(cell: Cell, *which: Any, **more: Any) -> CalibrationRecord:
     """The calibration by such touches."""
-    return as_record(calibrate(touches_of(cell, seed, truth, effects, world, count), cell))
+    return as_record(calibrate(touches_of(cell, *which, **more), cell))
 
 
 def std_of(record: CalibrationRecord, name: str) -> float:

@@ -1,17 +1,25 @@
-"""Touches as linear measurements: derivatives, the algebra of evidence, objects that are known or new."""
+"""Touches as linear measurements: derivatives, the algebra of evidence, objects known or new; what may have changed."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from monitoring.simulated import CELL, DECLARED, record_of, std_of, touches_of
+from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, std_of, touches_of
 
+from benchmark.common import record_of as as_record
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.effects.registry import find
+from scara_kinetostatic.model.cell import Plate
+from scara_kinetostatic.monitoring.comparison import compare
+from scara_kinetostatic.monitoring.hypotheses import Explanation, change_title, hypotheses_of
 from scara_kinetostatic.monitoring.linear import Evidence, Information, State, measure
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.verification import verify
+from scara_kinetostatic.touches.detection import Detection
 
 
-def test_the_residual_is_that_of_a_change() -> None:
-    record = record_of(DECLARED, 0)
+def test_the_residual_is_that_of_a_change(record: CalibrationRecord) -> None:
     state, touches = State.of(record), touches_of(DECLARED, 1)
     measured = measure(touches, record, state)
     for name, size in (('theta2', 1e-5), ('p1', 1e-6), ('object_position[disc_1].x', 1e-5), ('force_gain', 1e-3)):
@@ -44,8 +52,7 @@ def test_evidence_is_that_of_the_joint_distribution() -> None:
     np.testing.assert_allclose(std**2, np.diag(np.linalg.inv(block)))
 
 
-def test_an_object_described_otherwise_is_a_new_one() -> None:
-    record = record_of(DECLARED, 0)
+def test_an_object_described_otherwise_is_a_new_one(record: CalibrationRecord) -> None:
     name = 'object_position[disc_2].x'
     same = State.of(record)
     moved = DECLARED.discs[1]._replace(x=0.21)
@@ -56,3 +63,56 @@ def test_an_object_described_otherwise_is_a_new_one() -> None:
     assert same.covariance[same.place(name), 0] != 0 == other.covariance[other.place(name), 0]
     exact = State.of(record_of(CELL, 0, world=None))
     assert not exact.covariance[12:].any()
+
+
+PLATED = replace(
+    DECLARED,
+    discs=(DECLARED.discs[0]._replace(plate='a'), *DECLARED.discs[1:]),
+    plates=(Plate('a', -0.25, 0.3, 1e-3, 2e-3),),
+)
+
+
+def with_effects(seed: int, labels: tuple[str, ...], given: tuple[str, ...]) -> CalibrationRecord:
+    touches = touches_of(DECLARED, seed, effects=given)
+    return as_record(calibrate(touches, DECLARED, [find(DECLARED, label) for label in labels]))
+
+
+def test_names_and_units() -> None:
+    record = as_record(calibrate(touches_of(PLATED, 0), PLATED))
+    state = State.of(record)
+    everything = {h.name: h for h in hypotheses_of(state)}
+    assert everything['base'].units == ('m', 'm', 'rad') and everything['p1'].units == ('rad/Nm',)
+    assert everything['object_position[disc_3]'].units == ('m', 'm')
+    assert everything['plate_position[a]'].units == ('m', 'm') and everything['plate_angle[a]'].units == ('rad',)
+    assert everything['force_gain'].units == ('1',)
+    assert everything['tool'].values == ('theta2', 'l2') and everything['object_position[disc_3]'].values == ('x', 'y')
+    tool = Explanation(everything['tool'], 1.0, (1e-4, 2e-5), (1e-5, 1e-6))
+    assert tool.text == 'theta2 0.100 ± 0.010 mrad, l2 0.0200 ± 0.0010 mm'
+    touched = {h.name for h in hypotheses_of(state, [1])}
+    gone = {f'object_{what}[disc_{k}]' for what in ('position', 'radius') for k in (1, 3)}
+    assert everything.keys() - touched == gone | {'plate_position[a]', 'plate_angle[a]'}
+    assert change_title('object_position[disc_2]') == 'disc_2 moved'
+    assert change_title('encoder_gain[joint1]') == 'the encoder gain of joint1 changed'
+
+
+def test_models_with_effects() -> None:
+    given = ('object_radius[disc_2]:radius=6e-5', 'encoder_gain[joint1]:gain=1e-3')
+    labels = ('object_radius[disc_2]', 'encoder_gain[joint1]')
+    one, other = with_effects(0, labels, given), with_effects(1, labels, given)
+    state = State.of(one)
+    found = {h.name: h for h in hypotheses_of(state)}
+    assert found['encoder_gain[joint1]'].units == ('1',)
+    assert [state.names[k] for k in found['object_radius[disc_2]'].places] == ['object_radius[disc_2]']
+    change = compare(one, other)
+    assert change.p_value > 1e-3 and change.degrees_of_freedom == 14
+    touches = touches_of(DECLARED, 2, effects=given)
+    assert verify(Detection.of(touches), one).p_value > 1e-3
+    less = compare(with_effects(3, labels[:1], given[:1]), other)
+    assert less.only_after == ('encoder_gain[joint1]',)
+    assert less.p_value < 1e-6 and less.causes.ranking[0].name == 'encoder_gain[joint1]'
+    truth = TRUTH.replace(l2=TRUTH.l2 + 1e-4)
+    moved = as_record(
+        calibrate(touches_of(DECLARED, 4, truth, given), DECLARED, [find(DECLARED, label) for label in labels])
+    )
+    assert compare(one, moved).causes.ranking[0].name == 'l2'
+    assert np.isfinite(compare(one, moved).tip)

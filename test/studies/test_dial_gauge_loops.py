@@ -10,16 +10,12 @@ from studies.gauge_table import COMPLIANCE, GAP, SLIP, UNLOADING, dump_record, r
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.columns import parse_table
-from scara_kinetostatic.studies.loops.dial_gauge import LoopAnalysis, analyse_loops, analyse_tables
+from scara_kinetostatic.studies.loops.dial_gauge import analyse_loops, analyse_tables
 from scara_kinetostatic.studies.loops.record import GaugeTable, Record, table_readings
 
 
-def analysis(**more: object) -> LoopAnalysis:
-    return analyse_loops(record(**more))
-
-
 def test_gap_and_slope_come_back_at_every_reversal():
-    found = analysis()
+    found = analyse_loops(record())
     assert sum(len(sense.reversals) for sense in found.senses) >= 12
     assert {sense.name: sense.sense for sense in found.senses} == {'rising': 1, 'falling': -1}
     for sense in found.senses:
@@ -37,7 +33,7 @@ def test_gap_and_slope_come_back_at_every_reversal():
 def test_errors_agree_with_the_stated_standard_deviations():
     z, p = [], []
     for seed in range(6):
-        for each in analysis(seed=seed, noise=(1e-5, 2.0)).senses:
+        for each in analyse_loops(record(seed=seed, noise=(1e-5, 2.0))).senses:
             z += [(r.gap.value - GAP) / r.gap.std for r in each.reversals]
             z += [(r.compliance.value - COMPLIANCE) / r.compliance.std for r in each.reversals]
             p.append(each.gap.p_value)
@@ -46,7 +42,7 @@ def test_errors_agree_with_the_stated_standard_deviations():
 
 
 def test_zero_of_the_force_sensor_does_not_matter():
-    for sense in analysis(offset=-400.0).senses:
+    for sense in analyse_loops(record(offset=-400.0)).senses:
         assert sense.gap_force == pytest.approx(-400, abs=30)
         assert sense.gap.value == pytest.approx(GAP, abs=5e-6)
 
@@ -73,19 +69,17 @@ def test_a_reversal_without_slip_before_it_is_left_out_with_its_reason():
 
 
 def test_records_that_are_no_loops_are_refused():
-    with pytest.raises(UnsupportedDataError, match='readings: no two reversals'):
-        analyse_loops(Record('readings', np.arange(50.0), np.arange(50.0), np.arange(50.0), 'N'))
+    given, steps = record(), np.arange(50.0)
     text = 'time_s,force_N,displacement_mm\n0,1,1\n1,2,2\n1,3,3\n'
     with pytest.raises(UnsupportedDataError, match=r'a\.csv: the time does not rise'):
         table_readings(parse_table(text, 'a.csv', ''))
-
-
-def test_records_that_are_too_coarse_or_too_short_are_refused():
-    given = record()
-    with pytest.raises(UnsupportedDataError, match='no two reversals of a sense have a gap'):
-        analyse_loops(some(given, slice(None, None, 40)))
-    with pytest.raises(UnsupportedDataError, match='too few reversals of its sense'):
-        analyse_loops(some(given, (given.time > 4.4) & (given.time < 7.6)))
+    for bad, message in (
+        (Record('readings', steps, steps, steps, 'N'), 'readings: no two reversals'),
+        (some(given, slice(None, None, 40)), 'no two reversals of a sense have a gap'),
+        (some(given, (given.time > 4.4) & (given.time < 7.6)), 'too few reversals of its sense'),
+    ):
+        with pytest.raises(UnsupportedDataError, match=message):
+            analyse_loops(bad)
 
 
 def test_tables_are_told_apart_by_their_columns():

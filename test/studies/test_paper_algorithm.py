@@ -53,19 +53,14 @@ def test_three_levels_without_noise_give_all_twelve():
     assert result.paper.rank == 12
 
 
-def test_the_null_direction_is_that_of_one_force():
-    linear = linearise_at_truth(ONE_LEVEL)
-    assert linear.rank == 11
+def test_one_force_hides_one_direction_and_weighting_never_loses():
+    linear, three = linearise_at_truth(ONE_LEVEL), linearise_at_truth(THREE_LEVELS)
+    assert (linear.rank, three.rank) == (11, 12)
     unidentifiable = linear.unidentifiable[:, 0] / linear.unidentifiable[P_EE, 0]
     np.testing.assert_allclose(unidentifiable[G_EE] * 1e-3 / 1e-4, 40.0, rtol=1e-6)
     np.testing.assert_allclose(unidentifiable[OTHERS], 0.0, atol=1e-8)
-    assert linearise_at_truth(THREE_LEVELS).rank == 12
-
-
-def test_weighting_never_loses():
-    linear = linearise_at_truth(THREE_LEVELS)
-    difference = linear.unweighted_covariance(NOISE) - linear.weighted_covariance(NOISE)
-    scale = np.sqrt(np.diag(linear.unweighted_covariance(NOISE)))
+    difference = three.unweighted_covariance(NOISE) - three.weighted_covariance(NOISE)
+    scale = np.sqrt(np.diag(three.unweighted_covariance(NOISE)))
     assert np.linalg.eigvalsh(difference / np.outer(scale, scale)).min() > -1e-9
 
 
@@ -92,9 +87,8 @@ def test_tool_frame_is_not_the_papers_business():
 
 
 def test_a_gripper_softer_across_link_2_hides_in_p2_and_turned_axes_do_not():
-    parts = {
-        part.part: part for part in observable_parts(touches(PAPER_ACTUAL, noise=EXACT), CELL, PAPER_ACTUAL, NOISE)
-    }
+    found = observable_parts(touches(PAPER_ACTUAL, noise=EXACT), CELL, PAPER_ACTUAL, NOISE)
+    parts = {part.part: part for part in found}
     alias = parts['p22 - p11']
     assert alias.explained_by_base_model == pytest.approx(1.0, abs=1e-12)
     assert np.isinf(alias.std)

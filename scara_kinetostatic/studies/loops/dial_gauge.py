@@ -122,8 +122,8 @@ class LeastSquares(NamedTuple):
         return Estimate(float(row @ self.beta), self.sigma * float(np.sqrt(row @ self.unscaled @ row)), unit)
 
 
-def least_squares(design: Floats, values: Floats) -> LeastSquares:
-    """Least squares of values y, (n,), with a design X, (n, k).
+def least_squares(design: Floats, values: Floats, where: str = 'readings') -> LeastSquares:
+    """Least squares of values y, (n,), with a design X, (n, k); `where` is for messages.
 
     Raises:
         UnsupportedDataError: linearly dependent columns.
@@ -131,7 +131,8 @@ def least_squares(design: Floats, values: Floats) -> LeastSquares:
     scale, dof = np.linalg.norm(design, axis=0), len(values) - design.shape[1]
     basis, triangle = np.linalg.qr(design / scale)
     if np.abs(np.diag(triangle)).min() < 1e-8:
-        raise UnsupportedDataError('one sense of the load has a single level', 'take two or more loads in each sense')
+        problem = f'{where}: one sense of the load has a single level'
+        raise UnsupportedDataError(problem, 'take two or more loads in each sense')
     inverse, along = np.linalg.inv(triangle) / scale[:, None], basis.T @ values
     residual = values - basis @ along
     floor = 1e-9 * float(np.abs(values).max())  # below it residuals are rounding errors of the arithmetic
@@ -492,21 +493,22 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
         zero_band: share of the largest load up to which a load counts as none.
 
     Raises:
-        UnsupportedDataError: loads in one sense only, too few rows, or one load only.
+        UnsupportedDataError: loads in one sense only, too few rows, or one load only; the run is named.
     """
     passes, cycle, sense = find_passes(readings, zero_band)
     used, count = passes >= 0, len(sense)
     complete = [number for number in np.unique(cycle) if np.count_nonzero(cycle == number) == 2]
+    where = f'{readings.source}: {readings.name}'
     if not complete:
         lacking = 'there is no reversal of the load' if count else 'there is no load'
-        raise UnsupportedDataError(lacking, 'load and unload in both senses, in the same cycle')
+        raise UnsupportedDataError(f'{where}: {lacking}', 'load and unload in both senses, in the same cycle')
     force, displacement, passes = readings.force[used], readings.displacement[used], passes[used]
     positive = sense[passes] > 0
     design = np.column_stack([passes[:, None] == np.arange(count), force * ~positive, force * positive])
     if len(force) <= count + 2:
-        problem = f'{len(force)} rows under load are too few, this run needs {count + 3} or more'
+        problem = f'{where}: {len(force)} rows under load are too few, this run needs {count + 3} or more'
         raise UnsupportedDataError(problem, 'take more loads in each sense')
-    solution, resolution = least_squares(design, displacement), find_resolution(readings.displacement)
+    solution, resolution = least_squares(design, displacement, where), find_resolution(readings.displacement)
     sigma = max(solution.sigma, resolution / np.sqrt(12))
     if solution.sigma < 0.38 * resolution:
         least = sigma * float(np.sqrt(len(force) / len(np.unique(np.abs(force)))))
@@ -521,16 +523,15 @@ def fit_run(readings: Readings, zero_band: float = ZERO_BAND) -> RunFit:
     off = (values - np.average(values, weights=1 / std**2)) / std
     gap_check = _repeatability('gap_repeatability', 'm', off, std, len(gaps) - 1, solution.dof)
     slope_check = _slope_repeatability(solution, force, displacement, passes, sense)
-    found = (
-        _student('slope_difference', solution.of(unit[-1] - unit[-2], 'm/N'), solution.dof),
-        *_shape_checks(solution, force, passes),
-        _zero_drift(solution, gaps),
-        gap_check,
-        slope_check,
-    )
+    found = [_student('slope_difference', solution.of(unit[-1] - unit[-2], 'm/N'), solution.dof)]
+    found += _shape_checks(solution, force, passes)
+    if len(gaps) > 1:  # of the mean of both lines, with the number of the cycle
+        order = np.arange(len(gaps)) - (len(gaps) - 1) / 2
+        drift = order @ np.abs(gaps) / 2 / (order @ order)
+        found.append(_student('zero_drift', solution.of(drift, 'm'), solution.dof))
     residual, row_p = np.full(len(used), np.nan), np.ones(len(used))
     residual[used], row_p[used] = solution.residual, _row_p_values(solution)
-    checks = tuple(check for check in found if check)
+    checks = (*found, *filter(None, (gap_check, slope_check)))
     compliance = solution.of(weight @ unit[-2:] / weight.sum(), 'm/N').plus(0.0, _between(slope_check, count))
     gap = solution.of(gaps.mean(axis=0), 'm').plus(0.0, _between(gap_check, len(gaps)))
     lines = np.stack([sense, solution.beta[:count], np.where(sense > 0, slopes[1].value, slopes[0].value)], axis=1)
@@ -547,14 +548,6 @@ def _between(repeatability: Check | None, count: int) -> float:
 
 def _student(name: str, estimate: Estimate, dof: int) -> Check:
     return Check(name, *estimate, 2 * float(stats.t.sf(abs(estimate.value) / estimate.std, dof)))
-
-
-def _zero_drift(solution: LeastSquares, gaps: Floats) -> Check | None:
-    """Drift of the mean of both lines with the number of the cycle."""
-    if len(gaps) < 2:
-        return None
-    order = np.arange(len(gaps)) - (len(gaps) - 1) / 2
-    return _student('zero_drift', solution.of(order @ np.abs(gaps) / 2 / (order @ order), 'm'), solution.dof)
 
 
 def _shape_checks(solution: LeastSquares, force: Floats, passes: Indices) -> Iterator[Check]:
@@ -630,16 +623,9 @@ class Run(NamedTuple):
     fit: RunFit
     compliance: Estimate
     gap: Estimate
-    failed_checks: tuple[Check, ...] = ()
-    outliers: tuple[int, ...] = ()
-    note: str = ''
-
-    def of_part(self, compliance: Estimate, gap: Estimate) -> Run:
-        """The run with compliance and gap of the part, from those at the gauge."""
-        if self.readings.part == GRIPPER:
-            return self._replace(compliance=compliance, gap=gap)
-        arm = self.readings.lever
-        return self._replace(compliance=compliance.over(arm**2, 'rad/Nm'), gap=gap.over(arm, 'rad'))
+    failed_checks: tuple[Check, ...]
+    outliers: tuple[int, ...]
+    note: str
 
 
 class Ellipse(NamedTuple):
@@ -745,16 +731,10 @@ def analyse_tables(tables: Sequence[GaugeTable], zero_band: float = ZERO_BAND) -
 
 def analyse_runs(readings: Sequence[Readings], zero_band: float = ZERO_BAND) -> tuple[dict[str, Part], list[str]]:
     """Every part in the runs, by name, and the warnings; see `analyse_tables`."""
-    runs = [_fit(each, zero_band) for each in readings]
-    level = LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
-    grippers = [run for run in runs if run.readings.part == GRIPPER]
-    runs = [
-        _without_gripper(run, grippers)._replace(
-            failed_checks=tuple(check for check in run.fit.checks if check.p_value < level),
-            outliers=tuple(np.flatnonzero(run.fit.row_p < level / run.fit.used.sum()).tolist()),
-        )
-        for run in runs
-    ]
+    fits = [(each, fit_run(each, zero_band)) for each in readings]
+    level = LEVEL / sum(len(fit.checks) + 2 for _, fit in fits)
+    grippers = [(each, fit) for each, fit in fits if each.part == GRIPPER]
+    runs = [_run(each, fit, grippers, level) for each, fit in fits]
     by_part = {name: tuple(run for run in runs if run.readings.part == name) for name in PARTS}
     parts = {name: _combine(name, own) for name, own in by_part.items() if own}
     warnings = [text for run in runs for text in _run_warnings(run)]
@@ -768,40 +748,39 @@ def _inconsistencies(where: str, combined: dict[str, CombinedEstimate], level: f
     return [f'{where} are inconsistent in {what} (p = {p_value:.2g})' for what, p_value in doubtful.items()]
 
 
-def _fit(readings: Readings, zero_band: float) -> Run:
-    try:
-        fit = fit_run(readings, zero_band)
-    except UnsupportedDataError as error:
-        raise UnsupportedDataError(f'{readings.source}: {readings.name}: {error.problem}', error.remedy) from error
-    return Run(readings, fit, fit.compliance, fit.gap).of_part(fit.compliance, fit.gap)
+def _run(readings: Readings, fit: RunFit, grippers: Sequence[tuple[Readings, RunFit]], level: float) -> Run:
+    """What a run says of its part; checks fail below a level.
 
-
-def _without_gripper(run: Run, grippers: Sequence[Run]) -> Run:
-    """A joint's run less the gripper's contribution, if the gauge was at the tip; directions within 0.5° are equal."""
-    readings = run.readings
-    if readings.part == GRIPPER or readings.gauge_at != TIP:
-        return run
-    turns = [(each.readings.direction - readings.direction + np.pi / 2) % np.pi - np.pi / 2 for each in grippers]
-    there = [each.fit for each, turn in zip(grippers, turns, strict=True) if abs(turn) < np.radians(0.5)]
-    if not there:
-        return run._replace(note='the gauge was at the tip: compliance and gap include those of the gripper')
-    compliance, gap = mean([each.compliance for each in there]), mean([each.gap for each in there])
-    own = run.fit.compliance.plus(-compliance.value, compliance.std), run.fit.gap.plus(-gap.value, gap.std)
-    return run.of_part(*own)._replace(note='the gripper along this direction was subtracted')
+    A joint's run is without the gripper's contribution where the gauge was at the tip and the gripper was measured
+    along the same direction, within 0.5°.
+    """
+    compliance, gap, note = fit.compliance, fit.gap, ''
+    if readings.part != GRIPPER and readings.gauge_at == TIP:
+        turns = [(each.direction - readings.direction + np.pi / 2) % np.pi - np.pi / 2 for each, _ in grippers]
+        there = [own for (_, own), turn in zip(grippers, turns, strict=True) if abs(turn) < np.radians(0.5)]
+        note = 'the gauge was at the tip: compliance and gap include those of the gripper'
+        if there:
+            one, other = mean([own.compliance for own in there]), mean([own.gap for own in there])
+            compliance, gap = compliance.plus(-one.value, one.std), gap.plus(-other.value, other.std)
+            note = 'the gripper along this direction was subtracted'
+    if readings.part != GRIPPER:
+        compliance, gap = compliance.over(readings.lever**2, 'rad/Nm'), gap.over(readings.lever, 'rad')
+    failed = tuple(check for check in fit.checks if check.p_value < level)
+    outliers = tuple(np.flatnonzero(fit.row_p < level / fit.used.sum()).tolist())
+    return Run(readings, fit, compliance, gap, failed, outliers, note)
 
 
 def _combine(name: str, runs: tuple[Run, ...]) -> Part:
     """A part from its runs: over the directions the mean, otherwise the weighted mean."""
-    estimates = {'compliance': [run.compliance for run in runs], 'gap': [run.gap for run in runs]}
-    dof = np.array([run.fit.degrees_of_freedom for run in runs], dtype=float)
     if len(runs) == 1:
         return Part(name, runs, runs[0].compliance, runs[0].gap, {}, {})
+    compliances, gaps = [run.compliance for run in runs], [run.gap for run in runs]
+    dof = np.array([run.fit.degrees_of_freedom for run in runs], dtype=float)
     direction = np.array([run.readings.direction for run in runs])
     if name == GRIPPER and np.all(np.isfinite(direction)) and len(np.unique(direction)) > 1:
-        powers = zip(estimates.items(), (1, 2), strict=True)
-        maps = {what: direction_map(direction, several, dof, power) for (what, several), power in powers}
-        return Part(name, runs, maps['compliance'].mean, maps['gap'].mean, maps, {})
-    combined = {what: combine_estimates(several, dof) for what, several in estimates.items()}
+        one, other = direction_map(direction, compliances, dof, 1), direction_map(direction, gaps, dof, 2)
+        return Part(name, runs, one.mean, other.mean, {'compliance': one, 'gap': other}, {})
+    combined = {'compliance': combine_estimates(compliances, dof), 'gap': combine_estimates(gaps, dof)}
     return Part(name, runs, combined['compliance'].estimate, combined['gap'].estimate, {}, combined)
 
 

@@ -124,13 +124,11 @@ def reported(values: Values, zero: float) -> dict[str, float]:
         return dict(values)
     stiffness = values['stiffness']
     found = {'compliance': 1 / stiffness if stiffness > 0 else np.nan}
-    for name, value in values.items():
-        if name == 'limit':  # what makes the limits of the force differ is its zero
-            return {**found, 'slip_positive': stiffness * value + zero, 'slip_negative': stiffness * value - zero}
-        if name.startswith('limit_'):
-            found[name.replace('limit', 'slip')] = stiffness * value
-        elif name != 'stiffness':
-            found[name] = value
+    if 'limit' in values:  # what makes the limits of the force differ is its zero
+        force = stiffness * values['limit']
+        return {**found, 'slip_positive': force + zero, 'slip_negative': force - zero}
+    for name, value in list(values.items())[1:]:
+        found[name.replace('limit', 'slip')] = stiffness * value if name.startswith('limit_') else value
     return {**found, 'force_zero': zero}
 
 
@@ -156,8 +154,7 @@ def _slip(path: RecordPath, values: Values) -> tuple[Floats]:
     return (_dead_zone(held + (rising - falling) / 2, half_gap),)
 
 
-_GAP = Shape('half_gap', (0.01, 0.03, 0.08, 0.2), least=0.0)
-_SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), _GAP)
+_SPRING = (Shape('zero', (-0.4, -0.2, 0.0, 0.2, 0.4), least=-np.inf), Shape('half_gap', (0.01, 0.03, 0.08, 0.2), 0.0))
 _LIMITS = tuple(Shape(name, (0.02, 0.06, 0.15, 0.4)) for name in ('limit_positive', 'limit_negative'))
 BACKLASH = Law(
     'backlash', 'backlash', 'law (6): slope and gap', '',
@@ -182,19 +179,16 @@ MOTION_LAWS = (
     Law(
         'slip_no_gap', 'slip', 'slip in series, no gap',
         'Coulomb friction in series, without a gap: the joint slips at a limit of the {load}',
-        ('stiffness',), (Shape('limit', (0.02, 0.06, 0.15, 0.4)),),
+        ('stiffness',), (_LIMITS[0]._replace(name='limit'),),
         lambda path, values: (path.driver - path.play_operator(values['limit'], values['state']),), True,
     ),
     Law(
         'slip', 'slip', 'slip in series',
         'Coulomb friction in series: the joint slips at a limit of the {load}',
-        ('stiffness',), (_GAP, *_LIMITS), _slip, True,
+        ('stiffness',), (_SPRING[1], *_LIMITS), _slip, True,
     ),
 )  # fmt: skip
 """Laws that are compared with law (6) where the motion drives."""
-
-_BAND = 4.0
-"""Loads below so many of their standard deviations at rest have no certain sign."""
 
 
 def _gap_that_returns(band: float | None) -> Columns:
@@ -214,54 +208,56 @@ def _friction(path: RecordPath, values: Values) -> tuple[Floats, Floats]:
 
 
 def _slips(path: RecordPath, values: Values) -> tuple[Floats, ...]:
-    first = values['slip_load']
-    slipping = (path.play_operator(load, values['state']) for load in (first, first + values['further_load']))
-    return path.driver, *slipping
+    """The load, and what one or two slipping parts in series take of it."""
+    loads = np.cumsum([values[name] for name in ('slip_load', 'further_load') if name in values])
+    return path.driver, *(path.play_operator(load, values['state']) for load in loads.tolist())
 
 
-_SLOPE_AND_GAP = ('compliance', 'half_gap')
-_SLIP_LOAD = Shape('slip_load', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0)
-_FRICTION = Shape('friction', (0.04, 0.1, 0.2, 0.35), most=3.0)
-_ROUNDING = Shape('rounding', (0.01, 0.03, 0.1), most=1.0)
-_MEMORY = 'slip in series with memory: part of the compliance slips under load and stays when the load has gone'
-LOAD_BACKLASH = BACKLASH._replace(amplitudes=_SLOPE_AND_GAP, shape=(), columns=_gap_that_returns(_BAND))
-GAP = Law(
+LOAD_BACKLASH = BACKLASH._replace(amplitudes=('compliance', 'half_gap'), shape=(), columns=_gap_that_returns(4.0))
+_GAP = Law(
     'gap', 'gap', 'gap that keeps its place when unloaded',
     'a gap that keeps its place when unloaded: the joint stays where the load left it',
-    _SLOPE_AND_GAP, (), _gap_that_stays(_BAND), True,
+    LOAD_BACKLASH.amplitudes, (), _gap_that_stays(4.0), True,
 )  # fmt: skip
-BACKLASH_FORMS = (
-    LOAD_BACKLASH,
-    *(LOAD_BACKLASH._replace(columns=_gap_that_returns(band)) for band in (2 * _BAND, 0.0, None)),
-)
-"""Law (6) says nothing of a joint without load; what these records show of it there decides between the forms."""
-GAP_FORMS = (GAP, *(GAP._replace(columns=_gap_that_stays(band)) for band in (2 * _BAND, 4 * _BAND)))
-"""The same for the largest load that counts as none."""
+_FRICTION = Law(
+    'friction', 'friction', 'friction in parallel',
+    'friction in parallel with the spring: it holds part of the load in either sense',
+    LOAD_BACKLASH.amplitudes,
+    (Shape('friction', (0.04, 0.1, 0.2, 0.35), most=3.0), Shape('rounding', (0.01, 0.03, 0.1), most=1.0)),
+    _friction, True,
+)  # fmt: skip
+_SLIP = Law(
+    'slip', 'slip', 'slip in series with memory',
+    'slip in series with memory: part of the compliance slips under load and stays when the load has gone',
+    ('compliance', 'slip_compliance'), (Shape('slip_load', (0.04, 0.1, 0.2, 0.35, 0.55, 0.8), most=3.0),),
+    _slips, True,
+)  # fmt: skip
 LOAD_LAWS = (
-    Law(
-        'friction', 'friction', 'friction in parallel',
-        'friction in parallel with the spring: it holds part of the load in either sense',
-        _SLOPE_AND_GAP, (_FRICTION, _ROUNDING), _friction, True,
+    _FRICTION,
+    _FRICTION._replace(
+        name='load_friction', effect='load_friction', title='friction in parallel that grows with the load',
+        meaning='friction in parallel with the spring that grows with the load',
+        shape=(
+            _FRICTION.shape[0],
+            Shape('friction_ratio', (0.1, 0.3, 0.5), most=LARGEST_RATIO, is_ratio=True),
+            _FRICTION.shape[1],
+        ),
     ),
-    Law(
-        'load_friction', 'load_friction', 'friction in parallel that grows with the load',
-        'friction in parallel with the spring that grows with the load',
-        _SLOPE_AND_GAP,
-        (_FRICTION, Shape('friction_ratio', (0.1, 0.3, 0.5), most=LARGEST_RATIO, is_ratio=True), _ROUNDING),
-        _friction, True,
-    ),
-    Law(
-        'slip', 'slip', 'slip in series with memory', _MEMORY,
-        ('compliance', 'slip_compliance'), (_SLIP_LOAD,),
-        lambda path, values: (path.driver, path.play_operator(values['slip_load'], values['state'])), True,
-    ),
-    Law(
-        'slips', 'slip', 'two slips in series with memory', _MEMORY,
-        ('compliance', 'slip_compliance', 'further_compliance'),
-        (_SLIP_LOAD, Shape('further_load', (0.1, 0.3, 0.6), most=3.0)),
-        _slips, True,
+    _SLIP,
+    _SLIP._replace(
+        name='slips', title='two slips in series with memory', amplitudes=(*_SLIP.amplitudes, 'further_compliance'),
+        shape=(*_SLIP.shape, Shape('further_load', (0.1, 0.3, 0.6), most=3.0)),
     ),
 )  # fmt: skip
-"""Laws that are compared with law (6) where the load drives, beside `GAP`."""
-FAMILIES = {MOTION: ((BACKLASH,), (), MOTION_LAWS), LOAD: (BACKLASH_FORMS, GAP_FORMS, LOAD_LAWS)}
+"""Laws that are compared with law (6) where the load drives, beside the gap that keeps its place."""
+FAMILIES = {
+    MOTION: ((BACKLASH,), (), MOTION_LAWS),
+    LOAD: (
+        # law (6) says nothing of a joint without load: what these records show of it there decides between the forms,
+        # by the standard deviations of the load at rest up to which it has no certain sign, or counts as none
+        tuple(LOAD_BACKLASH._replace(columns=_gap_that_returns(band)) for band in (4.0, 8.0, 0.0, None)),
+        tuple(_GAP._replace(columns=_gap_that_stays(band)) for band in (4.0, 8.0, 16.0)),
+        LOAD_LAWS,
+    ),
+}
 """By what drives: the forms of law (6), those of the gap that keeps its place, and the other candidates."""

@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -111,9 +111,7 @@ class Record:
 
     def unit(self, linear: str) -> str:
         """The SI unit of a quantity, from that for a force over a displacement, such as 'm/N'."""
-        if self.load_unit == 'N':
-            return linear
-        return re.sub('[Nm]', lambda letter: {'N': 'Nm', 'm': 'rad'}[letter[0]], linear)
+        return linear if self.load_unit == 'N' else linear.translate({ord('N'): 'Nm', ord('m'): 'rad'})
 
     def words(self, text: str) -> str:
         """The text with {load} and {response} in words."""
@@ -526,8 +524,6 @@ COLUMNS = (
     ),
     Column('gauge_at', ('gauge_at',), blank=True, parse=one_of({TIP: TIP, LINK: LINK})),
 )  # fmt: skip
-_OF_RUN = ('part', 'gauge_at', 'direction', 'lever')
-_ABSENT = {**dict.fromkeys(('direction', 'lever', 'time', 'cycle'), math.nan), 'part': GRIPPER, 'gauge_at': ''}
 
 
 def load_readings(path: str | Path, **defaults: str | float) -> GaugeTable:
@@ -550,7 +546,8 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
     places = table.find(COLUMNS)
     values = table.read(places)
     cells: dict[str, list[Any]] = {name: list(several) for name, several in (values.numbers | values.others).items()}
-    for name, default in (_ABSENT | defaults).items():
+    absent = {**dict.fromkeys(('direction', 'lever', 'time', 'cycle'), math.nan), 'part': GRIPPER, 'gauge_at': ''}
+    for name, default in (absent | defaults).items():
         given = cells.get(name, [None] * len(table.rows))
         cells[name] = [default if cell is None or cell != cell else cell for cell in given]  # NaN is an empty one
     notes = tuple(f'{table.source}: {note}' for note in table.unused(places))
@@ -558,23 +555,26 @@ def table_readings(table: Table, **defaults: str | float) -> GaugeTable:
         time, force, displacement = (np.array(cells[name]) for name in ('time', 'force', 'displacement'))
         return GaugeTable((), Record(table.source, time, force, displacement, 'N'), notes)
     cells['line'] = [line for line, _ in table.rows]
-    runs: dict[tuple[Any, ...], list[int]] = {}
-    for row, (part, gauge_at, direction, lever) in enumerate(zip(*(cells[name] for name in _OF_RUN), strict=True)):
-        if part != GRIPPER and math.isnan(lever):
-            where = f'{table.source}: line {table.rows[row][0]}'
-            raise ParameterError(where, 'a joint needs its lever', 'add a column lever_m, or give --lever')
-        own = (str(round(direction, 6)), str(round(lever, 9)) if part != GRIPPER else '')
-        runs.setdefault((part, gauge_at, *own), []).append(row)
-    return GaugeTable(tuple(_run(table.source, cells, rows) for rows in runs.values()), None, notes)
+    runs: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for values_of_row in zip(*cells.values(), strict=True):
+        row = dict(zip(cells, values_of_row, strict=True))
+        if row['part'] == GRIPPER:
+            row['lever'] = math.nan
+        elif math.isnan(row['lever']):
+            where, remedy = f'{table.source}: line {row["line"]}', 'add a column lever_m, or give --lever'
+            raise ParameterError(where, 'a joint needs its lever', remedy)
+        own = row['part'], row['gauge_at'], str(round(row['direction'], 6)), str(round(row['lever'], 9))
+        runs.setdefault(own, []).append(row)
+    return GaugeTable(tuple(_run(table.source, rows) for rows in runs.values()), None, notes)
 
 
-def _run(source: str, cells: dict[str, list[Any]], rows: list[int]) -> Readings:
-    """One run, from the numbers of its rows."""
-    names = ('force', 'displacement', 'cycle', 'line')
-    force, displacement, cycle, line = (np.array(cells[name])[rows] for name in names)
-    first = {name: cells[name][rows[0]] for name in _OF_RUN}
-    first['lever'] = math.nan if first['part'] == GRIPPER else first['lever']
-    return Readings(force, displacement, cycle, line, **first, source=source)
+def _run(source: str, rows: Sequence[Mapping[str, Any]]) -> Readings:
+    """One run, from its rows."""
+    arrays: dict[str, Any] = {
+        name: np.array([row[name] for row in rows]) for name in ('force', 'displacement', 'cycle', 'line')
+    }
+    of_run = {name: rows[0][name] for name in ('part', 'gauge_at', 'direction', 'lever')}
+    return Readings(**arrays, **of_run, source=source)
 
 
 _QUANTITIES = {

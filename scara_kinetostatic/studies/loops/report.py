@@ -41,17 +41,11 @@ def hysteresis_document(selections: Sequence[Selection], predicted: Sequence[Jud
     }
     if study.driven_by == MOTION:
         return {**head, 'records': [_motion_facts(each.study.paths[0]) | _content(each) for each in selections]}
-    others = [
-        {
-            'file': each.path.record.source,
-            'before': each.before_rms,
-            'after': each.after_rms,
-            'unit': record.unit('m'),
-            'from_s': each.path.time[each.rows.argmax()],
-            'state': each.after.state,
-        }
-        for each in predicted
-    ]
+    others = []
+    for each in predicted:
+        errors = {'before': each.before_rms, 'after': each.after_rms, 'unit': record.unit('m')}
+        begins = {'from_s': each.path.time[each.rows.argmax()], 'state': each.after.state}
+        others.append({'file': each.path.record.source, **errors, **begins})
     facts = [_load_facts(selections[0], k) for k in range(len(study.records))]
     return {**head, **_content(selections[0]), 'records': facts, 'predicted': others}
 
@@ -63,6 +57,12 @@ def _content(selection: Selection) -> Document:
     driven, unit = ('force', 'N') if study.driven_by == MOTION else ('response', 'm')
     laws = (before, *selection.candidates)
     errors = {each.law.name: {'fitted': each.fitted_rms, 'held_out': each.held_out_rms} for each in laws}
+    candidates = []
+    for each in laws:
+        law = {'name': each.law.name, 'effect': each.law.effect, 'p_value': each.p_gain, 'bic_difference': each.bic}
+        found = {'accepted': each.accepted, **errors[each.law.name], 'parameters': each.parameters}
+        candidates.append(law | found)
+    both = {'before': errors[before.law.name], 'after': errors[selected.law.name] if selected else None}
     return {
         'verdict': selection.verdict,
         'p_value': selection.p_value,
@@ -72,28 +72,13 @@ def _content(selection: Selection) -> Document:
         'effects': effects[:1],
         'rivals': [effects] if selection.rivals else [],
         'residual_dependence': {
-            'before': {each.variable: each for each in selection.dependence_before},
-            'after': {each.variable: each for each in selection.dependence_after},
+            when: {each.variable: each for each in found}
+            for when, found in (('before', selection.dependence_before), ('after', selection.dependence_after))
         },
         'p_value_without_memory': selection.p_without_memory,
         'direction': study.direction,
-        f'{driven}_error': {
-            'before': errors[before.law.name],
-            'after': errors[selected.law.name] if selected else None,
-            'unit': study.records[0].unit(unit),
-        },
-        'candidates': [
-            {
-                'name': each.law.name,
-                'effect': each.law.effect,
-                'p_value': None if each is before else each.p_gain,
-                'bic_difference': None if each is before else each.bic,
-                'accepted': each.accepted,
-                **errors[each.law.name],
-                'parameters': each.parameters,
-            }
-            for each in laws
-        ],
+        f'{driven}_error': {**both, 'unit': study.records[0].unit(unit)},
+        'candidates': candidates,
         'parameters': {each.law.name: each.parameters for each in (before, selected) if each},
     }
 
@@ -131,27 +116,20 @@ def _words(selection: Selection) -> tuple[str, str, str]:
     """How the error of what was held out is said, where standard deviations are from, what the errors are."""
     study = selection.study
     if study.driven_by == MOTION:
-        return (
-            'On sweeps not used in the fit, the error',
-            'delete-one-cycle jackknife',
-            'Errors: rms of the {load}, without the first sweep. Held out: each half of the sweeps predicted from the '
-            'other.',
+        errors = (
+            'rms of the {load}, without the first sweep. Held out: each half of the sweeps predicted from the other'
         )
+        return 'On sweeps not used in the fit, the error', 'delete-one-cycle jackknife', f'Errors: {errors}.'
     if study.is_single:
-        return (
-            'The later half predicted from the earlier half, the error',
-            'delete-one-sweep jackknife' if study.in_loops else 'one record gives none',
-            'Errors: rms of the {response} of the later half. Held out: predicted by a fit to the earlier half.',
-        )
+        uncertainty = 'delete-one-sweep jackknife' if study.in_loops else 'one record gives none'
+        errors = 'rms of the {response} of the later half. Held out: predicted by a fit to the earlier half'
+        return 'The later half predicted from the earlier half, the error', uncertainty, f'Errors: {errors}.'
     judged, mixed = 'after the first third' if study.in_loops else 'after unloading', ''
     if study.in_loops and not all(path.in_loops for path in study.paths):
         mixed = ' Of a record that begins at rest: after the unloading; tests are those of the loops.'
-    return (
-        f'Each record predicted from the others, the error {judged}',
-        'delete-one-record jackknife',
-        f'Errors: rms of the {{response}} {judged}.{mixed} Held out: predicted with the parameters of the other '
-        'records; zero and state of friction from its own samples before.',
-    )
+    errors = f'Errors: rms of the {{response}} {judged}.{mixed} Held out: predicted with the parameters of the other '
+    errors += 'records; zero and state of friction from its own samples before.'
+    return f'Each record predicted from the others, the error {judged}', 'delete-one-record jackknife', errors
 
 
 def hysteresis_report(selections: Sequence[Selection], predicted: Sequence[Judged] = ()) -> Report:
@@ -407,16 +385,15 @@ def _pictures(selection: Selection, judged: Judged, name: str) -> Section:
     path, record, per_time = judged.path, judged.path.record, _error_scale(selection)
     residuals = [(judged.before.residual, SERIES[1], 'law (6)')]
     residuals += [(judged.after.residual, SERIES[0], 'selected law')] if selection.selected else []
-    quantities = [('{load}', path.driver, record.load_unit), ('{response}', record.response_change, record.unit('m'))]
+    driver, driven, measured = ('{load}', record.load_unit), ('{response}', record.unit('m')), record.response_change
     if path.driven_by == MOTION:
-        quantities = [('{response}', path.driver, record.unit('m')), ('{load}', path.driven, record.load_unit)]
-    scales = [_scale(float(np.ptp(values)), unit) for _, values, unit in quantities]
-    labels = [f'{record.words(one[0])}  [{scale.unit}]' for one, scale in zip(quantities, scales, strict=True)]
-    driven = quantities[1][1]
-    curves = [(driven, INK, 'measured'), *((driven - left, colour, label) for left, colour, label in residuals)]
-    what = record.words(f'{quantities[1][0]} over {quantities[0][0]}, measured and predicted')
-    curves = [(scales[1].per_si * values, colour, label) for values, colour, label in curves]
-    loop = partial(_curves, scales[0].per_si * path.driver, curves, labels, f'{name}_loop', what)
+        driver, driven, measured = driven, driver, path.driven
+    across, up = _scale(float(np.ptp(path.driver)), driver[1]), _scale(float(np.ptp(measured)), driven[1])
+    labels = [f'{record.words(one[0])}  [{scale.unit}]' for one, scale in ((driver, across), (driven, up))]
+    curves = [(up.per_si * measured, INK, 'measured')]
+    curves += [(up.per_si * (measured - left), colour, label) for left, colour, label in residuals]
+    what = record.words(f'{driven[0]} over {driver[0]}, measured and predicted')
+    loop = partial(_curves, across.per_si * path.driver, curves, labels, f'{name}_loop', what)
     labels = ['time  [s]', f'residual  [{per_time.unit}]']
     what = 'residual over time by each law; what is judged is shaded'
     begins = float(path.time[judged.rows.argmax()])

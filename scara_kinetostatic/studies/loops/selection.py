@@ -116,27 +116,6 @@ def p_independent(found: Sequence[Dependence]) -> float:
     return min([1.0, *(len(found) * each.p_value for each in found if each.is_tested)])
 
 
-def dependences(paths: Sequence[RecordPath], residuals: Sequence[Floats], in_loops: bool) -> tuple[Dependence, ...]:
-    """Dependence on all variables, in decreasing order of the explained share.
-
-    Args:
-        paths: the records as measured.
-        residuals: of each, (n,), m or rad; N or Nm where the motion drives.
-        in_loops: whether it is tested in loops: a record that is not in loops does not count, nor does a first sweep.
-    """
-    test = _in_loops if in_loops else _from_rest_to_rest
-    tested = [test(path, residual) for path, residual in zip(paths, residuals, strict=True)]
-    is_motion, total, found = paths[0].driven_by == MOTION, sum(square for square, _ in tested), []
-    for name in _OF_LOOPS[paths[0].driven_by] if in_loops else _OF_LOAD:
-        each = [by_variable.get(name, (np.nan, 0.0, 1.0)) for _, by_variable in tested]
-        p_values, explained, detectable = zip(*each, strict=True)
-        p_value, share = _fisher(p_values), sum(explained) / total if total > 0 else 0.0
-        limit = sum(detectable) / total if total > 0 else 0.0
-        limit = min(detectable) if in_loops else min(limit, 1.0) if p_value >= 0 else np.nan
-        found.append(Dependence(name, share, p_value, limit, () if is_motion else p_values))
-    return tuple(sorted(found, key=lambda each: -each.share))
-
-
 def _fisher(p_values: Sequence[float]) -> float:
     """p-value of all together; NaN where there is none."""
     finite = [p for p in p_values if np.isfinite(p)]
@@ -266,8 +245,8 @@ class Candidate(NamedTuple):
         fitted_rms: rms residual of what was fitted, of the samples judged.
         held_out_rms: the same of what was held out.
         parameters: with standard deviations; NaN where there are none.
-        p_gain: p-value of no better prediction than that of law (6); 1 for law (6).
-        bic: difference in BIC to law (6).
+        p_gain: p-value of no better prediction than that of law (6); NaN for law (6).
+        bic: difference in BIC to law (6); NaN for law (6).
         accepted: whether it is better by all criteria.
     """
 
@@ -278,8 +257,8 @@ class Candidate(NamedTuple):
     fitted_rms: float
     held_out_rms: float
     parameters: dict[str, Estimate]
-    p_gain: float = 1.0
-    bic: float = 0.0
+    p_gain: float = float('nan')
+    bic: float = float('nan')
     accepted: bool = False
 
 
@@ -376,8 +355,21 @@ class Study:
         return candidate._replace(parameters=self._with_std(whole, [fit_law([one], whole, near=True) for one in kept]))
 
     def dependences(self, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
-        """Of the residual along the records."""
-        return dependences(self.paths, [each.residual for each in along], self.in_loops)
+        """Dependence of the residual along the records on all variables, in decreasing order of the explained share.
+
+        Where any record is in loops, one that is not does not count, nor does a first sweep.
+        """
+        test, names = (_in_loops, _OF_LOOPS[self.driven_by]) if self.in_loops else (_from_rest_to_rest, _OF_LOAD)
+        tested = [test(path, each.residual) for path, each in zip(self.paths, along, strict=True)]
+        total, found = sum(square for square, _ in tested), []
+        for name in names:
+            each = [by_variable.get(name, (np.nan, 0.0, 1.0)) for _, by_variable in tested]
+            p_values, explained, detectable = zip(*each, strict=True)
+            p_value, share = _fisher(p_values), sum(explained) / total if total > 0 else 0.0
+            limit = sum(detectable) / total if total > 0 else 0.0
+            limit = min(detectable) if self.in_loops else min(limit, 1.0) if p_value >= 0 else np.nan
+            found.append(Dependence(name, share, p_value, limit, () if self.driven_by == MOTION else p_values))
+        return tuple(sorted(found, key=lambda each: -each.share))
 
     def p_better(self, one: Candidate, other: Candidate) -> float:
         """p-value of one law predicting no better than another."""

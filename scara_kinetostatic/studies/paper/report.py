@@ -29,28 +29,23 @@ from scara_kinetostatic.studies.paper.study import (
 
 def paper_document(r: Reproduction) -> Document:
     """The document."""
+    noises = []
+    for study in r.noises:
+        errors = {'force_error': study.force_error, 'force_error_std': study.force_error_std, 'z': _named(study.z)}
+        noises.append({**_noise(study.noise), **errors, 'chi_square': study.chi_square, 'degrees_of_freedom': r.rank})
+    scatters = {}
+    for name, scatter in r.monte_carlo.items():
+        named = {key: _named(getattr(scatter, key)) for key in ('predicted', 'found', 'bias')}
+        scatters[name] = scatter._asdict() | named
     return {
         'schema': 'scara_kinetostatic/paper/1',
         'actual': PAPER_ACTUAL.as_dict(),
         'paper': {'estimated': ESTIMATED.as_dict(), 'estimated_from_noise': ESTIMATED_FROM_NOISE.as_dict()},
         'one_level': _run(r.exact),
         'three_levels': _run(r.exact_levels),
-        'noise_of_table_2': [
-            _noise(study.noise)
-            | {
-                'force_error': study.force_error,
-                'force_error_std': study.force_error_std,
-                'z': _named(study.z),
-                'chi_square': study.chi_square,
-                'degrees_of_freedom': r.rank,
-            }
-            for study in r.noises
-        ],
+        'noise_of_table_2': noises,
         'noisy': {'noise': _noise(r.noise), **_run(r.noisy)},
-        'monte_carlo': {
-            name: scatter._asdict() | {key: _named(getattr(scatter, key)) for key in ('predicted', 'found', 'bias')}
-            for name, scatter in r.monte_carlo.items()
-        },
+        'monte_carlo': scatters,
         'gripper': r.gripper,
         'dial_gauge': dial_gauge_document(r.dial_gauge),
     }
@@ -127,10 +122,8 @@ def scatter_picture(r: Reproduction) -> Markup:
     error = 1 / np.sqrt(2 * (scatter['paper'].runs - 1))  # relative standard deviation of a standard deviation found
     axes.axhspan(1 - 2 * error, 1 + 2 * error, color=FAINT, alpha=0.15, lw=0)
     axes.axhline(1, color=FAINT, lw=0.9)
-    for item, colour, shape, shift, label in (
-        (scatter['paper'], SERIES[1], 's', -0.1, 'unweighted (the paper)'),
-        (scatter['weighted'], SERIES[0], 'o', 0.1, 'weighted'),
-    ):
+    paper, weighted = (SERIES[1], 's', -0.1, 'unweighted (the paper)'), (SERIES[0], 'o', 0.1, 'weighted')
+    for item, (colour, shape, shift, label) in ((scatter['paper'], paper), (scatter['weighted'], weighted)):
         axes.plot(place + shift, item.found / item.predicted, shape, color=colour, ms=6, label=label)
     axes.set_xticks(place, NAMES)
     axes.set(ylabel='std found / predicted', ylim=(0.88, 1.12))
@@ -141,111 +134,105 @@ def scatter_picture(r: Reproduction) -> Markup:
 
 def paper_report(r: Reproduction) -> Report:
     """The page: tables and figures of the paper beside those computed here."""
+    reached = (
+        'Without noise both estimators reach the true parameters to rounding error, '
+        f'{r.exact.paper.force_error:.0e} N against {FORCE_ERROR:.1e} N in the paper. Where numbers differ, the reason '
+        'is given with them.'
+    )
+    source = (
+        'Reproduction of sections 4 and 5 of the paper. All data on this page are simulated; values that the paper '
+        'prints are marked as printed.'
+    )
     return Report(
         title='Kinetostatic calibration of a SCARA robot',
-        source='Reproduction of sections 4 and 5 of the paper. All data on this page are simulated; values that the '
-        'paper prints are marked as printed.',
-        answer=Verdict(
-            'Table 2, figure 3 and figure 4 are reproduced',
-            'good',
-            (
-                'Without noise both estimators reach the true parameters to rounding error, '
-                f'{r.exact.paper.force_error:.0e} N against {FORCE_ERROR:.1e} N in the paper. Where numbers differ, '
-                'the reason is given with them.',
-            ),
-        ),
+        source=source,
+        answer=Verdict('Table 2, figure 3 and figure 4 are reproduced', 'good', (reached,)),
         blocks=(*_estimates(r), *_deviations(r), *_experiments(r)),
         footer='all numbers in full in paper.json',
     )
 
 
-def _section(title: str, *blocks: Block) -> Section:
-    return Section(title, blocks)
-
-
 def _estimates(r: Reproduction) -> tuple[Section, ...]:
-    combinations = ', '.join(
-        f'{1e6 * determined_combination(values.as_array()):.2f}'
-        for values in (PAPER_ACTUAL, ESTIMATED, ESTIMATED_FROM_NOISE)
+    cell = (
+        'The cell of figure 3, 12 points on each of three discs, 40 N, no noise; the steps are those of equations (12) '
+        'to (14), bounded and shortened as in section 4.3.'
+    )
+    trend = (
+        'Of the printed curve only the last value is known as a number. Here the error is at rounding level after '
+        f'{r.exact.paper.iterations} steps; in the paper it is 4.5e-5 N after about 30. The weighted estimate takes '
+        f'{r.exact.weighted.iterations} iterations.'
+    )
+    start = (
+        'At the nominal parameters the tip misses most discs by more than its whole deflection: there A = 0 and '
+        '∂A/∂L̄ = 0, and (12) defines no step. The paper does not say how it starts. Here the touches, which are known '
+        'to be contacts, are predicted with a two-sided contact (dotted), which equals A wherever the tip presses.'
+    )
+    printed = (PAPER_ACTUAL, ESTIMATED, ESTIMATED_FROM_NOISE)
+    combinations = ', '.join(f'{1e6 * determined_combination(values.as_array()):.2f}' for values in printed)
+    line = (
+        f'With one force level the columns of J_L̄ for p_ee and g_ee are proportional, rank {r.rank}: all points of the '
+        f'line fit equally well. The three printed columns have 40 p_ee − g_ee = {combinations} µm. With three force '
+        'levels the rank is 12, and all twelve parameters are determined.'
     )
     return (
-        _section(
-            'Figure 3: the force error over the iterations',
-            'The cell of figure 3, 12 points on each of three discs, 40 N, no noise; the steps are those of '
-            'equations (12) to (14), bounded and shortened as in section 4.3.',
-            Figure(
-                partial(trend_picture, r),
-                'Of the printed curve only the last value is known as a number. Here the error is at rounding '
-                f'level after {r.exact.paper.iterations} steps; in the paper it is 4.5e-5 N after about 30. The '
-                f'weighted estimate takes {r.exact.weighted.iterations} iterations.',
-            ),
-            'At the nominal parameters the tip misses most discs by more than its whole deflection: there A = 0 '
-            'and ∂A/∂L̄ = 0, and (12) defines no step. The paper does not say how it starts. Here the touches, '
-            'which are known to be contacts, are predicted with a two-sided contact (dotted), which equals A '
-            'wherever the tip presses.',
+        Section(
+            'Figure 3: the force error over the iterations', (cell, Figure(partial(trend_picture, r), trend), start)
         ),
-        _section(
-            'Table 2',
-            *_table_2(r),
-            Figure(
-                partial(unidentifiable_picture, r),
-                f'With one force level the columns of J_L̄ for p_ee and g_ee are proportional, rank {r.rank}: all '
-                f'points of the line fit equally well. The three printed columns have 40 p_ee − g_ee = {combinations} '
-                'µm. With three force levels the rank is 12, and all twelve parameters are determined.',
-            ),
-        ),
+        Section('Table 2', (*_table_2(r), Figure(partial(unidentifiable_picture, r), line))),
     )
 
 
 def _deviations(r: Reproduction) -> tuple[Section, ...]:
     scatter = r.monte_carlo['paper']
     low, high = scatter.force_error_range
+    ratios = (
+        'For five ratios of joint to force noise: the noise for which e_f = 1.31 N, and the printed noisy estimates '
+        'compared with the covariance predicted for it.'
+    )
+    jointly = (
+        'Each single parameter is within two standard deviations of its true value. Jointly they are not: their errors '
+        'are not correlated as those of a least-squares solution of this cell are, at any noise. The printed column is '
+        'therefore either not the minimum, or was computed in a cell that differs from figure 3.'
+    )
+    sets = (
+        f'{scatter.runs} data sets at three force levels, each estimated by both algorithms. The prediction is '
+        'J⁺ (Σ_F + A_Q Σ_Q A_Qᵀ) J⁺ᵀ for the paper’s unweighted estimator, and the Cramér–Rao bound for the weighted '
+        'one.'
+    )
+    errors = (
+        f'e_f of the paper’s estimator: mean {scatter.force_error:.2f} N, 95 % of the data sets between {low:.2f} and '
+        f'{high:.2f} N; the paper states 1.25 to 1.35 N.'
+    )
+    found = Figure(partial(scatter_picture, r), 'Grey: two standard deviations of the sampling error.')
     return (
-        _section(
-            'The noise of the third column',
-            'For five ratios of joint to force noise: the noise for which e_f = 1.31 N, and the printed noisy '
-            'estimates compared with the covariance predicted for it.',
-            _noise_table(r),
-            'Each single parameter is within two standard deviations of its true value. Jointly they are not: their '
-            'errors are not correlated as those of a least-squares solution of this cell are, at any noise. The '
-            'printed column is therefore either not the minimum, or was computed in a cell that differs from figure 3.',
-        ),
-        _section(
-            'Are the standard deviations as predicted?',
-            f'{scatter.runs} data sets at three force levels, each estimated by both algorithms. The prediction is '
-            'J⁺ (Σ_F + A_Q Σ_Q A_Qᵀ) J⁺ᵀ for the paper’s unweighted estimator, and the Cramér–Rao bound for the '
-            'weighted one.',
-            Figure(partial(scatter_picture, r), 'Grey: two standard deviations of the sampling error.'),
-            _monte_carlo_table(r),
-            f'e_f of the paper’s estimator: mean {scatter.force_error:.2f} N, 95 % of the data sets between '
-            f'{low:.2f} and {high:.2f} N; the paper states 1.25 to 1.35 N.',
-        ),
+        Section('The noise of the third column', (ratios, _noise_table(r), jointly)),
+        Section('Are the standard deviations as predicted?', (sets, found, _monte_carlo_table(r), errors)),
     )
 
 
 def _experiments(r: Reproduction) -> tuple[Section, ...]:
+    parts = (
+        'P = p_ee I + E in the frame of link 2. Identifiability of E by 72 touches (10 µrad, 0.3 N) beside the twelve '
+        'parameters:'
+    )
+    alias = (
+        'A gripper more compliant across link 2 than along it is an exact alias of another p2 (and p_ee): the '
+        'displacement across link 2 is that of a compliance of joint 2 larger by (p22 − p11)/l2². Rotated principal '
+        'axes, p12 + p21, are identifiable.'
+    )
+    simulated = (
+        'Simulated with the values of figure 4(d) and the anisotropic backlash of figure 4(c), 2 µm gauge noise, loads '
+        'up to 40 N in both senses, three cycles; analysed as the verb dial-gauge analyses measured readings.'
+    )
+    measured = Note(
+        'Figure 4(d), measured by the authors: gripper 37.6 µm/N and 54.9 to 205 µm over the directions; joint 1 '
+        '32.3 µrad/Nm and 264 µrad; joint 2 108 µrad/Nm and 268 µrad.'
+    )
+    own = (Section(TITLES[part.name], part_figures(part)) for part in r.dial_gauge.parts.values())
+    experiments: tuple[Block, ...] = (simulated, summary_table(r.dial_gauge), measured, *own)
     return (
-        _section(
-            'The general gripper of (7)',
-            'P = p_ee I + E in the frame of link 2. Identifiability of E by 72 touches (10 µrad, 0.3 N) beside the '
-            'twelve parameters:',
-            _gripper_table(r),
-            'A gripper more compliant across link 2 than along it is an exact alias of another p2 (and p_ee): the '
-            'displacement across link 2 is that of a compliance of joint 2 larger by (p22 − p11)/l2². Rotated '
-            'principal axes, p12 + p21, are identifiable.',
-        ),
-        _section(
-            'Section 5.2, figure 4: the dial gauge experiments',
-            'Simulated with the values of figure 4(d) and the anisotropic backlash of figure 4(c), 2 µm gauge '
-            'noise, loads up to 40 N in both senses, three cycles; analysed as the verb dial-gauge analyses '
-            'measured readings.',
-            summary_table(r.dial_gauge),
-            Note(
-                'Figure 4(d), measured by the authors: gripper 37.6 µm/N and 54.9 to 205 µm over the directions; '
-                'joint 1 32.3 µrad/Nm and 264 µrad; joint 2 108 µrad/Nm and 268 µrad.'
-            ),
-            *(Section(TITLES[part.name], part_figures(part)) for part in r.dial_gauge.parts.values()),
-        ),
+        Section('The general gripper of (7)', (parts, _gripper_table(r), alias)),
+        Section('Section 5.2, figure 4: the dial gauge experiments', experiments),
     )
 
 
@@ -262,11 +249,10 @@ def _table_2(r: Reproduction) -> tuple[Table | Note, ...]:
         '(12)–(14), with noise': (noisy.paper.parameters, noisy.paper.force_error),
         'weighted, with noise': (noisy.weighted.parameters, noisy.weighted.force_error),
     }
-    rows = [
-        (name, unit, *(f'{per_si * getattr(values, name):#.7g}' for values, _ in columns.values()),
-         f'{per_si * noisy.weighted.std_of(name):.2g}')
-        for name, (unit, per_si) in list(SCALES.items())[: len(NAMES)]
-    ]  # fmt: skip
+    rows = []
+    for name, (unit, per_si) in list(SCALES.items())[: len(NAMES)]:
+        shown = (f'{per_si * getattr(values, name):#.7g}' for values, _ in columns.values())
+        rows.append((name, unit, *shown, f'{per_si * noisy.weighted.std_of(name):.2g}'))
     errors = ('' if error is None else f'{error:.3e}' for _, error in columns.values())
     note = (
         'With one force level only 40 p_ee − g_ee is determined. Two data sets with noise: the printed column, and one '
@@ -279,19 +265,14 @@ def _table_2(r: Reproduction) -> tuple[Table | Note, ...]:
 
 def _noise_table(r: Reproduction) -> Table:
     """σ_q, σ_f, e_f ± standard deviation, largest |z| of the paper's noisy column, its chi-square."""
-    rows = tuple(
-        (
-            f'{1e6 * study.noise.joint_rms:.1f}',
-            f'{study.noise.force_rms:.3f}',
-            f'{study.force_error:.2f} ± {study.force_error_std:.2f}',
-            f'{np.abs(study.z).max():.1f}',
-            NAMES[int(np.abs(study.z).argmax())],
-            f'{study.chi_square:.0f} / {r.rank}',
-        )
-        for study in r.noises
-    )
+    rows = []
+    for study in r.noises:
+        noise, error = study.noise, f'{study.force_error:.2f} ± {study.force_error_std:.2f}'
+        largest = int(np.abs(study.z).argmax())
+        off = f'{abs(study.z[largest]):.1f}', NAMES[largest], f'{study.chi_square:.0f} / {r.rank}'
+        rows.append((f'{1e6 * noise.joint_rms:.1f}', f'{noise.force_rms:.3f}', error, *off))
     heading = ('σ_q', 'σ_f', 'e_f', 'largest single deviation', 'of', 'χ² / degrees of freedom')
-    return Table(heading, ('µrad', 'N', 'N', 'σ', '', ''), rows)
+    return Table(heading, ('µrad', 'N', 'N', 'σ', '', ''), tuple(rows))
 
 
 def _monte_carlo_table(r: Reproduction) -> Table:
@@ -308,14 +289,10 @@ def _monte_carlo_table(r: Reproduction) -> Table:
 
 def _gripper_table(r: Reproduction) -> Table:
     """Identifiability of each part of P."""
-    rows = tuple(
-        (
-            part.part,
-            f'{100 * part.explained_by_base_model:.1f}',
-            f'{1e6 * part.std:#.2g}' if np.isfinite(part.std) else 'not determined',
-            ', '.join(f'{value:+.3g} in {name}' for name, value in part.biases.items()) or 'none',
-        )
-        for part in r.gripper
-    )
+    rows = []
+    for part in r.gripper:
+        std = f'{1e6 * part.std:#.2g}' if np.isfinite(part.std) else 'not determined'
+        biases = ', '.join(f'{value:+.3g} in {name}' for name, value in part.biases.items()) or 'none'
+        rows.append((part.part, f'{100 * part.explained_by_base_model:.1f}', std, biases))
     heading = ('part of P', 'explained by the base model', 'standard deviation', 'bias per unit, if ignored')
-    return Table(heading, ('', '%', 'µm/N', ''), rows)
+    return Table(heading, ('', '%', 'µm/N', ''), tuple(rows))

@@ -20,7 +20,7 @@ with the paper's two modifications: a step is shortened until the error index de
 **Additions to the paper's text.** At L̄n the tip misses most discs by more than its whole deflection: there A = 0 N and
 ∂A/∂L̄ = 0, and no step is defined. The touches are known to be contacts; they are therefore predicted with a two-sided
 contact (`contact(..., tension=True)`), which equals A wherever the tip presses. The pseudo-inverse depends on the units
-of the parameters: the columns are scaled by the plausible ranges, and singular values below a relative `cutoff` are
+of the parameters: the columns are scaled by the plausible ranges, and singular values below 1e-7 of the largest are
 set to zero.
 
 **Experiments of section 5.2, simulated.** Both links of the robot are along y. Three set-ups:
@@ -74,8 +74,6 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.loops.dial_gauge import DialGaugeAnalysis, analyse_tables
 from scara_kinetostatic.studies.loops.record import GRIPPER, JOINT1, JOINT2, PARTS, GaugeTable, Readings
 
-LEVELS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
-"""Loads in increasing order, N; they are removed in the reverse order."""
 DIRECTIONS = tuple(np.radians(np.arange(0, 360, 30)).tolist())
 
 
@@ -108,14 +106,12 @@ class DialGaugeBench:
         turned = np.asarray(direction, dtype=float) - self.axis
         return np.hypot(self.gap_major * np.cos(turned), self.gap_minor * np.sin(turned))
 
-    def run(
-        self, rng: np.random.Generator, part: str, direction: float = 0.0, levels: Sequence[float] = LEVELS
-    ) -> Readings:
+    def run(self, rng: np.random.Generator, part: str, direction: float = 0.0) -> Readings:
         """The experiment at the gripper along one direction, joints locked, or at joint 1 or 2, the other one locked.
 
         A joint is loaded along x at the end of the arm, which is stretched along y.
         """
-        force, sense, cycle = load_cycles(levels)
+        force, sense, cycle = load_cycles()
         compliance, gap, lever = self.p_ee, float(self.gripper_gap(direction)), np.nan
         if part != GRIPPER:
             joint, lever = PARTS.index(part) - 1, sum(self.links) if part == JOINT1 else self.links[1]
@@ -124,9 +120,12 @@ class DialGaugeBench:
         return Readings(force, displacement, cycle, part=part, direction=direction, lever=lever, source=part)
 
 
-def load_cycles(levels: Sequence[float] = LEVELS, cycles: int = 3) -> tuple[Floats, Floats, Floats]:
-    """Force, N, sense of the last load, and cycle of each row of a run, (n,): cycles with loads in both senses."""
-    rise = np.array(levels)
+def load_cycles() -> tuple[Floats, Floats, Floats]:
+    """Force, N, sense of the last load, and cycle of each row of a run, (n,): cycles with loads in both senses.
+
+    Loads are put on in steps of 5 N, and removed in the reverse order.
+    """
+    rise, cycles = np.arange(5.0, 41.0, 5.0), 3
     one = np.concatenate([rise, rise[-2::-1], [0.0]])
     force = np.concatenate([[0.0], np.tile(np.concatenate([one, -one]), cycles)])
     sense = np.concatenate([[0.0], np.tile(np.repeat([1.0, -1.0], len(one)), cycles)])
@@ -134,25 +133,18 @@ def load_cycles(levels: Sequence[float] = LEVELS, cycles: int = 3) -> tuple[Floa
 
 
 def simulate_experiments(
-    bench: DialGaugeBench | None = None,
-    directions: Sequence[float] = DIRECTIONS,
-    levels: Sequence[float] = LEVELS,
-    seed: int = 0,
+    bench: DialGaugeBench | None = None, directions: Sequence[float] = DIRECTIONS, seed: int = 0
 ) -> tuple[Readings, ...]:
     """All of section 5.2: the gripper in every direction, joint 2, joint 1.
 
     Args:
         bench: robot and gauges.
         directions: of the positive load on the gripper, rad.
-        levels: loads in increasing order, N.
         seed: of the noise.
     """
     bench, rng = bench or DialGaugeBench(), np.random.default_rng(seed)
-    gripper = [bench.run(rng, GRIPPER, direction, levels) for direction in directions]
-    return (*gripper, *(bench.run(rng, joint, 0.0, levels) for joint in (JOINT2, JOINT1)))
-
-
-MOST_STEPS = 30
+    gripper = [bench.run(rng, GRIPPER, direction) for direction in directions]
+    return (*gripper, bench.run(rng, JOINT2), bench.run(rng, JOINT1))
 
 
 class PaperFit(NamedTuple):
@@ -208,31 +200,28 @@ def paper_calibrate(touches: TouchSet, cell: Cell) -> PaperFit:
         residual = measured - found.force
         return _Iterate(parameters, residual, jacobian, force_error(residual))
 
-    at = visit(cell.nominal)
-    visited, rank = [at], 0
-    while len(visited) <= MOST_STEPS:
+    visited, rank = [visit(cell.nominal)], 0
+    while len(visited) <= 30 and (len(visited) < 2 or visited[-2].merit - visited[-1].merit >= 1e-12):  # N
+        at = visited[-1]
         step, rank = _pseudo_inverse_step(at)
         # the step, its half, its quarter, … until the error index decreases
         trials = (at.parameters.as_array() + 2.0**-halving * step for halving in range(13))
-        lower = (each for each in map(visit, map(Parameters.from_array, trials)) if each.merit < visited[-1].merit)
-        at = next(lower, at)
-        if at is visited[-1]:
+        lower = next((each for each in map(visit, map(Parameters.from_array, trials)) if each.merit < at.merit), None)
+        if lower is None:
             break
-        visited.append(at)
-        if visited[-2].merit - at.merit < 1e-12:  # N
-            break
+        visited.append(lower)
     history = tuple(force_error(force_residual(observations, ExtendedModel(item.parameters))) for item in visited)
-    return PaperFit(at.parameters, history[-1], history, tuple(item.merit for item in visited), rank)
+    return PaperFit(visited[-1].parameters, history[-1], history, tuple(item.merit for item in visited), rank)
 
 
-def _pseudo_inverse_step(at: _Iterate, cutoff: float = 1e-7, longest_step: float = 1.0) -> tuple[Floats, int]:
-    """The step J⁺ ΔF (13) in scaled parameters, shortened to the bound, and the rank used."""
+def _pseudo_inverse_step(at: _Iterate) -> tuple[Floats, int]:
+    """The step J⁺ ΔF (13) in scaled parameters, of which none changes by more than 1, and the rank used."""
     jacobian = (at.jacobian * SCALES).reshape(-1, len(SCALES))
     u, values, vt = np.linalg.svd(jacobian, full_matrices=False)
-    rank = int((values > cutoff * values[0]).sum())
+    rank = int((values > 1e-7 * values[0]).sum())
     scaled = vt[:rank].T @ ((u.T @ at.residual.ravel())[:rank] / values[:rank])
     longest = float(np.abs(scaled).max())
-    return SCALES * scaled * min(1.0, longest_step / max(longest, 1e-300)), rank
+    return SCALES * scaled * min(1.0, 1.0 / max(longest, 1e-300)), rank
 
 
 ESTIMATED = Parameters(
@@ -257,20 +246,18 @@ FORCE = 40.0
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), gripper_sign=GripperSign.PAPER)
 ONE_LEVEL = (FORCE,)
 THREE_LEVELS = (FORCE / 4, FORCE / 2, FORCE)
-EXACT = Noise(joint=0.0, force=0.0)
-"""Touches without noise."""
 
 
-def paper_touches(levels: tuple[float, ...] = ONE_LEVEL, noise: Noise = EXACT, seed: int = 0) -> TouchSet:
+def paper_touches(levels: tuple[float, ...], noise: Noise | None = None, seed: int = 0) -> TouchSet:
     """The touches of figure 3, simulated with the "actual" robot of table 2.
 
     Args:
         levels: of the force, N.
-        noise: of one touch.
+        noise: of one touch; None: none.
         seed: of the noise.
     """
     plan = default_plan(CELL, per_disc=12, levels=levels, postures=(1,))  # npc of figure 3
-    return simulate_touches(CELL, PAPER_ACTUAL, plan, noise, seed)
+    return simulate_touches(CELL, PAPER_ACTUAL, plan, noise or Noise(joint=0.0, force=0.0), seed)
 
 
 class Run(NamedTuple):
@@ -280,10 +267,9 @@ class Run(NamedTuple):
     weighted: Calibration
 
 
-def run(levels: tuple[float, ...] = ONE_LEVEL, noise: Noise | None = None, seed: int = 0) -> Run:
+def run(levels: tuple[float, ...], noise: Noise | None = None, seed: int = 0) -> Run:
     """Simulates one data set, without noise by default, and estimates L̄ from L̄n by both algorithms."""
-    touches = paper_touches(levels, noise or EXACT, seed)
-    cell = replace(CELL, noise=noise or CELL.noise)
+    touches, cell = paper_touches(levels, noise, seed), replace(CELL, noise=noise or CELL.noise)
     return Run(paper_calibrate(touches, cell), calibrate(touches, cell))
 
 
@@ -326,7 +312,7 @@ class LinearProblem(NamedTuple):
         return half @ half.T
 
 
-def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL) -> LinearProblem:
+def linearise_at_truth(levels: tuple[float, ...]) -> LinearProblem:
     """J_L̄ and A_Q of the touches without noise."""
     o = observe(paper_touches(levels), CELL)
     found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.gripper, warm_start=o.force)
@@ -340,13 +326,13 @@ def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL) -> LinearProblem:
     return LinearProblem(jacobian, blocks.reshape(2 * n, 2 * n), rank, vt[rank:].T, vt[:rank].T)
 
 
-def expected_force_error(linear: LinearProblem, noise: Noise, samples: int = 2000) -> tuple[float, float]:
+def expected_force_error(linear: LinearProblem, noise: Noise) -> tuple[float, float]:
     """Mean and standard deviation over data sets of e_f after the paper's fit, N, to first order; by random draws."""
     covariance = linear.force_covariance(noise)
     residual_maker = np.eye(len(covariance)) - linear.jacobian @ linear.unweighted_gain()
     values, vectors = np.linalg.eigh(residual_maker @ covariance @ residual_maker.T)
-    draws = np.random.default_rng(0).normal(size=(len(covariance), samples))
-    residual = ((vectors * np.sqrt(np.clip(values, 0, None))) @ draws).reshape(-1, 2, samples)
+    draws = np.random.default_rng(0).normal(size=(len(covariance), 2000))
+    residual = ((vectors * np.sqrt(np.clip(values, 0, None))) @ draws).reshape(-1, 2, 2000)
     force_errors = np.hypot(residual[:, 0], residual[:, 1]).mean(axis=0)
     return float(force_errors.mean()), float(force_errors.std())
 
@@ -381,12 +367,8 @@ def study_noise(linear: LinearProblem, ratio: float) -> NoiseStudy:
     covariance, basis = linear.unweighted_covariance(noise), linear.identifiable
     error = basis.T @ ((ESTIMATED_FROM_NOISE.as_array() - PAPER_ACTUAL.as_array()) / SCALES)
     scaled = basis.T @ (covariance / np.outer(SCALES, SCALES)) @ basis
-    return NoiseStudy(
-        noise,
-        *expected_force_error(linear, noise),
-        z=SCALES * (basis @ error) / np.sqrt(np.diag(covariance)),
-        chi_square=float(error @ np.linalg.solve(scaled, error)),
-    )
+    z, chi_square = SCALES * (basis @ error) / np.sqrt(np.diag(covariance)), error @ np.linalg.solve(scaled, error)
+    return NoiseStudy(noise, *expected_force_error(linear, noise), z, float(chi_square))
 
 
 def determined_combination(values: Floats) -> float:
@@ -439,16 +421,10 @@ def compare(
 
 def _scatter(rows: Floats, covariance: Floats) -> Scatter:
     """Of estimates and e_f, (runs, 13), with their predicted covariance."""
-    error = rows[:, :12] - PAPER_ACTUAL.as_array()
-    low, high = np.quantile(rows[:, 12], [0.025, 0.975])
-    return Scatter(
-        runs=len(rows),
-        predicted=np.sqrt(np.diag(covariance)),
-        found=error.std(axis=0, ddof=1),
-        bias=error.mean(axis=0),
-        force_error=float(rows[:, 12].mean()),
-        force_error_range=(float(low), float(high)),
-    )
+    error, force_error = rows[:, :12] - PAPER_ACTUAL.as_array(), float(rows[:, 12].mean())
+    low, high = np.quantile(rows[:, 12], [0.025, 0.975]).tolist()
+    predicted, found = np.sqrt(np.diag(covariance)), error.std(axis=0, ddof=1)
+    return Scatter(len(rows), predicted, found, error.mean(axis=0), force_error, (low, high))
 
 
 class GripperPart(NamedTuple):
