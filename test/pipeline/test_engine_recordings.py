@@ -92,7 +92,7 @@ def test_all_touches_are_found_and_nearly_all_used(name: str) -> None:
     assert outcome.calibration.noise_source == ('estimated' if name == WITHOUT_CELL else 'given')
 
 
-BOTH = [(name, False) for name in NAMED] + [('engine_b', True), ('engine_f', True)]
+BOTH = [(name, False) for name in NAMED] + [('engine_f', True)]
 """With the noise as given, and estimated."""
 
 
