@@ -132,7 +132,7 @@ def test_no_contact(run: Run, recordings: Path, tmp_path: Path, streams: Streams
 
 
 def test_too_few_touches(run: Run, recordings: Path, tmp_path: Path) -> None:
-    check(run('calibrate', recordings / 'few'), 3, '3 touches', '12 parameters')
+    check(run('calibrate', recordings / 'few'), 3, 'few: 3 touches', '12 parameters')
     nothing_new(tmp_path)
 
 

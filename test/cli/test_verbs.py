@@ -55,6 +55,8 @@ def test_several_recordings_count_as_one(run: Run, recordings: Path, tmp_path: P
     assert document['touches']['found'] == 72
     assert document['sources'] == [str(recordings / 'good'), str(recordings / 'plain')]
     assert [entry['index'] for entry in document['touches']['fitted']] == list(range(72))
+    for name, entry in document['parameters'].items():
+        assert abs(entry['value'] - TRUTH[name]) < 5 * entry['std']
 
 
 def test_fix_at_a_value_and_at_the_nominal_one(run: Run, recordings: Path, tmp_path: Path) -> None:

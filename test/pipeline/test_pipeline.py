@@ -24,13 +24,6 @@ from scara_kinetostatic.touches.detection import Detection
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 
 
-def test_too_few_touches_name_the_recording(tmp_path):
-    few = default_plan(CELL).select(np.arange(4))
-    write_streams(tmp_path / 'few.mcap', simulate_streams(CELL, PAPER_ACTUAL, few), CELL)
-    with pytest.raises(UnsupportedDataError, match=r'few\.mcap: 4 touches'):
-        calibrate_recordings([tmp_path / 'few.mcap'], CELL)
-
-
 @pytest.mark.parametrize(
     ('count', 'force', 'angle', 'message'),
     [
@@ -57,18 +50,6 @@ def test_touches_that_slide_are_not_used(tmp_path):
     write_streams(tmp_path / 'one', replace(streams, joints=replace(streams.joints, position=sliding)), CELL)
     with pytest.raises(UnsupportedDataError, match='the tip slides'):
         calibrate_recordings([tmp_path / 'one'], CELL)
-
-
-def test_two_recordings_are_calibrated_together(tmp_path):
-    plan = default_plan(CELL, 6)
-    halves = (plan.select(np.arange(18)), plan.select(np.arange(18, 36)))
-    for number, half in enumerate(halves):
-        write_streams(tmp_path / str(number), simulate_streams(CELL, PAPER_ACTUAL, half, seed=number), CELL)
-    outcome = calibrate_recordings([tmp_path / '0', tmp_path / '1'], CELL)
-    assert outcome.found == 36
-    assert outcome.calibration.touches.index.tolist() == list(range(36))
-    errors = outcome.calibration.parameters.as_array() - PAPER_ACTUAL.as_array()
-    assert np.abs(errors / outcome.calibration.std).max() < 5
 
 
 def test_touches_from_elsewhere_give_the_same_outcome_as_those_of_a_recording(tmp_path):
