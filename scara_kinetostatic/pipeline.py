@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
 
-from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Origin, check_touches, wrong_unit
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, Mistake, Origin, check_touches, wrong_unit
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import other_descriptions, read_streams, recorded_cell
@@ -32,6 +33,10 @@ Progress = Callable[[str, float], None]
 """Called with the step that begins and the part of the work that is done, 0 to 1."""
 
 
+def _unreported(step: str, part: float) -> None:
+    """Nobody wants to know."""
+
+
 def calibrate_files(
     recordings: Sequence[str | Path],
     cell_file: Path | None,
@@ -39,7 +44,7 @@ def calibrate_files(
     left_out: Sequence[str] = (),
     *,
     options: tuple[str, str, str] = ('--cell', '--fix', '--leave-out'),
-    progress: Progress | None = None,
+    progress: Progress = _unreported,
 ) -> Outcome:
     """Calibrate as a user states it, in texts.
 
@@ -78,7 +83,7 @@ def calibrate_recordings(
     *,
     fixed: Mapping[str, float] | None = None,
     left_out: Sequence[LeftOut] = (),
-    progress: Progress | None = None,
+    progress: Progress = _unreported,
 ) -> Outcome:
     """Read recordings and touch tables, find their touches, calibrate, diagnose.
 
@@ -119,7 +124,7 @@ def recording_of(path: str | Path, start: int, turned: str) -> Recording:
         return Recording(str(path), recording_checksum(path), begun, turned)
 
 
-def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress | None = None) -> Detection:
+def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress = _unreported) -> Detection:
     """The touches of several recordings and tables, numbered on from one to the next.
 
     Their order in time is that of the recordings where it is known, else the one given.
@@ -129,7 +134,7 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
     """
     parts: list[Detection] = []
     for number, path in enumerate(paths):
-        _report(progress, f'reading {path}', number / len(paths))
+        progress(f'reading {path}', number / len(paths))
         part = touches_of_file(path, cell)
         source = f'{path}: ' if len(paths) > 1 else ''
         warnings = (text if text.startswith(str(path)) else source + text for text in part.warnings)
@@ -140,7 +145,7 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
     if sequence is not None:
         in_time[sequence] = np.cumsum(found[sequence]) - found[sequence]
     parts = [part.renumbered(range(part.found), first_touches[k], int(in_time[k]), k) for k, part in enumerate(parts)]
-    _report(progress, f'{found.sum()} touches found', 1.0)
+    progress(f'{found.sum()} touches found', 1.0)
     return Detection(
         held=TouchSet.concatenate([part.held for part in parts]),
         episodes=tuple(item for part in parts for item in part.episodes),
@@ -174,7 +179,7 @@ def calibrate_touches(
     calibration: Calibration | None = None,
     fixed: Mapping[str, float] | None = None,
     sources: Sequence[str | Path] = (),
-    progress: Progress | None = None,
+    progress: Progress = _unreported,
 ) -> Outcome:
     """Calibrate touches, diagnose, predict held-out touches.
 
@@ -201,16 +206,49 @@ def calibrate_touches(
     mistake = check.mistake()
     if mistake is not None and mistake.is_gross and calibration is None:
         raise mistake.error(names)
+    with _explained_by(mistake or check.displaced, names):
+        if not len(detection.touches):
+            raise _no_touches(detection, names)
+        _check_limits(detection.touches, cell)
+        if calibration is None:
+            calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
+        else:
+            progress('diagnosing the model', 0.3)
+            diagnosis = diagnose(calibration)
+        calibration = diagnosis.refitted or calibration
+        progress('predicting held-out touches', 0.8)
+        final = diagnosis.extended or calibration
+        _check_converged(final, detection, names)
+        held_out = held_out_force_error(replace(calibration, used=final.used))
+        extended_held_out = held_out if final is calibration else held_out_force_error(final)
+    progress('done', 1.0)
+    rejected = {item.index: item for item in (*detection.rejected, *left_out(calibration), *final.rejected)}
+    return Outcome(
+        calibration=calibration,
+        held_out=held_out,
+        diagnosis=diagnosis,
+        extended_held_out=extended_held_out,
+        found=detection.found,
+        rejected=tuple(rejected[index] for index in sorted(rejected)),
+        warnings=(*detection.warnings, *_unknown_sequence(detection, diagnosis)),
+        first_touches=detection.first_touches,
+        sequence_known=detection.sequence_known,
+        check=check,
+        sources=tuple(map(str, sources)),
+    )
+
+
+@contextmanager
+def _explained_by(mistake: Mistake | None, names: str) -> Iterator[None]:
+    """Names the mistake behind a failure, where there is one."""
     try:
-        outcome = _calibrate_touches(detection, cell, calibration, fixed, names, progress)
+        yield
     except ParameterError:
         raise
     except (UnsupportedDataError, InputError) as error:
-        mistake = mistake or check.displaced
         if mistake is None:
             raise
         raise mistake.error(names) from error
-    return replace(outcome, check=check, sources=tuple(map(str, sources)))
 
 
 def usable_touches(detection: Detection, cell: Cell, sources: Sequence[str | Path]) -> TouchSet:
@@ -253,44 +291,6 @@ def _origin(sources: Sequence[str | Path]) -> Origin:
     return Origin.TABLE if all(map(is_touch_table, sources)) else Origin.RECORDING
 
 
-def _calibrate_touches(
-    detection: Detection,
-    cell: Cell,
-    calibration: Calibration | None,
-    fixed: Mapping[str, float] | None,
-    names: str,
-    progress: Progress | None,
-) -> Outcome:
-    """`calibrate_touches` without a name for the mistake behind a failure."""
-    if not len(detection.touches):
-        raise _no_touches(detection, names)
-    _check_limits(detection.touches, cell)
-    if calibration is None:
-        calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
-    else:
-        _report(progress, 'diagnosing the model', 0.3)
-        diagnosis = diagnose(calibration)
-    calibration = diagnosis.refitted or calibration
-    _report(progress, 'predicting held-out touches', 0.8)
-    final = diagnosis.extended or calibration
-    _check_converged(final, detection, names)
-    held_out = held_out_force_error(replace(calibration, used=final.used))
-    extended_held_out = held_out if final is calibration else held_out_force_error(final)
-    _report(progress, 'done', 1.0)
-    rejected = {item.index: item for item in (*detection.rejected, *left_out(calibration), *final.rejected)}
-    return Outcome(
-        calibration=calibration,
-        held_out=held_out,
-        diagnosis=diagnosis,
-        extended_held_out=extended_held_out,
-        found=detection.found,
-        rejected=tuple(rejected[index] for index in sorted(rejected)),
-        warnings=(*detection.warnings, *_unknown_sequence(detection, diagnosis)),
-        first_touches=detection.first_touches,
-        sequence_known=detection.sequence_known,
-    )
-
-
 def _unknown_sequence(detection: Detection, diagnosis: Diagnosis) -> list[str]:
     """A warning where something shifted and the order in time of the recordings is not known."""
     if detection.sequence_known or not any(item.effect.is_stepwise for item in diagnosis.found):
@@ -319,14 +319,14 @@ def _check_units(recordings: Sequence[str | Path], cell: Cell) -> None:
 
 
 def _fit_and_diagnose(
-    detection: Detection, cell: Cell, fixed: Mapping[str, float] | None, names: str, progress: Progress | None
+    detection: Detection, cell: Cell, fixed: Mapping[str, float] | None, names: str, progress: Progress
 ) -> tuple[Calibration, Diagnosis]:
     """The base model's fit and its diagnosis.
 
     An effect so large that, taken for noise, it hides everything leaves no fit where the noise is to be estimated. Then
     the base model is fitted with the usual noise, and that fit is kept if the diagnosis explains it.
     """
-    _report(progress, f'fitting {len(detection.touches)} touches', 0.0)
+    progress(f'fitting {len(detection.touches)} touches', 0.0)
     effects = fixed_effects(fixed or {}, cell)
     try:
         calibration = calibrate(detection.touches, cell, effects, fixed=fixed)
@@ -335,14 +335,14 @@ def _fit_and_diagnose(
         if cell.noise is not None:
             raise unsupported from error
     else:
-        _report(progress, 'diagnosing the model', 0.3)
+        progress('diagnosing the model', 0.3)
         return calibration, diagnose(calibration)
     try:
         usual = calibrate(detection.touches, replace(cell, noise=USUAL_NOISE), effects, fixed=fixed)
     except UnsupportedDataError:
         raise unsupported from None
     calibration = replace(usual, cell=replace(usual.cell, noise=None))
-    _report(progress, 'diagnosing the model', 0.3)
+    progress('diagnosing the model', 0.3)
     diagnosis = diagnose(calibration)
     if diagnosis.verdict != 'explained':
         raise unsupported
@@ -384,8 +384,3 @@ def _no_touches(detection: Detection, names: str) -> UnsupportedDataError:
     if kinds <= {'gap', 'unsteady'}:
         remedy += ', and whether the topics have one clock (`sensor.time_offset`)'
     return UnsupportedDataError(f'{names}: {problem}', remedy)
-
-
-def _report(progress: Progress | None, step: str, part: float) -> None:
-    if progress is not None:
-        progress(step, part)

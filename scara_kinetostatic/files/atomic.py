@@ -15,7 +15,7 @@ import re
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import chain, count
 from pathlib import Path
 
@@ -107,15 +107,56 @@ def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str,
         OutputError: the folder cannot be written; it is as it was before.
     """
     folder = Path(folder)
-    with writing(folder):
+    with writing(folder), ExitStack() as undo_folder:
         if folder.is_file():
             raise OutputError(folder, 'cannot be written: it is a file, not a folder', 'choose another folder')
-        with _made(folder), _hidden_folder(folder, 'results') as hidden:
+        for place in reversed([place for place in (folder, *folder.parents) if not place.exists()]):
+            undo_folder.callback(_remove_empty, place)
+            place.mkdir(exist_ok=True)
+        with _hidden_folder(folder, 'results') as hidden, ExitStack() as undo:
             for name, text in texts.items():
                 _write(hidden / name, text)
-            with _kept(folder, kept or {}, hidden):
-                _exchange(hidden, folder, list(texts))
-                sync_folder(folder)
+            for name, second in (kept or {}).items():
+                if os.path.lexists(folder / second):
+                    raise _exists(folder / second)
+                undo.callback((folder / second).unlink, missing_ok=True)
+                try:
+                    os.link(folder / name, folder / second)
+                except OSError:  # a file system without links
+                    shutil.copy2(folder / name, hidden / second)
+                    (hidden / second).replace(folder / second)
+            (hidden / 'former').mkdir()
+            for name in texts:
+                _keep_former(folder / name, hidden / 'former' / name)
+                undo.callback(_put_back, folder / name, hidden)
+            for name in texts:
+                (hidden / name).replace(folder / name)
+            sync_folder(folder)
+            undo.pop_all()
+        undo_folder.pop_all()
+
+
+def _remove_empty(folder: Path) -> None:
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _keep_former(place: Path, copy: Path) -> None:
+    if place.is_dir():
+        raise OutputError(place, 'is a folder where a file is to be written', 'move it, or choose another')
+    if place.exists() and not place.is_file():
+        raise OutputError(place, 'is a device or pipe, and would be replaced by a file', 'choose another')
+    if place.exists():
+        shutil.copy2(place, copy)
+
+
+def _put_back(place: Path, hidden: Path) -> None:
+    """Undoes the replacement of a file by its draft, where that has been done."""
+    former = hidden / 'former' / place.name
+    if former.exists():
+        former.replace(place)
+    elif not (hidden / place.name).exists():
+        place.unlink(missing_ok=True)
 
 
 def sync_folder(folder: Path) -> None:
@@ -149,20 +190,6 @@ def _hidden_folder(parent: Path, name: str) -> Iterator[Path]:
         shutil.rmtree(hidden, ignore_errors=True)
 
 
-@contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Makes the folder and those above it; removes what it made if the block fails."""
-    missing = [place for place in (folder, *folder.parents) if not place.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        yield
-    except BaseException:
-        for place in missing:
-            if place.is_dir() and not any(place.iterdir()):
-                place.rmdir()
-        raise
-
-
 def _appear(made: Path, path: Path) -> None:
     """Moves something new to its place in one step, unless another program has put something there meanwhile."""
     try:
@@ -176,51 +203,6 @@ def _appear(made: Path, path: Path) -> None:
         if not path.exists():
             raise
         raise _exists(path) from error
-
-
-@contextmanager
-def _kept(folder: Path, names: Mapping[str, str], drafts: Path) -> Iterator[None]:
-    """Gives files a second name; takes it away if the block fails."""
-    made: list[Path] = []
-    try:
-        for name, second in names.items():
-            if os.path.lexists(folder / second):
-                raise _exists(folder / second)
-            made.append(folder / second)
-            try:
-                os.link(folder / name, folder / second)
-            except OSError:  # a file system without links
-                shutil.copy2(folder / name, drafts / second)
-                (drafts / second).replace(folder / second)
-        yield
-    except BaseException:
-        for path in made:
-            path.unlink(missing_ok=True)
-        raise
-
-
-def _exchange(drafts: Path, folder: Path, names: list[str]) -> None:
-    """Moves drafts to their places; if one of them fails, all former files are put back."""
-    former = drafts / 'former'
-    former.mkdir()
-    for name in names:
-        place = folder / name
-        if place.is_dir():
-            raise OutputError(place, 'is a folder where a file is to be written', 'move it, or choose another')
-        if place.exists() and not place.is_file():
-            raise OutputError(place, 'is a device or pipe, and would be replaced by a file', 'choose another')
-        if place.exists():
-            shutil.copy2(place, former / name)
-    try:
-        for name in names:
-            (drafts / name).replace(folder / name)
-    except BaseException:
-        for name in names:
-            if (former / name).exists():
-                (former / name).replace(folder / name)
-            elif not (drafts / name).exists():
-                (folder / name).unlink(missing_ok=True)
-        raise
 
 
 def _exists(path: Path) -> OutputError:

@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import pi
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers import expat
@@ -36,13 +36,13 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.cell_file import turned_limits
-from scara_kinetostatic.files.columns import csv_cell
+from scara_kinetostatic.files.columns import csv_cell, csv_lines
 from scara_kinetostatic.files.robot_cell import planar_arm
 from scara_kinetostatic.files.robot_urdf import Robot, axis_of, read_bytes
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf, comment, place_of_arm, render, xacro
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import Cell, GripperSign
+from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
@@ -70,26 +70,6 @@ class Options(NamedTuple):
     forces: tuple[float, ...] = ()
 
 
-class _Table(NamedTuple):
-    """The rows of one elbow posture: p places by f forces.
-
-    Attributes:
-        posture: +1 left, -1 right.
-        nominal: joint angles of the nominal rigid arm, in the turn of the commands, (p, f, 2), rad.
-        change: what to add, (p, f, 2), rad; NaN where one of the arms does not reach, or not within its limits.
-        miss: error of the tip without it, (p, f), m.
-        std: standard uncertainty of the tip, (p, f), m.
-        status: (p, f).
-    """
-
-    posture: int
-    nominal: Floats
-    change: Floats
-    miss: Floats
-    std: Floats
-    status: NDArray[Any]
-
-
 def correction_file(arm: CalibratedArm, head: Sequence[str], options: Options) -> tuple[str, list[str]]:
     """The correction table as CSV: what to add to the joint angles of the nominal arm; and what to know of it.
 
@@ -106,18 +86,17 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], options: Options) -
     sizes = tuple(dict.fromkeys(options.forces)) or (0.0, float(f'{(low + high) / 2:.2g}'))
     forces, accuracy = _forces(sizes), options.accuracy or arm.cell.tolerance or 1e-4
     while True:
-        cells = _cells(arm, step)
+        cells, places = _grid(arm, step)
         count = len(cells) * len(forces) * len(arm.used.postures)
         if count > MOST_ROWS:
             name, value = ('--step', step) if options.step else ('--accuracy', accuracy)
             problem = f'{value:g} m needs a table of up to {count:.2g} rows, {MOST_ROWS:.2g} are the most'
             raise ParameterError(name, problem, 'give more, choose fewer forces, or bound the region of the cell')
-        places = _places(arm, step, cells)
-        tables = [_table(arm, places, forces, posture) for posture in arm.used.postures]
-        if not any(np.isfinite(table.change).all(axis=2).any() for table in tables):
+        change, columns = _corrections(arm, places, forces)
+        if not np.isfinite(change).all(axis=-1).any():
             problem = 'no place of the grid can be reached under these forces, within robot.limits'
             raise UnsupportedDataError(problem, 'choose a smaller --step or smaller forces')
-        errors = _errors_between(arm, step, cells, forces, tables)
+        errors = _errors_between(arm, cells, places + step / 2, forces, change)
         if options.step or (len(errors) and np.quantile(errors, 0.95) <= accuracy):
             break
         step /= 2
@@ -126,53 +105,56 @@ def correction_file(arm: CalibratedArm, head: Sequence[str], options: Options) -
         *(f'# {line}' for line in head),
         '# Command q1_nominal_rad + dq1_rad and q2_nominal_rad + dq2_rad to have the tip at x_m, y_m under the force.',
         f'# Places {step:g} m apart; {between}.',
-        'x_m,y_m,fx_N,fy_N,elbow,q1_nominal_rad,q2_nominal_rad,dq1_rad,dq2_rad,miss_m,std_normal_m,status',
     ]
-    rows = (row for table in tables for row in _rows(arm.cell, table, places, forces))
     notes = [f'places {step:g} m apart; {between}']
     if beyond := [f'{size:g}' for size in sizes if size > high or 0 < size < low]:
         touched = f'the forces of the calibration, {low:.3g} to {high:.3g} N'
         notes.append(f'{", ".join(beyond)} N is outside of {touched}: extrapolated')
-    return '\n'.join([*lines, *rows]) + '\n', notes
+    return '\n'.join([*lines, csv_lines(columns)]), notes
 
 
-def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> _Table:
-    count = len(forces)
-    tip, force = np.repeat(places, count, axis=0), np.tile(forces, (len(places), 1))
-    rigid, predictor = np.repeat(inverse(arm.cell.nominal, places, posture), count, axis=0), Predictor(arm)
-    found = predictor.compensate(tip, force, np.full(len(tip), posture))
+def _corrections(arm: CalibratedArm, places: Floats, forces: Floats) -> tuple[Floats, dict[str, list[str]]]:
+    """What to add to the nominal joint angles for s postures, p places and f forces; and the columns of the table.
+
+    Returns:
+        (s, p, f, 2), rad; NaN where one of the arms does not reach, or not within its limits: there is no such row.
+    """
+    cell, predictor, postures = arm.cell, Predictor(arm), arm.used.postures
+    shape = len(postures), len(places), len(forces)
+    sides = np.repeat(postures, len(places) * len(forces))
+    tip = np.broadcast_to(places[:, None], (*shape, 2)).reshape(-1, 2)
+    force = np.broadcast_to(forces, (*shape, 2)).reshape(-1, 2)
+    rigid, found = inverse(cell.nominal, tip, sides), predictor.compensate(tip, force, sides)
     miss = np.linalg.norm(predictor.locate(rigid, force).position - tip, axis=1)
-    per_force = (miss.reshape(-1, count), found.std_normal.reshape(-1, count), found.status.reshape(-1, count))
-    change = np.where(arm.cell.can_take(found.joints)[:, None], wrap(found.joints - rigid), np.nan)
-    return _Table(posture, (found.joints - change).reshape(-1, count, 2), change.reshape(-1, count, 2), *per_force)
+    change = np.where(cell.can_take(found.joints)[:, None], wrap(found.joints - rigid), np.nan)
+    nominal = cell.readings(found.joints - change)  # in the turn of the commands
+    elbows = np.where(sides > 0, 'left', 'right')
+    numbers = (*tip.T, *force.T, elbows, *nominal.T, *cell.readings(change).T, miss, found.std_normal, found.status)
+    heading = 'x_m y_m fx_N fy_N elbow q1_nominal_rad q2_nominal_rad dq1_rad dq2_rad miss_m std_normal_m status'
+    kept = np.isfinite(change).all(axis=1)
+    columns = {name: _texts(column[kept]) for name, column in zip(heading.split(), numbers, strict=True)}
+    return change.reshape(*shape, 2), columns
 
 
-def _rows(cell: Cell, table: _Table, places: Floats, forces: Floats) -> Iterator[str]:
-    nominal, change = cell.readings(table.nominal), cell.readings(table.change)
-    for k, j in np.argwhere(np.isfinite(table.change).all(axis=2)).tolist():
-        std = table.std[k, j] if np.isfinite(table.std[k, j]) else ''
-        angles = *nominal[k, j].tolist(), *change[k, j].tolist()
-        elbow = 'left' if table.posture > 0 else 'right'
-        row = (*places[k].tolist(), *forces[j].tolist(), elbow, *angles, table.miss[k, j], std, table.status[k, j])
-        yield ','.join(value if isinstance(value, str) else f'{value:.10g}' for value in row)
+def _texts(column: NDArray[Any]) -> list[str]:
+    """Words as they are, numbers to ten digits, nothing for what is not finite."""
+    if column.dtype.kind != 'f':
+        return list(map(str, column))
+    return [f'{value:.10g}' if isfinite(value) else '' for value in column.tolist()]
 
 
-def _errors_between(arm: CalibratedArm, step: float, cells: Indices, forces: Floats, tables: list[_Table]) -> Floats:
+def _errors_between(arm: CalibratedArm, cells: Indices, middle: Floats, forces: Floats, change: Floats) -> Floats:
     """How far interpolated corrections miss the tip in the middles between four places, (k,), m."""
-    number = {cell: k for k, cell in enumerate(map(tuple, cells.tolist()))}
-    square = ((0, 0), (1, 0), (0, 1), (1, 1))
-    corners = [[number.get((x + dx, y + dy), -1) for dx, dy in square] for x, y in cells.tolist()]
-    whole = np.array(corners, dtype=np.intp).reshape(-1, 4)
-    whole = whole[(whole >= 0).all(axis=1)]
-    middle = np.repeat(_places(arm, step, cells)[whole[:, 0]] + step / 2, len(forces), axis=0)
-    force, predictor, missed = np.tile(forces, (len(whole), 1)), Predictor(arm), [np.zeros(0)]
-    for table in tables:
-        change = table.change[whole].mean(axis=1).reshape(-1, 2)
-        joints = inverse(arm.cell.nominal, middle, table.posture) + change
-        known = np.isfinite(joints).all(axis=1)
-        found = predictor.locate(joints[known], force[known]).position
-        missed.append(np.linalg.norm(found - middle[known], axis=1))
-    errors = np.concatenate(missed)
+    x, y = (cells - cells.min(axis=0)).T
+    number = np.full((x.max() + 2, y.max() + 2), -1)
+    number[x, y] = np.arange(len(cells))
+    square = np.stack([number[x, y], number[x + 1, y], number[x, y + 1], number[x + 1, y + 1]], axis=-1)
+    whole = (square >= 0).all(axis=1)
+    rigid = np.stack([inverse(arm.cell.nominal, middle[whole], side) for side in arm.used.postures])
+    joints = rigid[:, :, None] + change[:, square[whole]].mean(axis=2)
+    known = np.isfinite(joints).all(axis=-1)
+    tip, force = (np.broadcast_to(part, joints.shape)[known] for part in (middle[whole][:, None], forces))
+    errors = np.linalg.norm(Predictor(arm).locate(joints[known], force).position - tip, axis=1)
     return np.asarray(errors[np.isfinite(errors)])
 
 
@@ -185,21 +167,16 @@ def _in_words(errors: Floats) -> str:
     return f'halfway between places, bilinear interpolation of dq misses the tip {most}'
 
 
-def _cells(arm: CalibratedArm, step: float) -> Indices:
-    """The places of a grid through the base, within reach of the nominal arm and in the region, in steps, (n, 2)."""
+def _grid(arm: CalibratedArm, step: float) -> tuple[Indices, Floats]:
+    """A grid through the base, within reach of the nominal arm and in the region: (n, 2) in steps, and (n, 2), m."""
     p = arm.cell.nominal
     longest = NEARLY_STRETCHED * (p.l1 + p.l2)
     shortest = abs(p.l1 - p.l2) + (1 - NEARLY_STRETCHED) * (p.l1 + p.l2)
     line = np.arange(-int(longest / step), int(longest / step) + 1)
     cells = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    cells = cells[arm.cell.region.holds(_places(arm, step, cells))]
-    distance = step * np.hypot(*cells.T)
-    return cells[(distance <= longest) & (distance >= shortest)]
-
-
-def _places(arm: CalibratedArm, step: float, cells: Indices) -> Floats:
-    """The tip at cells, (n, 2), m."""
-    return np.asarray((arm.cell.nominal.x0, arm.cell.nominal.y0) + step * cells)
+    places, distance = np.asarray((p.x0, p.y0) + step * cells), step * np.hypot(*cells.T)
+    kept = arm.cell.region.holds(places) & (distance <= longest) & (distance >= shortest)
+    return cells[kept], places[kept]
 
 
 def _forces(magnitudes: tuple[float, ...]) -> Floats:

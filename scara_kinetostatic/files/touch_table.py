@@ -23,7 +23,7 @@ are read, with a decimal point and in SI units.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,18 +36,23 @@ from scara_kinetostatic.files import columns
 from scara_kinetostatic.files.columns import Column, Place, Table, csv_cell, load_table, one_of, plain
 from scara_kinetostatic.model.arrays import Floats
 
-EXAMPLE = 'q1_rad,q2_rad,fx_N,fy_N'
-JOINTS = tuple(
-    Column(f'{q}_rad', (q,), columns.ANGLE, required=True, largest=30.0, hint=f'name it {q}_deg where it is in degrees')
-    for q in ('q1', 'q2')
-)
-FORCE = tuple(Column(f'{f}_N', (f,), columns.FORCE, required=True, largest=1e5) for f in ('fx', 'fy'))
-TIME = Column('time_s', ('time',), columns.TIME, largest=1e12)
-APPROACH = tuple(Column(name, (name,), columns.SENSE_OR_ANGLE, largest=30.0) for name in ('approach1', 'approach2'))
-_OBJECT = Column('object', ('object',), parse=str.strip)
-_COLUMNS = (*JOINTS, *FORCE, *(column._replace(blank=True) for column in (TIME, *APPROACH)), _OBJECT)
-LARGEST = {column.name: column.largest for column in _COLUMNS}
-"""Beyond this a number is not plausible in its unit."""
+COLUMNS = {
+    column.name: column
+    for column in (
+        *(Column(f'{q}_rad', (q,), columns.ANGLE, True, largest=30.0, hint=f'name it {q}_deg where it is in degrees')
+          for q in ('q1', 'q2')),
+        *(Column(f'{x}_m', (x,), columns.LENGTH, True, largest=100.0, hint=f'name it {x}_mm where it is in mm')
+          for x in ('x', 'y')),
+        *(Column(f'{f}_N', (f,), columns.FORCE, True, largest=1e5) for f in ('fx', 'fy')),
+        Column('elbow', ('elbow',), parse=one_of({'left': 'left', 'right': 'right'})),
+        Column('time_s', ('time',), columns.TIME, largest=1e12),
+        *(Column(name, (name,), columns.SENSE_OR_ANGLE, largest=30.0) for name in ('approach1', 'approach2')),
+        Column('object', ('object',), parse=str.strip),
+    )
+}  # fmt: skip
+POSES, STATES = ('x_m', 'y_m', 'fx_N', 'fy_N'), ('q1_rad', 'q2_rad', 'fx_N', 'fy_N')
+"""Columns that a table of poses, and one of states or touches, must have."""
+EXAMPLE = ','.join(STATES)
 
 
 class TouchTable(NamedTuple):
@@ -79,7 +84,10 @@ def is_touch_table(path: str | Path) -> bool:
     return Path(path).suffix.lower() == '.csv' and not Path(path).is_dir()
 
 
-def _places(table: Table, known: Iterable[Column]) -> dict[str, Place]:
+def _places(table: Table, needed: Sequence[str], besides: Sequence[str], *, blank: bool) -> dict[str, Place]:
+    """Where the columns are; the cells of those besides the needed ones may be empty if `blank`."""
+    known = [COLUMNS[name] for name in needed]
+    known += [COLUMNS[name]._replace(blank=blank and bool(COLUMNS[name].units)) for name in besides]
     places = table.find(known)
     if ('approach1' in places) != ('approach2' in places):
         raise RecordingError(table.source, 'there is one of approach1 and approach2', 'give both, or none')
@@ -96,9 +104,9 @@ def load_touch_table(path: str | Path) -> TouchTable:
 
 
 def _touches(table: Table) -> TouchTable:
-    places = _places(table, _COLUMNS)
+    places = _places(table, STATES, ('time_s', 'approach1', 'approach2', 'object'), blank=True)
     notes = table.unused(places)
-    needed = [places[column.name].number for column in (*JOINTS, *FORCE)]
+    needed = [places[name].number for name in STATES]
     filled = [any(cells[k].strip() for k in needed if k < len(cells)) for _, cells in table.rows]
     if not any(filled):
         raise RecordingError(table.source, f'no row has a number in {EXAMPLE}', 'give one row per touch')
@@ -112,10 +120,11 @@ def _touches(table: Table) -> TouchTable:
     unknown = np.isnan(time)
     if unknown.any() and not unknown.all():
         raise RecordingError(table.source, 'time_s: some cells are empty', 'give the time of every touch, or of none')
-    approach = [numbers.get(column.name, np.zeros(len(time))) for column in APPROACH]
+    approach = [numbers.get(name, np.zeros(len(time))) for name in ('approach1', 'approach2')]
+    states = np.stack([numbers[name] for name in STATES], axis=-1)
     return TouchTable(
-        joints=np.stack([numbers[column.name] for column in JOINTS], axis=-1),
-        force=np.stack([numbers[column.name] for column in FORCE], axis=-1),
+        joints=states[:, :2],
+        force=states[:, 2:],
         objects=tuple(others.get('object', [''] * len(time))),
         time=np.zeros(len(time)) if unknown.any() else time - time.min(),
         approach=np.nan_to_num(np.stack(approach, axis=-1), nan=0.0),
@@ -123,15 +132,6 @@ def _touches(table: Table) -> TouchTable:
         source=table.source,
         notes=tuple(notes),
     )
-
-
-_PLACE = tuple(
-    Column(f'{axis}_m', (axis,), columns.LENGTH, True, largest=100.0, hint=f'name it {axis}_mm where it is in mm')
-    for axis in 'xy'
-)
-POSES = (*_PLACE, *FORCE)
-STATES = (*JOINTS, *FORCE)
-_BESIDES = (Column('elbow', ('elbow',), parse=one_of({'left': 'left', 'right': 'right'})), TIME, *APPROACH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +185,7 @@ class PoseTable:
         return '\n'.join([','.join(heading), *lines, ''])
 
 
-def load_pose_table(path: Path, needed: Sequence[Column]) -> PoseTable:
+def load_pose_table(path: Path, needed: Sequence[str]) -> PoseTable:
     """Read a table.
 
     Args:
@@ -195,8 +195,8 @@ def load_pose_table(path: Path, needed: Sequence[Column]) -> PoseTable:
     Raises:
         RecordingError: the file cannot be read, or a column or a row of it is wrong.
     """
-    table = load_table(path, ','.join(column.name for column in needed))
-    places = _places(table, (*needed, *_BESIDES))
+    table = load_table(path, ','.join(needed))
+    places = _places(table, needed, ('elbow', 'time_s', 'approach1', 'approach2'), blank=False)
     numbers, others = table.read(places)
     width = len(table.heading)
     texts = [[*cells[:width], *[''] * (width - len(cells))] for _, cells in table.rows]

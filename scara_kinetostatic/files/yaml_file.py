@@ -16,10 +16,11 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import yaml
 
@@ -189,8 +190,12 @@ def _reason(error: Exception) -> str:
 _E = TypeVar('_E', bound=Enum)
 
 
-class Within(NamedTuple):
-    """The limits of a number, and what to do where it is beyond them."""
+@dataclass(frozen=True)
+class Within:
+    """The limits of a number, and what to do where it is beyond them; called, it reads such a number.
+
+    Where there is no upper limit, that of its unit holds (`implausible_size`).
+    """
 
     least: float = -math.inf
     most: float = math.inf
@@ -204,8 +209,11 @@ class Within(NamedTuple):
         least = 'above 0, at most' if self.positive else f'{self.least:g} to'
         return f'{least} {self.most:g} {self.unit}'.rstrip()
 
+    def __call__(self, section: Section, name: str) -> float:
+        """The number under a key of a section."""
+        return section.number(name, self)
 
-POSITIVE = Within(positive=True)
+
 ANY = Within()
 
 
@@ -232,7 +240,8 @@ class Section:
         self, problem: _Problem, where: str, key: str, data: Any, required: _Keys = (), optional: _Keys = ()
     ) -> None:
         self._problem, self._where, self._key = problem, where, key
-        required, known = tuple(required), (*required, *optional)
+        required = tuple(required)
+        known = tuple(dict.fromkeys((*required, *optional)))
         if data is None and not required:
             data = {}
         if not isinstance(data, Mapping):
@@ -252,6 +261,14 @@ class Section:
         """An error that names the key `name` of this section, or the section itself where it is empty."""
         key = self._path(name)
         return self._problem(f'{self._where}: {key}' if key else self._where, problem, remedy)
+
+    def read(self, readers: Mapping[str, Reader]) -> dict[str, Any]:
+        """The values of the keys that are given, each by its reader: a function of the section and the key."""
+        return {name: reader(self, name) for name, reader in readers.items() if self.data.get(name) is not None}
+
+    def record(self, name: str, readers: Mapping[str, Reader], required: _Keys = ()) -> dict[str, Any]:
+        """The values in the mapping under a key."""
+        return self.section(name, required, readers).read(readers)
 
     def section(self, name: str, required: _Keys = (), optional: _Keys = ()) -> Section:
         """The mapping under a key; an empty one where it is missing and nothing in it is required."""
@@ -275,38 +292,45 @@ class Section:
             found.append(self._inside(f'{self._path(name)}[{k}]', item, *keys))
         return found
 
-    def number(self, name: str, unit: str = '', within: Within = ANY) -> float:
-        """A finite number of a plausible size (`implausible_size`), and within its limits."""
+    def number(self, name: str, within: Within = ANY) -> float:
+        """A finite number within its limits."""
         value = self.data[name]
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise self.error(name, f'expected a number, got {shown(value)}')
         if not math.isfinite(value):
             raise self.error(name, f'expected a finite number, got {value}')
-        if implausible := implausible_size(value, unit):
+        if within.most == math.inf and (implausible := implausible_size(value, within.unit)):
             raise self.error(name, *implausible)
         if not within.least <= value <= within.most or (within.positive and value <= 0):
             raise self.error(name, f'expected {within}, got {value:g}', within.remedy)
         return float(value)
 
-    def optional(self, name: str, unit: str = '', within: Within = ANY) -> float | None:
+    def optional(self, name: str, within: Within = ANY) -> float | None:
         """The same; None where the key is missing."""
-        return None if self.data.get(name) is None else self.number(name, unit, within)
+        return None if self.data.get(name) is None else self.number(name, within)
 
-    def vector(self, name: str, labels: Sequence[str], unit: str = '', within: Within = ANY) -> tuple[float, ...]:
+    def vector(self, name: str, labels: Sequence[str], within: Within = ANY) -> tuple[float, ...]:
         """A list of as many numbers as there are labels, which name them in messages: `[x, y]`."""
         values = self.data[name]
         if not isinstance(values, list) or len(values) != len(labels):
             raise self.error(name, f'expected [{", ".join(labels)}], got {shown(values)}')
         entries = self.entries(name, dict(zip(labels, values, strict=True)))
-        return tuple(entries.number(label, unit, within) for label in labels)
+        return tuple(entries.number(label, within) for label in labels)
 
     def entries(self, name: str, values: Mapping[str, Any]) -> Section:
         """The entries of a list under a key as a section, by labels that name them in messages."""
         return self._inside(self._path(name), values, (), values)
 
-    def word(self, name: str, default: str = '') -> str:
+    def flag(self, name: str) -> bool:
+        """True or false."""
+        value = self.data[name]
+        if not isinstance(value, bool):
+            raise self.error(name, f'expected true or false, got {shown(value)}')
+        return value
+
+    def word(self, name: str) -> str:
         """A string that can serve as a name."""
-        value = self.data.get(name, default)
+        value = self.data[name]
         if not isinstance(value, str):
             raise self.error(name, f'expected a string, got {shown(value)}', 'put it in quotes')
         if not value.strip() or value != value.strip() or not value.isprintable():
@@ -317,19 +341,26 @@ class Section:
             raise self.error(name, f'{shown(value)} is a formula to spreadsheets', 'begin it with a letter')
         return value
 
-    def choice(self, name: str, default: _E) -> _E:
-        """A value of the enumeration that `default` belongs to."""
-        value = self.word(name, str(default.value))
-        choices = [str(item.value) for item in type(default)]
-        if value not in choices:
-            raise self.error(name, f'expected {" or ".join(choices)}, got {shown(value)}')
-        return type(default)(value)
-
     def _inside(self, key: str, data: Any, required: _Keys, optional: _Keys) -> Section:
         return Section(self._problem, self._where, key, data, required, optional)
 
     def _path(self, name: str) -> str:
         return '.'.join(part for part in (self._key, name) if part)
+
+
+Reader = Callable[[Section, str], Any]
+
+
+def choice(kind: type[_E]) -> Callable[[Section, str], _E]:
+    """Reads a value of an enumeration."""
+
+    def read(section: Section, name: str) -> _E:
+        value, choices = section.word(name), [str(item.value) for item in kind]
+        if value not in choices:
+            raise section.error(name, f'expected {" or ".join(choices)}, got {shown(value)}')
+        return kind(value)
+
+    return read
 
 
 def shown(value: Any) -> str:

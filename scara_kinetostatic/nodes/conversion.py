@@ -28,7 +28,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from scara_kinetostatic.bags.cdr import Fields, aligned, joint_fields, wrench_fields
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import read_document
-from scara_kinetostatic.files.touch_table import LARGEST
+from scara_kinetostatic.files.touch_table import COLUMNS
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
@@ -372,7 +372,7 @@ def touch_of(values: Mapping[str, str], arm: CalibratedArm) -> TouchSet:
     names = 'q1_rad', 'q2_rad', 'fx_N', 'fy_N'
     numbers = [float(values[name]) for name in names]
     for name, number in zip(names, numbers, strict=True):
-        if not abs(number) <= LARGEST[name]:
+        if not abs(number) <= COLUMNS[name].largest:
             raise ValueError(f'{name} = {number:g} is not plausible')
     joints, force = np.array(numbers).reshape(2, 1, 2)
     moved = [float(values.get(name) or 0.0) for name in ('approach1', 'approach2', 'press1', 'press2')]

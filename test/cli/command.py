@@ -15,3 +15,11 @@ class Result(NamedTuple):
 
 
 Run = Callable[..., Result]
+
+
+def refused(result: Result, status: int, *words: str) -> None:
+    """Check the exit status, and that one line on stderr says all words."""
+    assert (result.status, result.out, result.err.count('\n')) == (status, '', 1), result
+    assert result.err.startswith('scara-kinetostatic')
+    for word in words:
+        assert word in result.err, result.err

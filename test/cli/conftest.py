@@ -55,3 +55,13 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert main(['simulate', '--out', str(folder / 'plain'), '--per-disc', '6', '--plain', '--seed', '1', *small]) == 0
     assert main(['simulate', '--out', str(folder / 'few'), '--plan', str(folder / 'few.yaml'), *small]) == 0
     return folder
+
+
+@pytest.fixture(scope='session')
+def results(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folders `a` and `b`: calibrations of `good` and `plain`, two recordings of one robot."""
+    folder = tmp_path_factory.mktemp('results')
+    cell = ['--cell', str(recordings / 'cell.yaml')]
+    for name, out in (('good', 'a'), ('plain', 'b')):
+        assert main(['calibrate', str(recordings / name), *cell, '--out', str(folder / out)]) == 0
+    return folder

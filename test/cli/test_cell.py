@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.command import Run
+from cli.command import Run, refused
 from files.robots import SCARA
 from files.test_robot_cell import cell_of
 
@@ -40,10 +40,8 @@ def test_from_a_urdf_to_a_calibrated_urdf(run: Run) -> None:
         written.out == 'better.urdf\nbetter_kinematics.yaml\n' and 'cannot hold compliance and backlash' in written.err
     )
     assert run('cell', '--urdf', 'better.urdf', *DESCRIBE, '--out', 'again.yaml').status == 0
-    refused = run('cell', '--urdf', 'better.urdf', *DESCRIBE, '--out', 'cell.yaml')
-    assert (
-        refused.status == 2 and 'cell.yaml: exists, and may have objects filled in; give another --out' in refused.err
-    )
+    again = run('cell', '--urdf', 'better.urdf', *DESCRIBE, '--out', 'cell.yaml')
+    refused(again, 2, 'cell.yaml: exists, and may have objects filled in; give another --out')
     rows = [f'{q1},{q2},0,0' for q1, q2 in np.random.default_rng(0).uniform(-2, 2, (50, 2)).tolist()]
     Path('states.csv').write_text('\n'.join(['q1_rad,q2_rad,fx_N,fy_N', *rows]))
     places = []
@@ -69,17 +67,16 @@ def test_from_a_urdf_to_a_calibrated_urdf(run: Run) -> None:
 )
 def test_a_wrong_command_is_one_line(run: Run, arguments: tuple[str, ...], words: str) -> None:
     Path('robot.urdf').write_text(SCARA)
-    result = run('cell', *arguments, '--out', 'cell.yaml')
-    assert result.status == 2 and words in result.err and result.err.count('\n') == 1
+    refused(run('cell', *arguments, '--out', 'cell.yaml'), 2, words)
     assert not Path('cell.yaml').exists()
 
 
 def test_the_urdf_is_not_replaced(run: Run) -> None:
     Path('robot.urdf').write_text(SCARA)
-    assert (
-        'is an input and would be replaced' in run('cell', '--urdf', 'robot.urdf', *DESCRIBE, '--out', 'robot.urdf').err
-    )
-    into = run('export', 'calibration.json', '--format', 'dh', '--into', 'robot.urdf')
-    assert into.status == 2 and '--into: is for --format urdf with --out FILE' in into.err
-    xacro = run('export', 'calibration.json', '--format', 'urdf', '--into', 'robot.xacro', '--out', 'better.urdf')
-    assert xacro.status == 2 and '--into: a xacro is a program; expand it: xacro robot.xacro > robot' in xacro.err
+    for arguments, words in (
+        (('cell', '--urdf', 'robot.urdf', *DESCRIBE, '--out', 'robot.urdf'), 'is an input and would be replaced'),
+        (('export', 'c.json', '--format', 'dh', '--into', 'robot.urdf'), '--into: is for --format urdf with --out'),
+        (('export', 'c.json', '--format', 'urdf', '--into', 'robot.xacro', '--out', 'better.urdf'),
+         '--into: a xacro is a program; expand it: xacro robot.xacro > robot'),
+    ):  # fmt: skip
+        refused(run(*arguments), 2, words)

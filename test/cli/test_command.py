@@ -79,36 +79,35 @@ def test_interrupted(recordings: Path, tmp_path: Path, number: signal.Signals, s
     assert list(tmp_path.iterdir()) == []
 
 
+def inspected(recordings: Path, stdout: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [*COMMAND, 'inspect', str(recordings / 'few')]
+    variables = ENVIRONMENT | environment
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, env=variables, check=False, text=True)  # type: ignore[call-overload,no-any-return]
+
+
 def test_a_reader_that_goes_away(recordings: Path) -> None:
     read, write = os.pipe()
     os.close(read)
-    command = [*COMMAND, 'inspect', str(recordings / 'few')]
-    process = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, env=ENVIRONMENT, check=False)
+    process = inspected(recordings, write)
     os.close(write)
-    assert process.returncode == 141
-    assert process.stderr == b''
+    assert (process.returncode, process.stderr) == (141, '')
 
 
 def test_a_terminal_without_signs(recordings: Path) -> None:
-    environment = {**ENVIRONMENT, 'PYTHONIOENCODING': 'ascii', 'PYTHONUTF8': '0', 'LC_ALL': 'C'}
-    command = [*COMMAND, 'inspect', str(recordings / 'few')]
-    process = subprocess.run(command, capture_output=True, env=environment, check=False)
-    assert process.returncode == 0
-    assert process.stderr == b''
+    process = inspected(recordings, subprocess.PIPE, PYTHONIOENCODING='ascii', PYTHONUTF8='0', LC_ALL='C')
+    assert (process.returncode, process.stderr) == (0, '')
 
 
 def test_stdout_that_cannot_be_written(recordings: Path) -> None:
-    command = [*COMMAND, 'inspect', str(recordings / 'few')]
     with Path('/dev/full').open('w') as full:
-        process = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, env=ENVIRONMENT, check=False, text=True)
+        process = inspected(recordings, full)
     assert process.returncode == 2
     assert process.stderr.startswith('scara-kinetostatic: stdout cannot be written: ')
     assert process.stderr.count('\n') == 1
 
 
-@pytest.mark.parametrize('closed', ['>&-', '2>&-'])
-def test_a_closed_stream_stops_no_calibration(recordings: Path, tmp_path: Path, closed: str) -> None:
+def test_closed_streams_stop_no_calibration(recordings: Path, tmp_path: Path) -> None:
     command = [*COMMAND, 'calibrate', str(recordings / 'good'), '--out', str(tmp_path / 'result')]
-    process = subprocess.run(['sh', '-c', f'exec "$@" {closed}', 'sh', *command], env=ENVIRONMENT, check=False)
+    process = subprocess.run(['sh', '-c', 'exec "$@" >&- 2>&-', 'sh', *command], env=ENVIRONMENT, check=False)
     assert process.returncode == 0
     assert (tmp_path / 'result/report.html').exists()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.command import Run
+from cli.command import Run, refused
 from cli.conftest import CELL
 
 from scara_kinetostatic.cli.main import main
@@ -86,9 +86,7 @@ def test_the_deviation_from_an_object_of_the_cell(folder: Path, run: Run) -> Non
 )
 def test_wrong_files(folder: Path, run: Run, bag: str, calibration: str, status: int, message: str) -> None:
     result = run('contour', folder / bag, '--calibration', folder / calibration, '--out', 'made')
-    assert result.status == status
-    assert len(result.err.splitlines()) == 1
-    assert message in result.err
+    refused(result, status, message)
     assert not Path('made').exists()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.command import Run
+from cli.command import Run, refused
 from studies.gauge_table import GAP, dump_readings, dump_record, record, some
 
 from scara_kinetostatic.studies.paper.study import simulate_experiments
@@ -90,11 +90,7 @@ def test_what_is_wrong_is_one_line(
 ) -> None:
     if text is not None:
         (tmp_path / 'one.csv').write_text(text)
-    result = run('dial-gauge', 'one.csv', *options)
-    assert result.status == status
-    assert message in result.err
-    assert result.err.count('\n') == 1
-    assert result.out == ''
+    refused(run('dial-gauge', 'one.csv', *options), status, message)
 
 
 def test_nothing_is_written_if_a_table_is_wrong(run: Run, tmp_path: Path) -> None:

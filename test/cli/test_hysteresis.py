@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli.command import Run
+from cli.command import Run, refused
 from studies.load_records import COMPLIANCE, table, torque
 
 STATES = ((-2.0, 0.3), (-2.6, -0.8), (-3.0, 0.7))
@@ -175,11 +175,7 @@ def test_what_is_wrong_is_one_line(
     (tmp_path / 'other.csv').write_text(loops())
     if text is not None:
         (tmp_path / 'one.csv').write_text(text)
-    result = run('hysteresis', 'one.csv', *options)
-    assert result.status == status
-    assert message in result.err
-    assert result.err.count('\n') == 1
-    assert result.out == ''
+    refused(run('hysteresis', 'one.csv', *options), status, message)
     assert not (tmp_path / 'result').exists()
 
 
@@ -190,6 +186,5 @@ def test_records_of_two_joints_are_not_mixed(run: Run, tmp_path: Path) -> None:
         (['two.csv'], 'two.csv: a record of joint 4, but one.csv is one of joint 2'),
         (['--predict', 'two.csv'], 'two.csv: a record of joint 4'),
     ):
-        result = run('hysteresis', 'one.csv', *options, '--out', 'result')
-        assert (result.status, message in result.err, result.err.count('\n')) == (2, True, 1), result
+        refused(run('hysteresis', 'one.csv', *options, '--out', 'result'), 2, message)
         assert not (tmp_path / 'result').exists()

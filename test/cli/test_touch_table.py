@@ -96,18 +96,12 @@ def test_one_row_of_residuals_per_touch(result, folder):
     assert not any(row['reason'] for row in rows)
 
 
-def test_without_names_the_objects_are_found(result, folder):
+def test_without_names_the_objects_are_found_and_the_frame_of_the_sensor_does_not_matter(result, folder):
     out = folder / 'unnamed'
-    assert run('calibrate', folder / 'unnamed.csv', '--cell', folder / 'cell.yaml', '--out', out) == 0
+    assert run('calibrate', folder / 'unnamed.csv', '--cell', folder / 'tool.yaml', '--out', out) == 0
     found = document(out)
     for key in ('parameters', 'diagnosis', 'force_error', 'touches'):
         assert found[key] == result[key]
-
-
-def test_the_frame_of_the_sensor_does_not_matter_to_a_table(result, folder):
-    out = folder / 'tool'
-    assert run('calibrate', folder / 'touches.csv', '--cell', folder / 'tool.yaml', '--out', out) == 0
-    assert document(out)['parameters'] == result['parameters']
 
 
 def test_several_tables_and_recordings_together(folder, tmp_path):
@@ -158,19 +152,19 @@ def test_a_touch_of_nothing_is_rejected_and_stands_among_the_residuals(folder, t
     ('change', 'status', 'message'),
     [
         (lambda table: table._replace(objects=('disc_9', *table.objects[1:])), 2, "the cell has no object 'disc_9'"),
-        (lambda table: table._replace(objects=('',) * 108, force=-table.force), 2, 'change the signs of fx and fy'),
+        (lambda table: table._replace(objects=('',) * 54, force=-table.force), 2, 'change the signs of fx and fy'),
         (lambda table: table._replace(force=-table.force), 2, 'change the signs of fx and fy'),
-        (lambda table: table._replace(objects=(*table.objects[:9], *[''] * 99), force=-table.force), 2, 'the signs'),
-        (lambda table: table._replace(objects=('',) * 108, joints=table.joints + 9), 3, 'no object there'),
+        (lambda table: table._replace(objects=(*table.objects[:9], *[''] * 45), force=-table.force), 2, 'the signs'),
+        (lambda table: table._replace(objects=('',) * 54, joints=table.joints + 9), 3, 'no object there'),
         (lambda table: table._replace(force=1e-3 * table.force), 2, 'the forces are in kN, not in N'),
         (lambda table: table._replace(force=0.02 * table.force), 3, 'check the units and the order of joint angles'),
-        (lambda table: table._replace(objects=('',) * 108, joints=table.joints[:, ::-1]), 2, 'in the wrong order'),
+        (lambda table: table._replace(objects=('',) * 54, joints=table.joints[:, ::-1]), 2, 'in the wrong order'),
         (lambda table: TouchTable(*(part[:3] if len(part) else part for part in table)), 3, 'touches'),
     ],
 )  # fmt: skip
 def test_wrong_tables_leave_nothing_behind(folder, tmp_path, capsys, change, status, message):
     path = tmp_path / 'wrong.csv'
-    path.write_text(dump_touch_table(change(as_table(TOUCHES))), encoding='utf-8')
+    path.write_text(dump_touch_table(change(as_table(TOUCHES.select(np.arange(108) % 2 == 0)))), encoding='utf-8')
     out, residuals = tmp_path / 'out', tmp_path / 'residuals.csv'
     options = ('--cell', folder / 'cell.yaml', '--out', out, '--residuals', residuals)
     assert run('calibrate', path, *options) == status

@@ -117,7 +117,7 @@ class Tree:
             turn = turn @ _turn(axis, angle)
         axis, at = _numbers(joint.find('axis'), 'xyz', '1 0 0'), positions.get(joint.get('name'), 0.0)
         if (mimic := joint.find('mimic')) is not None:
-            at = positions.get(mimic.get('joint'), 0.0)
+            at = positions.get(mimic.get('joint'), 0.0) * float(mimic.get('multiplier', 1))
         if joint.get('type') == 'prismatic':
             return turn, place + turn @ axis * at
         return (turn, place) if joint.get('type') == 'fixed' else (turn @ _turn(axis, at), place)

@@ -1,7 +1,10 @@
-"""Results appear whole or not at all."""
+"""Results appear whole or not at all; the checksum of a recording is the one that its documentation computes."""
 
 from __future__ import annotations
 
+import hashlib
+import os
+import subprocess
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -10,6 +13,7 @@ import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import OutputError
+from scara_kinetostatic.files.atomic import recording_checksum
 from scara_kinetostatic.results import write
 from scara_kinetostatic.results.write import write_results
 
@@ -122,3 +126,23 @@ def test_a_file_system_without_links_keeps_copies(
     assert len(kept) == len(FILES)
     assert before in {path.read_bytes() for path in kept.values()}
     assert len(names(tmp_path)) == 2 * len(FILES)
+
+
+def test_the_checksum_of_a_file_is_that_of_its_bytes(tmp_path: Path) -> None:
+    content = os.urandom(3_000_000)
+    (tmp_path / 'touches.csv').write_bytes(content)
+    assert recording_checksum(tmp_path / 'touches.csv') == hashlib.sha256(content).hexdigest()
+
+
+def test_the_checksum_of_a_folder_is_that_of_the_documented_command(tmp_path: Path) -> None:
+    for name in ('metadata.yaml', 'bag_0.mcap', 'bag_10.mcap', 'Bag.db3', '.bag_11.mcap.part'):
+        (tmp_path / name).write_text(name)
+    found = recording_checksum(tmp_path)
+    assert recording_checksum.__doc__ is not None
+    lines = recording_checksum.__doc__.split('cd FOLDER\n', 1)[1].split('\n\n', 1)[0]
+    output = subprocess.run(['sh', '-c', lines], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    assert output.split()[0] == found
+    (tmp_path / 'report.html').write_text('not a part of the recording')
+    assert recording_checksum(tmp_path) == found
+    (tmp_path / '.bag_11.mcap.part').write_text('changed')
+    assert recording_checksum(tmp_path) != found

@@ -12,7 +12,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from files.robots import Tree
-from files.test_urdf import pose
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
@@ -80,35 +79,35 @@ def facts(arm: CalibratedArm, kind: str) -> ExportFacts:
     return ExportFacts.of(arm, 'a -- b */ <c>.json', FORMATS[kind].content)
 
 
+def rows_of(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
+
+
+def columns(rows: list[dict[str, str]], *names: str) -> np.ndarray:
+    return np.array([[float(row[name]) for name in names] for row in rows])
+
+
 def check_tree(text: str, arm: CalibratedArm) -> None:
-    robot = ElementTree.fromstring(text)
+    robot = Tree(text)
     for q in JOINTS:
-        at = pose(robot, TOOL_FRAME, dict(zip(arm.cell.joint_names, arm.cell.readings(q).tolist(), strict=True)))
-        np.testing.assert_allclose(at[:2, 3], forward(arm.model.parameters, q), rtol=0, atol=1e-12)
+        _, at = robot.frame(TOOL_FRAME, dict(zip(arm.cell.joint_names, arm.cell.readings(q).tolist(), strict=True)))
+        expected = arm.cell.plane.in_robot(forward(arm.model.parameters, q))
+        np.testing.assert_allclose(at, expected, rtol=0, atol=1e-12)
 
 
-@pytest.fixture(params=[(0.0, (1, 1)), (16 / 76, (1, 1)), (0.3, (-1, 1))], ids=['', 'coupled', 'turned'])
+PLANE = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 'flange')
+
+
+@pytest.fixture(
+    params=[{}, {'coupling': 16 / 76}, {'coupling': 0.3, 'direction': (-1, 1)}, {'plane': PLANE}],
+    ids=['', 'coupled', 'turned', 'upright'],
+)
 def coupled(request: pytest.FixtureRequest, arm: CalibratedArm) -> CalibratedArm:
-    coupling, direction = request.param
-    return replace(arm, cell=replace(arm.cell, coupling=coupling, direction=direction))
+    return replace(arm, cell=replace(arm.cell, **request.param))
 
 
 def test_urdf(coupled: CalibratedArm) -> None:
     check_tree(urdf_text(coupled, facts(coupled, 'urdf')), coupled)
-
-
-def test_urdf_and_xacro_start_in_the_robots_frame(arm: CalibratedArm, tmp_path: Path) -> None:
-    plane = Plane('world', (0.1, 0.2, 0.3), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 'flange')
-    upright = replace(arm, cell=replace(arm.cell, plane=plane))
-    (tmp_path / 'arm.xacro').write_text(xacro_text(upright, facts(upright, 'xacro')))
-    xacro = pytest.importorskip('xacro')
-    for text in (
-        urdf_text(upright, facts(upright, 'urdf')),
-        xacro.process_file(str(tmp_path / 'arm.xacro')).toprettyxml(),
-    ):
-        _, at = Tree(text).frame(TOOL_FRAME, dict(zip(arm.cell.joint_names, JOINTS[0].tolist(), strict=True)))
-        there = plane.in_robot(forward(arm.model.parameters, JOINTS[0])[None])[0]
-        np.testing.assert_allclose(at, there, rtol=0, atol=1e-12)
 
 
 def test_xacro(coupled: CalibratedArm, tmp_path: Path) -> None:
@@ -133,8 +132,7 @@ def test_xacro(coupled: CalibratedArm, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('convention', ['standard', 'modified'])
 def test_dh(arm: CalibratedArm, convention: str) -> None:
-    lines = [line for line in dh_text(arm, facts(arm, 'dh'), convention).splitlines() if not line.startswith('#')]
-    rows = list(csv.DictReader(lines))
+    rows = rows_of(dh_text(arm, facts(arm, 'dh'), convention))
     assert [row['joint_name'] for row in rows[1:3]] == list(arm.cell.joint_names)
     for q in JOINTS:
         angles = {'joint1': q[0], 'joint2': q[1]}
@@ -188,50 +186,40 @@ def test_the_header_gives_the_tip_and_the_joint_angles(
 
 def test_the_corrections_bring_the_nominal_arm_to_the_place(coupled: CalibratedArm) -> None:
     arm = replace(coupled, model=ExtendedModel(PAPER_ACTUAL))
-    text = correction_file(arm, facts(arm, 'csv').lines, Options(step=0.2, forces=(0.0, 30.0)))[0]
-    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
+    rows = rows_of(correction_file(arm, (), Options(step=0.2, forces=(0.0, 30.0)))[0])
     assert {row['elbow'] for row in rows} == {'left', 'right'} and len(rows) > 100
-
-    def column(*names: str) -> np.ndarray:
-        return np.array([[float(row[name]) for name in names] for row in rows])
-
-    tip, force = column('x_m', 'y_m'), column('fx_N', 'fy_N')
-    start = column('q1_nominal_rad', 'q2_nominal_rad')
-    joints = arm.cell.angles(start + column('dq1_rad', 'dq2_rad'))
+    tip, force = columns(rows, 'x_m', 'y_m'), columns(rows, 'fx_N', 'fy_N')
+    start = columns(rows, 'q1_nominal_rad', 'q2_nominal_rad')
+    joints = arm.cell.angles(start + columns(rows, 'dq1_rad', 'dq2_rad'))
     loaded = np.array([row['status'] == 'ok' for row in rows])
+    assert loaded.sum() > 50
     found, _ = direct_kinetostatics(arm.model, joints, force, arm.cell.gripper)
     np.testing.assert_allclose(found[loaded], tip[loaded], rtol=0, atol=1e-9)
     nominal, _ = direct_kinetostatics(arm.model, arm.cell.angles(start), force, arm.cell.gripper)
-    assert loaded.sum() > 50
     miss = np.linalg.norm(nominal - tip, axis=1)
-    np.testing.assert_allclose(miss[loaded], column('miss_m')[loaded, 0], rtol=0, atol=2e-5)  # in the dead bands
+    np.testing.assert_allclose(miss[loaded], columns(rows, 'miss_m')[loaded, 0], rtol=0, atol=2e-5)  # in the dead bands
 
 
 def test_the_error_between_the_places_of_a_correction_table_is_stated(arm: CalibratedArm) -> None:
     text, notes = correction_file(arm, facts(arm, 'csv').lines, Options(step=0.1, forces=(20.0,)))
-    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
-    found: dict[tuple[float, ...], np.ndarray] = {}
-    for row in rows:
-        where = tuple(round(float(row[name]), 6) for name in ('x_m', 'y_m', 'fx_N', 'fy_N'))
-        if row['elbow'] == 'left':
-            found[where] = np.array([float(row['dq1_rad']), float(row['dq2_rad'])])
+    rows = [row for row in rows_of(text) if row['elbow'] == 'left']
+    places = map(tuple, columns(rows, 'x_m', 'y_m', 'fx_N', 'fy_N').round(6).tolist())
+    found = dict(zip(places, columns(rows, 'dq1_rad', 'dq2_rad'), strict=True))
     errors = []
-    for (x, y, fx, fy), change in found.items():
-        square = [
-            found.get((round(x + dx, 6), round(y + dy, 6), fx, fy)) for dx, dy in ((0.1, 0), (0, 0.1), (0.1, 0.1))
-        ]
-        if all(corner is not None for corner in square):
+    for x, y, *force in found:
+        square = [(x, y), (round(x + 0.1, 6), y), (x, round(y + 0.1, 6)), (round(x + 0.1, 6), round(y + 0.1, 6))]
+        changes = [found.get((*corner, *force)) for corner in square]
+        if all(change is not None for change in changes):
             middle = np.array([[x + 0.05, y + 0.05]])
-            joints = inverse(arm.cell.nominal, middle, 1) + np.mean([change, *square], axis=0)
-            tip = Predictor(arm).locate(joints, np.array([[fx, fy]])).position
+            joints = inverse(arm.cell.nominal, middle, 1) + np.mean(changes, axis=0)
+            tip = Predictor(arm).locate(joints, np.array([force])).position
             errors.append(float(np.linalg.norm(tip - middle)))
     assert len(errors) > 100
     stated, _ = notes[0].split(' mm where the arm')
-    largest = 1e-3 * float(stated.rsplit(' ', 1)[1])
-    assert largest >= 0.99 * max(errors) > 1e-5
+    assert 1e-3 * float(stated.rsplit(' ', 1)[1]) >= 0.99 * max(errors) > 1e-5
     assert f'# P{notes[0][1:]}.' in text
     assert len(notes) == 1
-    beyond = correction_file(arm, facts(arm, 'csv').lines, Options(step=0.2, forces=(500.0,)))[1][1]
+    beyond = correction_file(arm, (), Options(step=0.2, forces=(500.0,)))[1][1]
     assert '500 N is outside of the forces of the calibration' in beyond
 
 
@@ -241,15 +229,17 @@ def test_the_step_of_a_correction_table_follows_from_the_accuracy(arm: Calibrate
         text, notes = exported(allowed, 'csv', 'a.json', Options(forces=(20.0,)))
         stated = float(next(note for note in notes if 'halfway' in note).split('by less than ')[1].split(' mm')[0])
         assert stated <= accuracy
-    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith('#'))
-    assert all(0.1 <= float(row[name]) <= 0.4 for row in rows for name in ('x_m', 'y_m'))
+    places = columns(rows_of(text), 'x_m', 'y_m')
+    assert ((places >= 0.1) & (places <= 0.4)).all()
+
+
+def with_gain(arm: CalibratedArm, gain: float) -> CalibratedArm:
+    model = ExtendedModel(arm.model.parameters, (find(arm.cell, 'encoder_gain[joint1]'),), ((gain,),))
+    return replace(arm, model=model, covariance=np.zeros((13, 13)), undetermined=np.zeros((13, 0)))
 
 
 def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> None:
-    effect = find(arm.cell, 'encoder_gain[joint1]')
-    model = ExtendedModel(arm.model.parameters, (effect,), ((1e-3,),))
-    covariance, undetermined = np.zeros((13, 13)), np.zeros((13, 0))
-    other = replace(arm, model=model, covariance=covariance, undetermined=undetermined)
+    other = with_gain(arm, 1e-3)
     with pytest.raises(UnsupportedDataError, match=r'encoder_gain\[joint1\]'):
         header_text(other, facts(other, 'header'))
     (note,) = facts(other, 'urdf').notes(is_rigid=True)
@@ -275,24 +265,14 @@ def test_limits_bound_corrections_and_what_a_rigid_arm_leaves_out(arm: Calibrate
     limits = ((-0.5, 2.0), (-1.5, 2.2))
     limited = replace(arm, cell=replace(arm.cell, limits=limits))
     grid = Options(step=0.05, forces=(30.0,))
-    every, some = (list(csv.DictReader(_rows(correction_file(one, (), grid)[0]))) for one in (arm, limited))
-    kept = []
-    for row in every:
-        pose = np.array([float(row[f'q{k}_nominal_rad']) + float(row[f'dq{k}_rad']) for k in (1, 2)])
-        kept += [row] if limited.cell.can_take(pose) else []
-    assert some == kept
+    every, some = (rows_of(correction_file(one, (), grid)[0]) for one in (arm, limited))
+    joints = columns(every, 'q1_nominal_rad', 'q2_nominal_rad') + columns(every, 'dq1_rad', 'dq2_rad')
+    assert some == [row for row, can in zip(every, limited.cell.can_take(joints).tolist(), strict=True) if can]
     assert 0 < len(some) < 0.5 * len(every)
     said = 'The limits of the joints are not checked: shoulder -0.5 to 2 rad, '
     assert said in header_text(limited, facts(limited, 'header'))
     assert said not in header_text(arm, facts(arm, 'header'))
-    effect = find(arm.cell, 'encoder_gain[joint1]')
-    size = len(NAMES) + 1
-    bent = replace(
-        arm,
-        model=ExtendedModel(PAPER_ACTUAL, (effect,), ((1e-4,),)),
-        covariance=np.zeros((size, size)),
-        undetermined=np.zeros((size, 0)),
-    )
+    bent = with_gain(replace(arm, model=ExtendedModel(PAPER_ACTUAL)), 1e-4)
     assert 0 < rigid_miss(replace(bent, cell=limited.cell)) < 0.7 * rigid_miss(bent)
 
 
@@ -301,18 +281,12 @@ def test_the_corrections_command_angles_within_the_limits(
     arm: CalibratedArm, limits: tuple[tuple[float, float], tuple[float, float]]
 ) -> None:
     limited = replace(arm, cell=replace(arm.cell, limits=limits, coupling=0.2))
-    rows = list(csv.DictReader(_rows(correction_file(limited, (), Options(step=0.05, forces=(0.0, 30.0)))[0])))
-    both = [
-        [[float(row[f'{name}{k}{end}_rad']) for k in (1, 2)] for row in rows]
-        for name, end in (('q', '_nominal'), ('dq', ''))
-    ]
-    commands, nominal = limited.cell.angles(np.sum(both, axis=0)), limited.cell.angles(np.array(both[0]))
+    rows = rows_of(correction_file(limited, (), Options(step=0.05, forces=(0.0, 30.0)))[0])
+    start, change = (
+        columns(rows, f'{name}1{end}', f'{name}2{end}') for name, end in (('q', '_nominal_rad'), ('dq', '_rad'))
+    )
+    commands, nominal = limited.cell.angles(start + change), limited.cell.angles(start)
     low, high = np.array(limits).T
     assert ((commands >= low - 1e-8) & (commands <= high + 1e-8)).all()
     assert commands[:, 0].max() > 3.0
-    tip = np.array([[float(row[name]) for name in ('x_m', 'y_m')] for row in rows])
-    np.testing.assert_allclose(forward(limited.cell.nominal, nominal), tip, rtol=0, atol=1e-9)
-
-
-def _rows(text: str) -> list[str]:
-    return [line for line in text.splitlines() if not line.startswith('#')]
+    np.testing.assert_allclose(forward(limited.cell.nominal, nominal), columns(rows, 'x_m', 'y_m'), rtol=0, atol=1e-9)

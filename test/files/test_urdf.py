@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
@@ -19,44 +18,19 @@ JOINTS = ('shoulder', 'elbow & more')
 CELL = replace(PAPER_CELL, joint_names=JOINTS)
 
 
-def numbers(element: Element, name: str) -> list[float]:
-    return [float(text) for text in element.attrib[name].split()]
-
-
-def pose(robot: Element, frame: str, angles: dict[str, float]) -> np.ndarray:
-    """Homogeneous transform (4, 4) from the root of a URDF to a frame; only turns about z."""
-    found = [joint for joint in robot.iterfind('joint') if joint.find('child').attrib['link'] == frame]  # type: ignore[union-attr]
-    if not found:
-        return np.eye(4)
-    (joint,) = found
-    origin, mimic = joint.find('origin'), joint.find('mimic')
-    assert origin is not None
-    roll, pitch, yaw = numbers(origin, 'rpy')
-    assert roll == pitch == 0
-    if joint.attrib['type'] != 'fixed':
-        *level, sense = numbers(joint.find('axis'), 'xyz')  # type: ignore[arg-type]
-        assert level == [0, 0] and abs(sense) == 1
-        factor = 1.0 if mimic is None else float(mimic.attrib.get('multiplier', 1))
-        yaw += sense * factor * angles[joint.attrib['name'] if mimic is None else mimic.attrib['joint']]
-    step = np.eye(4)
-    step[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    step[:3, 3] = numbers(origin, 'xyz')
-    return pose(robot, joint.find('parent').attrib['link'], angles) @ step  # type: ignore[union-attr,no-any-return]
-
-
 @pytest.mark.parametrize(('seed', 'coupling'), [(0, 0.0), (1, 0.0), (2, 0.0), (3, 16 / 76), (4, -1.0)])
 @pytest.mark.parametrize('direction', [(1, 1), (-1, 1), (-1, -1)])
 def test_the_tip_is_that_of_the_rigid_arm(seed: int, coupling: float, direction: tuple[int, int]) -> None:
     cell, random = replace(CELL, coupling=coupling, direction=direction), np.random.default_rng(seed)
     parameters = PAPER_ACTUAL.replace(theta1=random.uniform(-3, 3), theta2=random.uniform(-3, 3), l2=0.1 + seed)
-    robot = ElementTree.fromstring(side_by_side('arm', cell, parameters))
+    robot = Tree(side_by_side('arm', cell, parameters))
     for q in random.uniform(-np.pi, np.pi, (20, 2)):
         angles = dict(zip(JOINTS, cell.readings(q).tolist(), strict=True))
         for prefix, arm in (('', PAPER_NOMINAL), (CALIBRATED, parameters)):
-            at = pose(robot, prefix + TOOL_FRAME, angles)
-            np.testing.assert_allclose(at[:3, 3], [*forward(arm, q), 0], rtol=0, atol=1e-12)
+            axes, at = robot.frame(prefix + TOOL_FRAME, angles)
+            np.testing.assert_allclose(at, [*forward(arm, q), 0], rtol=0, atol=1e-12)
             along = q.sum() + arm.theta1 + arm.theta2
-            np.testing.assert_allclose(at[:2, 0], [np.cos(along), np.sin(along)], rtol=0, atol=1e-12)
+            np.testing.assert_allclose(axes[:2, 0], [np.cos(along), np.sin(along)], rtol=0, atol=1e-12)
 
 
 def test_it_is_one_tree_with_names_of_its_own() -> None:

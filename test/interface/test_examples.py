@@ -10,6 +10,7 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic import interface
+from scara_kinetostatic.results import report
 
 NAMES = [name for name in sk.__all__ if not name.startswith('__')]
 
@@ -23,6 +24,7 @@ def examples(name: str) -> list[doctest.DocTest]:
 @pytest.mark.parametrize('name', NAMES)
 def test_an_example_runs(name, in_example_files, calibrated, monkeypatch):
     monkeypatch.setattr(interface, 'calibrate_recordings', calibrated)
+    monkeypatch.setattr(report, 'html_text', lambda _: 'page')  # drawn in the test below
     (found,) = examples(name)
     assert found.examples, f'{name} has no example'
     assert 'import scara_kinetostatic as sk' in found.examples[0].source

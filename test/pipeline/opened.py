@@ -9,13 +9,10 @@ import sys
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from pipeline.undeclared import ALL, BAGS, true_robot
+from pipeline.undeclared import ALL, outcome_of, true_robot
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.bags.reader import embedded_cell
-from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.report.quantities import SCALES, decimals
 
 
@@ -38,12 +35,6 @@ class Row(NamedTuple):
     def off_extended(self) -> float:
         """Standard deviations from the truth."""
         return (self.extended - self.truth) / self.extended_std
-
-
-def outcome_of(name: str) -> Outcome:
-    """The calibration of a recording, made without the truth."""
-    path = BAGS / f'{name}.mcap'
-    return calibrate_recordings([path], embedded_cell(path) or load_cell(BAGS / 'measured.yaml'))
 
 
 def rows(name: str, outcome: Outcome) -> Iterator[Row]:

@@ -15,6 +15,7 @@ from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataErro
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches, usable_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
@@ -23,32 +24,18 @@ from scara_kinetostatic.touches.detection import Detection
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 
 
-def test_a_mirrored_sensor_gives_no_result(tmp_path):
-    streams = simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL), seed=3)
-    mirrored = replace(streams.wrench, force=streams.wrench.force * [1, -1])
-    write_streams(tmp_path / 'mirror.mcap', replace(streams, wrench=mirrored), CELL)
-    with pytest.raises(InputError, match=r'mirror.mcap: y of the force has the wrong sign .*; change the sign of fy'):
-        calibrate_recordings([tmp_path / 'mirror.mcap'], CELL)
-
-
-def test_too_few_touches_name_the_recording(tmp_path):
-    few = default_plan(CELL).select(np.arange(4))
-    write_streams(tmp_path / 'few.mcap', simulate_streams(CELL, PAPER_ACTUAL, few), CELL)
-    with pytest.raises(UnsupportedDataError, match=r'few\.mcap: 4 touches'):
-        calibrate_recordings([tmp_path / 'few.mcap'], CELL)
-
-
 @pytest.mark.parametrize(
-    ('force', 'angle', 'message'),
+    ('count', 'force', 'angle', 'message'),
     [
-        (1e-3, 1.0, 'one: the forces are in kN, not in N: a touch would have'),
-        (1.0, 180 / np.pi, 'one: the angles of joint 1 and joint 2 are in degrees, not in rad'),
+        (72, [1, -1], 1.0, r'one: y of the force has the wrong sign .*; change the sign of fy'),
+        (24, 1e-3, 1.0, 'one: the forces are in kN, not in N: a touch would have'),
+        (24, 1.0, 180 / np.pi, 'one: the angles of joint 1 and joint 2 are in degrees, not in rad'),
     ],
 )
-def test_streams_of_other_units_are_named(tmp_path, force, angle, message):
-    plan = default_plan(CELL).select(np.arange(24))
+def test_streams_of_other_units_or_signs_are_named(tmp_path, count, force, angle, message):
+    plan = default_plan(CELL).select(np.arange(count))
     streams = simulate_streams(CELL, PAPER_ACTUAL, plan, seed=3)
-    wrench = replace(streams.wrench, force=force * streams.wrench.force)
+    wrench = replace(streams.wrench, force=np.multiply(force, streams.wrench.force))
     joints = replace(streams.joints, position=angle * streams.joints.position)
     write_streams(tmp_path / 'one', replace(streams, joints=joints, wrench=wrench), CELL)
     with pytest.raises(InputError, match=message):
@@ -63,18 +50,6 @@ def test_touches_that_slide_are_not_used(tmp_path):
     write_streams(tmp_path / 'one', replace(streams, joints=replace(streams.joints, position=sliding)), CELL)
     with pytest.raises(UnsupportedDataError, match='the tip slides'):
         calibrate_recordings([tmp_path / 'one'], CELL)
-
-
-def test_two_recordings_are_calibrated_together(tmp_path):
-    plan = default_plan(CELL, 6)
-    halves = (plan.select(np.arange(18)), plan.select(np.arange(18, 36)))
-    for number, half in enumerate(halves):
-        write_streams(tmp_path / str(number), simulate_streams(CELL, PAPER_ACTUAL, half, seed=number), CELL)
-    outcome = calibrate_recordings([tmp_path / '0', tmp_path / '1'], CELL)
-    assert outcome.found == 36
-    assert outcome.calibration.touches.index.tolist() == list(range(36))
-    errors = outcome.calibration.parameters.as_array() - PAPER_ACTUAL.as_array()
-    assert np.abs(errors / outcome.calibration.std).max() < 5
 
 
 def test_touches_from_elsewhere_give_the_same_outcome_as_those_of_a_recording(tmp_path):
@@ -110,23 +85,25 @@ def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise
     assert np.abs(off / outcome.final.std).max() < 4
 
 
+@pytest.fixture(scope='module')
+def touches() -> TouchSet:
+    return simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL), CELL.noise, 3)
+
+
 @pytest.mark.parametrize('factor', [0.1, 10.0])
-def test_a_noise_that_is_stated_wrong_is_what_the_actions_name(factor: float) -> None:
-    touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL), Noise(1e-5, 0.3), 3)
+def test_a_noise_that_is_stated_wrong_is_what_the_actions_name(touches: TouchSet, factor: float) -> None:
     outcome = calibrate_touches(touches, replace(CELL, noise=Noise(1e-5 * factor, 0.3 * factor)))
     assert 'times the stated noise' in outcome.assessment.reasons[0]
     assert outcome.assessment.actions == ('leave the noise out of the cell description to have it estimated',)
 
 
-def test_a_noise_above_every_force_is_named() -> None:
-    touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL), Noise(1e-5, 0.3), 3)
+def test_a_noise_above_every_force_is_named(touches: TouchSet) -> None:
     with pytest.raises(UnsupportedDataError, match='its direction is noise of 30 N'):
         calibrate_touches(touches, replace(CELL, noise=Noise(1e-3, 30.0)))
 
 
-def test_limits_that_exclude_all_touches_are_named(tmp_path):
+def test_limits_that_exclude_all_touches_are_named(touches: TouchSet) -> None:
     cell = replace(CELL, limits=((-3.1, -2.9), (1.0, 1.1)))
-    touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL))
     message = (
         r'^robot\.limits: they exclude all 72 touches, joint1 from -3.* to 2.*, joint2 from .* rad; correct them: of '
     )
@@ -136,8 +113,7 @@ def test_limits_that_exclude_all_touches_are_named(tmp_path):
         calibrate_touches(touches, replace(cell, coupling=0.1))
 
 
-def test_limits_that_exclude_nearly_all_touches_are_named():
-    touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL))
+def test_limits_that_exclude_nearly_all_touches_are_named(touches: TouchSet) -> None:
     low, *_, seventh, eighth = np.sort(touches.joints[:, 0])[:8].tolist()
     tenth, less = (replace(CELL, limits=((low, high), (-3.1, 3.1))) for high in (eighth, seventh))
     assert len(usable_touches(Detection.of(touches), tenth, ['touches'])) == 72

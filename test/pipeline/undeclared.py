@@ -9,15 +9,21 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 from simulation.oval_disc import OvalDisc
 
+from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.effects.registry import register, unregister
+from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.truth import load_truth
 
 BAGS = Path(__file__).parents[2] / 'bags'
@@ -57,6 +63,29 @@ def true_robot(name: str, cell: Cell) -> ExtendedModel:
     """The true robot of a recording, from its truth file."""
     with oval_discs_listed():
         return load_truth(TRUTH / f'{name}.yaml', cell)
+
+
+def path_of(name: str) -> Path:
+    """A recording."""
+    return BAGS / f'{name}.mcap'
+
+
+def cell_of(name: str) -> Cell:
+    """The cell in it, or the one beside it."""
+    return embedded_cell(path_of(name)) or load_cell(BAGS / 'measured.yaml')
+
+
+@cache
+def outcome_of(name: str, estimated: bool = False) -> Outcome:
+    """The calibration of a recording, made without the truth; with its noise estimated."""
+    cell = cell_of(name)
+    return calibrate_recordings([path_of(name)], replace(cell, noise=None) if estimated else cell)
+
+
+def declares_nothing(name: str, *words: str, largest: int) -> bool:
+    """Whether a small recording holds none of some words."""
+    content = path_of(name).read_bytes().lower()
+    return 0 < len(content) < largest and not any(word.encode() in content for word in ('effect', 'truth', *words))
 
 
 def make(recording: Undeclared, folder: Path) -> Path:
