@@ -199,7 +199,6 @@ def _reassociate(
     # until every touch is of the edge or corner on which the fit places it
     for _ in range(6):
         observations = found.observations
-        assert observations.surface is not None
         seen.append(observations.surface)
         surface = fitted_surfaces(observations, cell, found.fit.point)
         touches = touches.replace(surface=surface)

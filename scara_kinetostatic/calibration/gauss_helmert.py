@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.model.arrays import Floats, Mask, along_and_across, as_complex, pairs
+from scara_kinetostatic.model.arrays import Floats, Mask, along_and_across, as_complex, pairs, unit_vectors
 from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import (
     all_derivatives,
@@ -74,21 +74,14 @@ def first_guess(observations: Observations, model: ExtendedModel) -> Adjusted:
 def place_force(observations: Observations, model: ExtendedModel, joints: Floats, force: Floats, state: State) -> State:
     """The state with magnitude and base-frame direction of a force as the sensor reports it."""
     force = true_force(model, force, observations.metadata)
-    direction = np.arctan2(force[:, 1], force[:, 0]) + _sensor_angle(observations, model, joints)
-    return state._replace(magnitude=np.hypot(force[:, 0], force[:, 1]), direction=direction)
-
-
-def _sensor_angle(observations: Observations, model: ExtendedModel, joints: Floats) -> Floats | float:
-    """Angle of the sensor's frame in the base frame, (n,), rad."""
-    if observations.frame is not SensorFrame.TOOL:
-        return 0.0
-    return joints[:, 0] + joints[:, 1] + model.parameters.theta1 + model.parameters.theta2
+    x, y = observations.frame.to_base(force, joints, model.parameters).T
+    return state._replace(magnitude=np.hypot(x, y), direction=np.arctan2(y, x))
 
 
 def _in_sensor_frame(observations: Observations, model: ExtendedModel, joints: Floats, state: State) -> Floats:
     """The true force of a state in the sensor's frame, (n, 2), N."""
-    direction = state.direction - _sensor_angle(observations, model, joints)
-    return np.array([state.magnitude * np.cos(direction), state.magnitude * np.sin(direction)]).T
+    force = pairs(state.magnitude * unit_vectors(state.direction))
+    return observations.frame.from_base(force, joints, model.parameters)
 
 
 def linearise(
@@ -127,10 +120,8 @@ def linearise(
     parts = [] if o.declared is None else [_by_errors(o, model, adjusted.force, state, by_force)]
     if o.random is not None:
         units = unit_changes(e, by_force, adjusted.force)
-        pairs_of = zip(units, (o.random.joints, o.random.place, o.random.sensor), strict=True)
-        parts.append(np.asarray(sum(by_unit @ column for by_unit, column in pairs_of)))
-    by_errors = np.concatenate(parts, axis=-1) if len(parts) > 1 else parts[0] if parts else None
-    by_angle = None
+        parts.append(np.sum([unit @ change for unit, change in zip(units, o.random.changes, strict=True)], axis=0))
+    by_errors, by_angle = np.concatenate(parts, axis=-1) if parts else None, None
     if model.off_normal_std:
         by_off_normal = off_normal_derivative(model, e)
         if adjusted.off_normal is not None:
@@ -168,17 +159,15 @@ def _by_errors(
     """h_e: derivatives of the equations by the declared errors, (n, 2, m), m."""
     o = observations
     assert o.declared is not None
-    assert o.metadata is not None
     errors = o.errors[: o.declared.count]
     centers, radii = o.declared.by_disc(errors)
-    surface = o.metadata.disc if o.surface is None else o.surface
-    by_x, by_y = centers.transpose(1, 2, 0).take(surface, axis=2)
+    (by_x, by_y), by_radius = centers.transpose(1, 2, 0).take(o.surface, axis=2), radii.T.take(o.surface, axis=1)
     x, y = np.cos(state.direction), np.sin(state.direction)
     out = np.empty((o.declared.count, 2, len(o.joints)))  # the touches last
-    np.subtract(radii.T.take(surface, axis=1), by_x * x + by_y * y, out=out[:, 0])
+    np.subtract(by_radius, by_x * x + by_y * y, out=out[:, 0])
     np.subtract(by_x * y, by_y * x, out=out[:, 1])
     if o.tangents is not None:
-        _on_edges(o, model, state, out, radii.T.take(surface, axis=1))
+        _on_edges(o, model, state, out, by_radius)
     along, across = o.declared.by_force(errors)
     for changes, by in ((along, by_force[:, :, 0]), (across, by_force[:, :, 1])):
         for k in np.flatnonzero(changes):
@@ -193,9 +182,7 @@ def _on_edges(observations: Observations, model: ExtendedModel, state: State, ou
     ω (r T + N T·(X - S_c)).
     """
     o = observations
-    assert o.declared is not None
-    assert o.surface is not None
-    assert o.tangents is not None
+    assert o.declared is not None and o.tangents is not None
     tangent = as_complex(o.tangents)
     seen = np.exp(-1j * state.direction)
     along = tangent * seen

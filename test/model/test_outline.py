@@ -96,11 +96,9 @@ def test_a_touch_is_nearest_to_its_own_edge_or_corner():
     surfaces, random = surfaces_of([SQUARE, ELL], TIP), np.random.default_rng(1)
     which = random.integers(0, len(surfaces.radii), 300)
     place, normal = surfaces.select(which).at(random.uniform(-0.9, 0.9, 300))
-    misses, normals = surfaces.misses(place, -normal, 0.1)
-    size = np.hypot(*misses.transpose(2, 0, 1))
+    size = np.hypot(*surfaces.misses(place, -normal, 0.1).transpose(2, 0, 1))
     assert (size.argmin(axis=1) == which).all()
     np.testing.assert_allclose(size.min(axis=1), 0.0, atol=1e-12)
-    np.testing.assert_allclose(normals[np.arange(300), which], normal, atol=1e-12)
 
 
 def _touched(outline):
