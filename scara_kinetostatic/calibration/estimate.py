@@ -192,9 +192,8 @@ def _few_of_each(observations: Observations) -> Mask:
     robust runs, by whatever parameters, and all others be the outliers.
     """
     cells = np.round(np.concatenate([observations.joints / 0.02, observations.force / 10.0], axis=1))
-    kind = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-    order, few = np.argsort(kind, kind='stable'), np.ones(len(kind), dtype=bool)
-    few[order[3:]] = kind[order[3:]] != kind[order[:-3]]
+    order, few = np.lexsort(cells.T), np.ones(len(cells), dtype=bool)
+    few[order[3:]] = (cells[order[3:]] != cells[order[:-3]]).any(axis=1)
     return few
 
 

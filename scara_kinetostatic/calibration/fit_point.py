@@ -173,7 +173,7 @@ def moved(observations: Observations, point: Point, change: Floats, noise: Noise
     def part(where: slice) -> tuple[Adjusted, Linearisation, Whitened, Floats]:
         o, (_, adjusted, linear, whitened, *_) = observations.select(where), select(point, where)
         if stage.adjusts:
-            adjusted, arm = adjust(o, model, adjusted, linear, whitened, change, noise, frozen)
+            adjusted, arm = adjust(o, model, adjusted, linear, whitened, change, frozen)
         else:
             adjusted, arm = as_measured(o, model, adjusted.state)
         return adjusted, *_evaluate(o, model, adjusted, noise, stage, arm)
@@ -228,7 +228,7 @@ def _in_rounds(observations: Observations, point: Point, noise: Noise, rounds: i
     still, change = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors)), point.distance
     for _ in range(rounds):
         before, model = point.distance, point.model
-        adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
+        adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, still)
         point = evaluate(observations, model, adjusted, noise, arm=arm)
         change = np.abs(point.distance - before) / (1 + point.distance)
         if (change < 1e-6).all():

@@ -239,7 +239,7 @@ def true_force(model: ExtendedModel, reported: Floats, metadata: TouchMetadata |
 
     By Newton's method, whose derivative stays for as long as the error falls fast.
     """
-    if not model.has_sensor_error:
+    if not (model.effects and model.has_sensor_error):
         return reported
     force, most = reported, np.abs(reported).max(initial=0.0)
     inverse, before = None, np.inf

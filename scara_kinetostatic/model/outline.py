@@ -299,7 +299,7 @@ def edges_of(outline: Outline, tip_radius: float = 0.0) -> tuple[Complexes, Comp
     the outline turns, and what its rounding takes of the edge, or of an inner corner the tip that does not reach in.
     """
     point = np.array([complex(*corner) for corner in outline.corners])
-    edge = np.diff(point) if outline.is_open else np.roll(point, -1) - point
+    edge: Complexes = (np.roll(point, -1) - point)[: len(point) - outline.is_open]
     length = np.abs(edge)
     with np.errstate(divide='ignore', invalid='ignore'):
         tangent = edge / length
