@@ -342,7 +342,7 @@ def _misses(r: _Reading, values: Floats) -> _Misses:
     links = r.joints - rigid * [p.p1, p.p2] - rigid / np.hypot(rigid, 1e-2) * [p.g1, p.g2]
     torque, tip = joint_torques(p, links, force), forward(p, links)
     press, unit, every = p.p_ee * size + p.g_ee, force / size[:, None], np.arange(len(size))
-    misses, _ = r.surfaces.misses(tip - press[:, None] * unit, unit, EDGE_RADIUS)
+    misses = r.surfaces.misses(tip - press[:, None] * unit, unit, EDGE_RADIUS)
     k = np.argmin(np.hypot(misses[..., 0], misses[..., 1]), axis=1)
     here, miss = r.surfaces.select(k), -misses[every, k]
     off, edge = tip - here.centers, here.is_edge

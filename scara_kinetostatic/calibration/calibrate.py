@@ -109,7 +109,7 @@ def calibrate(
     to_disc = observations.contact_problem(observations.joints).inward(forward(cell.nominal, observations.joints))
     force = base_force(observations, ExtendedModel(cell.nominal))
     cosine = (to_disc * force).sum(axis=1) / np.maximum(np.hypot(*to_disc.T) * np.hypot(*force.T), 1e-12)
-    if np.median(cosine) < 0.5:  # the right frame and sign give more than 0.8, even 20 mm and 3° off
+    if (cosine < 0.5).mean() > 0.5:  # the right frame and sign give more than 0.8, even 20 mm and 3° off
         problem = 'the forces do not point from the tip to the discs'
         raise InputError('force', problem, 'give the force on the object; check sign, frame and axes of the sensor')
     try:
@@ -199,7 +199,6 @@ def _reassociate(
     # until every touch is of the edge or corner on which the fit places it
     for _ in range(6):
         observations = found.observations
-        assert observations.surface is not None
         seen.append(observations.surface)
         surface = fitted_surfaces(observations, cell, found.fit.point)
         touches = touches.replace(surface=surface)
@@ -281,10 +280,10 @@ def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]
     magnitude = np.hypot(touches.force[:, 0], touches.force[:, 1])
     least = 3.0 * cell.noise.force_rms if cell.noise else 1e-6  # N; below it a force has no direction to speak of
     earlier = numbers = np.arange(len(touches))
-    if len(np.unique(touches.joints[:, 0])) < len(touches):  # as hardly ever
-        rows = np.concatenate([touches.joints, touches.force], axis=1).view('V32')[:, 0].tolist()
-        first: dict[bytes, int] = {}
-        earlier = np.array([first.setdefault(row, k) for k, row in enumerate(rows)])
+    if len(set(touches.joints[:, 0].tolist())) < len(touches):  # as hardly ever
+        rows = np.concatenate([touches.joints, touches.force], axis=1)
+        _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        earlier = first[which.ravel()]
     kept = (magnitude > least) & (earlier == numbers)
     if kept.all():
         return touches, []

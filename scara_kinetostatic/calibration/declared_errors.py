@@ -345,17 +345,13 @@ class RandomEffects(NamedTuple):
     Attributes:
         columns: what they are, k of them, those of the robot first.
         size: prior standard deviation of each, (k,), in its unit.
-        joints: δ by one standard deviation, (n, 2, k), rad.
-        place: d by one, (n, 2, k), m.
-        sensor: e by one, (n, 2, k), N, in the sensor's frame.
+        changes: δ, rad, d, m, and e, N, in the sensor's frame, by one standard deviation of each, (3, n, 2, k).
         stated: declared standard deviations by label or name of the effect.
     """
 
     columns: tuple[Column, ...]
     size: Floats
-    joints: Floats
-    place: Floats
-    sensor: Floats
+    changes: Floats
     stated: dict[str, float]
 
     @classmethod
@@ -363,31 +359,26 @@ class RandomEffects(NamedTuple):
         cls, columns: Sequence[Column], size: Floats, at: TouchState, force: Floats, stated: dict[str, float]
     ) -> RandomEffects:
         """Columns of some sizes at touches with true forces in the sensor's frame (n, 2), N."""
-        n, k = len(force), len(columns)
-        joints, place, sensor = np.zeros((3, n, 2, k))
-        for number, shift in enumerate(derivatives(columns, at)):
-            for out, part in ((joints, shift.joints), (place, shift.place)):
-                if part is not None:
-                    out[:, :, number] = part
+        changes = np.zeros((3, len(force), 2, len(columns)))
         errors = {c[:2]: c.effect.sensor_error_derivative(force, np.array(c.values), at.metadata) for c in columns}
-        for number, column in enumerate(columns):
-            if errors[column[:2]]:
-                sensor[:, :, number] = errors[column[:2]][column.parameter]
-        return cls(tuple(columns), size, joints * size, place * size, sensor * size, stated)
+        for number, (column, shift) in enumerate(zip(columns, derivatives(columns, at), strict=True)):
+            error = errors[column[:2]]
+            for kind, part in enumerate((*shift, error[column.parameter] if error else None)):
+                if part is not None:
+                    changes[kind, :, :, number] = part
+        return cls(tuple(columns), size, changes * size, stated)
 
     def resized(self, factor: Floats) -> RandomEffects:
         """The same with sizes larger by factors (k,)."""
-        size, joints, place, sensor = (factor * part for part in (self.size, self.joints, self.place, self.sensor))
-        return self._replace(size=size, joints=joints, place=place, sensor=sensor)
+        return self._replace(size=factor * self.size, changes=factor * self.changes)
 
     def summed(self, values: Floats) -> RandomEffects:
         """One column: all with their values (k,)."""
-        joints, place, sensor = ((part @ values)[:, :, None] for part in (self.joints, self.place, self.sensor))
-        return self._replace(columns=self.columns[:1], size=np.ones(1), joints=joints, place=place, sensor=sensor)
+        return self._replace(columns=self.columns[:1], size=np.ones(1), changes=(self.changes @ values)[..., None])
 
     def select(self, which: Any) -> RandomEffects:
         """At the touches that a mask, a slice or an array of positions picks."""
-        return self._replace(joints=self.joints[which], place=self.place[which], sensor=self.sensor[which])
+        return self._replace(changes=self.changes[:, which])
 
     def stated_size(self, column: Column) -> float:
         """The declared standard deviation of its effect; NaN where none is declared."""

@@ -51,14 +51,12 @@ class WarmStart(NamedTuple):
         noise: σ_q and σ_f.
         used: touches that took part, (n,).
         errors: declared errors of the cell, (m,); None to begin without.
-        most: steps of all runs together after which the fit is given up: its noise levels and outliers alternate.
     """
 
     model: ExtendedModel
     noise: Noise
     used: Mask
     errors: Floats | None = None
-    most: int = 240
 
 
 class Estimation(NamedTuple):
@@ -102,10 +100,6 @@ class _Round(NamedTuple):
     subspace: Subspace
     unidentifiable: Floats
 
-    def is_followed_by_itself(self, following: _Round) -> bool:
-        """Whether a fit has changed nothing of what it took as given, but for noise levels that have converged."""
-        return self.stage is FINAL and self.subspace is following.subspace and self.is_similar(following, 1e-3)
-
     def is_similar(self, following: _Round, tolerance: float) -> bool:
         """Whether the outliers are as before, and the noise levels but for a relative change."""
         pairs = zip(self.noise.levels, following.noise.levels, strict=True)
@@ -130,9 +124,8 @@ def estimate(
             that they determine less than half of them.
     """
     everything = Subspace.of_free(start, free, scales_of(start))
-    observations, model, errors, adjusted, now, iterations = _begin(observations, cell, start, everything, warm_start)
+    observations, model, adjusted, now, iterations = _begin(observations, cell, start, everything, warm_start)
     limits, most = 0, 60 if warm_start is None else 30  # one that converges takes ten or less, mostly
-    observations = observations.with_errors(errors)
     for number in range(_ROUNDS + 1):
         fit = minimise(observations, model, adjusted, now.subspace, now.noise, now.stage, now.used, most)
         model, adjusted, iterations = fit.point.model, fit.point.adjusted, iterations + fit.iterations
@@ -143,12 +136,15 @@ def estimate(
         if limits == 2:
             break
         following = _next_round(observations, cell, everything, free, now, fit, distance, number)
-        is_last = number == _ROUNDS or (warm_start is not None and iterations > warm_start.most)
+        # after so many steps a warm fit is given up: its noise levels and outliers alternate
+        is_last = number == _ROUNDS or (warm_start is not None and iterations > 240)
         if is_last and not now.is_similar(following, 0.05):  # levels that are hard to tell apart converge slowly
             fit = fit._replace(termination=Termination.ITERATION_LIMIT)
-        if is_last or now.is_followed_by_itself(following):
+        is_same = following.subspace is now.subspace
+        # the fit has changed nothing of what it took as given, but for noise levels that have converged
+        if is_last or (is_same and now.stage is FINAL and now.is_similar(following, 1e-3)):
             break
-        if following.subspace is not now.subspace:
+        if not is_same:
             parameters, lost = following.unidentifiable.shape
             if 2 * lost > parameters:
                 raise UnsupportedDataError(
@@ -168,15 +164,15 @@ def estimate(
 
 def _begin(
     observations: Observations, cell: Cell, start: ExtendedModel, everything: Subspace, warm_start: WarmStart | None
-) -> tuple[Observations, ExtendedModel, Floats, Adjusted, _Round, int]:
-    """Touches, model, declared errors, adjusted observations to begin with, the first round, and the steps so far."""
+) -> tuple[Observations, ExtendedModel, Adjusted, _Round, int]:
+    """Touches, model, adjusted observations to begin with, the first round, and the steps so far."""
     none = np.empty((everything.basis.shape[1], 0))
     if warm_start is not None:
         noise = as_stated(warm_start.noise, cell.noise)
         first = _Round(FINAL, warm_start.used, noise, everything, none)
         errors = observations.errors if warm_start.errors is None else warm_start.errors
-        near = project(observations.with_errors(errors), warm_start.model, noise)
-        return observations, warm_start.model, errors, near.adjusted, first, 0
+        observations = observations.with_errors(errors)
+        return observations, warm_start.model, project(observations, warm_start.model, noise).adjusted, first, 0
     noise = cell.noise or USUAL_NOISE
     # at first all that the cell description says counts as exactly known
     stated = observations._replace(declared=None, errors=NO_ERRORS, reported=None, random=None)
@@ -186,7 +182,7 @@ def _begin(
     if cell.has_outlines:
         observations = observations.on_surfaces(cell.surfaces, fitted_surfaces(stated, cell, fit.point))
     adjusted = turn_radial(observations, fit.point)
-    return observations, fit.point.model, observations.errors, adjusted, first, fit.iterations
+    return observations.with_errors(observations.errors), fit.point.model, adjusted, first, fit.iterations
 
 
 def _few_of_each(observations: Observations) -> Mask:
@@ -196,9 +192,8 @@ def _few_of_each(observations: Observations) -> Mask:
     robust runs, by whatever parameters, and all others be the outliers.
     """
     cells = np.round(np.concatenate([observations.joints / 0.02, observations.force / 10.0], axis=1))
-    kind = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-    order, few = np.argsort(kind, kind='stable'), np.ones(len(kind), dtype=bool)
-    few[order[3:]] = kind[order[3:]] != kind[order[:-3]]
+    order, few = np.lexsort(cells.T), np.ones(len(cells), dtype=bool)
+    few[order[3:]] = (cells[order[3:]] != cells[order[:-3]]).any(axis=1)
     return few
 
 

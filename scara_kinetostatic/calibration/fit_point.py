@@ -23,13 +23,14 @@ from scara_kinetostatic.calibration.gauss_helmert import (
     squared_distance,
     whiten,
 )
-from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, in_blocks, put
-from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, pick
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, in_blocks
+from scara_kinetostatic.model.arrays import EVERY, Floats, Indices, Mask, pick, put
 from scara_kinetostatic.model.cell import Cell, Noise, force_covariance
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel, true_force
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.tip import Force, Law
 from scara_kinetostatic.model.touch_equations import Arm
 
 
@@ -172,7 +173,7 @@ def moved(observations: Observations, point: Point, change: Floats, noise: Noise
     def part(where: slice) -> tuple[Adjusted, Linearisation, Whitened, Floats]:
         o, (_, adjusted, linear, whitened, *_) = observations.select(where), select(point, where)
         if stage.adjusts:
-            adjusted, arm = adjust(o, model, adjusted, linear, whitened, change, noise, frozen)
+            adjusted, arm = adjust(o, model, adjusted, linear, whitened, change, frozen)
         else:
             adjusted, arm = as_measured(o, model, adjusted.state)
         return adjusted, *_evaluate(o, model, adjusted, noise, stage, arm)
@@ -181,18 +182,9 @@ def moved(observations: Observations, point: Point, change: Floats, noise: Noise
         return Point(model, *in_blocks(len(observations.joints), part), errors)
 
 
-_OF_TOUCHES = ('adjusted', 'linear', 'whitened', 'distance')
-"""What of a point is an array over the touches, or a tuple of such."""
-
-
 def select(point: Point, which: Mask | Indices | slice) -> Point:
     """The touches of a point that a mask, an array of positions or a slice picks."""
-    return point._replace(**{name: pick(getattr(point, name), which) for name in _OF_TOUCHES})
-
-
-def replaced(point: Point, which: Indices, part: Point) -> Point:
-    """A point with some touches in place of those that were there."""
-    return point._replace(**{name: put(getattr(point, name), which, getattr(part, name)) for name in _OF_TOUCHES})
+    return Point(point.model, *pick(point[1:5], which), point.errors)
 
 
 def turn_radial(observations: Observations, point: Point) -> Adjusted:
@@ -224,7 +216,7 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
         point, moving = _in_rounds(held, point, noise, 5)
         if len(moving):
             rest, _ = _in_rounds(held.select(moving), select(point, moving), noise, 15)
-            point = replaced(point, moving, rest)
+            point = Point(model, *put(point[1:5], moving, rest[1:5]), point.errors)
         return point if held is observations else evaluate(observations, model, point.adjusted, noise)
 
 
@@ -236,7 +228,7 @@ def _in_rounds(observations: Observations, point: Point, noise: Noise, rounds: i
     still, change = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors)), point.distance
     for _ in range(rounds):
         before, model = point.distance, point.model
-        adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
+        adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, still)
         point = evaluate(observations, model, adjusted, noise, arm=arm)
         change = np.abs(point.distance - before) / (1 + point.distance)
         if (change < 1e-6).all():
@@ -287,11 +279,12 @@ def _measured_off_normal(observations: Observations, model: ExtendedModel) -> Fl
     """Off-normal angle of each measured force, (n,), rad."""
     o = observations
     state = first_guess(o, model).state
-    link2 = state.link1 + state.link2 + model.parameters.theta1 + model.parameters.theta2
+    link1 = state.link1 + model.parameters.theta1
+    link2 = link1 + state.link2 + model.parameters.theta2
     force = base_force(o, model)
+    at = Law(model, o.gripper).loading(link1, link2, Force.of(force))
     tip = forward(model.parameters, np.stack([state.link1, state.link2], axis=-1))
-    inward = o.contact_problem(o.joints).shifted(model, state).inward(tip)
-    inward = inward - o.gripper.deflection(model.parameters, force, link2)
+    inward = o.contact_problem(o.joints).shifted(model, state).inward(tip) - np.array(at.offset).T
     across = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
     return np.asarray(np.arctan2(across, (inward * force).sum(axis=1)))
 

@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.model.arrays import Floats, Mask, along_and_across, as_complex, pairs
+from scara_kinetostatic.model.arrays import Floats, Mask, along_and_across, as_complex, pairs, unit_vectors
 from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
 from scara_kinetostatic.model.contact import (
     all_derivatives,
@@ -74,21 +74,14 @@ def first_guess(observations: Observations, model: ExtendedModel) -> Adjusted:
 def place_force(observations: Observations, model: ExtendedModel, joints: Floats, force: Floats, state: State) -> State:
     """The state with magnitude and base-frame direction of a force as the sensor reports it."""
     force = true_force(model, force, observations.metadata)
-    direction = np.arctan2(force[:, 1], force[:, 0]) + _sensor_angle(observations, model, joints)
-    return state._replace(magnitude=np.hypot(force[:, 0], force[:, 1]), direction=direction)
-
-
-def _sensor_angle(observations: Observations, model: ExtendedModel, joints: Floats) -> Floats | float:
-    """Angle of the sensor's frame in the base frame, (n,), rad."""
-    if observations.frame is not SensorFrame.TOOL:
-        return 0.0
-    return joints[:, 0] + joints[:, 1] + model.parameters.theta1 + model.parameters.theta2
+    x, y = observations.frame.to_base(force, joints, model.parameters).T
+    return state._replace(magnitude=np.hypot(x, y), direction=np.arctan2(y, x))
 
 
 def _in_sensor_frame(observations: Observations, model: ExtendedModel, joints: Floats, state: State) -> Floats:
     """The true force of a state in the sensor's frame, (n, 2), N."""
-    direction = state.direction - _sensor_angle(observations, model, joints)
-    return np.array([state.magnitude * np.cos(direction), state.magnitude * np.sin(direction)]).T
+    force = pairs(state.magnitude * unit_vectors(state.direction))
+    return observations.frame.from_base(force, joints, model.parameters)
 
 
 def linearise(
@@ -103,40 +96,35 @@ def linearise(
     contact_problem = o.contact_problem(adjusted.joints, adjusted.off_normal)
     e = extended_equations(model, contact_problem, state, arm)
     derivative = all_derivatives(model, contact_problem, state, e)
-    by_joints = derivative[:, :, THETA1 : THETA2 + 1 : THETA2 - THETA1]
     h_f, h_d = e.h_by
     if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
         turned = pairs(h_d)
         derivative[:, :, THETA1] += turned
         derivative[:, :, THETA2] += turned
-    by_force = by_touch(2, 2, len(o.joints))
+    by = by_touch(4, 2, len(o.joints))
+    by_force = by[:, :, 2:]
+    by[:, :, :2] = derivative[:, :, THETA1 : THETA2 + 1 : THETA2 - THETA1]
     by_force[:, 0, 0], by_force[:, 1, 0] = h_f.real, h_f.imag
     by_force[:, 0, 1], by_force[:, 1, 1] = h_d.real / state.magnitude, h_d.imag / state.magnitude
-    if model.has_sensor_error:
+    if model.effects and model.has_sensor_error:
         true = _in_sensor_frame(o, model, adjusted.joints, state)
-        by_force, columns = sensor_derivatives(model, adjusted.force, true, by_force, o.metadata)
+        by_force[:], columns = sensor_derivatives(model, adjusted.force, true, by_force, o.metadata)
         derivative[:, :, model.base_count :] += columns
-    misclosure = by_touch(2, len(o.joints))
-    misclosure[:, 0], misclosure[:, 1] = e.h.real, e.h.imag
     # measured less adjusted: both joints, rad, and the force along and across the adjusted one, N
-    (x, y), (off_x, off_y) = adjusted.force.T, (o.force - adjusted.force).T
-    size = np.hypot(x, y)
-    offs = *(o.joints - adjusted.joints).T, (off_x * x + off_y * y) / size, (off_y * x - off_x * y) / size
-    for by, off in zip((*by_joints.T, *by_force.T), offs, strict=True):
-        misclosure += (by * off).T
+    off_force = along_and_across(o.force - adjusted.force, adjusted.force)
+    off = np.concatenate([o.joints - adjusted.joints, off_force], axis=1)
+    misclosure = pairs(e.h) + np.einsum('kin,nk->ni', by.T, off)
     parts = [] if o.declared is None else [_by_errors(o, model, adjusted.force, state, by_force)]
     if o.random is not None:
         units = unit_changes(e, by_force, adjusted.force)
-        pairs_of = zip(units, (o.random.joints, o.random.place, o.random.sensor), strict=True)
-        parts.append(np.asarray(sum(by_unit @ column for by_unit, column in pairs_of)))
-    by_errors = np.concatenate(parts, axis=-1) if len(parts) > 1 else parts[0] if parts else None
-    by_angle = None
-    if model.off_normal_std:
+        parts.append(np.sum([unit @ change for unit, change in zip(units, o.random.changes, strict=True)], axis=0))
+    by_errors, by_angle = np.concatenate(parts, axis=-1) if parts else None, None
+    if model.effects and model.off_normal_std:
         by_off_normal = off_normal_derivative(model, e)
         if adjusted.off_normal is not None:
             misclosure -= by_off_normal * adjusted.off_normal[:, None]
         by_angle = model.off_normal_std * by_off_normal
-    return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_angle, by_errors)
+    return Linearisation(misclosure, derivative, by, adjusted.force, by_angle, by_errors)
 
 
 class UnitChanges(NamedTuple):
@@ -168,17 +156,15 @@ def _by_errors(
     """h_e: derivatives of the equations by the declared errors, (n, 2, m), m."""
     o = observations
     assert o.declared is not None
-    assert o.metadata is not None
     errors = o.errors[: o.declared.count]
     centers, radii = o.declared.by_disc(errors)
-    surface = o.metadata.disc if o.surface is None else o.surface
-    by_x, by_y = centers.transpose(1, 2, 0).take(surface, axis=2)
+    (by_x, by_y), by_radius = centers.transpose(1, 2, 0).take(o.surface, axis=2), radii.T.take(o.surface, axis=1)
     x, y = np.cos(state.direction), np.sin(state.direction)
     out = np.empty((o.declared.count, 2, len(o.joints)))  # the touches last
-    np.subtract(radii.T.take(surface, axis=1), by_x * x + by_y * y, out=out[:, 0])
+    np.subtract(by_radius, by_x * x + by_y * y, out=out[:, 0])
     np.subtract(by_x * y, by_y * x, out=out[:, 1])
     if o.tangents is not None:
-        _on_edges(o, model, state, out, radii.T.take(surface, axis=1))
+        _on_edges(o, model, state, out, by_radius)
     along, across = o.declared.by_force(errors)
     for changes, by in ((along, by_force[:, :, 0]), (across, by_force[:, :, 1])):
         for k in np.flatnonzero(changes):
@@ -193,9 +179,7 @@ def _on_edges(observations: Observations, model: ExtendedModel, state: State, ou
     ω (r T + N T·(X - S_c)).
     """
     o = observations
-    assert o.declared is not None
-    assert o.surface is not None
-    assert o.tangents is not None
+    assert o.declared is not None and o.tangents is not None
     tangent = as_complex(o.tangents)
     seen = np.exp(-1j * state.direction)
     along = tangent * seen
@@ -213,7 +197,6 @@ def adjust(
     linear: Linearisation,
     whitened: Whitened,
     step: Floats,
-    noise: Noise,
     frozen: bool = False,
 ) -> tuple[Adjusted, Arm]:
     """Adjusted observations after a step ΔL̄: [Q̂; F̂] = [Q; F] - Σ Bᵀ V⁻¹ (w + h_L̄ ΔL̄).
@@ -228,25 +211,16 @@ def adjust(
         linear: the equations there.
         whitened: the same, whitened.
         step: ΔL̄ and the change of the declared errors, (12 + k + m,).
-        noise: σ_q and σ_f.
         frozen: whether every joint stays on its flank.
 
     Returns:
         The adjusted observations, and the arm at their state.
     """
-    o, b_q, b_f = observations, linear.by_joints, linear.by_force
-    multiplier, close = _multiplier(whitened, step)
-    first, second = multiplier[:, 0], multiplier[:, 1]
-    radial, tangential = (b_f[:, 0, k] * first + b_f[:, 1, k] * second for k in range(2))
-    covariance = force_covariance(noise, adjusted.force)
-    along = covariance.along * radial + covariance.crossed * tangential
-    across = covariance.crossed * radial + covariance.across * tangential
-    size = np.hypot(adjusted.force[:, 0], adjusted.force[:, 1])
-    x, y = adjusted.force[:, 0] / size, adjusted.force[:, 1] / size
-    joints, force = by_touch(2, len(size)), by_touch(2, len(size))
-    for k in range(2):
-        joints[:, k] = o.joints[:, k] - noise.joint_levels[k] ** 2 * (b_q[:, 0, k] * first + b_q[:, 1, k] * second)
-    force[:, 0], force[:, 1] = o.force[:, 0] - (along * x - across * y), o.force[:, 1] - (along * y + across * x)
+    o, (multiplier, close) = observations, _multiplier(whitened, step)
+    by_q1, by_q2, along, across = np.einsum('kin,ni->kn', whitened.gain.T, multiplier)
+    unit = as_complex(adjusted.force)
+    unit = unit / np.abs(unit)
+    joints, force = o.joints - np.array([by_q1, by_q2]).T, o.force - pairs(unit * (along + 1j * across))
     if not close.all():
         joints = np.where(close[:, None], joints, o.joints)
         force = np.where(close[:, None], force, _turned_radial(o, model, adjusted.state))
@@ -345,8 +319,7 @@ class Linearisation(NamedTuple):
     Attributes:
         misclosure: w, (n, 2), m, along and across the force.
         derivative: h_L̄, (n, 2, 12 + k), in the order of `ExtendedModel.names`.
-        by_joints: h_Q, (n, 2, 2), m/rad.
-        by_force: h_F in radial and tangential components of F̂, (n, 2, 2), m/N.
+        by: B = [h_Q h_F], (n, 2, 4), m/rad and m/N, in radial and tangential components of F̂.
         force: F̂ in the sensor's frame, (n, 2), N.
         by_off_normal: h_α times the standard deviation of the off-normal angle, (n, 2), m; None without.
         by_errors: h_e by the declared errors of the cell, (n, 2, m), m; None without.
@@ -354,11 +327,20 @@ class Linearisation(NamedTuple):
 
     misclosure: Floats
     derivative: Floats
-    by_joints: Floats
-    by_force: Floats
+    by: Floats
     force: Floats
     by_off_normal: Floats | None = None
     by_errors: Floats | None = None
+
+    @property
+    def by_joints(self) -> Floats:
+        """h_Q, (n, 2, 2), m/rad."""
+        return self.by[:, :, :2]
+
+    @property
+    def by_force(self) -> Floats:
+        """h_F, (n, 2, 2), m/N."""
+        return self.by[:, :, 2:]
 
 
 class Whitened(NamedTuple):
@@ -368,12 +350,14 @@ class Whitened(NamedTuple):
         residual: (n, 2).
         derivative: (n, 2, 12 + k).
         root: lower Cholesky factor of V, as (l11, l21, l22), (n,) each.
+        gain: B Σ, not whitened, (n, 2, 4).
         by_errors: (n, 2, m); None without declared errors.
     """
 
     residual: Floats
     derivative: Floats
     root: tuple[Floats, Floats, Floats]
+    gain: Floats
     by_errors: Floats | None = None
 
     @property
@@ -401,11 +385,11 @@ def outer(matrices: Floats) -> Floats:
 def whiten(linear: Linearisation, noise: Noise, extra: Floats | float = 0.0) -> Whitened:
     """Divide by the Cholesky root of V, touch by touch; `extra` is added to V11."""
     along, crossed, across = force_covariance(noise, linear.force)
-    by = np.concatenate([linear.by_joints.T, linear.by_force.T])  # (4, 2, n): by q1, q2, along and across the force
-    moved = np.empty_like(by)
-    np.multiply(by[:2], np.square(noise.joint_levels)[:, None, None], out=moved[:2])
-    moved[2], moved[3] = by[2] * along + by[3] * crossed, by[2] * crossed + by[3] * across
-    (v11, _), (v21, v22) = np.einsum('kin,kjn->ijn', moved, by)
+    by, (q1, q2) = linear.by.T, noise.joint_levels  # (4, 2, n)
+    gain = np.empty_like(by)
+    gain[0], gain[1] = q1 * q1 * by[0], q2 * q2 * by[1]
+    gain[2], gain[3] = by[2] * along + by[3] * crossed, by[2] * crossed + by[3] * across
+    (v11, _), (v21, v22) = np.einsum('kin,kjn->ijn', gain, by)
     if linear.by_off_normal is not None:
         first, second = linear.by_off_normal[:, 0], linear.by_off_normal[:, 1]
         v11, v21, v22 = v11 + first * first, v21 + first * second, v22 + second * second
@@ -414,7 +398,7 @@ def whiten(linear: Linearisation, noise: Noise, extra: Floats | float = 0.0) -> 
     l22 = np.sqrt(np.maximum(v22 - l21 * l21, 1e-12 * v22))
     root = (l11, l21, l22)
     by_errors = None if linear.by_errors is None else whiten_by(linear.by_errors, root)
-    return Whitened(whiten_by(linear.misclosure, root), whiten_by(linear.derivative, root), root, by_errors)
+    return Whitened(whiten_by(linear.misclosure, root), whiten_by(linear.derivative, root), root, gain.T, by_errors)
 
 
 def whiten_by(array: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:

@@ -88,7 +88,7 @@ def _upper(k: int) -> Floats:
 
 def _significant(system: Compressed) -> Mask:
     # smaller ones are zero but for rounding
-    return np.asarray(system.values > 1e-11 * max(system.values.max(initial=0.0), np.finfo(float).tiny))
+    return np.asarray(system.values > 1e-11 * system.values[:1])
 
 
 def damped_step(system: Compressed, damping: float) -> Floats:
@@ -102,14 +102,14 @@ def damped_step(system: Compressed, damping: float) -> Floats:
         y, (k,).
     """
     s, significant = system.values, _significant(system)
-    gain = np.where(significant, s / np.where(significant, s * s + damping, 1.0), 0.0)
+    gain = np.divide(s, s * s + damping, out=np.zeros_like(s), where=significant)
     return system.right @ (gain * system.left)
 
 
 def covariance(system: Compressed, least: float = 0.0) -> Floats:
     """(JᵀJ)⁺, (k, k), without the directions whose singular value is below `least`."""
     s, significant = system.values, _significant(system) & (system.values >= least)
-    root = system.right * np.where(significant, 1 / np.where(significant, s, 1.0), 0.0)
+    root = system.right * np.divide(1.0, s, out=np.zeros_like(s), where=significant)
     return root @ root.T
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.calibration.fit_point import Point
-from scara_kinetostatic.calibration.gauss_helmert import Linearisation, outer
+from scara_kinetostatic.calibration.gauss_helmert import Linearisation, outer, whiten_by
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Noise
 
@@ -126,9 +126,6 @@ def _bounded(old: Noise, levels: dict[str, float]) -> Noise:
 
 def whiten_matrix(entries: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
     """L⁻¹ V L⁻ᵀ for symmetric (n, 3) entries 11, 21, 22, as (n, 2, 2)."""
-    l11, l21, l22 = root
-    v11, v21, v22 = np.moveaxis(entries, -1, 0)
-    a11 = v11 / l11**2
-    a21 = (v21 - l21 * v11 / l11) / (l11 * l22)
-    a22 = (v22 - 2 * l21 * v21 / l11 + (l21 / l11) ** 2 * v11) / l22**2
-    return np.stack([np.stack([a11, a21], axis=-1), np.stack([a21, a22], axis=-1)], axis=-2)
+    v11, v21, v22 = entries.T
+    rows = whiten_by(np.array([[v11, v21], [v21, v22]]).transpose(2, 0, 1), root)
+    return whiten_by(rows.swapaxes(1, 2), root)

@@ -43,17 +43,6 @@ def in_blocks(count: int, run: Callable[[slice], T]) -> T:
     return parts[0] if len(parts) == 1 else over_arrays(lambda *arrays: np.concatenate(arrays), *parts)
 
 
-def put(item: T, which: Any, part: T) -> T:
-    """An array, or a tuple of such, with some touches in place of those that were there."""
-
-    def placed(array: Any, values: Any) -> Any:
-        array = array.copy()
-        array[which] = values
-        return array
-
-    return over_arrays(placed, item, part)
-
-
 NO_ERRORS = np.zeros(0)
 NO_ERRORS.setflags(write=False)
 
@@ -73,7 +62,7 @@ class Observations(NamedTuple):
         errors: their values, then those of the random effects, (m + k,), for which force, centres and radii here are
             corrected.
         reported: force as the sensor reported it, (n, 2), N; None without such errors.
-        surface: number of the touched surface in the cell, (n,); None for discs alone, whose numbers are their own.
+
         tangents: unit vectors along straight edges, (n, 2), zero on arcs; None for discs alone.
         random: the random effects; None for none.
         known: what is known beforehand of the values of effects; None for nothing.
@@ -89,7 +78,6 @@ class Observations(NamedTuple):
     declared: DeclaredErrors | None = None
     errors: Floats = NO_ERRORS
     reported: Floats | None = None
-    surface: Indices | None = None
     tangents: Floats | None = None
     random: RandomEffects | None = None
     known: Prior | None = None
@@ -110,9 +98,7 @@ class Observations(NamedTuple):
         if self.declared is None:
             force, changed = self.reported, self
         else:
-            assert self.metadata is not None
-            surface = self.metadata.disc if self.surface is None else self.surface
-            own = errors[: self.declared.count]
+            own, surface = errors[: self.declared.count], self.surface
             force = self.declared.true_force(self.reported, own)
             changed = self._replace(
                 centers=self.declared.centers(own)[surface],
@@ -120,7 +106,7 @@ class Observations(NamedTuple):
                 tangents=None if self.tangents is None else self.declared.tangents(own)[surface],
             )
         if self.random is not None:
-            force = force - self.random.sensor @ self.random_values(errors)
+            force = force - self.random.changes[2] @ self.random_values(errors)
         return changed._replace(force=force, errors=errors)
 
     def with_errors_held(self) -> Observations:
@@ -134,15 +120,18 @@ class Observations(NamedTuple):
         """The values of the random effects among all errors, (k,)."""
         return errors[0 if self.declared is None else self.declared.count :]
 
+    @property
+    def surface(self) -> Indices:
+        """Number of the touched surface in the cell, (n,); there are metadata."""
+        assert self.metadata is not None and self.metadata.surface is not None
+        return self.metadata.surface
+
     def on_surfaces(self, surfaces: Surfaces, which: Indices) -> Observations:
-        """The same touches of other surfaces of a cell, as stated, by their numbers (n,)."""
-        return self._replace(
-            surface=which,
-            metadata=None if self.metadata is None else self.metadata._replace(surface=which),
-            centers=surfaces.centers[which],
-            radii=surfaces.radii[which],
-            tangents=surfaces.tangents[which],
-        )
+        """The same touches of other surfaces of a cell, as stated, by their numbers (n,); there are metadata."""
+        assert self.metadata is not None
+        metadata, centers, radii = self.metadata._replace(surface=which), surfaces.centers, surfaces.radii
+        tangents = surfaces.tangents[which]
+        return self._replace(metadata=metadata, centers=centers[which], radii=radii[which], tangents=tangents)
 
     def select(self, which: Any) -> Observations:
         """The touches that a mask, a slice or an array of positions picks."""
@@ -163,9 +152,8 @@ class Observations(NamedTuple):
         problem = ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal, self.edges)
         if self.random is None:
             return problem
-        values = self.random_values(self.errors)
-        shifted = problem.shifted_by(self.random.joints @ values, self.random.place @ values)
-        return shifted._replace(off_normal=off_normal)
+        joints, place = self.random.changes[:2] @ self.random_values(self.errors)
+        return problem.shifted_by(joints, place)._replace(off_normal=off_normal)
 
 
 def observe(
@@ -190,24 +178,21 @@ def observe(
     """
     if len(touches) and not (touches.disc.min() >= 0 and touches.disc.max() < len(cell.discs)):
         raise ParameterError('touches: disc', f'expected 0 to {len(cell.discs) - 1}, the discs of the cell')
-    declared = DeclaredErrors.of(cell)
-    surface = touches.disc
-    if cell.has_outlines:
-        surface = _touched_surfaces(cell, touches)
+    declared, surfaces = DeclaredErrors.of(cell), cell.surfaces
+    surface = _touched_surfaces(cell, touches) if cell.has_outlines else touches.disc
     count = (0 if declared is None else declared.count) + (0 if random is None else len(random.columns))
     stated = Observations(
         touches.joints,
         touches.force,
-        cell.surfaces.centers[surface],
-        cell.surfaces.radii[surface],
+        surfaces.centers[surface],
+        surfaces.radii[surface],
         cell.sensor.frame,
         cell.gripper,
         TouchMetadata.of(touches, cell.sensor.frame)._replace(surface=surface),
         declared,
         np.zeros(count) if count else NO_ERRORS,
         None if declared is None and random is None else touches.force,
-        surface if cell.has_outlines else None,
-        cell.surfaces.tangents[surface] if cell.has_outlines else None,
+        surfaces.tangents[surface] if cell.has_outlines else None,
         random,
         known,
     )
@@ -226,7 +211,7 @@ def _touched_surfaces(cell: Cell, touches: TouchSet) -> Indices:
         force = cell.sensor.frame.to_base(force, touches.joints, p)
         tips = forward(p, touches.joints[todo])
         unit = force[todo] / np.maximum(np.hypot(*force[todo].T), 1e-300)[:, None]
-        misses = cell.surfaces.misses(tips, unit, PER_ANGLE)[0]
+        misses = cell.surfaces.misses(tips, unit, PER_ANGLE)
         size = np.where(unit.any(axis=1)[:, None], np.hypot(*misses.transpose(2, 0, 1)), cell.surfaces.distances(tips))
         found[todo] = cell.surfaces.nearest(size, touches.disc[todo])
     return found

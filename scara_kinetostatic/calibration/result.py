@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, DeclaredErrors, Prior, RandomEffects
-from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
+from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit, fewest_touches
 from scara_kinetostatic.calibration.fit_point import (
     FINAL,
     Point,
@@ -282,16 +282,11 @@ class Calibration:
         """What is needed of it to use it."""
         touches, magnitude = self.touches.select(self.used), np.hypot(*self.force[self.used].T)
         postures = tuple(sign for sign in (1, -1) if np.any(touches.posture == sign))
+        used = UsedRange(float(magnitude.min()), float(magnitude.max()), float(np.ptp(touches.time)), postures)
         declared = DeclaredErrors.of(self.cell)
-        return CalibratedArm(
-            cell=self.cell,
-            model=self.full_model,
-            covariance=np.array(self.covariance),
-            undetermined=self.undetermined,
-            noise=self.noise,
-            sensor=SensorErrors() if declared is None else SensorErrors(*declared.sensor(self.errors)),
-            used=UsedRange(float(magnitude.min()), float(magnitude.max()), float(np.ptp(touches.time)), postures),
-        )
+        sensor = SensorErrors() if declared is None else SensorErrors(*declared.sensor(self.errors))
+        covariance = np.array(self.covariance)
+        return CalibratedArm(self.cell, self.full_model, covariance, self.undetermined, self.noise, sensor, used)
 
     @property
     def force_error(self) -> float:
@@ -353,7 +348,7 @@ def build_result(
     covariance = np.sum([part.covariance for part in contributions], axis=0)
     std = np.sqrt(np.diag(covariance))
     changes = fit.point.whitened.derivative[used] @ found.subspace.basis
-    notes = () if observations.surface is None else shape_notes(cell, observations.surface[used])
+    notes = () if observations.tangents is None else shape_notes(cell, observations.surface[used])
     mean_force = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
     held, values = model.held.union(fixed), model.as_array()
     free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
@@ -477,20 +472,19 @@ class HeldOut(NamedTuple):
     folds: int
 
 
-def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
-    """Split the used touches at random into folds; predict each fold by a fit to the others.
+def held_out_force_error(calibration: Calibration) -> HeldOut:
+    """Split the used touches at random into five folds; predict each fold by a fit to the others.
 
     Noise levels, outliers and unidentifiable directions are those of the whole fit.
 
     Args:
         calibration: the result whose touches, noise and free parameters are used.
-        folds: how many; fewer where there are too few touches for it.
     """
     c = calibration
     places = np.flatnonzero(c.used)
     n = len(places)
-    spare = n - (c.subspace.basis.shape[1] // 2 + 1)
-    folds = max(2, min(folds, n)) if spare < 1 else min(n, max(folds, -(-n // spare)))
+    spare = n - fewest_touches(c.subspace.basis.shape[1])
+    folds = max(2, min(5, n)) if spare < 1 else min(n, max(5, -(-n // spare)))  # as many as leave enough to each fit
     part = np.random.default_rng(0).permutation(n) % folds
     residual = np.empty((n, 2))
     for fold in range(folds):
@@ -540,32 +534,23 @@ class UndetectedErrors(NamedTuple):
         return found
 
     def of_all(self, count: int) -> Floats:
-        """The matrix for all values of `JointCovariance`, (count, u); older files have those of the model alone."""
+        """The matrix for all values of `joint_covariance`, (count, u); older files have those of the model alone."""
         return np.pad(self.matrix, ((0, count - len(self.rows)), (0, 0)))
 
 
-class JointCovariance(NamedTuple):
-    """Values of the model and errors of the cell with their covariance; SI units.
+def joint_covariance(calibration: Calibration) -> tuple[tuple[str, ...], Floats, Floats]:
+    """What a later prediction of touches on the same objects needs; without a large effect, which stays as it is.
 
-    Attributes:
-        names: those of the model, then of the declared errors (`DeclaredErrors.names`).
-        values: of all, (12 + k + m,).
-        matrix: their covariance, (12 + k + m, 12 + k + m).
+    Returns:
+        Names of the values of the model, then of the declared errors (`DeclaredErrors.names`), all values,
+        (12 + k + m,), and their covariance, (12 + k + m, 12 + k + m); SI units.
     """
-
-    names: tuple[str, ...]
-    values: Floats
-    matrix: Floats
-
-
-def joint_covariance(calibration: Calibration) -> JointCovariance:
-    """What a later prediction of touches on the same objects needs; without a large effect, which stays as it is."""
     c, size = calibration, len(calibration.covariance)
     names, every, scale = _of_model_and_cell(c)
     matrix = scale[:, None] * c.covariance_with_errors[np.ix_(every, every)] * scale
     matrix[:size, :size] = c.covariance - sum(p.covariance for p in c.contributions if p.label == LARGE_EFFECT)
     values = np.concatenate([c.full_model.as_array(), scale[len(scale) - len(c.errors) :] * c.errors])
-    return JointCovariance(names, values, matrix)
+    return names, values, matrix
 
 
 def _of_model_and_cell(c: Calibration) -> tuple[tuple[str, ...], Indices, Floats]:

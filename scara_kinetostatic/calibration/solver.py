@@ -3,7 +3,7 @@
 A fit may make the changes of a `Subspace`; what is known of them beforehand is its `ActivePrior`.
 
 One step is linearisation (`evaluate`), descent (`least_squares.damped_step`), trial (`moved`) and acceptance
-(a lower cost); `_Convergence` ends the run. In scaled parameters a start 20 mm and 3° off takes five or six steps.
+(a lower cost). In scaled parameters a start 20 mm and 3° off takes five or six steps.
 
 The estimation runs it in stages: coarse, with the observations as measured and Cauchy's loss; robust, with adjusted
 observations and the same loss, so that outliers have little weight; final, with the sum of squares over the used
@@ -13,6 +13,7 @@ touches.
 from __future__ import annotations
 
 from enum import Enum
+from math import isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -144,27 +145,6 @@ class Fit(NamedTuple):
     prior_cost: float = 0.0
 
 
-class _Step(NamedTuple):
-    """A step of the descent.
-
-    Attributes:
-        change: of all values of the model and the declared errors, (12 + k + m,).
-        shift: by how many standard deviations it moves the predictions, all touches together.
-        length: its largest component in scaled parameters.
-    """
-
-    change: Floats
-    shift: float
-    length: float
-
-
-def _descend(system: least_squares.Compressed, basis: Floats, damping: float) -> _Step:
-    """The damped Gauss–Newton step of a linearised system."""
-    y = least_squares.damped_step(system, damping)
-    shift = float(np.linalg.norm(system.values * (system.right.T @ y)))
-    return _Step(basis @ y, shift, float(np.abs(y).max(initial=0.0)))
-
-
 class _Loss(NamedTuple):
     """What a run minimises over the used touches, None for all, and what is known beforehand.
 
@@ -180,7 +160,8 @@ class _Loss(NamedTuple):
         scale, weights = 1.0, None if self.used is None else self.used.astype(float)
         if self.robust:
             scale = least_squares.typical_scale(self._of_used(point))
-            weights = least_squares.robust_weights(point.distance, scale) * (1.0 if weights is None else weights)
+            robust = least_squares.robust_weights(point.distance, scale)
+            weights = robust if weights is None else robust * weights
         w = point.whitened
         prior = None if self.prior is None else self.prior.system(point)
         return least_squares.compress(w.jacobian, w.residual, weights, basis, prior), scale
@@ -195,45 +176,23 @@ class _Loss(NamedTuple):
         return point.distance if self.used is None else point.distance[self.used]
 
 
-class _Convergence(NamedTuple):
-    """When a run has converged.
+def _shift(system: least_squares.Compressed, y: Floats) -> float:
+    """By how many standard deviations a step y moves the predictions, all touches together."""
+    moved = system.values * (system.right.T @ y)
+    return sqrt(moved @ moved)
 
-    Attributes:
-        tolerance: shift of a step below which it is the last one, standard deviations.
-        is_smooth: whether the model has a derivative everywhere. At an optimum where it has a kink, steps do not
-            become short.
-        vain_part: part of the cost by which vain steps lower it less.
+
+def _is_below(cost: float, other: float) -> bool:
+    """Whether a cost is below another by more than rounding, noise and linearisation errors, 1e-5 of it."""
+    return other - cost >= 1e-5 * cost
+
+
+def _is_negligible(shift: float, history: list[float]) -> bool:
+    """Whether a step is so short that the point behind it need not be evaluated: the cost has converged, and the step
+    moves the predictions by less than 1e-4 of the residual (Bates and Watts, Technometrics 23 (1981) 179) and less
+    than 1e-3 standard deviations. With exact touches the cost never converges.
     """
-
-    tolerance: float
-    is_smooth: bool
-    vain_part: float = 1e-5
-
-    def is_vain(self, least: list[float], steps: int) -> bool:
-        """Whether the last steps lowered nothing; `least` has the least cost after each step."""
-        return len(least) > steps and least[-1 - steps] - least[-1] < self.vain_part * least[-1]
-
-    def is_at_optimum(self, undamped: _Step, cost: float, least: float, equations: int) -> bool:
-        """Whether a run whose steps are vain is at an optimum: within rounding, noise and linearisation errors of the
-        least cost, and a tenth of a standard deviation, as the residuals have it, from where the undamped step leads;
-        at a kink no step becomes short.
-        """
-        if cost - least > self.vain_part * least:
-            return False
-        return not self.is_smooth or undamped.shift < 0.1 * float(np.sqrt(max(cost / equations, 1.0)))
-
-    def is_reached(self, step: _Step) -> bool:
-        """Whether this step is the last one; shorter than 1e-14 in scaled parameters it is rounding error."""
-        return step.shift < self.tolerance or step.length < 1e-14
-
-    def is_negligible(self, step: _Step, history: list[float]) -> bool:
-        """Whether a step is so short that the point behind it need not be evaluated: the cost has converged, and the
-        step moves the predictions by less than 1e-4 of the residual (Bates and Watts, Technometrics 23 (1981) 179)
-        and less than 1e-3 standard deviations. With exact touches the cost never converges.
-        """
-        if len(history) < 2 or history[-2] > 1.01 * history[-1]:
-            return False
-        return step.shift < min(1e-4 * float(np.sqrt(history[-1])), 1e-3)
+    return len(history) > 1 and history[-2] <= 1.01 * history[-1] and shift < min(1e-4 * sqrt(history[-1]), 1e-3)
 
 
 def minimise(
@@ -263,29 +222,31 @@ def minimise(
     """
     loss = _Loss(stage.robust, None if used is None or used.all() else used, ActivePrior.of(observations, subspace))
     basis = subspace.with_errors(len(observations.errors))
-    per_touch = 0.0 if start.effects else stage.per_touch  # effects may be far from linear
-    tolerance = max(stage.tolerance, per_touch * np.sqrt(len(observations.joints)))
-    convergence = _Convergence(tolerance, is_smooth=all(effect.is_smooth for effect in start.effects))
+    # effects may be far from linear; at an optimum where they have a kink, steps do not become short
+    per_touch, is_smooth = 0.0 if start.effects else stage.per_touch, all(effect.is_smooth for effect in start.effects)
+    tolerance = max(stage.tolerance, per_touch * sqrt(len(observations.joints)))
     point = evaluate(observations, start, adjusted, noise, stage)
     system, scale = loss.system(point, basis)
-    damping, history, least = stage.damping, list[float](), list[float]()
+    now, damping, history, least = loss.cost(point, scale), stage.damping, list[float](), list[float]()
     termination = Termination.ITERATION_LIMIT
     for iteration in range(1, max_iterations + 1):
-        step = _descend(system, basis, damping)
-        last, undamped = convergence.is_reached(step), damping == stage.damping
-        if (last and not stage.adjusts) or (undamped and convergence.is_negligible(step, history)):
-            point, termination = last_step(point, step.change), Termination.CONVERGED
+        y = least_squares.damped_step(system, damping)
+        change, shift = basis @ y, _shift(system, y)
+        # shorter than 1e-14 in scaled parameters, a step is rounding error
+        last = shift < tolerance or float(np.abs(y).max(initial=0.0)) < 1e-14
+        if (last and not stage.adjusts) or (damping == stage.damping and _is_negligible(shift, history)):
+            point, termination = last_step(point, change), Termination.CONVERGED
             history.append(loss.cost(point, scale))
             break
         # after 12 steps every joint stays on its flank: at the edge of a dead band it could else alternate
-        trial = moved(observations, point, step.change, noise, stage, iteration > 12)
+        trial = moved(observations, point, change, noise, stage, iteration > 12)
         cost = loss.cost(trial, scale)
         # a step is taken that raises the cost by no more than rounding, or is too short to do more
-        lower = step.shift < 1e-3 or cost <= loss.cost(point, scale) * (1 + 1e-9)
-        if np.isfinite(cost) and (last or lower):
+        if isfinite(cost) and (last or shift < 1e-3 or cost <= now * (1 + 1e-9)):
             point, damping = trial, max(stage.damping, damping / 10.0 if damping > 1e-6 else 0.0)
             history.append(cost)
             system, scale = loss.system(point, basis)
+            now = loss.cost(point, scale)
             if last:
                 termination = Termination.CONVERGED
                 break
@@ -295,14 +256,16 @@ def minimise(
             if damping > 1e12 * largest:  # no step is long enough to change the cost
                 termination = Termination.STALLED
                 break
-        now = loss.cost(point, scale)
         least.append(min([now, *least[-1:]]))
-        # after 8 vain steps the optimum is taken as reached if it is near, after 20 the run ends without one
-        is_vain = convergence.is_vain(least, 8)
-        if is_vain and convergence.is_at_optimum(_descend(system, basis, 0.0), now, least[-1], 2 * len(point.distance)):
-            termination = Termination.CONVERGED
-            break
-        if convergence.is_vain(least, 20):
+        vain = [steps for steps in (8, 20) if len(least) > steps and not _is_below(least[-1], least[-1 - steps])]
+        # after 8 vain steps an optimum is reached if the cost is the least, and the undamped step leads no farther than
+        # a tenth of a standard deviation, as the residuals have it; after 20 the run ends without one
+        if vain and not _is_below(least[-1], now):
+            left = _shift(system, least_squares.damped_step(system, 0.0))
+            if not is_smooth or left < 0.1 * sqrt(max(now / (2 * len(point.distance)), 1.0)):
+                termination = Termination.CONVERGED
+                break
+        if 20 in vain:
             termination = Termination.STALLED
             break
     prior_cost = 0.0 if loss.prior is None else loss.prior.cost(point)

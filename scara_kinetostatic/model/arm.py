@@ -307,8 +307,7 @@ class Predictor:
         def some(rows: slice) -> TipPosition:
             f = Force.of(0.0 * force[rows] if self.rigid else force[rows], self.arm.noise)
             found = tip_under_load(self.law, joints[rows], f, metadata.select(rows))
-            jacobian = tip_by_joints(found.loading, inverse_of_rows(found.loading, f))
-            spread = self._tip_spread(found, f, jacobian)
+            jacobian, spread = self._tip_spread(found, f)
             if measured:
                 by_noise = tip_by_noise(self.law, jacobian, found.loading, f)
                 spread = spread + by_noise @ by_noise.swapaxes(1, 2)
@@ -333,8 +332,7 @@ class Predictor:
         def some(rows: slice) -> JointAngles:
             f = Force.of(force[rows], self.arm.noise)
             found = joints_under_load(self.law, tip[rows], f, posture[rows], metadata.select(rows))
-            jacobian = tip_by_joints(found.loading, inverse_of_rows(found.loading, f))
-            spread = self._tip_spread(found, f, jacobian)
+            jacobian, spread = self._tip_spread(found, f)
             with np.errstate(divide='ignore', invalid='ignore'):
                 (a, b), (c, d) = jacobian.transpose(1, 2, 0)
                 by_tip = (np.array([[d, -b], [-c, a]]) / (a * d - b * c)).transpose(2, 0, 1)
@@ -352,12 +350,13 @@ class Predictor:
 
         return JointAngles(*_in_chunks(some, len(tip)))
 
-    def _tip_spread(self, found: Equilibrium, force: Force, jacobian: Floats) -> Floats:
-        """Covariance of the tip at Q and F, (n, 2, 2); NaN where nothing is stated."""
+    def _tip_spread(self, found: Equilibrium, force: Force) -> tuple[Floats, Floats]:
+        """G, and the covariance of the tip at Q and F, (n, 2, 2) each; NaN where nothing is stated."""
+        jacobian = tip_by_joints(found.loading, inverse_of_rows(found.loading, force))
         if self._spread is None:
-            return np.full((len(force.x), 2, 2), np.nan)
+            return jacobian, np.full((len(force.x), 2, 2), np.nan)
         by_model = self._spread.tip(tip_by_values(self.law, jacobian, found.loading, force, found.state))
-        return self._spread.with_dead_bands(by_model, jacobian, found.loading, force)
+        return jacobian, self._spread.with_dead_bands(by_model, jacobian, found.loading, force)
 
     def _status(
         self, found: Equilibrium, force: Force, spread: Floats, metadata: TouchMetadata, posture: Indices

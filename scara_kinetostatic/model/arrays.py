@@ -42,6 +42,17 @@ def pick(item: T, which: Any) -> T:
     return item if which is EVERY else over_arrays(lambda array: array[which], item)
 
 
+def put(item: T, which: Any, part: T) -> T:
+    """An array, or a tuple of such, with some touches in place of those that were there."""
+
+    def placed(array: Any, values: Any) -> Any:
+        array = array.copy()
+        array[which] = values
+        return array
+
+    return over_arrays(placed, item, part)
+
+
 def over_arrays(change: Callable[..., Any], *items: Any) -> Any:
     """A function of arrays applied to tuples of such, part by part; anything else stays."""
     first = items[0]

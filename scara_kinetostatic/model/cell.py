@@ -163,10 +163,7 @@ def _level(level: Level) -> Level:
 
 
 def _pair(level: Level) -> tuple[float, float]:
-    if isinstance(level, (int, float)):
-        return level, level
-    first, second = level
-    return first, second
+    return (level, level) if isinstance(level, (int, float)) else level
 
 
 def _rms(level: Level) -> float:
@@ -175,10 +172,7 @@ def _rms(level: Level) -> float:
 
 
 def _with_rms(level: Level, rms: float) -> Level:
-    if isinstance(level, (int, float)):
-        return rms
-    factor = rms / _rms(level)
-    return factor * level[0], factor * level[1]
+    return rms if isinstance(level, (int, float)) else (rms / _rms(level) * level[0], rms / _rms(level) * level[1])
 
 
 BASE_FRAME = 'base_link'
@@ -716,11 +710,9 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     parts += sorted(name for name in discs.keys() | others.keys() if discs.get(name) != others.get(name))
     sensors = [(cell.sensor.topics, cell.sensor[2:-1]) for cell in (one, other)]  # relative or in the root namespace
     parts += ['sensor'] if sensors[0] != sensors[1] else []
-    parts += ['noise'] if one.noise != other.noise else []
-    parts += ['model'] if one.gripper != other.gripper else []
-    parts += [
-        name for name in ('plates', 'uncertainty', 'tolerance', 'region') if getattr(one, name) != getattr(other, name)
-    ]
+    for name in ('noise', 'gripper', 'plates', 'uncertainty', 'tolerance', 'region'):
+        if getattr(one, name) != getattr(other, name):
+            parts.append('model' if name == 'gripper' else name)
     return parts + (['identification'] if _are_others(one.identification, other.identification) else [])
 
 

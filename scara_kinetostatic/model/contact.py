@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.model.arrays import Floats, Mask, as_complex, pairs, pick
+from scara_kinetostatic.model.arrays import Floats, Mask, as_complex, pairs, pick, put
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
@@ -113,7 +113,8 @@ def all_derivatives(model: ExtendedModel, problem: ContactProblem, state: State,
         return base
     for name, shift in model.shift_by_robot(at).items():
         base[:, :, NAMES.index(name)] += shift_column(shift, equations)
-    columns = [shift_column(shift, equations).T[None] for shift in model.shift_by_effects(at)]
+    shifts = (shift for effect, values in model.pairs for shift in effect.derivative(at, values))
+    columns = [shift_column(shift, equations).T[None] for shift in shifts]
     return np.concatenate([base.transpose(2, 1, 0), *columns]).transpose(2, 1, 0)
 
 
@@ -166,7 +167,7 @@ def solve_state(model: ExtendedModel, problem: ContactProblem) -> tuple[State, M
         part, done = _solve_by_modes(model, pick(problem, todo))
     solved = ~todo
     solved[todo] = done
-    return start.replace_where(solved, _put(state, todo, part)), solved
+    return start.replace_where(solved, put(state, todo, part)), solved
 
 
 def _newton_step(e: Equations, state: State) -> State:
@@ -225,19 +226,12 @@ def nearest_equilibrium(model: ExtendedModel, problem: ContactProblem, state: St
     with np.errstate(all='ignore'):
         other, found = _solve_by_modes(model, pick(problem, toggles), warm_start[toggles])
         closer = found & (_distance(other, warm_start[toggles]) < _distance(state, warm_start)[toggles])
-    return _put(state, toggles, pick(state, toggles).replace_where(closer, other))
+    return put(state, toggles, pick(state, toggles).replace_where(closer, other))
 
 
 def _distance(state: State, force: Floats) -> Floats:
     x, y = state.magnitude * np.cos(state.direction), state.magnitude * np.sin(state.direction)
     return np.hypot(x - force[:, 0], y - force[:, 1])
-
-
-def _put(state: State, where: Mask, part: State) -> State:
-    out = State(*(whole.copy() for whole in state))
-    for whole, new in zip(out, part, strict=True):
-        whole[where] = new
-    return out
 
 
 class Contact(NamedTuple):

@@ -20,9 +20,6 @@ from scara_kinetostatic.model.arrays import Floats, along_and_across
 from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.parameters import Parameters
 
-_ROBOT_STEP = 1e-6
-"""Step of the central difference over a parameter of L̄, in its unit; the shift is linear in it."""
-
 
 @dataclass(frozen=True)
 class ExtendedModel:
@@ -197,19 +194,15 @@ class ExtendedModel:
         size = np.linalg.norm(inward, axis=1)
         return np.asarray(inward / (size if at.tangents is None else np.copysign(size, at.radii))[:, None])
 
-    def shift_by_effects(self, at: TouchState) -> list[Shift]:
-        """The derivatives of δ and d by each parameter of the effects, in the order of `names`."""
-        return [part for effect, values in self.pairs for part in effect.derivative(at, values)]
-
     def shift_by_robot(self, at: TouchState) -> dict[str, Shift]:
         """The derivatives of δ and d by the parameters of L̄ that scale them, by name; central differences."""
-        found = {}
+        found, step = {}, 1e-6  # of the parameter, in its unit; the shift is linear in it
         for name in dict.fromkeys(name for effect in self.effects for name in effect.scaled_by):
             value = getattr(at.parameters, name)
             scaled = [pair for pair in self.pairs if name in pair[0].scaled_by]
-            changed = (at.parameters.replace(**{name: value + step}) for step in (_ROBOT_STEP, -_ROBOT_STEP))
+            changed = (at.parameters.replace(**{name: value + change}) for change in (step, -step))
             up, down = (_sum_of_shifts(at._replace(parameters=p), scaled) for p in changed)
-            found[name] = _per_step(up, down, 2 * _ROBOT_STEP)
+            found[name] = _per_step(up, down, 2 * step)
         return found
 
 
@@ -246,7 +239,7 @@ def true_force(model: ExtendedModel, reported: Floats, metadata: TouchMetadata |
 
     By Newton's method, whose derivative stays for as long as the error falls fast.
     """
-    if not model.has_sensor_error:
+    if not (model.effects and model.has_sensor_error):
         return reported
     force, most = reported, np.abs(reported).max(initial=0.0)
     inverse, before = None, np.inf

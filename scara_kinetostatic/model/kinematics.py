@@ -299,27 +299,6 @@ class Gripper:
         k = self.factor
         return Skew(k * normal, k * turning, k * (turning + other), k * (across - normal))
 
-    def deflection(self, parameters: Parameters, force: Floats, link2: Floats) -> Floats:
-        """S - S* under forces in the base frame; zero, the middle of the dead band, where there is none.
-
-        Args:
-            parameters: L̄.
-            force: F on the object, (n, 2), N.
-            link2: angle of link 2 in the base frame, (n,), rad.
-
-        Returns:
-            (n, 2), m.
-        """
-        magnitude = np.hypot(force[..., 0], force[..., 1])
-        loaded = magnitude > 0
-        unit = force / np.where(loaded, magnitude, 1.0)[..., None]
-        out = unit * self.stretch(parameters, magnitude)[..., None]
-        skew = self.skew(np.arctan2(force[..., 1], force[..., 0]) - link2)
-        if skew is not None:
-            across = np.stack([-unit[..., 1], unit[..., 0]], axis=-1)
-            out = out + (magnitude * skew.normal)[..., None] * unit + (magnitude * skew.tangent)[..., None] * across
-        return np.asarray(out)
-
 
 def as_gripper(gripper: Gripper | GripperSign) -> Gripper:
     """A bare sign is the isotropic gripper with that sign."""

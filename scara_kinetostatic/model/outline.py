@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, as_complex
+from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, pairs
 
 EDGE_RADIUS = 0.05
 """Radius of the disc that slides along a straight edge, m: weighs the direction of the force in the equations as the
@@ -129,40 +129,32 @@ class Surfaces(NamedTuple):
         """Places (E, 2), m, and outward normals, (E, 2), at parts -1 to 1 of each, (E,)."""
         along = np.where(self.is_edge, part * self.halves, 0.0)
         turn = np.exp(1j * np.where(self.is_edge, 0.0, np.sign(self.radii) * part * self.halves))
-        normal = turn * (self.normals[:, 0] + 1j * self.normals[:, 1])
-        normals = np.array([normal.real, normal.imag]).T
+        normals = pairs(turn * as_complex(self.normals))
         return self.centers + self.radii[:, None] * normals + along[:, None] * self.tangents, normals
 
-    def misses(self, tips: Floats, inward: Floats, per_angle: float) -> tuple[Floats, Floats]:
-        """How far touches are from each surface, (n, E, 2), m, and the outward normals where they are nearest.
+    def misses(self, tips: Floats, inward: Floats, per_angle: float) -> Floats:
+        """How far touches are from each surface, (n, E, 2), m.
 
         Args:
             tips: centres of the tip, (n, 2), m.
             inward: directions of the forces, (n, 2).
             per_angle: what an angle between force and normal counts, m/rad.
         """
-        out = -(inward[:, :1] + 1j * inward[:, 1:])  # (n, 1)
-        middle, center = (part[:, 0] + 1j * part[:, 1] for part in (self.normals, self.centers))
-        tangent, edge = self.tangents[:, 0] + 1j * self.tangents[:, 1], self.is_edge
+        out = -as_complex(inward)[:, None]
+        middle, tangent, edge = as_complex(self.normals), as_complex(self.tangents), self.is_edge
         away = np.angle(out * middle.conj())
         within = np.clip(away, -self.halves, self.halves)
         normal = np.where(edge, middle, middle * np.exp(1j * within))
-        off = tips[:, :1] + 1j * tips[:, 1:] - center
+        off = as_complex(tips)[:, None] - as_complex(self.centers)
         along = np.clip((off * tangent.conj()).real, -self.halves, self.halves)
         miss = off - self.radii * normal - np.where(edge, along, 0.0) * tangent
         miss = miss + 1j * out * per_angle * np.where(edge, away, away - within)
-        return np.stack([miss.real, miss.imag], axis=-1), np.stack([normal.real, normal.imag], axis=-1)
-
-    def beside(self, inward: Floats) -> Floats:
-        """Angles by which forces in directions (n, 2) are beyond the normals of each surface, (n, E), rad."""
-        cosine = np.clip(-inward @ self.normals.T, -1.0, 1.0)
-        return np.maximum(np.arccos(cosine) - np.where(self.is_edge, 0.0, self.halves), 0.0)
+        return np.stack([miss.real, miss.imag], axis=-1)
 
     def distances(self, tips: Floats) -> Floats:
         """Distances of places from each surface as a curve of finite length, (n, E), m, for places (n, 2), m."""
-        off = tips[:, :1] - self.centers[:, 0] + 1j * (tips[:, 1:] - self.centers[:, 1])
-        middle = self.normals[:, 0] + 1j * self.normals[:, 1]
-        tangent, edge = self.tangents[:, 0] + 1j * self.tangents[:, 1], self.is_edge
+        off = as_complex(tips)[:, None] - as_complex(self.centers)
+        middle, tangent, edge = as_complex(self.normals), as_complex(self.tangents), self.is_edge
         along = np.clip((off * tangent.conj()).real, -self.halves, self.halves)
         reach, half = self.radii * middle, np.exp(1j * np.where(edge, 0.0, self.halves))
         seen = off * middle.conj() * np.sign(self.radii)  # from the middle of the arc
@@ -181,7 +173,9 @@ class Surfaces(NamedTuple):
 
         What an angle between force and normal counts beside a distance is 1e-3 m/rad.
         """
-        return self.nearest(self.distances(tips) + 1e-3 * self.beside(normals), disc)
+        angle = np.arccos(np.clip(-normals @ self.normals.T, -1.0, 1.0))
+        beside = np.maximum(angle - np.where(self.is_edge, 0.0, self.halves), 0.0)
+        return self.nearest(self.distances(tips) + 1e-3 * beside, disc)
 
     def gaps(self, tips: Floats) -> Floats:
         """Distances of places (n, 2), m, from the whole line or circle of each surface, outside positive, (n, E), m."""
@@ -264,8 +258,7 @@ def surfaces_of(objects: Iterable[object], tip_radius: float | None) -> Surfaces
             # a whole turn begins at angle 0
             rows.append((number, complex(item.x, item.y), item.radius, 0j, -1 + 0j, np.pi))  # type: ignore[attr-defined]
     owner, center, radius, tangent, normal, half = (np.array(part) for part in zip(*rows, strict=True))
-    pair = [np.array([part.real, part.imag]).T for part in (center, tangent, normal)]
-    return Surfaces(owner.astype(np.intp), pair[0], radius, pair[1], pair[2], half)
+    return Surfaces(owner.astype(np.intp), pairs(center), radius, pairs(tangent), pairs(normal), half)
 
 
 @lru_cache(maxsize=64)
@@ -301,12 +294,12 @@ _STRAIGHT = 1e-9
 """Angle below which an outline does not turn at a corner, rad."""
 
 
-def edges_of(outline: Outline, tip_radius: float = 0.0) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+def edges_of(outline: Outline, tip_radius: float = 0.0) -> tuple[Complexes, Complexes, Floats, Floats, Floats]:
     """Corners and, of each edge, unit tangent and length; where each edge begins and after the last: the angle by which
     the outline turns, and what its rounding takes of the edge, or of an inner corner the tip that does not reach in.
     """
     point = np.array([complex(*corner) for corner in outline.corners])
-    edge = np.diff(point) if outline.is_open else np.roll(point, -1) - point
+    edge: Complexes = (np.roll(point, -1) - point)[: len(point) - outline.is_open]
     length = np.abs(edge)
     with np.errstate(divide='ignore', invalid='ignore'):
         tangent = edge / length
@@ -348,28 +341,29 @@ def outline_problem(outline: Outline, tip_radius: float) -> tuple[str, str] | No
     return None
 
 
-def _crosses(point: Floats, closed: bool) -> bool:
+def _crosses(point: Complexes, closed: bool) -> bool:
     """Whether edges that are not neighbours meet; corners as complex numbers, m."""
     end = np.roll(point, -1) if closed else point[1:]
-    begin, count = point[: len(end)], len(end)
-    for i in range(count):
-        for j in range(i + 2, count - (closed and i == 0)):
-            a, b, c, d = begin[i], end[i], begin[j], end[j]
-            sides = [((q - p).conjugate() * (r - p)).imag for p, q, r in ((a, b, c), (a, b, d), (c, d, a), (c, d, b))]
-            if not any(sides):  # on one line
-                along = [((p - a).conjugate() * (b - a)).real for p in (c, d)]
-                if min(along) <= abs(b - a) ** 2 and max(along) >= 0:
-                    return True
-            elif sides[0] * sides[1] <= 0 and sides[2] * sides[3] <= 0:
-                return True
-    return False
+    begin, (first, second) = point[: len(end)], np.triu_indices(len(end), 2)
+    apart = (not closed) | (first > 0) | (second < len(end) - 1)
+    a, b, c, d = begin[first], end[first], begin[second], end[second]
+    along = [((p - a).conj() * (b - a)).real for p in (c, d)]
+    beside = (np.minimum(*along) <= np.abs(b - a) ** 2) & (np.maximum(*along) >= 0)  # counts where all is on one line
+    one, other = _sides(a, b, c, d)
+    return bool((apart & beside & (one <= 0) & (other <= 0)).any())
+
+
+def _sides(a: Complexes, b: Complexes, c: Complexes, d: Complexes) -> tuple[Floats, Floats]:
+    """Below zero where c and d are on both sides of the line through a and b, and the other way round."""
+    sides = [((q - p).conj() * (r - p)).imag for p, q, r in ((a, b, c), (a, b, d), (c, d, a), (c, d, b))]
+    return sides[0] * sides[1], sides[2] * sides[3]
 
 
 def crosses(one: Floats, other: Floats) -> bool:
     """Whether two lines through places (k, 2), m, cross each other; where they merely meet, they do not."""
     (a, b), (c, d) = ((line[:-1], line[1:]) for line in (as_complex(one)[:, None], as_complex(other)))
-    sides = [((q - p).conj() * (r - p)).imag for p, q, r in ((a, b, c), (a, b, d), (c, d, a), (c, d, b))]
-    return bool(((sides[0] * sides[1] < 0) & (sides[2] * sides[3] < 0)).any())
+    along, across = _sides(a, b, c, d)
+    return bool(((along < 0) & (across < 0)).any())
 
 
 def boundary(item: Surfaces, step: float = 1e-3) -> Floats:

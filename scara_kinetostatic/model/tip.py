@@ -396,8 +396,6 @@ class Spread(NamedTuple):
         """J Σ Jᵀ for derivatives (..., r, 12 + k), m²; NaN where x or y depends on what is undetermined."""
         by_values = derivative @ self.factor
         found = by_values @ by_values.swapaxes(-1, -2)
-        if not self.undetermined.shape[1]:
-            return found
         free = np.square(derivative[..., :2, :] @ self.undetermined).sum(axis=(-1, -2))
         return np.where((free > _variance(found))[..., None, None], np.nan, found)
 
@@ -413,8 +411,6 @@ class Spread(NamedTuple):
             force: on the object there.
         """
         total = by_model + band_covariance(self.gaps, jacobian, at, force)
-        if not self.undetermined.shape[1]:
-            return total
         free = _variance(band_covariance(self.undetermined_gaps, jacobian, at, force))
         return np.where((free > _variance(total))[..., None, None], np.nan, total)
 

@@ -49,11 +49,20 @@ b_i - i a_i = r_i and A = i r.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Complexes, Floats, Indices, Mask, as_complex, pairs, unit_vectors
+from scara_kinetostatic.model.arrays import (
+    Complexes,
+    Floats,
+    Indices,
+    Mask,
+    as_complex,
+    over_arrays,
+    pairs,
+    unit_vectors,
+)
 from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, Skew, component_by_parameters, forward
@@ -86,9 +95,7 @@ class Arm(NamedTuple):
 
     def select(self, which: Mask | Indices | slice) -> Arm:
         """The touches that a mask, a slice or an array of positions picks."""
-        skew = None if self.skew is None else Skew(*(part[which] for part in self.skew))
-        parts: list[Any] = [*(part[..., which] for part in self[:-1]), skew]
-        return Arm(*parts)
+        return over_arrays(lambda part: part[..., which], self)
 
 
 def view_arm(

@@ -208,7 +208,7 @@ def exact_plan(robot: Robot, plan: Plan, metadata: TouchMetadata | None = None) 
         joints, measured, surfaces.centers[surface], surfaces.radii[surface], cell.sensor.frame, cell.gripper
     )
     if cell.has_outlines:
-        observations = observations._replace(surface=surface, tangents=surfaces.tangents[surface])
+        observations = observations._replace(tangents=surfaces.tangents[surface])
     if robot.effects or declared is not None:
         peak, plain = (1 + plan.preload[:, None]) * pressed, TouchMetadata.plain(len(joints))
         eased = plan.preload > 0

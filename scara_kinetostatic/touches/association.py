@@ -102,7 +102,7 @@ def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -
     force = cell.sensor.frame.to_base(force, joints, parameters)
     unit = force / np.maximum(np.linalg.norm(force, axis=1), 1e-300)[:, None]
     if cell.has_outlines:
-        return cell.surfaces.misses(forward(parameters, joints), unit, PER_ANGLE)[0], unit
+        return cell.surfaces.misses(forward(parameters, joints), unit, PER_ANGLE), unit
     place = cell.centers[None] - cell.radii[None, :, None] * unit[:, None]
     return forward(parameters, joints)[:, None] - place, unit
 

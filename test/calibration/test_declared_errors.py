@@ -1,4 +1,4 @@
-"""Declared uncertainties in the fit: derivatives, aliases, contributions, and sigmas that hold."""
+"""Declared uncertainties and errors of the sensor in the fit: derivatives, aliases, contributions, sigmas that hold."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from calibration.studies import EXACT
-from diagnosis.simulated import CELL, PLAN
+from diagnosis.simulated import CELL, PLAN, effect
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Marginal, without_sources
 from scara_kinetostatic.calibration.gauss_helmert import first_guess, linearise
 from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.model.cell import Cell, Noise, Plate, SensorFrame, Uncertainty
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, reported_force, true_force
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 MODEL = ExtendedModel(PAPER_ACTUAL)
@@ -46,18 +47,43 @@ def played(cell: Cell, seed: int, noise: Noise):
     return replace(touches, force=(1 + gain) * rotate(touches.force, np.full(len(touches), angle))), errors
 
 
+def assert_columns(found, misclosure, steps):
+    """Derivatives (n, 2, k) against differences of a function of a change (k,)."""
+    for k, change in enumerate(np.diag(steps)):
+        expected = (misclosure(change) - misclosure(-change)) / (2 * steps[k])
+        np.testing.assert_allclose(found[:, :, k], expected, rtol=1e-4, atol=1e-6 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize('frame', SensorFrame)
 def test_the_derivative_by_each_declared_error(frame):
     cell = replace(FULL, sensor=FULL.sensor._replace(frame=frame))
     errors = np.random.default_rng(1).standard_normal(DeclaredErrors.of(cell).count)
     o = observe(TOUCHES, cell, errors)
     adjusted = first_guess(o, MODEL)
-    found = linearise(o, MODEL, adjusted).by_errors
-    for k in range(len(errors)):
-        step = 1e-3 * (np.arange(len(errors)) == k)
-        up, down = (linearise(o.with_errors(errors + sign * step), MODEL, adjusted).misclosure for sign in (1, -1))
-        expected = (up - down) / 2e-3
-        np.testing.assert_allclose(found[:, :, k], expected, rtol=1e-4, atol=1e-6 * np.abs(expected).max())
+
+    def misclosure(change):
+        return linearise(o.with_errors(errors + change), MODEL, adjusted).misclosure
+
+    assert_columns(linearise(o, MODEL, adjusted).by_errors, misclosure, np.full(len(errors), 1e-3))
+
+
+READING = {'sensor_nonlinearity': (6e-3,), 'sensor_rotation': (0.3,), 'sensor_bias': (3.0, -2.0)}
+
+
+@pytest.mark.parametrize('label', READING)
+def test_a_strong_error_of_the_sensor_has_right_derivatives_and_is_fitted_in_few_steps(label):
+    model = ExtendedModel(PAPER_ACTUAL, (effect(label),), (READING[label],))
+    o = observe(simulate_touches(CELL, model, PLAN, EXACT, 2), CELL)
+    adjusted, values = first_guess(o, model), model.as_array()
+
+    def misclosure(change):
+        return linearise(o, model.with_array(values + np.concatenate([np.zeros(12), change])), adjusted).misclosure
+
+    steps = 1e-6 * np.abs(READING[label])
+    assert_columns(linearise(o, model, adjusted).derivative[:, :, len(NAMES) :], misclosure, steps)
+    fit = calibrate(simulate_touches(CELL, model, PLAN, CELL.noise, 2), CELL, model.effects)
+    assert fit.termination is Termination.CONVERGED and fit.iterations <= 20
+    np.testing.assert_array_less(np.abs(fit.model.effect_arrays[0] - np.array(READING[label])), 4 * fit.effect_std)
 
 
 def test_true_errors_and_model_close_the_equations():
@@ -75,10 +101,8 @@ def test_contributions_add_up_and_nothing_declared_changes_nothing():
     assert [part.label for part in plain.contributions] == ['noise']
     np.testing.assert_array_equal(plain.std_noise, plain.std)
     np.testing.assert_allclose(fit.std_noise[6:], plain.std[6:], rtol=0.1)
-    assert (fit.chi_square, fit.degrees_of_freedom) == (
-        pytest.approx(plain.chi_square, abs=15),
-        plain.degrees_of_freedom,
-    )
+    assert fit.chi_square == pytest.approx(plain.chi_square, abs=15)
+    assert fit.degrees_of_freedom == plain.degrees_of_freedom
 
 
 @pytest.mark.parametrize(
@@ -109,13 +133,14 @@ def test_a_plate_hides_nothing_but_the_place_of_the_robot():
 @pytest.mark.parametrize('noise', [CELL.noise, None])
 @pytest.mark.parametrize('cell', [FULL, declared(5e-5, 2e-5)], ids=['full', '50 µm'])
 def test_sigmas_hold(cell, noise):
-    z = []
-    for seed in range(8):
-        fit = calibrate(played(cell, seed, CELL.noise)[0], replace(cell, noise=noise))
-        assert set(fit.status.values()) == {'estimated'}
-        z.append((fit.parameters.as_array() - PAPER_ACTUAL.as_array()) / fit.std)
+    fits = [calibrate(played(cell, seed, CELL.noise)[0], replace(cell, noise=noise)) for seed in range(8)]
+    assert all(set(fit.status.values()) == {'estimated'} for fit in fits)
+    z = [(fit.parameters.as_array() - PAPER_ACTUAL.as_array()) / fit.std for fit in fits]
     assert 0.7 < float(np.sqrt(np.mean(np.square(z)))) < 1.3
     assert np.abs(z).max() < 5
+    if noise is None and cell is FULL:
+        assert np.mean([fit.noise.force_rms for fit in fits]) == pytest.approx(CELL.noise.force_rms, rel=0.1)
+        assert np.mean([fit.noise.joint_rms for fit in fits]) == pytest.approx(CELL.noise.joint_rms, rel=0.25)
 
 
 def test_a_trusted_nominal_value_counts_as_measured():
@@ -126,26 +151,15 @@ def test_a_trusted_nominal_value_counts_as_measured():
     assert fit['l1'].std < 1e-6
     assert abs(fit['l1'].value - true) < 3e-6
     assert [part.label for part in fit.contributions] == ['noise', 'nominal[l1]']
-    assert (fit.degrees_of_freedom, fixed.degrees_of_freedom, fixed.prior_cost) == (
-        2 * len(TOUCHES) - 11,
-        2 * len(TOUCHES) - 11,
-        0.0,
-    )
-    assert fixed['l1'].status == 'fixed'
+    assert fit.degrees_of_freedom == fixed.degrees_of_freedom == 2 * len(TOUCHES) - 11
+    assert (fixed.prior_cost, fixed['l1'].status) == (0.0, 'fixed')
 
 
 def test_rows_are_whitened_for_unknown_errors():
-    columns = np.random.default_rng(2).standard_normal((9, 3))
+    columns, rows = np.random.default_rng(2).standard_normal((9, 3)), np.arange(9.0)
     m = Marginal.of(columns, 9).apply(np.eye(9))
     np.testing.assert_allclose(m @ (np.eye(9) + columns @ columns.T) @ m.T, np.eye(9), atol=1e-12)
-    rows = np.arange(9.0)
     assert Marginal.of(None, 9).apply(rows) is rows
-
-
-def test_estimated_noise_is_that_of_the_touches():
-    levels = [calibrate(played(FULL, seed, CELL.noise)[0], replace(FULL, noise=None)).noise for seed in range(6)]
-    assert np.mean([level.force_rms for level in levels]) == pytest.approx(CELL.noise.force_rms, rel=0.1)
-    assert np.mean([level.joint_rms for level in levels]) == pytest.approx(CELL.noise.joint_rms, rel=0.25)
 
 
 def test_estimated_noise_of_few_touches_does_not_grow_with_what_is_declared():
@@ -161,3 +175,10 @@ def test_what_is_held_of_a_disc_alone_leaves_its_other_errors():
     cell = replace(CELL, discs=tuple(disc._replace(center_std=1e-5) for disc in CELL.discs))
     found = without_sources(cell, {'object_rotation[disc_1]', 'object_position[disc_2]'})
     assert [disc.center_std for disc in found.discs] == [1e-5, 0.0, 1e-5]
+
+
+def test_no_force_is_behind_a_reading_that_errs_by_as_much():
+    model = ExtendedModel(PAPER_ACTUAL, (effect('sensor_nonlinearity'),), ((-0.02,),))
+    true = np.array([[5.0, 3.0], [0.0, 12.0]])
+    np.testing.assert_allclose(true_force(model, reported_force(model, true)), true, rtol=1e-12)
+    assert np.isnan(true_force(model, np.array([[40.0, 0.0], [0.0, 12.0]]))).any()

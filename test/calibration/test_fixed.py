@@ -38,18 +38,17 @@ def test_wrong_texts(text, message):
 
 
 @pytest.mark.parametrize(
-    'fixed', [{'x0': 2.5}, {'theta1': 2.0}, {'g_ee': 0.095}, {'g1': 0.29}, {'p1': 0.11}, {'p_ee': -0.0011}]
-)
-def test_values_far_from_nominal(fixed):
-    ((name, value),) = fixed.items()
-    off = abs(value - getattr(PAPER_NOMINAL, name))
+    ('name', 'far', 'usual'),
+    [
+        ('x0', 2.5, 0.05), ('theta1', 2.0, -0.2), ('g_ee', 0.095, 0.0), ('p1', 0.11, 1e-3),
+        ('g1', 0.29, 0.0), ('p_ee', -0.0011, 1e-5), ('l1', 3.3, 0.4),
+    ],
+)  # fmt: skip
+def test_values_far_from_nominal_have_another_unit(name, far, usual):
+    check_units({name: usual, NAME: 1}, PAPER_NOMINAL)
+    off = abs(far - getattr(PAPER_NOMINAL, name))
     with pytest.raises(ParameterError, match=f'is {off:.3g} .* from its nominal value; give it in'):
-        check_units(fixed, PAPER_NOMINAL)
-
-
-@pytest.mark.parametrize('fixed', [{'x0': 0.05}, {'l1': 0.4}, {'theta1': -0.2}, {'g_ee': 0.0}, {'p1': 1e-3}, {NAME: 1}])
-def test_usual_values_have_the_right_unit(fixed):
-    check_units(fixed, PAPER_NOMINAL)
+        check_units({name: far}, PAPER_NOMINAL)
 
 
 @pytest.mark.parametrize(

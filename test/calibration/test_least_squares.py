@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from scara_kinetostatic.calibration import least_squares
 
@@ -12,17 +13,11 @@ def system(seed=0, n=40, k=5):
     return rng.normal(size=(n, 2, k)), rng.normal(size=(n, 2))
 
 
-def test_undamped_step_is_least_squares():
+@pytest.mark.parametrize('damping', [0.0, 0.7])
+def test_a_step_is_that_of_the_augmented_system(damping):
     jacobian, residual = system()
-    step = least_squares.damped_step(least_squares.compress(jacobian, residual), 0.0)
-    expected = np.linalg.lstsq(jacobian.reshape(-1, 5), -residual.ravel(), rcond=None)[0]
-    np.testing.assert_allclose(step, expected, rtol=1e-12)
-
-
-def test_damped_step_is_the_augmented_system():
-    jacobian, residual = system()
-    step = least_squares.damped_step(least_squares.compress(jacobian, residual), 0.7)
-    augmented = np.concatenate([jacobian.reshape(-1, 5), np.sqrt(0.7) * np.eye(5)])
+    step = least_squares.damped_step(least_squares.compress(jacobian, residual), damping)
+    augmented = np.concatenate([jacobian.reshape(-1, 5), np.sqrt(damping) * np.eye(5)])
     expected = np.linalg.lstsq(augmented, np.concatenate([-residual.ravel(), np.zeros(5)]), rcond=None)[0]
     np.testing.assert_allclose(step, expected, rtol=1e-12)
 

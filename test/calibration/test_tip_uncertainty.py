@@ -206,26 +206,22 @@ def test_a_fixed_parameter_contributes_nothing() -> None:
     assert all(item.parameters[0] == 0 for item in uncertainty_budget(c))
 
 
+def smaller(label: str, wanted: float) -> Cell:
+    """The cell with one source known better."""
+    kind, _, target = label.rstrip(']').partition('[')
+    if kind.startswith('object'):
+        changed = {'center_std' if kind == 'object_position' else 'radius_std': wanted}
+        discs = tuple(disc._replace(**changed) if disc.name == target else disc for disc in MEASURED.discs)
+        return replace(MEASURED, discs=discs)
+    changes = {'nominal': {target: wanted}} if kind == 'nominal' else {kind: wanted}
+    return replace(MEASURED, uncertainty=replace(MEASURED.uncertainty, **changes))
+
+
 @pytest.mark.parametrize('label', ['object_position[disc_1]', 'force_gain', 'nominal[l1]', 'object_radius[disc_2]'])
 def test_a_smaller_declared_uncertainty_gives_what_was_said(measured: Calibration, label: str) -> None:
     (item,) = [each for each in improvements(measured) if each.labels == (label,)]
-    kind, _, target = label.rstrip(']').partition('[')
-    u = MEASURED.uncertainty
-    if kind == 'object_position':
-        cell = _with_disc(target, center_std=item.wanted)
-    elif kind == 'object_radius':
-        cell = _with_disc(target, radius_std=item.wanted)
-    elif kind == 'nominal':
-        cell = replace(MEASURED, uncertainty=replace(u, nominal={target: item.wanted}))
-    else:
-        cell = replace(MEASURED, uncertainty=replace(u, **{kind: item.wanted}))
-    tip = tip_uncertainty(calibrate(measured.touches, cell))
+    tip = tip_uncertainty(calibrate(measured.touches, smaller(label, item.wanted)))
     assert (item.median, item.worst) == pytest.approx((tip.median, tip.worst), rel=2e-3)
-
-
-def _with_disc(name: str, **changes: float) -> Cell:
-    discs = tuple(disc._replace(**changes) if disc.name == name else disc for disc in MEASURED.discs)
-    return replace(MEASURED, discs=discs)
 
 
 def test_twice_as_many_touches_give_what_was_said() -> None:
@@ -247,11 +243,8 @@ def test_the_smallest_action_that_suffices_is_advised(measured: Calibration) -> 
     assert best_improvement([], worst) is None
 
 
-def test_round_values() -> None:
+def test_values_and_sources_in_words() -> None:
     assert [round_value(value) for value in (5e-6, 4.99e-6, 1e-3, 0.7)] == [5e-6, 2e-6, 1e-3, 0.5]
-
-
-def test_sources_in_words() -> None:
     assert source_title('plate_angle[a]') == 'rotation of plate a'
     assert source_title('noise') == 'noise of the touches'
 

@@ -7,9 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.model.kinematics import Gripper, GripperSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 
 ROBOTS = (PAPER_ACTUAL, PAPER_MEASURED)
+EXCESS = ((4e-6, 7e-6), (7e-6, -3e-6))
+GRIPPERS = (*map(Gripper, GripperSign), Gripper(excess=EXCESS), Gripper(GripperSign.PAPER, EXCESS))
+"""With the last one, whose stiffness is negative, the equilibrium of a contact is not unique."""
 STEPS = np.array([1e-6] * 6 + [1e-9] * 3 + [1e-6] * 3)
 """Step of each parameter: small against its effect's curvature, large against rounding."""
 
@@ -30,9 +34,8 @@ def random_poses(seed: int, n: int = 300, parameters: Parameters = PAPER_ACTUAL)
     tip = np.stack([parameters.x0 + reach * np.cos(at), parameters.y0 + reach * np.sin(at)], axis=1)
     normal = np.stack([np.cos(phi), np.sin(phi)], axis=1)
     radii = rng.uniform(0.04, 0.15, n)
-    return Poses(
-        tip, rng.uniform(1, 80, n)[:, None] * normal, rng.choice([-1, 1], n), tip + radii[:, None] * normal, radii
-    )
+    force = rng.uniform(1, 80, n)[:, None] * normal
+    return Poses(tip, force, rng.choice([-1, 1], n), tip + radii[:, None] * normal, radii)
 
 
 def assert_derivative(

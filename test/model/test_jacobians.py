@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from model.helpers import ROBOTS, STEPS, assert_derivative, random_poses
+from model.helpers import EXCESS, GRIPPERS, ROBOTS, STEPS, assert_derivative, random_poses
 
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.cell import GripperSign, Noise
 from scara_kinetostatic.model.contact import contact, contact_derivatives
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import Gripper, LoadedJoints, forward_by_parameters, tip_by_parameters
 from scara_kinetostatic.model.kinetostatics import (
     direct_kinetostatics,
@@ -17,16 +19,17 @@ from scara_kinetostatic.model.kinetostatics import (
     loaded_tip_by_parameters,
 )
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.tip import Force, Law, inverse_of_rows, tip_by_joints, tip_by_noise, tip_under_load
+from scara_kinetostatic.model.touch_equations import ContactProblem, excess_derivative, touch_equations
 
 SIGNS = tuple(GripperSign)
 SMALL = np.full(2, 1e-6)
 
 
-def clear_of_dead_bands(robot, poses, sign=GripperSign.PHYSICAL):
+def clear_of_dead_bands(robot, poses, gripper):
     """Poses whose torques keep their sign under a small change."""
-    joints, torques = inverse_kinetostatics(robot, poses.tip, poses.force, poses.posture, sign)
-    lever = np.abs(torques) / np.hypot(*poses.force.T)[:, None]
-    keep = (lever > 0.01).all(axis=1)
+    joints, torques = inverse_kinetostatics(robot, poses.tip, poses.force, poses.posture, gripper)
+    keep = (np.abs(torques) > 0.01 * np.hypot(*poses.force.T)[:, None]).all(axis=1)
     return type(poses)(*(part[keep] for part in poses)), joints[keep], torques[keep]
 
 
@@ -43,10 +46,8 @@ def test_jacobian_is_the_derivative_of_h_and_not_the_printed_one():
 def test_rigid_robot(robot):
     poses = random_poses(2)
     joints = kinematics.inverse(robot, poses.tip, poses.posture)
-    x = robot.as_array()
-    assert_derivative(
-        lambda v: kinematics.forward(Parameters.from_array(v), joints), x, forward_by_parameters(robot, joints), STEPS
-    )
+    found = forward_by_parameters(robot, joints)
+    assert_derivative(lambda v: kinematics.forward(Parameters.from_array(v), joints), robot.as_array(), found, STEPS)
 
 
 @pytest.mark.parametrize('sign', SIGNS)
@@ -67,21 +68,36 @@ def test_loaded_tip(robot, sign):
     assert 1e-5 < away.max() < 0.03
 
 
-@pytest.mark.parametrize('sign', SIGNS)
+@pytest.mark.parametrize('gripper', GRIPPERS[:3])
 @pytest.mark.parametrize('robot', ROBOTS)
-def test_contact(robot, sign):
-    poses, joints, _ = clear_of_dead_bands(robot, random_poses(5), sign)
+def test_contact(robot, gripper):
+    poses, joints, _ = clear_of_dead_bands(robot, random_poses(5), gripper)
 
     def force(p, q):
-        return contact(p, q, poses.centers, poses.radii, sign, warm_start=poses.force).force
+        return contact(p, q, poses.centers, poses.radii, gripper, warm_start=poses.force)
 
-    found = contact(robot, joints, poses.centers, poses.radii, sign, warm_start=poses.force)
-    derivatives = contact_derivatives(robot, found)
-    small = np.full(2, 1e-7)
-    assert_derivative(lambda d: force(robot, joints + d), np.zeros(2), derivatives.joints, small)
-    assert_derivative(
-        lambda v: force(Parameters.from_array(v), joints), robot.as_array(), derivatives.parameters, STEPS * 0.1
-    )
+    found = contact_derivatives(robot, force(robot, joints))
+    assert_derivative(lambda d: force(robot, joints + d).force, np.zeros(2), found.joints, np.full(2, 1e-7))
+    x, steps = robot.as_array(), STEPS * 0.1
+    assert_derivative(lambda v: force(Parameters.from_array(v), joints).force, x, found.parameters, steps)
+
+
+@pytest.mark.parametrize('sign', SIGNS)
+def test_derivative_by_the_excess(sign):
+    poses, gripper = random_poses(16, 100), Gripper(sign, EXCESS)
+    joints, _ = inverse_kinetostatics(PAPER_ACTUAL, poses.tip, poses.force, poses.posture, gripper)
+    state = contact(PAPER_ACTUAL, joints, poses.centers, poses.radii, gripper, warm_start=poses.force).state
+
+    def equations(entries):
+        changed = Gripper(sign, tuple(map(tuple, np.reshape(entries, (2, 2)).tolist())))
+        return touch_equations(PAPER_ACTUAL, ContactProblem(joints, poses.centers, poses.radii, changed), state)
+
+    def residual(entries):
+        h = equations(entries).h
+        return np.stack([h.real, h.imag], axis=1)
+
+    found = excess_derivative(state, equations(EXCESS), gripper)
+    assert_derivative(residual, np.ravel(EXCESS), found, np.full(4, 1e-9))
 
 
 def test_contact_with_a_floating_joint_does_not_depend_on_it():
@@ -113,3 +129,30 @@ def test_no_contact_no_derivative():
     derivatives = contact_derivatives(PAPER_ACTUAL, found)
     assert not derivatives.joints.any()
     assert not derivatives.parameters.any()
+
+
+@pytest.mark.parametrize('sign', SIGNS)
+def test_tip_by_the_noise_of_a_pose(sign):
+    """Columns by q1, q2, F_x and F_y, each one standard deviation."""
+    noise, gripper = Noise((1e-5, 3e-5), 0.2, 0.01), Gripper(sign)
+    law = Law(ExtendedModel(PAPER_ACTUAL), gripper, noise)
+    poses = random_poses(5, 80)
+    joints, _ = inverse_kinetostatics(PAPER_ACTUAL, poses.tip, poses.force, poses.posture, gripper)
+    metadata = TouchMetadata.plain(len(joints))
+
+    def tip(q, f):
+        return tip_under_load(law, q, Force.of(f, noise)._replace(std=force.std, place=force.place), metadata).tip
+
+    force = Force.of(poses.force, noise)
+    at = tip_under_load(law, joints, force, metadata)
+    found = tip_by_noise(law, tip_by_joints(at.loading, inverse_of_rows(at.loading, force)), at.loading, force)
+    outside = ~at.loading.in_band
+    assert 40 < outside.sum() < 80
+    for column in range(4):
+        step = np.zeros(4)
+        step[column] = 1e-7 if column < 2 else 1e-4
+        difference = tip(joints + step[:2], poses.force + step[2:]) - tip(joints - step[:2], poses.force - step[2:])
+        std = noise.joint_levels[column] if column < 2 else force.std
+        expected = difference / (2 * step[column]) * np.reshape(std, (-1, 1))
+        np.testing.assert_allclose(found[outside, :, column], expected[outside], rtol=1e-5, atol=1e-10)
+        np.testing.assert_allclose(found[..., column], expected, rtol=0.02, atol=5e-8)  # inside to first order

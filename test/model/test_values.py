@@ -1,4 +1,4 @@
-"""Values that guard themselves: parameters, touches."""
+"""Values that guard themselves, and are reached by name: parameters, models with effects, touches, cells."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from calibration.studies import CELL
 
+from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import Gripper
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
+
+GAIN, PLACE = find(CELL, 'encoder_gain[joint1]'), find(CELL, 'object_position[disc_2]')
+MODEL = ExtendedModel(PAPER_ACTUAL, (GAIN, PLACE), ((1e-3,), (1e-4, -2e-4)))
 
 
 def test_parameters_keep_order_and_value():
@@ -80,3 +87,28 @@ def test_a_pose_is_within_the_limits_in_any_turn():
     given = np.array([[-0.95, 3.5], [5.4, -3.5], [-1.1, 4.1]])
     np.testing.assert_array_equal(wide.in_turn(given)[:2], given[:2])  # they are within
     np.testing.assert_allclose(wide.in_turn(given)[2], given[2] + [2 * np.pi, -2 * np.pi])
+
+
+def test_values_of_effects_are_reached_by_name_and_by_one_vector():
+    assert MODEL.values['encoder_gain[joint1]'] == {'gain': 1e-3}
+    assert MODEL.values['object_position[disc_2]'] == {'x': 1e-4, 'y': -2e-4}
+    names = 'encoder_gain[joint1].gain object_position[disc_2].x object_position[disc_2].y'
+    assert ' '.join(MODEL.names[len(NAMES) :]) == names
+    np.testing.assert_array_equal(MODEL.as_array()[len(NAMES) :], [1e-3, 1e-4, -2e-4])
+    assert MODEL.with_array(MODEL.as_array()) == MODEL
+
+
+def test_other_effects_keep_the_values_of_those_that_stay():
+    assert MODEL.with_effects([PLACE]).values == {'object_position[disc_2]': {'x': 1e-4, 'y': -2e-4}}
+    assert ExtendedModel(PAPER_ACTUAL).with_effects([GAIN]) == ExtendedModel.at_start(PAPER_ACTUAL, [GAIN])
+
+
+@pytest.mark.parametrize('values', [(), ((1e-3,),), ((1e-3,), (1e-4,)), ((1e-3,), (1e-4, np.nan))])
+def test_values_must_be_finite_and_one_per_parameter(values):
+    with pytest.raises(ParameterError, match='expected'):
+        ExtendedModel(PAPER_ACTUAL, (GAIN, PLACE), values)
+
+
+def test_senseless_matrix_is_refused():
+    with pytest.raises(ParameterError, match='2×2'):
+        Gripper(excess=((1.0, float('nan')), (0.0, 1.0)))
