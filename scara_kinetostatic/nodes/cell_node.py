@@ -212,6 +212,10 @@ class CellNode(Node):
         """Time of the node's clock, ns; 0 before the first message on `/clock` where it is simulated."""
         return int(self.get_clock().now().nanoseconds)
 
+    def log_time(self, received: int) -> int:
+        """The log time of a message, ns: when it was received, where that is known and time is not simulated."""
+        return self.now() if not received or self.get_clock().ros_time_is_active else received
+
     def status(self, title: str, level: bytes, text: str, values: Mapping[str, object]) -> DiagnosticArray:
         """One status of the node, stamped now.
 
@@ -332,6 +336,7 @@ class FollowedCalibration(Generic[Calibration]):
     def _use(self, found: Calibration, origin: str) -> None:
         """Takes a calibration; one that may not be used is said."""
         try:
+            self._check(found)
             self._take(found)
         except ScaraKinetostaticError as error:
             self._refuse(str(error))
@@ -339,6 +344,13 @@ class FollowedCalibration(Generic[Calibration]):
         self.present, self.refused = found, ''
         self.origin = f'{origin}, of {found.created or "unknown date"}'
         self._logger.info(f'calibration in use: {self.origin}')
+
+    def _check(self, found: Calibration) -> None:
+        """Check that a calibration may be used here.
+
+        Raises:
+            InputError: it may not.
+        """
 
     def _refuse(self, problem: str) -> None:
         self.refused = problem
@@ -356,11 +368,7 @@ class FollowedArm(FollowedCalibration[CalibratedArm]):
     """
 
     def __init__(self, node: CellNode, take: Callable[[CalibratedArm], None]) -> None:
-        def checked(arm: CalibratedArm) -> None:
-            self._check(arm)
-            take(arm)
-
-        super().__init__(node, load_calibration, lambda document: read_arm(document, 'calibrator/result'), checked)
+        super().__init__(node, load_calibration, lambda document: read_arm(document, 'calibrator/result'), take)
         self._take_unfit = node.value('take_unfit')
         self.cell: Cell = node.cell_or_example() if self.given is None else self.given.cell
 

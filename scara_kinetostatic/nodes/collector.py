@@ -45,7 +45,6 @@ class Collector(CellNode):
         self._cell = self.cell_or_example()
         self._autostart = self.value('autostart')
         self._session: Session | None = None
-        self._by_ros_time = self.get_clock().ros_time_is_active
         self._heard_before, self._failure = np.zeros((2, 3), dtype=np.intp), ''
         self._complaints = PersistentComplaints(self.get_logger().warning)
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
@@ -131,10 +130,7 @@ class Collector(CellNode):
     def _begin(self) -> None:
         self._autostart = False
         parent = self.place('output', self.value('output')).absolute()
-        joint_states, wrench = (monitor.topic for monitor in self._streams.monitors.values())
-        self._session = Session(parent, self._cell, self.now(), (joint_states, wrench))
-        for message in self._streams.frame.messages:
-            self._session.take_transforms(message, self.now())
+        self._session = Session(parent, self._cell, self.now(), self._streams)
         self._streams.look_at_publishers()
         self._heard_before, self._failure = self._heard(), ''
         self._publish(self._session)
@@ -152,8 +148,8 @@ class Collector(CellNode):
         lost = (self._heard() - self._heard_before)[:, 2].sum()
         loss = f'; {lost} messages were lost on the way' if lost else ''
         counted = f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}{loss}'
-        counted = '; '.join((counted, *self._silent()))
-        return self._with_warnings('; '.join(filter(None, (counted, session.rejections(), session.clock_warning))))
+        said = counted, *self._silent(), session.rejections(), session.clock_warning
+        return self._with_warnings('; '.join(filter(None, said)))
 
     def _with_warnings(self, answer: str) -> str:
         """The answer of a service, with what spoils the data."""
@@ -163,12 +159,8 @@ class Collector(CellNode):
 
     def _example_cell(self) -> str:
         """That a robot other than the simulated one is taken for the example cell; empty if it is not."""
-        named = bool(self.value('cell'))
-        robots = {name.rpartition('/')[2] for each in self._streams.monitors.values() for name in each.publishers}
-        if named or robots <= {'contact_simulator'}:
-            return ''
         problem = 'the parameter cell is empty: the robot is taken for the example cell of figure 3'
-        return f'{problem}; name its cell description'
+        return f'{problem}; name its cell description' if self._streams.is_taken_for_the_example else ''
 
     def _heard(self) -> Indices:
         """Of each topic the messages so far, those that gave no sample, and those that were lost, (2, 3)."""
@@ -183,9 +175,8 @@ class Collector(CellNode):
     def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
         """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
         if self._session is not None:
-            log_time = self.now() if self._by_ros_time or not received else received
             with self._guarded():
-                self._session.take(stream, message, log_time, sample)
+                self._session.take(stream, message, self.log_time(received), sample)
 
     def _take_transforms(self, message: bytes, anew: bool) -> None:
         """Records fixed transforms; touches before them are told as they were judged."""
@@ -200,7 +191,6 @@ class Collector(CellNode):
             self.get_logger().warning(text)
 
     def _poll(self) -> None:
-        self._by_ros_time = self.get_clock().ros_time_is_active
         if self._autostart and self.now():
             with self._guarded():
                 self._begin()

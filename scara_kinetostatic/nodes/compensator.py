@@ -46,7 +46,7 @@ from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.online import MotionSense, OnlineArm, OnlinePosition
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, FollowedArm
-from scara_kinetostatic.nodes.conversion import NANOSECONDS, PlanarPose, Sample, UnusableMessageError, planar
+from scara_kinetostatic.nodes.conversion import NANOSECONDS, Sample, UnusableMessageError, planar
 from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor
 from scara_kinetostatic.nodes.streams import CellStreams, Stream, TFMessage, waiting
 from scara_kinetostatic.planning.motion import Space
@@ -287,8 +287,8 @@ class Compensator(CellNode):
         if found is None or not isfinite(found.x):
             return
         stamp = sample.stamp_ns or self.now()
-        pose = PlanarPose(found.x, found.y, found.yaw, found.covariance.tolist())
-        self._pose.publish(conversion.pose_bytes(stamp, self._plane, pose))
+        pose = found.x, found.y, found.yaw
+        self._pose.publish(conversion.pose_bytes(stamp, self._plane, pose, found.covariance))
         if self._transform is not None and not 0 <= self._next_transform - stamp <= NANOSECONDS:
             self._next_transform = stamp + NANOSECONDS // 50
             message = conversion.transform(stamp, self._plane, pose, self._tip_frame)

@@ -50,8 +50,6 @@ from scara_kinetostatic.simulation.streams import TYPICAL_NOISE, SensorModel, si
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams
 
-_FAULTS = ', '.join(fault.value for fault in Fault if fault.value)
-
 
 class Commanded:
     """A commanded robot in the place of a `Playback`, without end.
@@ -259,15 +257,10 @@ class ContactSimulator(CellNode):
         """Noise, bias and rates of the sensors."""
         noise = self._cell.noise or TYPICAL_NOISE
         joint, force = self.declare('noise.joint', noise.joint_rms), self.declare('noise.force', noise.force_rms)
-        value = self.value
-        return SensorModel(
-            noise.with_rms(joint, force),
-            value('noise.joint_sample'),
-            value('noise.force_sample'),
-            (value('bias.x'), value('bias.y')),
-            joint_rate=value('joint_rate'),
-            wrench_rate=value('wrench_rate'),
-        )
+        samples = 'noise.joint_sample', 'noise.force_sample', 'bias.x', 'bias.y'
+        joint_noise, force_noise, *bias = map(self.value, samples)
+        rates = {name: self.value(name) for name in ('joint_rate', 'wrench_rate')}
+        return SensorModel(noise.with_rms(joint, force), joint_noise, force_noise, (bias[0], bias[1]), **rates)
 
     def _obey(self) -> Commanded:
         """A robot that is commanded, by the model or in MuJoCo."""
@@ -356,9 +349,8 @@ class ContactSimulator(CellNode):
                 self.get_logger().error(f'the drives have stopped: {plant.stopped}; call ~/reset')
 
     def _start_if_ready(self) -> None:
-        if min(self._joints.get_subscription_count(), self._wrench.get_subscription_count()) < self.value(
-            'wait_for_subscribers'
-        ):
+        heard_by = min(self._joints.get_subscription_count(), self._wrench.get_subscription_count())
+        if heard_by < self.value('wait_for_subscribers'):
             self._ready_since = None
             return
         now = monotonic()
@@ -381,5 +373,7 @@ class ContactSimulator(CellNode):
 
 def _check_fault(parameters: Sequence[Parameter]) -> SetParametersResult:
     """Refuses a fault that does not exist."""
-    unknown = [p for p in parameters if p.name == 'fault' and p.value not in [fault.value for fault in Fault]]
-    return SetParametersResult(successful=not unknown, reason=f'expected one of {_FAULTS}' if unknown else '')
+    faults = [fault.value for fault in Fault]
+    unknown = any(p.name == 'fault' and p.value not in faults for p in parameters)
+    reason = f'expected one of {", ".join(filter(None, faults))}' if unknown else ''
+    return SetParametersResult(successful=not unknown, reason=reason)

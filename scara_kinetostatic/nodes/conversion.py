@@ -18,10 +18,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, TransformStamped, Vector3, WrenchStamped
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    Transform,
+    TransformStamped,
+    Vector3,
+    Wrench,
+    WrenchStamped,
+)
 from nav_msgs.msg import Path as PathMessage
 from sensor_msgs.msg import JointState
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -30,6 +40,7 @@ from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.calibration_file import read_document
 from scara_kinetostatic.files.touch_table import COLUMNS
 from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Plane
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.touch import TouchSet
@@ -85,19 +96,13 @@ def diagnostic(name: str, level: bytes, text: str, values: Mapping[str, object],
 
 def joint_state(sample: Sequence[float], names: Sequence[str]) -> JointState:
     """A message with a stamp, ns, and the position of each joint."""
-    message = JointState(name=list(names), position=list(sample[1:]))
-    message.header.stamp = stamp_of(int(sample[0]))
-    return message
+    return JointState(header=Header(stamp=stamp_of(int(sample[0]))), name=list(names), position=list(sample[1:]))
 
 
 def wrench(sample: Sequence[float], frame_id: str) -> WrenchStamped:
     """A message with a stamp, ns, and a force, (2,) or (3,); all else is 0."""
-    message = WrenchStamped()
-    message.header.frame_id = frame_id
-    message.header.stamp = stamp_of(int(sample[0]))
-    for axis, component in zip('xyz', sample[1:], strict=False):
-        setattr(message.wrench.force, axis, float(component))
-    return message
+    header = Header(frame_id=frame_id, stamp=stamp_of(int(sample[0])))
+    return WrenchStamped(header=header, wrench=Wrench(force=Vector3(**_axes([float(f) for f in sample[1:]]))))
 
 
 def trajectory_points(message: JointTrajectory) -> tuple[list[float], list[Sequence[float]], list[Sequence[float]]]:
@@ -106,35 +111,32 @@ def trajectory_points(message: JointTrajectory) -> tuple[list[float], list[Seque
     return times, [point.positions for point in message.points], [point.velocities for point in message.points]
 
 
-class PlanarPose(NamedTuple):
-    """A pose in the plane: m, rad; and the covariance of x, y and yaw, (3, 3)."""
-
-    x: float
-    y: float
-    yaw: float
-    covariance: Sequence[Sequence[float]]
-
-    def in_robot(self, plane: Plane) -> tuple[list[float], tuple[float, float, float, float]]:
-        """The place, m, and the quaternion in the frame of the robot."""
-        (x, y, z, w), s, c = plane.quaternion, sin(self.yaw / 2), cos(self.yaw / 2)
-        place: list[float] = plane.in_robot(np.array([self.x, self.y])).tolist()
-        return place, (x * c + y * s, y * c - x * s, z * c + w * s, w * c - z * s)
+def _in_robot(plane: Plane, pose: Sequence[float]) -> tuple[list[float], tuple[float, float, float, float]]:
+    """The place, m, and the quaternion in the frame of the robot, of x, y, m, and yaw, rad, in the plane."""
+    (x, y, z, w), s, c = plane.quaternion, sin(pose[2] / 2), cos(pose[2] / 2)
+    place: list[float] = plane.in_robot(np.array(pose[:2])).tolist()
+    return place, (x * c + y * s, y * c - x * s, z * c + w * s, w * c - z * s)
 
 
-def pose_bytes(stamp_ns: int, plane: Plane, pose: PlanarPose) -> bytes:
-    """A `PoseWithCovarianceStamped` in the robot's frame as it goes over the wire; off the plane it is exact."""
+def pose_bytes(stamp_ns: int, plane: Plane, pose: Sequence[float], covariance: Floats) -> bytes:
+    """A `PoseWithCovarianceStamped` in the robot's frame as it goes over the wire; off the plane it is exact.
+
+    Args:
+        stamp_ns: of the pose, ns.
+        plane: in which it is.
+        pose: x, y, m, and yaw, rad.
+        covariance: of these, (3, 3).
+    """
     name = plane.frame.encode()
     seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS)
     head = _PLAIN + b'\0\0' + struct.pack('<iII', seconds, nanoseconds, len(name) + 1) + name + b'\0'
-    (xx, xy, xw), (_, yy, yw), (_, _, ww) = pose.covariance
-    z6 = (0.0,) * 6
-    rows: Sequence[float]
-    rows = (xx, xy, 0.0, 0.0, 0.0, xw, xy, yy, 0.0, 0.0, 0.0, yw, *z6, *z6, *z6, xw, yw, 0.0, 0.0, 0.0, ww)
+    matrix = np.zeros((6, 6))
+    matrix[[[0], [1], [5]], [0, 1, 5]] = covariance
     if plane.is_stated:
         turn = np.kron(np.eye(2), plane.axes)
-        rows = (turn @ np.reshape(rows, (6, 6)) @ turn.T).ravel().tolist()
-    place, quaternion = pose.in_robot(plane)
-    numbers = *place, *quaternion, *rows  # place, quaternion, covariance by rows
+        matrix = turn @ matrix @ turn.T
+    place, quaternion = _in_robot(plane, pose)
+    numbers = *place, *quaternion, *matrix.ravel().tolist()
     return head.ljust(aligned(len(head), 8), b'\0') + struct.pack('<43d', *numbers)
 
 
@@ -192,10 +194,11 @@ def follow_joint_trajectory(purpose: str, remedy: str) -> Any:
 
 def pose_stamped(stamp_ns: int, plane: Plane, place: tuple[float, float, float]) -> PoseStamped:
     """A pose in the plane, x, y, m, and the angle of its x axis, rad, in the robot's frame."""
-    pose = PoseStamped()
-    pose.header.frame_id, pose.header.stamp = plane.frame, stamp_of(stamp_ns)
-    pose.pose = _pose(*PlanarPose(*place, ()).in_robot(plane))
-    return pose
+    return PoseStamped(header=_header(stamp_ns, plane), pose=_pose(*_in_robot(plane, place)))
+
+
+def _header(stamp_ns: int, plane: Plane) -> Header:
+    return Header(stamp=stamp_of(stamp_ns), frame_id=plane.frame)
 
 
 def _pose(place: Sequence[float], quaternion: Sequence[float]) -> Pose:
@@ -222,20 +225,15 @@ def path(stamp_ns: int, plane: Plane, places: Sequence[tuple[float, float, float
         plane: of the places.
         places: x, y, m, and the angle of the direction of the path, rad.
     """
-    message = PathMessage()
-    message.header.frame_id, message.header.stamp = plane.frame, stamp_of(stamp_ns)
-    message.poses = [pose_stamped(stamp_ns, plane, place) for place in places]
-    return message
+    poses = [pose_stamped(stamp_ns, plane, place) for place in places]
+    return PathMessage(header=_header(stamp_ns, plane), poses=poses)
 
 
-def transform(stamp_ns: int, plane: Plane, pose: PlanarPose, child: str) -> TransformStamped:
-    """The transform from the robot's frame to a child at a pose in the plane."""
-    message = TransformStamped(child_frame_id=child)
-    message.header.frame_id, message.header.stamp = plane.frame, stamp_of(stamp_ns)
-    place, quaternion = pose.in_robot(plane)
-    message.transform.translation = Vector3(**_axes(place))
-    message.transform.rotation = Quaternion(**_axes(quaternion))
-    return message
+def transform(stamp_ns: int, plane: Plane, pose: Sequence[float], child: str) -> TransformStamped:
+    """The transform from the robot's frame to a child at a pose in the plane, x, y, m, and yaw, rad."""
+    place, quaternion = _in_robot(plane, pose)
+    moved = Transform(translation=Vector3(**_axes(place)), rotation=Quaternion(**_axes(quaternion)))
+    return TransformStamped(header=_header(stamp_ns, plane), child_frame_id=child, transform=moved)
 
 
 class JointReader:

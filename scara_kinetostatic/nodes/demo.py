@@ -31,9 +31,6 @@ from scara_kinetostatic.simulation.commanded import DEMO_CELL
 
 THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 """Environment of nodes that look for others on this machine only."""
-SIMULATOR = {'commanded': True, 'publish_clock': True, 'joint_rate': 125.0, 'wrench_rate': 125.0}
-RUNNER = {'autostart': True, 'exit_when_done': True, 'use_sim_time': True}
-"""Parameters of both nodes, for simulated time."""
 
 
 class DemoResult(NamedTuple):
@@ -75,9 +72,10 @@ def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], pr
     """
     path = folder / 'cell.yaml'
     path.write_text(dump_cell(cell or DEMO_CELL), encoding='utf-8')
-    given: dict[str, object] = {'cell': path}
-    given |= {f'contact_simulator:{name}': value for name, value in {**SIMULATOR, **settings}.items()}
-    given |= {f'touch_runner:{name}': value for name, value in {**RUNNER, 'output': folder}.items()}
+    simulated = {'commanded': True, 'publish_clock': True, 'joint_rate': 125.0, 'wrench_rate': 125.0, **settings}
+    running = {'autostart': True, 'exit_when_done': True, 'use_sim_time': True, 'output': folder}
+    given = {'cell': path, **{f'contact_simulator:{name}': value for name, value in simulated.items()}}
+    given |= {f'touch_runner:{name}': value for name, value in running.items()}
     arguments = [part for name, value in given.items() for part in ('-p', f'{name}:={ros_value(value)}')]
     os.environ.update(THIS_MACHINE)
     rclpy.init(

@@ -41,7 +41,7 @@ from scara_kinetostatic.bags.writer import BagWriter, fresh_folder
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.conversion import Sample, diagnostic, stamp_of
-from scara_kinetostatic.nodes.streams import Stream
+from scara_kinetostatic.nodes.streams import CellStreams, Stream
 from scara_kinetostatic.touches.detection import DISCARDED, Detection, Episode, no_touches
 from scara_kinetostatic.touches.online import OnlineDetector
 
@@ -128,7 +128,7 @@ class Session:
         parent: folder in which a new one is made.
         cell: the cell description, which travels in the bag.
         log_time: now, ns, by the clock that gives the messages their log time.
-        topics: full names of joint states and wrenches.
+        streams: of the cell; their fixed transforms are recorded first.
 
     Attributes:
         folder: the bag.
@@ -141,10 +141,10 @@ class Session:
         OutputError: the folder cannot be made or written to; also in every method.
     """
 
-    def __init__(self, parent: Path, cell: Cell, log_time: int, topics: tuple[str, str] | None = None) -> None:
-        self.touches = 0
-        self.rejected = 0
+    def __init__(self, parent: Path, cell: Cell, log_time: int, streams: CellStreams | None = None) -> None:
+        self.touches = self.rejected = 0
         self.news = ''
+        topics = None if streams is None else streams.topics
         self.latest = Detection(no_touches())
         self._cell = cell
         self._writer = BagWriter(fresh_folder(parent, 'touches'), cell, log_time=log_time, topics=topics)
@@ -153,6 +153,8 @@ class Session:
         self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
         self._judged: deque[Episode] = deque(maxlen=1000)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
+        for message in streams.frame.messages if streams else ():
+            self.take_transforms(message, log_time)
 
     def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:
         """Takes a message in.

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from enum import Enum
+from functools import partial
 from itertools import chain, islice
 from time import monotonic
 from typing import Any
@@ -45,8 +46,6 @@ except ImportError:
 
 RELIABLE_STREAM = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 """Joint states and wrenches, both ends: 5 s at 1 kHz are kept while the subscriber is busy."""
-BEST_EFFORT_STREAM = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""The same for a publisher that offers best effort only."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """The last value, delivered to later subscribers, too."""
 LATCHED_TOUCHES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -65,6 +64,12 @@ def waiting(subscription: Subscription) -> Iterator[tuple[bytes, dict[str, Any]]
     with subscription.handle:
         while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
             yield taken
+
+
+def publishers_of(node: Node, topic: str) -> list[str]:
+    """Full names of the nodes that publish a topic, one for each publisher."""
+    found = node.get_publishers_info_by_topic(topic)
+    return [f'{item.node_namespace.rstrip("/")}/{item.node_name}' for item in found]
 
 
 class StreamMonitor:
@@ -207,14 +212,14 @@ class StreamMonitor:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
         text = f'{self.topic}: a publisher offers another {policy}; asking for best effort'
         self._node.get_logger().info(text)
-        if self._retry is None:  # Not here: the executor still holds the subscription whose event this is.
+        if self._retry is None:  # not here: the executor still holds the subscription whose event this is
             self._retry = self._node.create_timer(0.0, self._step_down)
 
     def _step_down(self) -> None:
-        if self._retry is not None:
-            self._retry.cancel()
+        assert self._retry is not None
+        self._retry.cancel()
         self._node.destroy_subscription(self._subscription)
-        self._request(BEST_EFFORT_STREAM)
+        self._request(QoSProfile(depth=RELIABLE_STREAM.depth, reliability=ReliabilityPolicy.BEST_EFFORT))
 
 
 class FrameCheck:
@@ -306,7 +311,7 @@ class CellStreams:
     """
 
     def __init__(self, node: Node, cell: Cell, turned: Callable[[bytes, bool], None], judges: bool = False) -> None:
-        self._node, self._cell, self._topics, self._judges = node, cell, cell.sensor[:2], judges
+        self._node, self._cell, self._judges = node, cell, judges
         self._moved = ''  # since the last examination
         self._joints = JointReader(cell.joint_names, cell.other_joints)
         self.frame = FrameCheck(node, cell, turned)
@@ -323,12 +328,12 @@ class CellStreams:
                 sample; None where it gives none.
         """
 
-        def receive(stream: Stream) -> Callable[[bytes, int], None]:
-            return lambda message, received: take(stream, message, received, self.sample(stream, message, received))
+        def receive(stream: Stream, message: bytes, received: int) -> None:
+            take(stream, message, received, self.sample(stream, message, received))
 
-        for topic, (stream, monitor) in zip(self._topics, self.monitors.items(), strict=True):
-            kind = JointState if stream is Stream.JOINTS else WrenchStamped
-            monitor.subscribe(self._node, kind, topic, receive(stream))
+        kinds = zip((JointState, WrenchStamped), self._cell.sensor[:2], strict=True)
+        for (kind, topic), (stream, monitor) in zip(kinds, self.monitors.items(), strict=True):
+            monitor.subscribe(self._node, kind, topic, partial(receive, stream))
 
     def sample(self, stream: Stream, message: bytes, received: int = 0) -> Sample | None:
         """The numbers of a message, which is counted; None where it cannot be used, or more has to come.
@@ -361,11 +366,21 @@ class CellStreams:
         monitor.accept(sample.stamp_ns, sample[1:3])
         return sample
 
+    @property
+    def topics(self) -> tuple[str, str]:
+        """Full names of both topics."""
+        return self.monitors[Stream.JOINTS].topic, self.monitors[Stream.WRENCH].topic
+
+    @property
+    def is_taken_for_the_example(self) -> bool:
+        """Whether a robot other than the simulated one has no cell description but that of the example."""
+        robots = {name.rpartition('/')[2] for each in self.monitors.values() for name in each.publishers}
+        return not self._node.get_parameter('cell').value and not robots <= {'contact_simulator'}
+
     def look_at_publishers(self) -> None:
         """Notes who publishes the topics."""
         for monitor in self.monitors.values():
-            found = self._node.get_publishers_info_by_topic(monitor.topic)
-            monitor.publishers = [f'{item.node_namespace.rstrip("/")}/{item.node_name}' for item in found]
+            monitor.publishers = publishers_of(self._node, monitor.topic)
 
     def examine(self, expected: bool = True) -> tuple[list[str], dict[str, str]]:
         """What is wrong, empty texts for nothing, and the figures by name; once a second. Looks who publishes.

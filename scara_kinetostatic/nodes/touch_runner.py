@@ -51,10 +51,16 @@ from scara_kinetostatic.errors import CellError, ScaraKinetostaticError
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_arm
 from scara_kinetostatic.nodes.calibration_job import UNFIT, CalibrationProcess, Job
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
-from scara_kinetostatic.nodes.conversion import Sample, follow_joint_trajectory, joint_trajectory, pose_stamped
+from scara_kinetostatic.nodes.conversion import (
+    NANOSECONDS,
+    Sample,
+    follow_joint_trajectory,
+    joint_trajectory,
+    pose_stamped,
+)
 from scara_kinetostatic.nodes.executables import ENDING
 from scara_kinetostatic.nodes.session import Session
-from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
+from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream, publishers_of
 from scara_kinetostatic.planning.next_touches import Planner, known_or_infinite
 from scara_kinetostatic.results.parameter_file import NAME, load_result
 from scara_kinetostatic.running.campaign import FIRST
@@ -62,10 +68,6 @@ from scara_kinetostatic.running.robot import Command
 from scara_kinetostatic.running.runner import Runner, Status
 from scara_kinetostatic.simulation.commanded import DEMO_CELL
 from scara_kinetostatic.touches.detection import Detection, no_touches
-
-_TYPE = 'control_msgs/action/FollowJointTrajectory'
-_LASTING = ('INVALID_JOINTS', 'OLD_HEADER_TIMESTAMP', 'PATH_TOLERANCE_VIOLATED')
-"""Errors of a result that do not pass by themselves."""
 
 
 class Controller:
@@ -110,9 +112,9 @@ class Controller:
             return '' if heard else f'nobody hears {self._name}: start the controller, or remap the topic'
         if self._client.server_is_ready():
             return ''
-        kinds = [kind for name, kinds in get_action_names_and_types(self._node) if name == self._name for kind in kinds]
-        if kinds and _TYPE not in kinds:
-            return f'the action {self._name} is a {" and ".join(kinds)}, expected {_TYPE}'
+        kinds = dict(get_action_names_and_types(self._node)).get(self._name)
+        if kinds and (wanted := 'control_msgs/action/FollowJointTrajectory') not in kinds:
+            return f'the action {self._name} is a {" and ".join(kinds)}, expected {wanted}'
         return f'nobody serves the action {self._name}: start the controller, or set action'
 
     def problem(self, joints: tuple[str, ...]) -> str:
@@ -121,13 +123,8 @@ class Controller:
         Args:
             joints: that are commanded.
         """
-        own = self._node.get_namespace(), self._node.get_name()
-        found = self._node.get_publishers_info_by_topic(self._topic)
-        others = [
-            f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-            for info in found
-            if (info.node_namespace, info.node_name) != own
-        ]
+        found = publishers_of(self._node, self._topic)
+        others = [name for name in found if name != self._node.get_fully_qualified_name()]
         if others or len(found) > 1:
             return f'another node publishes {self._topic}, {", ".join(others) or "of the same name"}: end it'
         if self._foreign and self._node.count_publishers(f'{self._goals}/_action/status'):
@@ -185,18 +182,18 @@ class Controller:
         if status == GoalStatus.STATUS_CANCELED:
             self._failed('somebody cancelled a trajectory', False)
             return
-        names = ('INVALID_GOAL', *_LASTING, 'GOAL_TOLERANCE_VIOLATED')
+        lasting = 'INVALID_JOINTS', 'OLD_HEADER_TIMESTAMP', 'PATH_TOLERANCE_VIOLATED'
+        names = 'INVALID_GOAL', *lasting, 'GOAL_TOLERANCE_VIOLATED'
         name = next((name for name in names if getattr(self._kind.Result, name) == result.error_code), 'no error code')
         text = f'the controller aborts a trajectory ({name}, {result.error_code}): {result.error_string}'
         # what it says of a goal that it dropped as it was deactivated; of one in whose place another came it does not
         is_dropped = name == 'INVALID_GOAL' and 'deactivat' not in result.error_string
-        passes = not is_dropped and name not in ('no error code', *_LASTING)
+        passes = not is_dropped and name not in ('no error code', *lasting)
         self._failed(text + is_dropped * ': somebody else commands the robot', passes)
 
 
 RESULT = 'calibration'
 """Folder of the result, in `output`."""
-_SECOND = 1_000_000_000
 _WAIT = 10.0
 """With `autostart`, how long somebody may take to hear `joint_trajectory`, s; and the zero of the sensor."""
 _APART = 60.0
@@ -238,7 +235,7 @@ class TouchRunner(CellNode):
         self._session: Session | None = None
         self._process: CalibrationProcess | None = None
         self._result = ''
-        self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * _SECOND)
+        self._ticked, self._is_running, self._waits_until = 0, False, monotonic_ns() + int(_WAIT * NANOSECONDS)
         self._said: tuple[str, str] = ('', '')
         self._controller = Controller(self, self.value('action'), self._take_failure)
         self._runner = self._new_runner()
@@ -264,7 +261,7 @@ class TouchRunner(CellNode):
         """Lets the robot stand, completes the recording, ends a calibration."""
         if self._is_running:
             self._runner.fail('the node was ended', may_retract=False)
-            self._ticked = -_SECOND  # at once, even where /clock stands
+            self._ticked = -NANOSECONDS  # at once, even where /clock stands
             self._tick()
             self._end_recording()
             self._publish_state()
@@ -286,9 +283,8 @@ class TouchRunner(CellNode):
             self._runner.fail(reason, may_retract=passes, passes=passes)
 
     def _new_runner(self) -> Runner:
-        runner = Runner(
-            self._cell, self.value('max_touches'), self._detect, self._submit, self._planner, self.value('patience')
-        )
+        most, patience = self.value('max_touches'), self.value('patience')
+        runner = Runner(self._cell, most, self._detect, self._submit, self._planner, patience)
         runner.streams = not self._controller.is_action
         return runner
 
@@ -310,13 +306,10 @@ class TouchRunner(CellNode):
             raise RefusedError(problem)
         if self._zero_client is not None:
             self._zero = self._zero_client.call_async(Trigger.Request())
-            self._waits_until = monotonic_ns() + int(_WAIT * _SECOND)
+            self._waits_until = monotonic_ns() + int(_WAIT * NANOSECONDS)
         if self._runner.end is not None:
             self._runner = self._new_runner()
-        topics = tuple(monitor.topic for monitor in self._streams.monitors.values())
-        self._session = Session(self._output, self._cell, self.now(), (topics[0], topics[1]))
-        for message in self._streams.frame.messages:
-            self._session.take_transforms(message, self.now())
+        self._session = Session(self._output, self._cell, self.now(), self._streams)
         self._submit(abs, 0)  # the process has started, and imported what it needs, before it is needed
         self._autostart, self._is_running, self._result = False, True, ''
         self._runner.start()
@@ -352,10 +345,8 @@ class TouchRunner(CellNode):
                 if abs(apart) > _APART:
                     topic, remedy = self._streams.monitors[stream].topic, 'set use_sim_time, or synchronise the clocks'
                     return f'{topic}: stamps of another clock, {apart:.0f} s apart from that of this node: {remedy}'
-        robots = {name.rpartition('/')[2] for each in self._streams.monitors.values() for name in each.publishers}
-        if not self.value('cell') and robots - {'contact_simulator'}:
-            return 'the parameter cell is empty: name the cell description of this robot'
-        return ''
+        unnamed = self._streams.is_taken_for_the_example
+        return 'the parameter cell is empty: name the cell description of this robot' if unnamed else ''
 
     def _is_zeroed(self) -> bool:
         """Whether the sensor has been set to zero, where that is to be; a service that fails ends the run."""
@@ -378,10 +369,8 @@ class TouchRunner(CellNode):
 
     def _take(self, stream: Stream, message: bytes, received: int, sample: Sample | None) -> None:
         if self._session is not None:
-            by_ros_time = self.get_clock().ros_time_is_active
             try:
-                log_time = self.now() if by_ros_time or not received else received
-                self._session.take(stream, message, log_time, sample)
+                self._session.take(stream, message, self.log_time(received), sample)
             except (ScaraKinetostaticError, OSError) as error:
                 self._lose_recording(error)
         senses, now = self._runner.senses, 1e-9 * self._time()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -139,11 +140,6 @@ class Campaign:
         self._in_row = self._made_to_decide = self.accepted = self.failed = 0
         self._start, self._past = 0, list[tuple[int, float]]()
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether a calibration is being made."""
-        return self._job is not None
-
     def accept(self, detection: Detection) -> None:
         """Takes the touches of a detection, at least one of them accepted."""
         touches = detection.touches
@@ -188,9 +184,8 @@ class Campaign:
             return
         touches = TouchSet.concatenate(self.touches)
         former = replace(self.knowledge.planner)  # without what it has worked out: that is large
-        self._job = self._work(
-            calibrated, self.cell, touches, former, self._given_up, self._made_to_decide < _TO_DECIDE
-        )
+        decides = self._made_to_decide < _TO_DECIDE
+        self._job = self._work(calibrated, self.cell, touches, former, self._given_up, decides)
 
     def poll(self) -> End | None:
         """Takes what has been found out; returns why the run ends, where it does."""
@@ -218,8 +213,8 @@ class Campaign:
 
     def _most_made(self) -> End:
         now, tolerance = self.knowledge.now, self.cell.tolerance
-        found = 'no calibration' if now is None else f'an expanded uncertainty of the tip of {_length(now)}'
-        wanted = '' if tolerance is None else f', the tolerance is {_length(tolerance)}'
+        found = 'no calibration' if now is None else f'an expanded uncertainty of the tip of {length(now)}'
+        wanted = '' if tolerance is None else f', the tolerance is {length(tolerance)}'
         text = f'; {self.knowledge.text}' if self.knowledge.text else ''
         status = 0 if tolerance is None and now is not None else 1
         return End(status, f'{self.accepted} touches (max_touches) give {found}{wanted}{text}')
@@ -230,7 +225,7 @@ class Campaign:
         if tolerance is None or found.now is None or found.discriminating:
             return None
         if found.now <= tolerance and found.grade != 'unfit':
-            reached = f'the expanded uncertainty of the tip is {_length(found.now)}, the tolerance {_length(tolerance)}'
+            reached = f'the expanded uncertainty of the tip is {length(found.now)}, the tolerance {length(tolerance)}'
             return End(0, f'enough: {reached}; {found.verdict}', is_reached=True)
         self._past.append((self.accepted, found.now))
         best = min(now for _, now in self._past)
@@ -239,8 +234,8 @@ class Campaign:
         stalled = bool(before) and np.inf > best > _PROGRESS * min(before)
         if found.now > tolerance and found.is_unexplained:
             limit = (
-                f'{_STALLED} of them left the expanded uncertainty of the tip at {_length(best)}, the tolerance '
-                f'is {_length(tolerance)}: a model error has no known cause; {found.verdict}'
+                f'{_STALLED} of them left the expanded uncertainty of the tip at {length(best)}, the tolerance '
+                f'is {length(tolerance)}: a model error has no known cause; {found.verdict}'
             )
         if limit and stalled:
             return End(0, f'touches are not the limit: {limit}')
@@ -253,7 +248,7 @@ class Campaign:
             joints: where the robot stands, (2,), rad.
             interrupted: the touch to make, where there is one.
         """
-        if self.accepted >= self._most or (self._waits and self.is_busy):
+        if self.accepted >= self._most or (self._waits and self._job is not None):
             return None  # the last calibration is being made, or one of a touch more than those that were enough
         if interrupted is not None:
             self._targets.insert(0, interrupted)
@@ -309,24 +304,17 @@ def clear_start(planner: Planner, joints: Floats) -> tuple[Poses | None, str]:
         return None, f'{name} stands {where}: move it'
     if space.is_clear(here.tip, here.tip, raised=raised)[0]:
         return here, ''
-    off = here.tip - cell.centers
-    apart = np.hypot(*off.T) - cell.radii
-    disc = int(np.argmin(apart))
-    away = cell.radii[disc] + space.clearance + 1e-3
-    out = Poses((cell.centers[disc] + away * off[disc] / np.hypot(*off[disc]))[None], here.posture)
-    if cell.has_outlines:
-        k = int(np.argmin(cell.surfaces.distances(here.tip)[0]))
-        disc, surface = int(cell.surfaces.object[k]), cell.surfaces.select(np.array([k]))
-        normal = surface.normals[0]
-        if not surface.is_edge[0]:
-            ray = np.sign(surface.radii[0]) * (here.tip[0] - surface.centers[0])
-            normal = ray / np.hypot(*ray)
-        beyond = (here.tip[0] - surface.centers[0]) @ normal - surface.radii[0]
-        apart[disc] = -1.0 if space.is_inside(here.tip)[0] else beyond
-        out = Poses(here.tip + (space.clearance + 1e-3 - beyond) * normal, here.posture)
-    nearest = f'{1e3 * apart[disc]:.0f} mm from {cell.discs[disc].name}'
+    k = int(np.argmin(cell.surfaces.distances(here.tip)[0]))
+    disc, surface = int(cell.surfaces.object[k]), cell.surfaces.select(np.array([k]))
+    beyond, normal = float(surface.gaps(here.tip)[0, 0]), surface.normals[0]
+    if not surface.is_edge[0]:
+        ray = np.sign(surface.radii[0]) * (here.tip[0] - surface.centers[0])
+        normal = ray / np.hypot(*ray)
+    out = Poses(here.tip + (space.clearance + 1e-3 - beyond) * normal, here.posture)
+    nearest = f'{1e3 * beyond:.0f} mm from {cell.discs[disc].name}'
     moves = space.is_clear(here.tip, out.tip, but=np.array([disc]))[0] and space.keeps_limits(here, out.tip)[0]
-    if apart[disc] < 0 or not moves or not space.is_clear(out.tip, out.tip)[0]:
+    is_outside = beyond >= 0 and not space.is_inside(here.tip)[0]
+    if not (is_outside and moves and space.is_clear(out.tip, out.tip)[0]):
         return None, f'the tip stands too near to an object or the end of its reach ({nearest}): move it away'
     return Poses(np.concatenate([here.tip, out.tip]), np.concatenate([here.posture] * 2)), ''
 
@@ -360,12 +348,8 @@ def calibrated(
         planner = replace(former, touches=planner.touches, suspected=planner.suspected, given_up=given_up)
     those = found.discriminating if outcome.verdict == 'ambiguous' else ()
     if those and decides and now is not None and now < np.inf:
-        try:
-            planned = planner.discriminating(those, _FEW)
-        except UnsupportedDataError:
-            pass
-        else:
-            return Knowledge(planner, planned, now, grade, text, verdict, True)
+        with suppress(UnsupportedDataError):
+            return Knowledge(planner, planner.discriminating(those, _FEW), now, grade, text, verdict, True)
     unexplained = outcome.verdict == 'unexplained'
     return Knowledge(planner, planner.accurate(_FEW), now, grade, text, verdict, False, unexplained)
 
@@ -374,5 +358,6 @@ def _targets(planned: PlannedTouches) -> list[Target]:
     return [Target(planned.plan.select(np.array([k])), reason) for k, reason in enumerate(planned.reasons)]
 
 
-def _length(value: float) -> str:
+def length(value: float) -> str:
+    """A length, m, in words."""
     return 'not determined' if np.isinf(value) else quantity(value, 'm')

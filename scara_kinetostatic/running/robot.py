@@ -40,9 +40,6 @@ _FASTER = 1.25
 """What a commanded speed may exceed the wanted one by: the model of the arm is not exact."""
 
 
-_NEVER = (np.inf, 0.0)
-
-
 class Command(NamedTuple):
     """Motion of the joints to come.
 
@@ -108,10 +105,9 @@ class Track(NamedTuple):
         steps = np.diff(places, axis=0)
         units = steps / np.linalg.norm(steps, axis=1)[:, None]
         turn = np.arccos(np.clip((units[1:] * units[:-1]).sum(axis=1), -1.0, 1.0))
-        corners, angles = at[1:-1][turn > 0.15], turn[turn > 0.15]
-        slow = _CORNER / np.minimum(2 * np.sin(angles / 2), 1.0)
-        ends = np.full(1, _CORNER)
-        return cls(places, at, np.concatenate([[0.0], corners, at[-1:]]), np.concatenate([ends, slow, ends]))
+        slow = _CORNER / np.minimum(2 * np.sin(turn[turn > 0.15] / 2), 1.0)
+        corners = np.concatenate([[0.0], at[1:-1][turn > 0.15], at[-1:]])
+        return cls(places, at, corners, np.pad(slow, 1, constant_values=_CORNER))
 
     @property
     def length(self) -> float:
@@ -157,7 +153,13 @@ class Motion:
     """
 
     def __init__(
-        self, track: Track, speed: float, at: float = 0.0, *, ramps: bool = True, slow: tuple[float, float] = _NEVER
+        self,
+        track: Track,
+        speed: float,
+        at: float = 0.0,
+        *,
+        ramps: bool = True,
+        slow: tuple[float, float] = (np.inf, 0.0),
     ) -> None:
         self.track, self.at = track, at
         self.sent: float | None = None
@@ -203,7 +205,7 @@ class Motion:
     def _after(self, at: float, now: float, elapsed: float, goal: float) -> tuple[float, float]:
         """Length and speed after some time."""
         left = goal - at
-        speed = most = self._slow[1] if at + 1e-9 * np.sign(left) > self._slow[0] else self._speed
+        speed = most = self.speed_at(at + 1e-9 * np.sign(left))
         within = self.even(at, goal) - at
         if self._ramps:
             ahead = (np.append(self.track.corners, goal) - at) * np.sign(left)
@@ -268,8 +270,6 @@ class Commander:
 
 SILENT = 0.1
 """Sensors that say nothing for so long are silent; messages that come so much later than the fastest ones, late; s."""
-_FRESH = 0.05
-"""The joints are where a reading so old had them, s, to stop there."""
 TARE = 0.15
 """The zero of the force is the mean over so long, s."""
 _DRIFT = 1e-4
@@ -334,9 +334,12 @@ class Senses:
         """Measures delays anew: before anything moves the first messages, or a clock that is set, tell wrong ones."""
         self._fastest, self._late = [np.inf, np.inf], [0, 0]
 
-    def excuse(self, now: float) -> None:
-        """For a moment messages may be missing or late: nobody has listened."""
-        self._excused_until = now + SILENT
+    def excuse(self, now: float, elapsed: float) -> None:
+        """For a moment messages may be missing or late where nobody has listened for some time, s: what has come
+        meanwhile is yet to be heard.
+        """
+        if elapsed > 2 * PERIOD:
+            self._excused_until = now + SILENT
 
     @property
     def place(self) -> Floats:
@@ -380,7 +383,7 @@ class Senses:
         """Whether nobody has listened a moment ago."""
         return now <= self._excused_until
 
-    def knows_joints(self, now: float, age: float = _FRESH) -> bool:
+    def knows_joints(self, now: float, age: float = 0.05) -> bool:
         """Whether the last joint state was measured no longer ago, s; by default so that the robot is still there."""
         return bool(self._joints) and now - self._joints[-1][0] + self._delay[0] <= age
 

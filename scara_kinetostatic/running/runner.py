@@ -33,18 +33,8 @@ from scara_kinetostatic.model.parameters import Parameters, quantity
 from scara_kinetostatic.planning.motion import Poses
 from scara_kinetostatic.planning.next_touches import Planner
 from scara_kinetostatic.planning.program import CONTACT, joint_angles
-from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker
-from scara_kinetostatic.running.robot import (
-    AHEAD_OF_CONTACT,
-    PERIOD,
-    SILENT,
-    Command,
-    Commander,
-    Fault,
-    Motion,
-    Senses,
-    Track,
-)
+from scara_kinetostatic.running.campaign import Campaign, End, Target, Worker, length
+from scara_kinetostatic.running.robot import AHEAD_OF_CONTACT, SILENT, Command, Commander, Fault, Motion, Senses, Track
 from scara_kinetostatic.touches.detection import Detection
 
 DELAY = 0.08
@@ -164,7 +154,7 @@ class Runner:
         """Begins, or goes on after a pause."""
         self._paused = False
         if self._script is None and self.end is None:
-            self._script = self._run()
+            self._script = self._begin()
 
     def pause(self) -> None:
         """Stands still as soon as the touch that is being made has ended; `start` goes on."""
@@ -199,8 +189,7 @@ class Runner:
             now: s.
         """
         elapsed, self._now = now - self._now, now
-        if elapsed > 2 * PERIOD:  # this machine was busy: what has come meanwhile is yet to be heard
-            self.senses.excuse(now)
+        self.senses.excuse(now, elapsed)
         return elapsed
 
     def tick(self, now: float) -> Command | None:
@@ -347,19 +336,17 @@ class Runner:
     # The run
 
     def _say(self, phase: str, text: str) -> None:
-        if (phase, text) == self.status[:2]:
-            return
-        self.status = Status(phase, text, values=self._values())
+        if (phase, text) != self.status[:2]:
+            self.status = Status(phase, text, values=self._values())
 
     def _values(self) -> dict[str, str]:
         campaign, tolerance, known = self.campaign, self.cell.tolerance, self.campaign.knowledge
-        now = known.now
         values = {
             'touch': str(campaign.accepted + 1),
             'accepted': str(campaign.accepted),
             'failed': str(campaign.failed),
-            'uncertainty_m': '' if now is None else f'{now:.4g}',
-            'uncertainty': '' if now is None else 'not determined' if np.isinf(now) else quantity(now, 'm'),
+            'uncertainty_m': '' if known.now is None else f'{known.now:.4g}',
+            'uncertainty': '' if known.now is None else length(known.now),
             'tolerance': '' if tolerance is None else quantity(tolerance, 'm'),
             'grade': known.grade,
             'verdict': known.verdict,
@@ -369,18 +356,17 @@ class Runner:
             values |= {'next': campaign.name(self.target), 'why': self.target.reason}
         return values
 
-    def _run(self) -> Iterator[None]:
-        yield from self._begin()
-        yield from self._go_on()
-
     def _go_on(self) -> Iterator[None]:
         """Touch by touch; first the one that was interrupted."""
         while True:
             chosen: tuple[Target, Poses] | End | None = self.campaign.poll()
             if chosen is None and not self._paused:
                 chosen = self.campaign.choose(self._here()[:2], self.target)
-            if isinstance(chosen, End):
-                yield from self._finish(chosen)
+            if isinstance(chosen, End):  # the robot stands free; with a lift, the tip is raised
+                if self.cell.lift is not None and self._commander.place is not None:
+                    yield from self._raise(self.cell.lift.up)
+                self.end = chosen
+                self.status = Status('done', chosen.reason, chosen.status == 1, self._values())
                 return
             if chosen is None:
                 if self._paused:
@@ -407,7 +393,7 @@ class Runner:
         return self._seen_place(np.full(3, 0.0 if self.cell.lift is None else self.cell.lift.down))
 
     def _begin(self) -> Iterator[None]:
-        """Waits for the sensors, and checks all that can be checked before anything moves.
+        """Waits for the sensors, checks all that can be checked before anything moves, and goes on.
 
         Raises:
             Fault: something is wrong.
@@ -439,6 +425,7 @@ class Runner:
             self._check(_OFF_TRACK)
         if cell.lift is not None:
             yield from self._raise(cell.lift.up)
+        yield from self._go_on()
 
     def _raise(self, goal: float) -> Iterator[None]:
         """Moves the lift, and sees that it moves.
@@ -527,25 +514,18 @@ class Runner:
         planner, cell, name = self._planner, self.cell, self.campaign.name(target)
         text = f'next: {name}, {target.reason}'
         self._say('travel', text)
-        if (zero := self.senses.tare(self._now)) > self._free_limit:
-            text = (
-                f'the force where nothing is touched changed by {zero:.1f} N: the sensor, or something touches the arm'
-            )
-            raise Fault(text, may_retract=False)
-        corners = joint_angles(planner, way)
+        self._tare('where nothing is touched', may_retract=False)
         here = self._here()
         pieces = [here[None, :2]]
-        for k in range(len(corners)):
-            before, after = pieces[-1][-1:], corners[k : k + 1]
-            same = k == 0 or way.posture[k] == way.posture[k - 1]
-            if k and same:
-                length = float(np.hypot(*(way.tip[k] - way.tip[k - 1])))
-                part = np.linspace(0.0, 1.0, max(2, int(length / _STEP)))[1:, None]
-                tips = way.tip[k - 1] + part * (way.tip[k] - way.tip[k - 1])
+        for k, corner in enumerate(joint_angles(planner, way)):
+            before = pieces[-1][-1]
+            if k and way.posture[k] == way.posture[k - 1]:
+                along = way.tip[k] - way.tip[k - 1]
+                part = np.linspace(0.0, 1.0, max(2, int(np.hypot(*along) / _STEP)))[1:, None]
+                tips = way.tip[k - 1] + part * along
                 pieces.append(joint_angles(planner, Poses(tips, np.full(len(tips), way.posture[k]))))
             else:
-                part = np.linspace(0.0, 1.0, 20)[1:, None]
-                pieces.append(before + part * (after - before))
+                pieces.append(before + np.linspace(0.0, 1.0, 20)[1:, None] * (corner - before))
         joints, weight = np.concatenate(pieces), 1.0
         lift = np.full(len(joints), here[2])
         is_low_clear = len(set(way.posture.tolist())) == 1 and planner.space.is_clear(way.tip[:-1], way.tip[1:]).all()
@@ -556,6 +536,16 @@ class Runner:
             lift = np.concatenate([lift[:1], np.full(len(lift), cell.lift.up), [cell.lift.down]])
             weight = max(speed / _LIFT_SPEED, 1.0)
         yield from self._follow(Track.of(np.column_stack([joints, lift]), self._parameters, weight), speed, text)
+
+    def _tare(self, where: str, *, may_retract: bool = True) -> None:
+        """Takes the force in free motion as zero.
+
+        Raises:
+            Fault: it has changed by too much.
+        """
+        if (zero := self.senses.tare(self._now)) > self._free_limit:
+            why = 'the sensor, or something touches the arm'
+            raise Fault(f'the force {where} changed by {zero:.1f} N: {why}', may_retract=may_retract)
 
     def _travel_speed(self, *, raised: bool = False) -> float:
         """At which an obstacle that nobody knows is met with at most 1.5 times the largest force, m/s; raised the tip
@@ -577,18 +567,17 @@ class Runner:
         start, normal = planner.approach(plan).tip[0], plan.normal(self.cell)[0]
         begin = planner.space.clearance + 1e-3 + touch.search
         count = int((begin + 4e-3) / (0.1 * _STEP)) + 2
-        tips = start - np.linspace(0.0, begin + 4e-3, count)[:, None] * normal
+        depths = np.linspace(0.0, begin + 4e-3, count)
+        tips = start - depths[:, None] * normal
         joints = joint_angles(planner, Poses(tips, np.full(count, plan.posture[0])))
         here = self._here()
         joints[0] = here[:2]
         track = Track.of(np.column_stack([joints, np.full(count, here[2])]), self._parameters)
         compliance = self._compliance(target, joints[0])
-        if (zero := self.senses.tare(self._now)) > self._free_limit:
-            raise Fault(f'the force in free motion changed by {zero:.1f} N: the sensor, or something touches the arm')
+        self._tare('in free motion')
         self._say('approach', f'approaching {self.campaign.name(target)}')
         threshold = max(CONTACT * goal, 6 * self.senses.noise, 1.0)
         speed = np.clip((0.8 * goal - threshold) * compliance / DELAY, _LEAST_SPEED, touch.contact_speed)
-        depths = np.linspace(0.0, begin + 4e-3, count)
         expected, deepest = (float(np.interp(depth, depths, track.at)) for depth in (begin - touch.search, begin))
         fast, slow = float(np.clip(touch.max_force * compliance / DELAY, speed, _FAST)), expected - planner.doubt
         self._contact, self._surface, self._steepest = True, 0.0, max(_STIFFER * touch.contact_speed, fast) / compliance
@@ -752,13 +741,6 @@ class Runner:
         name, what = self.campaign.name(target), self.campaign.reject(target)
         self._say('judge', f'{name}: {failure}; {what}')
         yield
-
-    def _finish(self, end: End) -> Iterator[None]:
-        """The robot stands free; with a lift, the tip is raised."""
-        if self.cell.lift is not None and self._commander.place is not None:
-            yield from self._raise(self.cell.lift.up)
-        self.end = end
-        self.status = Status('done', end.reason, end.status == 1, self._values())
 
     # What goes wrong
 

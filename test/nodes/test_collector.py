@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from math import inf, nan
 from pathlib import Path
+from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from nodes.waiting import WAIT, eventually, meet, trigger
+from nodes.waiting import WAIT, eventually, meet
 from rclpy.node import Node
 from rclpy.qos import QoSPresetProfiles, QoSProfile
 from rosbags.rosbag2 import Reader
@@ -22,12 +23,11 @@ from touches.scenes import CELL, START, Scene
 from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.errors import OutputError
-from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Lift, Sensor
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, RefusedError
 from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM, StreamMonitor
+from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES, RELIABLE_STREAM, StreamMonitor
 from scara_kinetostatic.touches.detection import find_touches
 
 
@@ -42,35 +42,33 @@ def publish(node: Node, qos: QoSProfile, count: int, names: tuple[str, str] = ('
         wrench.publish(conversion.wrench((stamp, 0.0, 0.0), 'base'))
 
 
-def test_start_and_stop_each_make_sense_once(
-    processes: NodeProcesses, client: DemoClient, cell_file: Path, tmp_path: Path
-) -> None:
-    processes.start('collector', {'cell': cell_file, 'output': tmp_path / 'bags'})
-    assert 'nothing is being recorded' in trigger(client, '/collector/stop').message
-
-    started = trigger(client, '/collector/start')
+def test_start_and_stop_each_make_sense_once(bench: Callable[..., Any], cell_file: Path, tmp_path: Path) -> None:
+    b = bench(Collector, cell=cell_file, output=tmp_path / 'bags')
+    recordings, stopped = (b.hear(String, f'/collector/{name}') for name in ('recording', 'stopped'))
+    assert 'nothing is being recorded' in b.call('/collector/stop').message
+    started = b.call('/collector/start')
     assert started.success
-    client.wait('the announcement', lambda: client.recording != '', WAIT)
-    first = Path(client.recording)
-    assert str(first) in started.message
+    b.wait(lambda: recordings)
+    first = recordings[0].data
+    assert first in started.message
 
-    again = trigger(client, '/collector/start')
+    again = b.call('/collector/start')
     assert not again.success
     assert 'recording already' in again.message
 
-    stopped: list[str] = []
-    client._node.create_subscription(String, '/collector/stopped', lambda said: stopped.append(said.data), LATCHED)
-    assert trigger(client, '/collector/stop').success
-    client.wait('its end', lambda: stopped == [str(first)], WAIT)
-    assert trigger(client, '/collector/start').success
-    client.wait('another recording', lambda: client.recording != str(first), WAIT)
+    assert b.call('/collector/stop').success
+    b.wait(lambda: [said.data for said in stopped] == [first])
+    assert b.call('/collector/start').success
+    b.wait(lambda: len(recordings) == 2)
+    second = recordings[1].data
+    assert second != first
     assert embedded_cell(first) == PAPER_CELL
-    assert processes.stop() == {'collector': 0}
-    assert embedded_cell(client.recording) == PAPER_CELL
+    b.node.close()
+    assert embedded_cell(second) == PAPER_CELL
 
 
 def test_every_message_of_a_fast_stream_is_recorded(spin: Callable[..., Node], tmp_path: Path) -> None:
-    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    collector = spin(Collector, autostart=True, output=tmp_path)
     publish(collector, RELIABLE_STREAM, 1000)
     assert eventually(lambda: all(monitor.count == 1000 for monitor in collector._streams.monitors.values()))
     collector.close()
@@ -81,7 +79,7 @@ def test_every_message_of_a_fast_stream_is_recorded(spin: Callable[..., Node], t
 
 @pytest.mark.parametrize('parts', [1, 3])
 def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_recording(
-    spin: Callable[..., Node], tmp_path: Path, parts: int
+    spin: Callable[..., Node], cell_in: Callable[..., Path], tmp_path: Path, parts: int
 ) -> None:
     """The wrist stands elsewhere in the third of five touches, and between others; joints come in one message or in
     several.
@@ -92,9 +90,7 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
         lift=Lift('joint3', 0.02, 0.0),
         hold={'joint4': 0.5},
     )
-    (tmp_path / 'cell.yaml').write_text(dump_cell(cell))
-    given = ('-p', 'autostart:=true', '-p', f'cell:={tmp_path}/cell.yaml', '-p', f'output:={tmp_path}/bags')
-    collector = spin(Collector, '--ros-args', *given)
+    collector = spin(Collector, autostart=True, cell=cell_in(cell), output=tmp_path / 'bags')
     said: list[str] = []
     collector.create_subscription(DiagnosticArray, '/diagnostics', lambda a: said.append(a.status[0].message), 10)
     judged: list[str] = []
@@ -133,7 +129,7 @@ def test_a_touch_in_which_a_held_joint_moves_is_rejected_and_is_so_in_the_record
 
 
 def test_a_recording_without_usable_joint_states_is_no_success(spin: Callable[..., Node], tmp_path: Path) -> None:
-    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    collector = spin(Collector, autostart=True, output=tmp_path)
     publish(collector, RELIABLE_STREAM, 20, names=('shoulder', 'elbow'))
     assert eventually(lambda: all(monitor.count == 20 for monitor in collector._streams.monitors.values()))
     with pytest.raises(RefusedError, match=r'/joint_states: no usable message of 20$'):
@@ -146,28 +142,19 @@ def test_a_best_effort_publisher_is_heard(spin: Callable[..., Node]) -> None:
     assert eventually(lambda: all(monitor.count > 0 for monitor in collector._streams.monitors.values()))
 
 
-def test_diagnostics_name_what_is_wrong(spin: Callable[..., Node], tmp_path: Path) -> None:
-    collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path / "bags"}')
+def test_diagnostics_name_what_is_wrong(spin: Callable[..., Node]) -> None:
+    collector = spin(Collector)
     assert collector._examine().level == OK
     publish(collector, RELIABLE_STREAM, 5, names=('shoulder', 'elbow'))
     assert eventually(lambda: 'expected positions of joint1 and joint2' in collector._examine().message)
     assert collector._examine().level == WARN
     assert 'shoulder elbow' in collector._examine().message
 
-    (tmp_path / 'bags').write_text('a file where the folder should be')
-    with pytest.raises(RefusedError, match='bags'):
-        collector._start()
-    assert collector._examine().level == ERROR
-    assert str(tmp_path / 'bags') in collector._examine().message
-
-    (tmp_path / 'bags').unlink()
-    assert collector._start().startswith('recording to ')
-
 
 def test_a_disk_that_fails_ends_the_recording_and_not_the_node(
     spin: Callable[..., Node], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    collector = spin(Collector, autostart=True, output=tmp_path)
     folder = collector._session.folder
 
     def full(*_: object) -> None:
@@ -182,7 +169,7 @@ def test_a_disk_that_fails_ends_the_recording_and_not_the_node(
 
 
 def test_senseless_messages_do_not_end_the_node(spin: Callable[..., Node], tmp_path: Path) -> None:
-    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    collector = spin(Collector, autostart=True, output=tmp_path)
     publish(collector, RELIABLE_STREAM, 50)
     joints = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
     wrench = collector.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
@@ -204,9 +191,15 @@ def test_senseless_messages_do_not_end_the_node(spin: Callable[..., Node], tmp_p
     assert collector._start().startswith('recording to ')
 
 
-def test_a_folder_that_cannot_be_written_leaves_the_node_up(spin: Callable[..., Node], tmp_path: Path) -> None:
+@pytest.mark.parametrize('autostart', [True, False])
+def test_a_folder_that_cannot_be_written_leaves_the_node_up(
+    spin: Callable[..., Node], tmp_path: Path, autostart: bool
+) -> None:
     (tmp_path / 'bags').write_text('a file where the folder should be')
-    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path / "bags"}')
+    collector = spin(Collector, autostart=autostart, output=tmp_path / 'bags')
+    if not autostart:
+        with pytest.raises(RefusedError, match='bags'):
+            collector._start()
     assert collector._examine().level == ERROR
     assert str(tmp_path / 'bags') in collector._examine().message
     (tmp_path / 'bags').unlink()
@@ -225,8 +218,7 @@ def test_joint_states_of_another_driver_on_the_same_topic_are_no_trouble() -> No
 
 
 def test_simulated_time_begins_with_the_clock(spin: Callable[..., Node], tmp_path: Path) -> None:
-    arguments = ('use_sim_time:=true', 'autostart:=true', f'output:={tmp_path}')
-    collector = spin(Collector, '--ros-args', *(part for argument in arguments for part in ('-p', argument)))
+    collector = spin(Collector, use_sim_time=True, autostart=True, output=tmp_path)
     assert 'waiting for /clock' in collector._examine().message
     with pytest.raises(RefusedError, match='/clock'):
         collector._start()
@@ -248,7 +240,7 @@ def test_simulated_time_begins_with_the_clock(spin: Callable[..., Node], tmp_pat
 
 
 def test_the_end_of_a_silent_stream_is_secured(spin: Callable[..., Node], tmp_path: Path) -> None:
-    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    collector = spin(Collector, autostart=True, output=tmp_path)
     publish(collector, RELIABLE_STREAM, 20)
     assert eventually(lambda: collector._session._writer.recorded == 40)
 

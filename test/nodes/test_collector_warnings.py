@@ -15,9 +15,7 @@ pytest.importorskip('rclpy')
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
-from benchmark.cell_nodes import DemoClient
 from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorSign
@@ -92,7 +90,7 @@ def test_the_collector_warns_of_the_disk(
     spin: Callable[..., Node], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(session.shutil, 'disk_usage', lambda _: SimpleNamespace(free=GIB // 2))
-    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    collector = spin(Collector, autostart=True, output=tmp_path)
     condition = collector._examine()
     assert condition.level == WARN
     assert f'the disk of {tmp_path} has' in condition.message
@@ -107,25 +105,23 @@ def publish_as(collector: Any, name: str) -> None:
     collector._streams.monitors[Stream.JOINTS].publishers = [name]
 
 
-def test_a_robot_taken_for_the_example_cell_is_said(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
-) -> None:
-    collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path / "bags"}')
-    said = 'taken for the example cell'
+def test_a_robot_taken_for_the_example_cell_is_said(bench: Callable[..., Any], tmp_path: Path) -> None:
+    b = bench(Collector, output=tmp_path / 'bags')
+    collector, said = b.node, 'taken for the example cell'
     for name, expected in (('/left/contact_simulator', False), ('/left/driver', True)):
         publish_as(collector, name)
         assert (said in collector._examine().message) == expected
         assert (collector._examine().level == WARN) == expected
     del collector._streams.look_at_publishers
-    client._node.create_publisher(JointState, '/joint_states', 10)
-    client.wait('the driver', lambda: collector.count_publishers('/joint_states') == 1, 15.0)
-    answer = client.call('/collector/start', Trigger, Trigger.Request(), 15.0)
+    b.robot.create_publisher(JointState, '/joint_states', 10)
+    b.wait(lambda: collector.count_publishers('/joint_states') == 1)
+    answer = b.call('/collector/start')
     assert answer.success
     assert said in answer.message
 
 
 def test_a_robot_whose_cell_is_given_is_no_example(spin: Callable[..., Node], cell_file: Path) -> None:
-    collector = spin(Collector, '--ros-args', '-p', f'cell:={cell_file}')
+    collector = spin(Collector, cell=cell_file)
     publish_as(collector, '/left/driver')
     assert collector._examine().level == OK
 

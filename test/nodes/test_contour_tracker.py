@@ -5,23 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Path as PathMessage
-from nodes.waiting import WAIT
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
+from nodes.waiting import Bench as AnyBench
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 import scara_kinetostatic as sk
@@ -29,62 +22,36 @@ from benchmark.common import normal_error
 from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import rms
-from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.nodes.cell_node import ERROR, WARN
 from scara_kinetostatic.nodes.contact_simulator import Playback
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker
 from scara_kinetostatic.nodes.conversion import joint_state, wrench
-from scara_kinetostatic.nodes.demo import THIS_MACHINE
 from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.slides import Slide, circle, simulate_slides
 from scara_kinetostatic.touches.streams import Streams
 
-CELL = replace(PAPER_CELL, tip_radius=0.005)
 DISC = circle((0.2, 0.3), 0.03)
 SPEED = 10.0
 """Of the playback, in simulated seconds per second at most."""
 
 
 @pytest.fixture(scope='module')
-def arm() -> CalibratedArm:
-    calibration = sk.calibrate(sk.simulate(CELL, sk.PAPER_ACTUAL), CELL)
-    return replace(CalibratedArm.of(calibration), grade='fit', created='2026-01-01T00:00:00Z')
-
-
-@pytest.fixture(scope='module')
-def slide() -> Streams:
+def slide(arm: CalibratedArm) -> Streams:
     """Once round a disc."""
-    return simulate_slides(CELL, sk.PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.04, end=1.05)], start=0)
+    return simulate_slides(arm.cell, sk.PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.04, end=1.05)], start=0)
 
 
-class Bench:
-    """The node, and one that plays the robot and hears the answers, spun in this thread."""
+class Bench(AnyBench):
+    """With the robot, and the outlines."""
 
     def __init__(self, node: ContourTracker) -> None:
-        self.node, self.robot = node, Node('robot')
-        self.paths: list[PathMessage] = []
-        self.markers: list[MarkerArray] = []
-        self.statuses: list[Any] = []
-        make, hear = self.robot.create_publisher, self.robot.create_subscription
+        super().__init__(node)
+        make = self.robot.create_publisher
         self.joints = make(JointState, '/joint_states', RELIABLE_STREAM)
         self.force = make(WrenchStamped, '/wrench', RELIABLE_STREAM)
         self.result = make(String, '/calibrator/result', LATCHED)
-        hear(PathMessage, '/contour_tracker/path', self.paths.append, LATCHED)
-        hear(MarkerArray, '/contour_tracker/markers', self.markers.append, LATCHED)
-        hear(DiagnosticArray, '/diagnostics', lambda message: self.statuses.append(message.status[0]), 10)
-        self.services = {
-            name: self.robot.create_client(Trigger, f'/contour_tracker/{name}') for name in ('clear', 'tare')
-        }
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(node)
-        self._executor.add_node(self.robot)
-
-    def wait(self, condition: Callable[[], Any], step: Callable[[], None] = lambda: None) -> None:
-        """Until a condition holds."""
-        end = monotonic() + WAIT
-        while not condition():
-            step()
-            self._executor.spin_once(timeout_sec=0.01)
-            assert monotonic() < end, [(s.level, s.message) for s in self.statuses[-1:]]
+        self.paths = self.hear(PathMessage, '/contour_tracker/path')
+        self.markers = self.hear(MarkerArray, '/contour_tracker/markers')
 
     def play(self, streams: Streams, halfway: Callable[[], Any] = lambda: True, start: int = 10**18) -> None:
         """A recording as messages, each batch as soon as the node has taken the one before; `halfway` is awaited in
@@ -99,7 +66,7 @@ class Bench:
                 if is_wrench:
                     self.force.publish(wrench(sample, 'base_link'))
                 else:
-                    self.joints.publish(joint_state(sample, CELL.joint_names))
+                    self.joints.publish(joint_state(sample, ('joint1', 'joint2')))
             self.wait(lambda: self.heard() >= sent)  # noqa: B023
             if elapsed > 0.5e-9 * streams.joints.stamp[-1]:
                 self.wait(halfway)
@@ -109,40 +76,11 @@ class Bench:
         """Messages that the node has taken."""
         return sum(monitor.count for monitor in self.node._streams.monitors.values())
 
-    def call(self, name: str) -> Trigger.Response:
-        self.wait(self.services[name].service_is_ready)
-        future = self.services[name].call_async(Trigger.Request())
-        self.wait(future.done)
-        return future.result()
-
-    def says(self, text: str, level: bytes) -> Callable[[], bool]:
-        return lambda: any(text in s.message and s.level == level for s in self.statuses[-1:])
-
-    def value(self, key: str) -> str:
-        return next((item.value for item in self.statuses[-1].values if item.key == key), '') if self.statuses else ''
-
 
 @pytest.fixture
-def bench(domain: int, arm: CalibratedArm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Makes the bench; the node is spun by it alone."""
-    made: list[Bench] = []
-    for name, value in THIS_MACHINE.items():
-        monkeypatch.setenv(name, value)
-
-    def make(*arguments: str, calibrated: bool = True) -> Bench:
-        path = tmp_path / 'calibration.json'
-        path.write_text(json.dumps(arm_document(arm)))
-        given = ('period:=0.05', *([f'calibration:={path}'] if calibrated else []), *arguments)
-        args = ['--ros-args', *(part for argument in given for part in ('-p', argument))]
-        rclpy.init(args=args, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-        made.append(Bench(ContourTracker()))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.robot.destroy_node()
-        each.node.destroy_node()
-    rclpy.try_shutdown()
+def bench(bench: Callable[..., Any], arm_file: Callable[..., Any]) -> Callable[..., Bench]:
+    given = {'period': 0.05, 'calibration': arm_file()}
+    return lambda **changes: bench(ContourTracker, on=Bench, **(given | changes))
 
 
 def places(message: PathMessage) -> np.ndarray:
@@ -175,7 +113,7 @@ def test_a_slide_is_traced_while_it_is_played(bench: Callable[..., Bench], slide
     assert groups(b.markers[-1])['uncertainty'] == 3
     b.wait(lambda: b.value('outline') == 'closed')
     assert float(b.value('length [mm]')) == pytest.approx(188.5, abs=1)
-    answer = b.call('clear')
+    answer = b.call('/contour_tracker/clear')
     assert answer.success and answer.message == 'outlines forgotten: 1'
     b.wait(lambda: not b.paths[-1].poses)
     assert 'outlines' not in groups(b.markers[-1])
@@ -183,8 +121,8 @@ def test_a_slide_is_traced_while_it_is_played(bench: Callable[..., Bench], slide
 
 def test_what_cannot_be_traced_is_said(bench: Callable[..., Bench], slide: Streams) -> None:
     b = bench()
-    b.wait(b.says('/joint_states: no messages', b'\1'))
-    assert not b.call('tare').success
+    b.wait(b.says('/joint_states: no messages', WARN))
+    assert not b.call('/contour_tracker/tare').success
     joints = slide.joints
     position, leap = joints.position.copy(), int(0.6 * len(joints.stamp))
     position[leap:] += 0.05
@@ -196,28 +134,28 @@ def test_what_cannot_be_traced_is_said(bench: Callable[..., Bench], slide: Strea
     b.play(replace(slide, joints=replace(joints, position=position)), leap_said)
     b.wait(lambda: b.value('outlines') == '2')
     b.node._felt -= 1.0
-    assert 'no force of the last 0.5 s' in b.call('tare').message
+    assert 'no force of the last 0.5 s' in b.call('/contour_tracker/tare').message
     stamp = int(slide.wrench.stamp[-1]) + 10**18 + 10**7
     forces = wrench((stamp, 0.0, 0.0), 'base_link')
     b.wait(lambda: b.node._felt > monotonic() - 0.2, lambda: b.force.publish(forces))
-    assert b.call('tare').success
+    assert b.call('/contour_tracker/tare').success
     assert b.value('zero of the force [N]') != 'not known'
 
 
 def test_results_of_the_calibrator_begin_new_outlines(
     bench: Callable[..., Bench], arm: CalibratedArm, slide: Streams
 ) -> None:
-    b = bench(calibrated=False)
-    b.wait(b.says('no calibration yet', b'\2'))
-    assert not b.call('clear').success
+    b = bench(calibration='')
+    b.wait(b.says('no calibration yet', ERROR))
+    assert not b.call('/contour_tracker/clear').success
     document = arm_document(arm) | {'schema': 'scara_kinetostatic/result/1', 'published': True}
     b.result.publish(String(data=json.dumps(document)))
-    b.wait(b.says('no radius of the tip', b'\1') if CELL.tip_radius is None else lambda: b.paths)
+    b.wait(lambda: b.paths)
     b.play(slide)
     b.wait(lambda: b.paths[-1].poses)
     b.result.publish(String(data=json.dumps(document)))
     b.result.publish(String(data='{"schema": 3}'))
-    b.wait(b.says('expected the schema', b'\2'))
+    b.wait(b.says('expected the schema', ERROR))
     assert b.paths[-1].poses
     moved = replace(arm, model=arm.model.replace(x0=0.05))
     b.result.publish(String(data=json.dumps(arm_document(moved))))

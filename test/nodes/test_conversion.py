@@ -128,10 +128,9 @@ def test_poses_and_markers_are_in_the_frame_of_the_robot(place: tuple[float, flo
 
 
 def test_the_covariance_of_a_pose_is_in_the_frame_of_the_robot() -> None:
-    covariance = [[4.0, 1.0, 0.5], [1.0, 3.0, 0.2], [0.5, 0.2, 2.0]]
-    pose = conversion.PlanarPose(0.3, -0.2, 2.5, covariance)
-    message = deserialize_message(conversion.pose_bytes(STAMP, PLANE, pose), PoseWithCovarianceStamped)
-    assert message.pose.pose == conversion.pose_stamped(STAMP, PLANE, pose[:3]).pose
+    covariance, pose = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.2], [0.5, 0.2, 2.0]]), (0.3, -0.2, 2.5)
+    message = deserialize_message(conversion.pose_bytes(STAMP, PLANE, pose, covariance), PoseWithCovarianceStamped)
+    assert message.pose.pose == conversion.pose_stamped(STAMP, PLANE, pose).pose
     found = np.reshape(message.pose.covariance, (6, 6))
     x, y, n = PLANE.axes.T
     by = np.stack([[*x, 0, 0, 0], [*y, 0, 0, 0], [0, 0, 0, *n]])

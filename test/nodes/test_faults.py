@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ def play(collector: Node, names: list[str], start: int) -> None:
 
 
 def test_a_publisher_that_comes_back_with_another_joint_order(spin: Callable[..., Node], tmp_path: Path) -> None:
-    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    collector = spin(Collector, autostart=True, output=tmp_path)
     play(collector, ['joint1', 'joint2'], 1_700_000_000_000_000_000)
     play(collector, ['joint2', 'lift', 'joint1'], 1_700_000_001_000_000_000)
     assert [monitor.unusable for monitor in collector._streams.monitors.values()] == [0, 0]
@@ -65,19 +66,14 @@ def test_a_publisher_that_comes_back_with_another_joint_order(spin: Callable[...
     assert read.warnings == ()
 
 
-def test_a_home_that_nobody_has_is_named_and_ends_no_node(spin: Callable[..., Node], client: DemoClient) -> None:
-    collector = spin(Collector, '--ros-args', '-p', f'output:={NOBODY}')
-    answer = client.call('/collector/start', Trigger, Trigger.Request(), WAIT)
+def test_a_folder_that_cannot_be_named_so_ends_no_node(bench: Callable[..., Any]) -> None:
+    b = bench(Collector, output=NOBODY)
+    answer = b.call('/collector/start')
     assert not answer.success
     assert f"parameter output: '{NOBODY}'" in answer.message
-    assert NOBODY in collector._examine().message
-
-
-def test_control_characters_in_a_path_are_refused(spin: Callable[..., Node], client: DemoClient) -> None:
-    spin(Collector)
-    request = SetParameters.Request(parameters=[Parameter('output', value='here\x01\t').to_parameter_msg()])
-    client.call('/collector/set_parameters', SetParameters, request, WAIT)
-    answer = client.call('/collector/start', Trigger, Trigger.Request(), WAIT)
+    assert NOBODY in b.node._examine().message
+    assert b.set('output', 'here\x01\t') == ''
+    answer = b.call('/collector/start')
     assert not answer.success
     assert answer.message.isprintable()
     assert 'control characters' in answer.message
@@ -85,13 +81,13 @@ def test_control_characters_in_a_path_are_refused(spin: Callable[..., Node], cli
 
 def test_a_former_result_that_is_no_number_is_refused(spin: Callable[..., Node]) -> None:
     with pytest.raises(ParameterError, match=r'parameter calibrated.l1: expected a finite number'):
-        spin(Calibrator, '--ros-args', '-p', 'calibrated.l1:=.nan')
+        spin(Calibrator, '-p', 'calibrated.l1:=.nan')
 
 
 @pytest.mark.parametrize('kind', [Collector, ContactSimulator, Calibrator])
 def test_a_cell_in_a_home_that_nobody_has_is_refused(spin: Callable[..., Node], kind: type[Node]) -> None:
     with pytest.raises(ParameterError, match='parameter cell'):
-        spin(kind, '--ros-args', '-p', f'cell:={NOBODY}')
+        spin(kind, cell=NOBODY)
 
 
 @pytest.mark.parametrize(
@@ -108,35 +104,25 @@ def test_parameters_of_a_wrong_type_are_refused(
     spin: Callable[..., Node], kind: type[Node], arguments: list[str], message: str
 ) -> None:
     with pytest.raises(ParameterError, match=message):
-        spin(kind, '--ros-args', *(part for argument in arguments for part in ('-p', argument)))
+        spin(kind, *(part for argument in arguments for part in ('-p', argument)))
 
 
-def test_parameters_are_guarded_while_the_collector_records(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
-) -> None:
-    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
-
-    def refusal(name: str, value: object) -> str:
-        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
-        (result,) = client.call('/collector/set_parameters', SetParameters, request, WAIT).results
-        return '' if result.successful else str(result.reason)
-
-    assert 'Wrong parameter type' in refusal('output', 5)
-    assert 'read-only' in refusal('cell', 'other.yaml')
-    assert 'read-only' in refusal('autostart', False)
-    folder = collector._session.folder
-    assert refusal('output', str(tmp_path / 'next')) == ''
-    assert collector._session.folder == folder
+def test_parameters_are_guarded_while_the_collector_records(bench: Callable[..., Any], tmp_path: Path) -> None:
+    b = bench(Collector, autostart=True, output=tmp_path)
+    assert 'Wrong parameter type' in b.set('output', 5)
+    assert 'read-only' in b.set('cell', 'other.yaml')
+    assert 'read-only' in b.set('autostart', False)
+    folder = b.node._session.folder
+    assert b.set('output', str(tmp_path / 'next')) == ''
+    assert b.node._session.folder == folder
 
 
-def test_calls_that_overlap_are_answered_one_by_one(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
-) -> None:
-    spin(Collector, '--ros-args', '-p', f'output:={tmp_path}')
-    assert 'nothing is being recorded' in client.call('/collector/stop', Trigger, Trigger.Request(), WAIT).message
-    start = client._meet('/collector/start', Trigger)
+def test_calls_that_overlap_are_answered_one_by_one(bench: Callable[..., Any], tmp_path: Path) -> None:
+    b = bench(Collector, output=tmp_path)
+    assert 'nothing is being recorded' in b.call('/collector/stop').message
+    start = b.robot.create_client(Trigger, '/collector/start')
     calls = [start.call_async(Trigger.Request()) for _ in range(5)]
-    client.wait('the answers', lambda: all(call.done() for call in calls), WAIT)
+    b.wait(lambda: all(call.done() for call in calls))
     answers = [call.result() for call in calls]
     assert sum(answer.success for answer in answers) == 1
     assert sum('recording already' in answer.message for answer in answers) == 4
@@ -144,35 +130,26 @@ def test_calls_that_overlap_are_answered_one_by_one(
 
 
 def test_messages_that_were_lost_are_said(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bench: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shallow = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
     monkeypatch.setattr(streams, 'RELIABLE_STREAM', shallow)
-    collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path}')
-    client.call('/collector/start', Trigger, Trigger.Request(), WAIT)
-    publisher = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
-    meet(collector, publisher)
-    monitor = collector._streams.monitors[Stream.JOINTS]
+    b = bench(Collector, output=tmp_path, autostart=True)
+    publisher = b.robot.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
+    meet(b.node, publisher)
+    monitor = b.node._streams.monitors[Stream.JOINTS]
 
     def publish(stamp: int) -> None:
-        message = JointState(name=['joint1', 'joint2'], position=[0.1, 0.2])
-        message.header.stamp = conversion.stamp_of(stamp * 1_000_000)
-        publisher.publish(message)
-
-    def busy() -> None:
-        timer.cancel()
-        for stamp in range(1, 101):
-            publish(stamp)
-        publisher.wait_for_all_acked(Duration(seconds=WAIT))
+        publisher.publish(conversion.joint_state((stamp * 1_000_000, 0.1, 0.2), ('joint1', 'joint2')))
 
     publish(0)
-    assert eventually(lambda: monitor.count == 1)
-    timer = collector.create_timer(0.0, busy)
-    assert eventually(lambda: monitor.count > 1)
-    assert eventually(lambda: monitor.lost + monitor.count == 101)
+    b.wait(lambda: monitor.count == 1)
+    for stamp in range(1, 101):  # the node is busy
+        publish(stamp)
+    publisher.wait_for_all_acked(Duration(seconds=WAIT))
+    b.wait(lambda: monitor.lost + monitor.count == 101)
     assert monitor.lost >= 80
-    answer = client.call('/collector/stop', Trigger, Trigger.Request(), WAIT)
-    assert f'{monitor.lost} messages were lost' in answer.message
+    assert f'{monitor.lost} messages were lost' in b.call('/collector/stop').message
 
 
 @pytest.mark.parametrize(
@@ -196,19 +173,15 @@ def test_gaps_in_the_numbers_of_messages(publishers: int, numbers: list[int | No
     assert (f'{lost} messages lost' in ''.join(monitor.report()[0])) == (lost > 0)
 
 
-def test_a_driver_that_does_not_stamp_is_named(spin: Callable[..., Node], tmp_path: Path) -> None:
-    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
-    publisher = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
-    meet(collector, publisher)
-    monitor = collector._streams.monitors[Stream.JOINTS]
-    for number in (1, 2):
-        publisher.publish(JointState(name=['joint1', 'joint2'], position=[0.1, 0.2]))
-        assert eventually(lambda: monitor.count == number)  # noqa: B023
+def test_a_driver_that_does_not_stamp_is_named() -> None:
+    monitor = StreamMonitor('/joint_states')
+    for _ in range(2):
+        monitor.accept(0)
         monitor._stamped -= 2.0  # as if 2 s had passed
-    assert eventually(lambda: 'header stamps do not change' in monitor.problem)
-    publisher.publish(conversion.joint_state((1_700_000_000_000_000_000, 0.1, 0.2), ('joint1', 'joint2')))
-    assert eventually(lambda: monitor.count == 3)
-    assert eventually(lambda: monitor.problem == '')
+    monitor.accept(0)
+    assert 'header stamps do not change' in monitor.report()[0][0]
+    monitor.accept(1_700_000_000_000_000_000)
+    assert not any(monitor.report()[0])
 
 
 def test_a_hundred_calls_at_once_are_answered(processes: NodeProcesses, domain: int, tmp_path: Path) -> None:

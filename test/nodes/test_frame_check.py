@@ -5,23 +5,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
-import rclpy
-from bags.mounted import TOOL_CELL, mounted_messages, mounted_streams, transform_message, transforms
+from bags.mounted import TOOL_CELL, mounted_messages, transform_message, transforms
 from rclpy.serialization import serialize_message
-from rclpy.signals import SignalHandlerOptions
 
 from scara_kinetostatic.bags.reader import read_streams
-from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes import conversion
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.streams import FrameCheck, Stream
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.detection import find_touches
 
 
@@ -59,23 +60,16 @@ def test_bytes_that_are_no_transforms_are_said() -> None:
 
 
 @pytest.fixture
-def collector(domain: int, tmp_path: Path) -> Iterator[Collector]:
+def collector(bench: Callable[..., Any], cell_in: Callable[..., Path], tmp_path: Path) -> Collector:
     """One that records the mounted cell; it is not spun."""
-    (tmp_path / 'cell.yaml').write_text(dump_cell(TOOL_CELL))
-    settings = {'autostart': 'true', 'cell': tmp_path / 'cell.yaml', 'output': tmp_path / 'bags'}
-    arguments = [text for name, value in settings.items() for text in ('-p', f'{name}:={value}')]
-    rclpy.init(args=['--ros-args', *arguments], domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    node = Collector()
-    yield node
-    node.close()
-    node.destroy_node()
-    rclpy.try_shutdown()
+    return bench(Collector, autostart=True, cell=cell_in(TOOL_CELL), output=tmp_path / 'bags').node
 
 
 @pytest.mark.parametrize('late', [False, True], ids=['before', 'while recording'])
 def test_live_touches_are_those_of_the_recording(late: bool, collector: Collector) -> None:
     session, tree = collector._session, collector._streams
-    for number, item in enumerate(mounted_messages(mounted_streams())):
+    played = simulate_streams(TOOL_CELL, PAPER_ACTUAL, default_plan(TOOL_CELL).select(np.arange(12)), seed=3)
+    for number, item in enumerate(mounted_messages(played)):
         if number == 50 * late:  # before the first touch
             for transform in transforms(0):
                 tree.frame.note(transform.payload)
@@ -83,7 +77,7 @@ def test_live_touches_are_those_of_the_recording(late: bool, collector: Collecto
         collector._take(stream, item.payload, item.log_time, tree.sample(stream, item.payload))
         if number % 2000 == 0:
             collector._poll()
-    assert collector._stop().startswith('72 touches (0 more rejected)')
+    assert collector._stop().startswith('12 touches (0 more rejected)')
     streams = read_streams(session.folder, TOOL_CELL)
     assert streams.turned and tree.frame.description() == streams.turned
-    assert len(find_touches(streams, TOOL_CELL).touches) == 72
+    assert len(find_touches(streams, TOOL_CELL).touches) == 12

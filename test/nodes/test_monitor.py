@@ -54,8 +54,8 @@ def messages(touches: TouchSet, recording: str, **changes: Any) -> list[Any]:
 def watching(spin: Callable[..., Node]) -> Callable[..., Node]:
     """A monitor of touches that somebody publishes."""
 
-    def start(*args: str) -> Node:
-        node = spin(Monitor, *args)
+    def start(**given: object) -> Node:
+        node = spin(Monitor, **given)
         node.create_publisher(DiagnosticArray, 'collector/touch', LATCHED_TOUCHES)
         return node
 
@@ -70,7 +70,7 @@ def feed(node: Node, touches: TouchSet, recording: str, **changes: Any) -> None:
 def test_a_change_is_raised_and_reset(
     watching: Callable[..., Node], calibration: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = watching('--ros-args', '-p', f'calibration:={calibration}')
+    node = watching(calibration=calibration)
     feed(node, touches_of(CELL, 1, world=None).select(np.arange(30)), '/monday')
     condition = node._report()
     assert condition.level == OK and condition.message == '30 touches agree with the calibration'
@@ -105,7 +105,7 @@ def test_a_change_is_raised_and_reset(
 def test_later_touches_of_the_recording_count_and_the_last_is_taken_back(
     watching: Callable[..., Node], calibration: Path
 ) -> None:
-    node = watching('--ros-args', '-p', f'calibration:={calibration}')
+    node = watching(calibration=calibration)
     touches = touches_of(CELL, 1, world=None).select(np.arange(4))
     for number, message in enumerate(messages(touches, '/data/bags/seen'), 38):
         status = message.status[0]
@@ -130,12 +130,12 @@ def test_the_direction_of_approach_is_taken_over(calibration: Path) -> None:
 def test_what_the_topic_does_not_say_is_assumed_and_said(watching: Callable[..., Node], tmp_path: Path) -> None:
     touches = touches_of(CELL, 0, effects=('thermal_drift:rate=1e-6',), world=None)
     (tmp_path / 'c.json').write_text(json_text(as_document(calibrate_touches(touches, CELL))))
-    node = watching('--ros-args', '-p', f'calibration:={tmp_path / "c.json"}')
+    node = watching(calibration=tmp_path / 'c.json')
     assert node._report().level == WARN and 'as at the end of the calibration' in node._report().message
 
 
 def test_bad_touches_are_said_and_survived(watching: Callable[..., Node], calibration: Path) -> None:
-    node = watching('--ros-args', '-p', f'calibration:={calibration}')
+    node = watching(calibration=calibration)
     touch = touches_of(CELL, 1, world=None).select([0])
     for change in ({'object': 'nothing'}, {'force': ()}, {'joints': (float('nan'), 0.0)}, {'joints': (1e308, 0.0)}):
         feed(node, touch, '/a', **change)
@@ -145,7 +145,7 @@ def test_bad_touches_are_said_and_survived(watching: Callable[..., Node], calibr
 
 
 def test_only_newer_results_are_taken(watching: Callable[..., Node], calibration: Path, tmp_path: Path) -> None:
-    node = watching('--ros-args', '-p', f'calibration:={calibration}')
+    node = watching(calibration=calibration)
     feed(node, touches_of(CELL, 1, world=None).select([0, 1]), '/a')
     for created, count in (('2000-01-01T00:00:00Z', 2), (node._monitor.record.created, 2), ('2100-01-01T00:00:00Z', 0)):
         document = json.loads(calibration.read_text()) | {'created': created}
@@ -161,7 +161,7 @@ def test_only_newer_results_are_taken(watching: Callable[..., Node], calibration
 def test_a_touch_without_a_number_or_a_failing_update_is_survived(
     watching: Callable[..., Node], calibration: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = watching('--ros-args', '-p', f'calibration:={calibration}')
+    node = watching(calibration=calibration)
     (message,) = messages(touches_of(CELL, 1, world=None).select([0]), '/a')
     next(item for item in message.status[0].values if item.key == 'touch').value = 'x'
     node._note_touch(message)
@@ -182,13 +182,13 @@ def test_what_is_not_watched_is_said(spin: Callable[..., Node], calibration: Pat
     document = json.loads(calibration.read_text())
     document['assessment']['grade'] = 'unfit'
     (tmp_path / 'unfit.json').write_text(json.dumps(document))
-    node = spin(Monitor, '--ros-args', '-p', f'calibration:={tmp_path / "unfit.json"}')
+    node = spin(Monitor, calibration=tmp_path / 'unfit.json')
     said = node._report()
     assert said.level == WARN and 'nobody publishes /collector/touch' in said.message and 'unfit' in said.message
 
 
 def test_touches_that_are_rejected_one_after_the_other(watching: Callable[..., Node], calibration: Path) -> None:
-    node = watching('--ros-args', '-p', f'calibration:={calibration}')
+    node = watching(calibration=calibration)
     touches = touches_of(CELL, 1, world=None)
     assert node._report().message == 'no touch yet'
     feed(node, touches.select([0, 1]), '/a', reason='no object there')
@@ -223,4 +223,4 @@ def test_the_calibration_of_the_calibrator(watching: Callable[..., Node], calibr
 
 def test_a_wrong_file_ends_the_start(spin: Callable[..., Node], tmp_path: Path) -> None:
     with pytest.raises(InputError):
-        spin(Monitor, '--ros-args', '-p', f'calibration:={tmp_path / "none.json"}')
+        spin(Monitor, calibration=tmp_path / 'none.json')

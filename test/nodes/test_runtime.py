@@ -67,8 +67,7 @@ sys.meta_path.insert(0, Interrupt())
 START = 'import sys; from scara_kinetostatic.nodes import executables; sys.exit(executables.{name}())'
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('name', ['contact_simulator', 'compensator'])
+@pytest.mark.parametrize(('name', 'number'), [('contact_simulator', signal.SIGINT), ('compensator', signal.SIGTERM)])
 def test_a_signal_while_a_node_is_imported_ends_it_without_a_word(name: str, number: signal.Signals) -> None:
     code = INTERRUPTED.format(number=int(number), module='rclpy') + START.format(name=name)
     ended = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=WAIT)

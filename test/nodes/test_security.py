@@ -78,21 +78,20 @@ def _resolved(name: str, node: str, namespace: str) -> str:
     return f'{namespace}/{node}{name[1:]}' if name.startswith('~') else f'{namespace}/{name}'
 
 
-@pytest.mark.parametrize('namespace', ['', '/left'])
 @pytest.mark.parametrize('name', KINDS)
-def test_a_node_may_do_what_it_does_and_nothing_else(spin: Callable[..., Node], name: str, namespace: str) -> None:
-    enclave = f'/scara_kinetostatic{namespace}/{name}'
-    given = ('-p', 'use_sim_time:=true', '--enclave', enclave, '-r', f'__ns:={namespace or "/"}')
-    node = spin(KINDS[name], '--ros-args', *given)
-    assert (name, namespace or '/', enclave) in node.get_node_names_and_namespaces_with_enclaves()
-    has = {rule: {topic for topic, _ in ask(node, name, namespace or '/')} for rule, ask in RULES.items()}
-    if name in ('collector', 'contour_tracker', 'touch_runner') and TFMessage is None:
+def test_a_node_may_do_what_it_does_and_nothing_else(spin: Callable[..., Node], name: str) -> None:
+    enclave = f'/scara_kinetostatic/left/{name}'
+    node = spin(KINDS[name], '--enclave', enclave, '-r', '__ns:=/left', use_sim_time=True)
+    assert (name, '/left', enclave) in node.get_node_names_and_namespaces_with_enclaves()
+    has = {rule: {topic for topic, _ in ask(node, name, '/left')} for rule, ask in RULES.items()}
+    if name in ('collector', 'contour_tracker', 'touch_runner', 'compensator') and TFMessage is None:
         has['topics', 'subscribe'].add('/tf_static')
     if name == 'compensator' and TFMessage is None:
-        has['topics', 'subscribe'].add('/tf_static')
         has['topics', 'publish'].add('/tf')
-    assert allowed('nodes.policy.xml', name, namespace) == has
-    assert f'<enclave path="{enclave}">' in policy_text('nodes.policy.xml', namespace)
+    assert allowed('nodes.policy.xml', name, '/left') == has
+    plain = {rule: {re.sub('^/left/', '/', topic) for topic in topics} for rule, topics in has.items()}
+    assert allowed('nodes.policy.xml', name) == plain
+    assert f'<enclave path="{enclave}">' in policy_text('nodes.policy.xml', '/left')
 
 
 def test_every_node_has_an_enclave_of_its_own_and_the_launch_file_names_it() -> None:

@@ -45,7 +45,7 @@ def test_playback_hands_out_both_streams_in_the_order_of_time() -> None:
 
 
 def test_parameters_have_descriptions_and_ranges(spin: Callable[..., Node]) -> None:
-    simulator = spin(ContactSimulator, '--ros-args', '-p', 'wait_for_subscribers:=1')
+    simulator = spin(ContactSimulator, wait_for_subscribers=1)
     own = [name for name in simulator._parameters if name not in ('use_sim_time', 'start_type_description_service')]
     descriptors: list[ParameterDescriptor] = simulator.describe_parameters(own)
     assert len(own) >= 25
@@ -92,19 +92,19 @@ def test_the_default_truth_deviates_from_the_nominal_values_as_in_the_paper() ->
 
 
 def test_frame_and_sign_can_be_other_than_the_cell_says(spin: Callable[..., Node]) -> None:
-    simulator = spin(ContactSimulator, '--ros-args', '-p', 'frame:=tool', '-p', 'sign:=on_robot')
+    simulator = spin(ContactSimulator, frame='tool', sign='on_robot')
     assert simulator._cell.sensor.frame is SensorFrame.TOOL
     assert simulator._cell.sensor.sign is SensorSign.ON_ROBOT
 
 
 def test_every_other_touch_can_be_pressed_beyond_its_hold(spin: Callable[..., Node]) -> None:
-    simulator = spin(ContactSimulator, '--ros-args', '-p', 'preload:=0.3')
+    simulator = spin(ContactSimulator, preload=0.3)
     assert np.mean(simulator._plan.preload == 0.3) == 0.5
 
 
 def test_effects_are_played(spin: Callable[..., Node]) -> None:
     texts = "['object_radius[disc_2]:radius=6e-5', 'sensor_bias:x=1.0,y=-0.5']"
-    node = spin(ContactSimulator, '--ros-args', '-p', f'effects:={texts}')
+    node = spin(ContactSimulator, '-p', f'effects:={texts}')
     assert [effect.label for effect in node._truth.effects] == ['object_radius[disc_2]', 'sensor_bias']
     assert node._truth.effect_values == ((6e-5,), (1.0, -0.5))
     assert node._truth.parameters == PAPER_ACTUAL
@@ -119,7 +119,7 @@ def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: 
     plan = tmp_path / 'plan.yaml'
     plan.write_text('- {disc: disc_1, angle_deg: 30, posture: left, force: 25}')
     with pytest.raises(ParameterError, match='parameter preload: a plan defines all touches'):
-        spin(ContactSimulator, '--ros-args', '-p', 'preload:=0.3', '-p', f'plan:={plan}')
+        spin(ContactSimulator, preload=0.3, plan=plan)
 
 
 @pytest.mark.parametrize(
@@ -142,12 +142,12 @@ def test_senseless_parameters_are_refused(
     spin: Callable[..., Node], argument: str, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        spin(ContactSimulator, '--ros-args', '-p', argument)
+        spin(ContactSimulator, '-p', argument)
 
 
 def test_a_plan_of_slides(spin: Callable[..., Node], tmp_path: Path) -> None:
     plan = tmp_path / 'slides.yaml'
     plan.write_text('- {slide: {center: [0.2, 0.3], radius: 0.03}, force: 15, speed: 0.05}\n')
-    node = spin(ContactSimulator, '--ros-args', '-p', f'plan:={plan}', '-p', 'wait_for_subscribers:=1')
+    node = spin(ContactSimulator, plan=plan, wait_for_subscribers=1)
     expected = simulate_slides(PAPER_CELL, deviating_robot(PAPER_CELL.nominal), load_slides(plan, PAPER_CELL), start=0)
     assert node._playback.end == max(expected.joints.stamp[-1], expected.wrench.stamp[-1])

@@ -30,8 +30,6 @@ from trajectory_msgs.msg import JointTrajectory
 
 from benchmark.cell_nodes import DemoClient, NodeProcesses
 from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
-from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import touch_runner
 from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.nodes.touch_runner import TouchRunner
@@ -74,16 +72,20 @@ class Watch:
         self.client.wait('some time', lambda: monotonic() > end, WAIT)
 
 
-def cell_in(folder: Path) -> Path:
-    path = folder / 'cell.yaml'
-    path.write_text(dump_cell(CELL))
-    return path
+@pytest.fixture
+def cell(cell_in: Callable[..., Path]) -> Path:
+    return cell_in(CELL)
 
 
 @pytest.fixture
-def watch(processes: NodeProcesses, client: DemoClient, tmp_path: Path) -> Watch:
+def zeroed(cell_in: Callable[..., Path]) -> Path:
+    """A cell whose sensor is set to zero."""
+    return cell_in(CELL, sensor=CELL.sensor._replace(zero_service='/ft/zero'))
+
+
+@pytest.fixture
+def watch(processes: NodeProcesses, client: DemoClient, cell: Path, tmp_path: Path) -> Watch:
     """The simulator and the runner, which begins at once."""
-    cell = cell_in(tmp_path)
     simulated = {
         'commanded': True,
         'joint_rate': 125.0,
@@ -148,8 +150,8 @@ def test_stop_retracts_and_says_why(watch: Watch, client: DemoClient) -> None:
     assert np.ptp([position for _, position in watch.joints[-20:]], axis=0).max() < 1e-4
 
 
-def test_nobody_hears(spin: Callable[..., Node], client: DemoClient, tmp_path: Path) -> None:
-    spin(TouchRunner, '--ros-args', '-p', f'cell:={cell_in(tmp_path)}', '-p', f'output:={tmp_path / "out"}')
+def test_nobody_hears(spin: Callable[..., Node], client: DemoClient, cell: Path, tmp_path: Path) -> None:
+    spin(TouchRunner, cell=cell, output=tmp_path / 'out')
     answer = trigger(client, '/touch_runner/start')
     assert not answer.success
     assert 'nobody hears /joint_trajectory' in answer.message
@@ -157,8 +159,8 @@ def test_nobody_hears(spin: Callable[..., Node], client: DemoClient, tmp_path: P
     assert not (tmp_path / 'out').exists()
 
 
-def test_a_second_runner_is_refused(spin: Callable[..., Node], client: DemoClient, tmp_path: Path) -> None:
-    node = spin(TouchRunner, '--ros-args', '-p', f'cell:={cell_in(tmp_path)}', '-p', f'output:={tmp_path / "out"}')
+def test_a_second_runner_is_refused(spin: Callable[..., Node], client: DemoClient, cell: Path, tmp_path: Path) -> None:
+    node = spin(TouchRunner, cell=cell, output=tmp_path / 'out')
     client._node.create_subscription(JointTrajectory, '/joint_trajectory', lambda _: None, 10)
     client._node.create_publisher(JointTrajectory, '/joint_trajectory', 10)
     assert eventually(lambda: 'another node publishes' in node._hearing())
@@ -167,18 +169,17 @@ def test_a_second_runner_is_refused(spin: Callable[..., Node], client: DemoClien
 
 
 def test_started_by_itself_it_ends_with_a_status(
-    spin: Callable[..., Node], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    spin: Callable[..., Node], cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(touch_runner, '_WAIT', 0.5)
-    given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'autostart': 'true', 'exit_when_done': 'true'}
-    node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
+    node = spin(TouchRunner, cell=cell, output=tmp_path / 'out', autostart=True, exit_when_done=True)
     assert eventually(lambda: node.exit_status == 3)
     assert 'nobody hears' in node._runner.status.text
 
 
-def test_without_control_msgs_an_action_is_refused(spin: Callable[..., Node], tmp_path: Path) -> None:
+def test_without_control_msgs_an_action_is_refused(spin: Callable[..., Node], cell: Path) -> None:
     with pytest.raises(InputError, match='control_msgs cannot be imported'):
-        spin(TouchRunner, '--ros-args', '-p', f'cell:={cell_in(tmp_path)}', '-p', 'action:=arm/follow')
+        spin(TouchRunner, cell=cell, action='arm/follow')
 
 
 RESULT = SimpleNamespace(
@@ -223,19 +224,18 @@ class StandIn:
 
 
 @pytest.fixture
-def action(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
-    """Arguments of a runner that commands by goals, to the stand-in."""
+def action(monkeypatch: pytest.MonkeyPatch, cell: Path, tmp_path: Path) -> dict[str, object]:
+    """Parameters of a runner that commands by goals, to the stand-in."""
     monkeypatch.setattr(touch_runner, 'ActionClient', StandIn)
     kind = SimpleNamespace(Goal=lambda trajectory: SimpleNamespace(trajectory=trajectory), Result=RESULT)
     monkeypatch.setattr(touch_runner, 'follow_joint_trajectory', lambda *_: kind)
-    given = {'cell': cell_in(tmp_path), 'output': tmp_path / 'out', 'action': 'arm/follow', 'use_sim_time': 'true'}
-    return ['--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}'))]
+    return {'cell': cell, 'output': tmp_path / 'out', 'action': 'arm/follow', 'use_sim_time': True}
 
 
 def test_who_publishes_trajectories_beside_an_action_is_refused(
-    spin: Callable[..., Node], client: DemoClient, action: list[str]
+    spin: Callable[..., Node], client: DemoClient, action: dict[str, object]
 ) -> None:
-    spin(TouchRunner, *action)
+    spin(TouchRunner, **action)
     client._node.create_publisher(JointTrajectory, '/arm/joint_trajectory', 10)
     answer = trigger(client, '/touch_runner/start')
     client.wait('the discovery', lambda: client._node.count_publishers('/arm/joint_trajectory') > 0, WAIT)
@@ -268,7 +268,7 @@ def test_an_action_server_is_commanded_and_may_refuse(
     spin: Callable[..., Node],
     client: DemoClient,
     monkeypatch: pytest.MonkeyPatch,
-    action: list[str],
+    action: dict[str, object],
     answers: tuple[int | None, ...],
     why: str,
     phase: str,
@@ -276,7 +276,7 @@ def test_an_action_server_is_commanded_and_may_refuse(
 ) -> None:
     monkeypatch.setattr(StandIn, 'answers', answers)
     monkeypatch.setattr(StandIn, 'why', why)
-    node = spin(TouchRunner, *action)
+    node = spin(TouchRunner, **action)
     said, stand = standing(node, client)
     client.wait('the answer', lambda: stand() and any(p == phase and says in text for p, text in said()), WAIT)
     first, *others = StandIn.goals
@@ -318,32 +318,29 @@ def standing(
     return lambda: said, stand
 
 
-def by_the_clock(
-    spin: Callable[..., Node], client: DemoClient, folder: Path
-) -> tuple[TouchRunner, list[JointTrajectory]]:
+ByClock = tuple[TouchRunner, list[JointTrajectory]]
+
+
+@pytest.fixture
+def by_clock(spin: Callable[..., Node], client: DemoClient, cell: Path, tmp_path: Path) -> ByClock:
     """A runner with `use_sim_time`, and what it commands."""
-    given = {'cell': cell_in(folder), 'output': folder / 'out', 'use_sim_time': 'true'}
-    node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
+    node = spin(TouchRunner, cell=cell, output=tmp_path / 'out', use_sim_time=True)
     sent: list[JointTrajectory] = []
     client._node.create_subscription(JointTrajectory, '/joint_trajectory', sent.append, 10)
     assert eventually(lambda: not node._controller.absence())
     return node, sent
 
 
-def test_stamps_of_another_clock_are_refused_before_anything_moves(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
-) -> None:
-    node, sent = by_the_clock(spin, client, tmp_path)
+def test_stamps_of_another_clock_are_refused_before_anything_moves(by_clock: ByClock, client: DemoClient) -> None:
+    node, sent = by_clock
     said, stand = standing(node, client, stamps=1000.0)
     client.wait('the refusal', lambda: stand() and node._runner.is_over, WAIT)
     assert 'stamps of another clock, -1000 s apart from that of this node: set use_sim_time' in said()[-1][1]
     assert not sent
 
 
-def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
-) -> None:
-    node, sent = by_the_clock(spin, client, tmp_path)
+def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(by_clock: ByClock, client: DemoClient) -> None:
+    node, sent = by_clock
     _, stand = standing(node, client)
     client.wait('a way', lambda: stand() and bool(sent) and len(sent[-1].points) > 1, WAIT)
     before = len(sent)
@@ -355,13 +352,10 @@ def test_a_node_that_is_ended_stops_the_robot_though_the_clock_stands(
 
 
 def test_by_itself_it_begins_when_the_sensor_can_be_zeroed(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+    spin: Callable[..., Node], client: DemoClient, zeroed: Path, tmp_path: Path
 ) -> None:
-    path = tmp_path / 'cell.yaml'
-    path.write_text(dump_cell(replace(CELL, sensor=CELL.sensor._replace(zero_service='/ft/zero'))))
     client._node.create_subscription(JointTrajectory, '/joint_trajectory', lambda _: None, 10)
-    given = {'cell': path, 'output': tmp_path / 'out', 'autostart': 'true', 'exit_when_done': 'true'}
-    node = spin(TouchRunner, '--ros-args', *(part for k, v in given.items() for part in ('-p', f'{k}:={v}')))
+    node = spin(TouchRunner, cell=zeroed, output=tmp_path / 'out', autostart=True, exit_when_done=True)
     assert eventually(lambda: not node._controller.absence())
     assert 'nobody serves /ft/zero (sensor.zero_service)' in node._absence()
     end = monotonic() + 0.5
@@ -371,12 +365,11 @@ def test_by_itself_it_begins_when_the_sensor_can_be_zeroed(
     assert eventually(lambda: node._is_running)
 
 
-def test_a_goal_of_somebody_else_ends_a_run_by_messages(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
-) -> None:
+def test_a_goal_of_somebody_else_ends_a_run_by_messages(by_clock: ByClock, client: DemoClient) -> None:
     goals = '/follow_joint_trajectory/_action/status'
     others = client._node.create_publisher(GoalStatusArray, goals, qos_profile_action_status_default)
-    node, sent = by_the_clock(spin, client, tmp_path)
+    client.wait('the runner', others.get_subscription_count, WAIT)
+    node, sent = by_clock
     _, stand = standing(node, client)
     client.wait('a way', lambda: stand() and bool(sent) and len(sent[-1].points) > 1, WAIT)
     for status, is_over in ((GoalStatus.STATUS_SUCCEEDED, False), (GoalStatus.STATUS_EXECUTING, True)):
@@ -392,11 +385,9 @@ def test_a_goal_of_somebody_else_ends_a_run_by_messages(
 
 @pytest.mark.parametrize('answer', [None, False, True], ids=['missing', 'fails', 'succeeds'])
 def test_the_sensor_is_zeroed_before_the_run(
-    spin: Callable[..., Node], client: DemoClient, tmp_path: Path, answer: bool | None
+    spin: Callable[..., Node], client: DemoClient, zeroed: Path, tmp_path: Path, answer: bool | None
 ) -> None:
-    path = tmp_path / 'cell.yaml'
-    path.write_text(dump_cell(replace(CELL, sensor=CELL.sensor._replace(zero_service='/ft/zero'))))
-    node = spin(TouchRunner, '--ros-args', '-p', f'cell:={path}', '-p', f'output:={tmp_path / "out"}')
+    node = spin(TouchRunner, cell=zeroed, output=tmp_path / 'out')
     client._node.create_subscription(JointTrajectory, '/joint_trajectory', lambda _: None, 10)
     calls: list[bool] = []
 
@@ -420,8 +411,9 @@ def test_the_sensor_is_zeroed_before_the_run(
     assert calls == [True]
 
 
-def test_a_controller_of_other_joints_is_refused(spin: Callable[..., Node], client: DemoClient, tmp_path: Path) -> None:
-    arguments = ['-p', f'cell:={cell_in(tmp_path)}', '-p', f'output:={tmp_path / "out"}']
+def test_a_controller_of_other_joints_is_refused(
+    spin: Callable[..., Node], client: DemoClient, cell: Path, tmp_path: Path
+) -> None:
     topic, moved = '/arm/joint_trajectory', ['joint1', 'joint2', 'joint4']
 
     def joints(request: GetParameters.Request, response: GetParameters.Response) -> GetParameters.Response:
@@ -432,7 +424,7 @@ def test_a_controller_of_other_joints_is_refused(spin: Callable[..., Node], clie
 
     service = client._node.create_service(GetParameters, '/arm/get_parameters', joints)
     client._node.create_subscription(JointTrajectory, topic, lambda _: None, 10)
-    node = spin(TouchRunner, '--ros-args', '-r', f'joint_trajectory:={topic}', *arguments)
+    node = spin(TouchRunner, '-r', f'joint_trajectory:={topic}', cell=cell, output=tmp_path / 'out')
     client.wait('the joints', lambda: not node._controller.absence() and 'joint4' in node._hearing(), WAIT)
     answer = trigger(client, '/touch_runner/start')
     expected = f'the controller of {topic} moves joint1 joint2 joint4, the cell names joint1 joint2: correct robot'
@@ -453,10 +445,11 @@ def test_a_controller_of_other_joints_is_refused(spin: Callable[..., Node], clie
     ids=['limits', 'tolerance'],
 )
 def test_what_is_wrong_is_said_at_the_start(
-    spin: Callable[..., Node], tmp_path: Path, change: dict[str, object], error: type[Exception], says: str
+    spin: Callable[..., Node],
+    cell_in: Callable[..., Path],
+    change: dict[str, object],
+    error: type[Exception],
+    says: str,
 ) -> None:
-    path = tmp_path / 'cell.yaml'
-    path.write_text(dump_cell(replace(CELL, **change)))
     with pytest.raises(error, match=says):
-        spin(TouchRunner, '--ros-args', '-p', f'cell:={path}')
-    assert PAPER_CELL.limits is None
+        spin(TouchRunner, cell=cell_in(CELL, **change))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from time import sleep
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def touches_in(recording: Path) -> list[int]:
 
 def test_topics_are_recorded_as_they_are(spin: Callable[..., Node], tmp_path: Path) -> None:
     remaps = ('-r', 'joint_states:=/arm/state', '-r', 'wrench:=ft')
-    collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path}', '-r', '__ns:=/left', *remaps)
+    collector = spin(Collector, '-r', '__ns:=/left', *remaps, output=tmp_path)
     joints = collector.create_publisher(JointState, '/arm/state', RELIABLE_STREAM)
     wrench = collector.create_publisher(WrenchStamped, '/left/ft', QoSPresetProfiles.SENSOR_DATA.value)
     assert eventually(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
@@ -90,24 +91,15 @@ def test_topics_are_recorded_as_they_are(spin: Callable[..., Node], tmp_path: Pa
     assert read_streams(bag, PAPER_CELL).topics == ('/arm/state', '/left/ft')
 
 
-def test_two_publishers_on_a_topic_are_said(
-    spin: Callable[..., Node], client: DemoClient, cell_file: Path, tmp_path: Path
-) -> None:
-    collector = spin(Collector, '--ros-args', '-p', f'cell:={cell_file}', '-p', f'output:={tmp_path}')
-    told: list[tuple[bytes, str]] = []
-    client._node.create_subscription(
-        DiagnosticArray, '/diagnostics', lambda array: told.append((array.status[0].level, array.status[0].message)), 10
-    )
-    one, other = (collector.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM) for _ in range(2))
-    client.wait('the warning', lambda: any('2 publishers' in message for _, message in told), WAIT)
-    level, message = told[-1]
-    assert level == WARN
-    assert '/wrench: 2 publishers (/collector, /collector), whose messages mix' in message
-    assert '/wrench: 2 publishers' in trigger(client, '/collector/start').message
-    assert '/wrench: 2 publishers' in trigger(client, '/collector/stop').message
-    collector.destroy_publisher(other)
-    client.wait('the end of it', lambda: told[-1][0] == OK, WAIT)
-    collector.destroy_publisher(one)
+def test_two_publishers_on_a_topic_are_said(bench: Callable[..., Any], cell_file: Path, tmp_path: Path) -> None:
+    b = bench(Collector, cell=cell_file, output=tmp_path)
+    one, other = (b.robot.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM) for _ in range(2))
+    b.wait(b.says('/wrench: 2 publishers (/robot, /robot), whose messages mix', WARN))
+    assert '/wrench: 2 publishers' in b.call('/collector/start').message
+    assert '/wrench: 2 publishers' in b.call('/collector/stop').message
+    b.robot.destroy_publisher(other)
+    b.wait(b.says('', OK))
+    b.robot.destroy_publisher(one)
 
 
 def test_a_touch_is_published_and_can_be_discarded(

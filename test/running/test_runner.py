@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
 from types import SimpleNamespace
@@ -61,6 +60,13 @@ def rehearsal(
     return one
 
 
+def check_stands(one: Rehearsal, seconds: float = 1.0, within: float = 1e-4) -> None:
+    """For some time from now on, s; rad."""
+    before = one.plant._position[:2]
+    one.run(longest=seconds)
+    assert one.plant._position[:2] == pytest.approx(before, abs=within)
+
+
 def until_phase(one: Rehearsal, phase: str, more: float = 0.2) -> None:
     """Into a phase, by some time, s."""
     one.run(lambda at: at.runner.status.phase == phase and at.time > 3.0, 120.0)
@@ -73,7 +79,6 @@ def test_a_run_reaches_its_tolerance(lift: Lift | None) -> None:
     one = rehearsal(replace(CELL, lift=lift))
     one.run()
     end, campaign, touch = one.runner.end, one.runner.campaign, CELL.touch
-    assert end is not None
     assert (end.status, end.reason.partition(':')[0]) == (0, 'enough')
     assert one.plant.peak_force < touch.max_force
     assert all(meant == met for meant, met in one.contacts)
@@ -134,7 +139,6 @@ def test_enough_is_said_of_all_touches_that_were_made() -> None:
     campaign._work = counted
     one.runner.start()
     one.run()
-    assert one.runner.end is not None
     assert one.runner.end.is_reached
     assert made[-1] == campaign.accepted > made[-2] + 1
 
@@ -163,7 +167,6 @@ def test_a_fault_stops_the_robot_within_a_second(fault: Fault, says: str, phase:
     assert says in status.text
     one.run(longest=10.0)
     assert one.runner.is_over
-    assert one.runner.end is not None
     assert one.runner.end.status == 3
     assert one.plant.peak_force < CELL.touch.max_force
     one.plant.fault = Fault.NONE if fault is Fault.LATE else fault
@@ -218,8 +221,6 @@ def test_the_robot_stands_when_the_runner_dies(phase: str) -> None:
         assert one.plant.body.joints == pytest.approx(one.runner._motion.track.places[-1, :2], abs=1e-4)
     before = one.plant.step(one.plant.time + 1e-4).joints
     after = one.plant.step(one.plant.time + 2.0).joints
-    assert before is not None
-    assert after is not None
     assert np.abs(np.subtract(after, before)).max() < 1e-4
     assert one.plant.peak_force < 1.5 * CELL.touch.max_force
 
@@ -250,7 +251,6 @@ def test_a_lift_that_does_not_lift() -> None:
     one.plant._position[2] = one.plant._setpoint[2] = 0.0
     one.run(longest=5.0)
     assert 'behind, joint3 most: it does not follow' in one.runner.status.text
-    assert one.runner.end is not None
     assert one.fastest < 0.02  # the arm has not moved
 
 
@@ -270,7 +270,6 @@ def test_an_object_in_the_way() -> None:
     one = rehearsal(true=replace(CELL, discs=discs))
     one.run(longest=200.0)
     end = one.runner.end
-    assert end is not None
     assert end.status == 3
     assert 'contact where none must be' in end.reason
     assert 'remain' not in end.reason
@@ -285,7 +284,6 @@ def test_an_object_that_is_not_there() -> None:
     one = rehearsal(true=replace(CELL, discs=tuple(disc._replace(radius=0.02) for disc in CELL.discs)))
     one.run(longest=120.0)
     end = one.runner.end
-    assert end is not None
     assert end.status == 3
     assert 'no contact with disc_' in end.reason
     assert one.plant.peak_force == 0
@@ -315,14 +313,12 @@ def test_pause_start_and_stop() -> None:
     one.run(longest=20.0)
     assert one.runner.is_over
     assert not one.plant.body.touched
-    assert one.runner.end is not None
     assert one.runner.end.status == 3
 
 
 def test_it_ends_after_so_many_touches() -> None:
     one = rehearsal(replace(CELL, tolerance=None), most=9)
     one.run(longest=200.0)
-    assert one.runner.end is not None
     assert one.runner.end.status == 0
     assert one.runner.campaign.accepted == 9
 
@@ -454,71 +450,44 @@ def test_where_motions_are_not_streamed_there_are_few_and_none_leads_far_beyond_
             speed = one.runner._motion.speed
             slow = one.runner._motion._slow[0]
             assert one.runner._motion.sent <= max(one.runner._motion.at, slow) + AHEAD_OF_CONTACT * speed + 1e-9
-    assert one.runner.end is not None
     assert one.runner.end.status == 0
     assert np.median(np.diff(counts)[9:]) <= 6, 'of an arm that is known'
     assert one.plant.peak_force < CELL.touch.max_force
 
 
-def stops(one: Rehearsal) -> None:
-    one.plant.active = False
-
-
-def goes_on(one: Rehearsal) -> None:
-    one.plant.active = True
-
-
-def scales_to(factor: float) -> Callable[[Rehearsal], None]:
-    def scale(one: Rehearsal) -> None:
-        one.plant.scaling = factor
-
-    return scale
-
-
-def fails_by(fault: Fault) -> Callable[[Rehearsal], None]:
-    def fail(one: Rehearsal) -> None:
-        one.plant.fault = fault
-
-    return fail
-
-
 @pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
 @pytest.mark.parametrize('phase', ['travel', 'approach', 'press'])
 @pytest.mark.parametrize(
-    ('begin', 'end', 'says'),
+    ('what', 'wrong', 'well', 'says'),
     [
-        (stops, goes_on, 'does not follow'),
-        (fails_by(Fault.SILENT_WRENCH), fails_by(Fault.NONE), '/wrench is silent'),
-        (fails_by(Fault.SILENT_JOINTS), fails_by(Fault.NONE), '/joint_states is silent'),
+        ('active', False, True, 'does not follow'),
+        ('fault', Fault.SILENT_WRENCH, Fault.NONE, '/wrench is silent'),
+        ('fault', Fault.SILENT_JOINTS, Fault.NONE, '/joint_states is silent'),
     ],
     ids=['inactive', 'no wrench', 'no joints'],
 )
 def test_what_passes_by_itself_is_waited_for(
-    begin: Callable[[Rehearsal], None], end: Callable[[Rehearsal], None], says: str, phase: str, streams: bool
+    what: str, wrong: object, well: object, says: str, phase: str, streams: bool
 ) -> None:
-    one = rehearsal(patience=10.0, most=9)
+    one = rehearsal(patience=10.0)
     one.runner.streams = streams
     until_phase(one, phase)
     target, accepted = one.runner.target, one.runner.campaign.accepted
-    begin(one)
+    setattr(one.plant, what, wrong)
     began = one.time
     one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
     assert one.time - began < 1.0
     assert says in one.runner.status.text
     assert 'waiting for 10 s at most' in one.runner.status.text
     one.run(longest=0.3)
-    before = one.plant._position[:2]
-    one.run(longest=2.7)
-    assert one.plant._position[:2] == pytest.approx(before, abs=1e-4)
-    end(one)
+    check_stands(one, 2.7)
+    setattr(one.plant, what, well)
     one.run(lambda at: at.runner.status.phase == 'hold', 60.0)
-    assert one.runner.target is not None
     is_done = one.runner.campaign.accepted > accepted  # it has stood in contact for longer than a hold
     assert one.runner.target.place() == target.place() or (is_done and phase == 'press')
-    one.run()
-    assert one.runner.end is not None
-    assert one.runner.end.status == 0 or 'max_touches' in one.runner.end.reason
-    assert one.runner.campaign.accepted == 9
+    accepted = one.runner.campaign.accepted
+    one.run(lambda at: at.runner.campaign.accepted > accepted and at.runner.status.phase == 'travel', 60.0)
+    assert (one.runner.campaign.accepted, one.runner.end) == (accepted + 1, None)
     assert one.plant.peak_force < 1.5 * CELL.touch.max_force
 
 
@@ -527,7 +496,6 @@ def test_a_coarse_encoder_is_no_robot_that_stands(streams: bool) -> None:
     one = rehearsal(most=4, resolution=7.7e-4)  # of 13 bits
     one.runner.streams = streams
     one.run(longest=200.0)
-    assert one.runner.end is not None
     assert 'max_touches' in one.runner.end.reason
     assert one.runner.campaign.accepted == 4
 
@@ -539,9 +507,7 @@ def test_a_robot_that_runs_ahead_is_stopped() -> None:
     one.run(lambda at: at.runner.end is not None, 2.0)
     assert 'mm ahead on its way: it is faster than commanded (in travel)' in one.runner.status.text
     one.run(longest=0.3)
-    before = one.plant._position[:2]
-    one.run(longest=1.0)
-    assert one.plant._position[:2] == pytest.approx(before, abs=1e-4)
+    check_stands(one)
 
 
 def test_a_robot_that_went_on_while_nobody_listened_is_followed() -> None:
@@ -569,7 +535,6 @@ def test_a_busy_machine_that_hears_late_blames_nobody(seed: int) -> None:
             for _ in range(min(10, len(unheard))):
                 one.hear(unheard.popleft())
             one.answer()
-    assert one.runner.end is not None
     assert 'max_touches' in one.runner.end.reason
     assert one.plant.peak_force < CELL.touch.max_force
 
@@ -581,9 +546,7 @@ def test_a_busy_machine_halts_a_robot_whose_joints_are_silent() -> None:
     one.run(lambda at: at.runner.status.phase == 'waiting', 5.0)
     assert one.time - began < 1.3
     one.run(longest=0.3)
-    before = one.plant._position[:2]
-    one.run(longest=1.0)
-    assert one.plant._position[:2] == pytest.approx(before, abs=5e-3), 'it slows down as if it were where it was seen'
+    check_stands(one, within=5e-3)  # it slows down as if it were where it was seen
 
 
 def test_a_streamed_motion_is_not_commanded_on_while_the_robot_is_behind() -> None:
@@ -646,7 +609,6 @@ def test_a_way_begins_when_it_is_sent_though_planning_has_taken_long() -> None:
     one.runner.tick(one.time + 2.412)
     assert '/joint_states is silent for 2.41 s' in one.runner.status.text
     assert motion.at < 0.02 * CELL.touch.speed
-    assert halt is not None
     assert halt.positions[0] == pytest.approx(one.plant._position, abs=2e-3)
 
 
@@ -657,7 +619,6 @@ def test_a_halt_of_a_robot_that_is_not_heard_is_no_jump() -> None:
     one.plant.scaling, one.plant.fault, halt = 0.0, Fault.SILENT_JOINTS, None
     while one.runner.status.phase != 'waiting':
         halt = one.step()
-    assert halt is not None
     moved = np.diff(forward(CELL.nominal, np.array([one.plant._position[:2], halt.positions[0, :2]])), axis=0)
     assert np.hypot(*moved[0]) > 0.06 * CELL.touch.speed
     assert np.hypot(*moved[0]) / halt.times[0] < 1.05 * CELL.touch.speed
@@ -731,23 +692,13 @@ def test_no_way_through_free_space_is_commanded_to_a_robot_that_is_still_in_cont
     assert scaling or one.time - began < CELL.touch.hold + 1.0
 
 
-def move_while_it_waits(one: Rehearsal, by: float) -> None:
-    one.plant.fault = Fault.SILENT_WRENCH
+def move_while_it_waits(one: Rehearsal, by: float, fault: Fault = Fault.SILENT_WRENCH) -> None:
+    one.plant.fault = fault
     one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
     one.run(longest=0.5)
     here = one.plant._position[:2]
     one.plant.command(one.plant.names, [1.0], [[here[0] - by, here[1] + by]])
     one.run(longest=1.5)
-
-
-def test_a_robot_that_was_moved_while_it_waits_without_a_way_does_not_go_on() -> None:
-    one = rehearsal(patience=10.0)
-    one.run(lambda at: at.runner.status.phase == 'plan')
-    move_while_it_waits(one, 0.03)
-    assert one.runner._motion is None
-    one.plant.fault = Fault.NONE
-    one.run(lambda at: at.runner.end is not None, 5.0)
-    assert 'mrad off its way' in one.runner.status.text or 'a force of' in one.runner.status.text
 
 
 def test_patience_ends() -> None:
@@ -757,20 +708,26 @@ def test_patience_ends() -> None:
     one.run(lambda at: at.runner.end is not None, 10.0)
     assert 3.0 < one.time - began < 5.0
     assert 'waited for 3 s' in one.runner.status.text
-    assert one.runner.end is not None
     assert one.runner.end.status == 3
 
 
-def test_a_robot_that_was_moved_meanwhile_does_not_go_on() -> None:
+@pytest.mark.parametrize(('phase', 'by'), [('plan', 0.03), ('travel', 0.1), ('paused', 0.03)])
+def test_a_robot_that_was_moved_while_it_waits_does_not_go_on(phase: str, by: float) -> None:
+    """On its way, in a pause, or where it has none."""
     one = rehearsal(patience=10.0)
-    until_phase(one, 'travel')
-    move_while_it_waits(one, 0.1)
+    if phase == 'plan':
+        one.run(lambda at: at.runner.status.phase == 'plan')
+    else:
+        until_phase(one, 'travel')
+    if phase == 'paused':
+        one.runner.pause()
+        until_phase(one, 'paused')
+    move_while_it_waits(one, by, Fault.SILENT_JOINTS if phase == 'paused' else Fault.SILENT_WRENCH)
+    assert (one.runner._motion is None) == (phase == 'plan')
     one.plant.fault = Fault.NONE
     one.run(lambda at: at.runner.end is not None, 5.0)
     assert 'mrad off its way' in one.runner.status.text or 'a force of' in one.runner.status.text
-    there = one.plant._position[:2]
-    one.run(longest=1.0)
-    assert one.plant._position[:2] == pytest.approx(there, abs=2e-3)
+    check_stands(one, within=2e-3)
 
 
 @pytest.mark.parametrize('ends', ['stop', 'patience'])
@@ -784,22 +741,6 @@ def test_a_robot_that_was_moved_while_it_waits_is_not_thrown_back(ends: str) -> 
     one.run(lambda at: at.runner.is_over, 5.0)
     one.run(longest=0.5)
     assert one.plant._position[:2] == pytest.approx(moved, abs=2e-3)
-
-
-def test_a_robot_that_was_moved_between_touches_does_not_go_on() -> None:
-    one = rehearsal(patience=10.0)
-    until_phase(one, 'travel')
-    one.runner.pause()
-    until_phase(one, 'paused')
-    one.plant.fault = Fault.SILENT_JOINTS
-    one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
-    one.run(longest=0.5)
-    here = one.plant._position[:2]
-    one.plant.command(one.plant.names, [1.0], [[here[0] - 0.03, here[1] + 0.03]])
-    one.run(longest=1.5)
-    one.plant.fault = Fault.NONE
-    one.run(lambda at: at.runner.end is not None, 5.0)
-    assert 'mrad off its way' in one.runner.status.text or 'a force of' in one.runner.status.text
 
 
 def test_a_delay_that_the_first_messages_told_wrongly_is_forgotten_before_anything_moves() -> None:
@@ -823,17 +764,16 @@ def test_a_halt_is_never_refused() -> None:
 
 @pytest.mark.parametrize('streams', [True, False], ids=['streamed', 'few'])
 def test_a_controller_that_scales_the_time_is_late_which_is_no_fault(streams: bool) -> None:
-    one = rehearsal(replace(CELL, tolerance=None, lift=LIFT), most=9)
+    one = rehearsal(replace(CELL, tolerance=None, lift=LIFT), most=3)
     one.runner.streams, one.plant.scaling = streams, 0.3
     one.run()
-    assert one.runner.end is not None
-    assert one.runner.end.status == 0
-    assert one.runner.campaign.accepted == 9
+    assert 'max_touches' in one.runner.end.reason
+    assert (one.runner.campaign.accepted, one.runner.campaign.failed) == (3, 0)
     assert one.plant.peak_force < CELL.touch.max_force
 
 
 def test_a_scaling_of_zero_is_waited_for() -> None:
-    one = rehearsal(replace(CELL, tolerance=None), most=9, patience=20.0)
+    one = rehearsal(replace(CELL, tolerance=None), most=3, patience=20.0)
     until_phase(one, 'travel')
     one.plant.scaling = 0.0
     one.run(longest=5.0)
@@ -841,7 +781,7 @@ def test_a_scaling_of_zero_is_waited_for() -> None:
     assert any(status.phase == 'waiting' for _, status in one.history)
     one.plant.scaling = 1.0
     one.run()
-    assert one.runner.campaign.accepted == 9
+    assert one.runner.campaign.accepted == 3
 
 
 def test_a_busy_machine_does_not_press_on_without_forces() -> None:
@@ -860,7 +800,6 @@ def test_a_robot_that_was_moved_in_a_pause_is_not_thrown_back() -> None:
     one.runner.pause()
     one.run(longest=0.5)
     motion = one.runner._motion
-    assert motion is not None
     ahead = motion.track.place(motion.at + 0.12 * motion.speed)
     one.plant.command(one.plant.names, [1.0], [ahead[:2].tolist()])
     one.run(longest=2.0)
@@ -878,7 +817,6 @@ def test_a_retract_ends_half_a_millimetre_beside_its_place() -> None:
     one.run(lambda at: at.runner.status.phase == 'waiting', 2.0)
     one.plant.fault = Fault.NONE
     one.run(lambda at: at.runner.status.phase == 'retract', 3.0)
-    assert one.runner._motion is not None
     track, command = one.runner._motion.track, one.plant.command
     beside = np.subtract(*track.place(np.array([5e-4, 0.0])))[:2]
     one.plant.command = lambda names, times, places, *more: command(names, times, (places + beside).tolist(), *more)
@@ -891,7 +829,6 @@ def test_a_robot_that_is_driven_beyond_its_way_is_stopped() -> None:
     until_phase(one, 'travel', 0.0)
     until_phase(one, 'approach', 0.03)  # far from the contact
     motion, command = one.runner._motion, one.plant.command
-    assert motion is not None
     lengths = np.linspace(motion.at, motion.track.length, 50)[1:]
     command(one.plant.names, (lengths - motion.at) / 0.06, motion.track.place(lengths)[:, :2].tolist())
     one.plant.command = lambda *_: None
