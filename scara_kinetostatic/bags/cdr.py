@@ -131,7 +131,8 @@ class Decoder:
     def __init__(self, joint_names: tuple[str, str] | None = None, others: Sequence[str] = ()) -> None:
         self._joint_names, self._wanted = joint_names, (*(joint_names or ()), *others)
         self.frame_ids: list[str] = []
-        self._parts: list[tuple[NDArray[Any], ...]] = []
+        none = np.zeros(0, np.int64)
+        self._parts: list[tuple[NDArray[Any], ...]] = [(none, none, none, np.zeros((0, len(self._wanted) or 3)))]
         self.dropped: Counter[str] = Counter()
         self.names: set[str] = set()
 
@@ -157,7 +158,7 @@ class Decoder:
 
     def force_ranges(self) -> Floats:
         """Ranges of fx, fy and fz of wrenches as they came, from their 1st to their 99th percentile, (3,), N."""
-        values = np.concatenate([np.zeros((0, 3)), *(part[-1] for part in self._parts)])
+        values = np.concatenate([part[-1] for part in self._parts])
         some = values[np.isfinite(values).all(axis=1)][:: 1 + len(values) // 20_000]
         return np.asarray(np.ptp(np.percentile(some, [1, 99], axis=0), axis=0)) if len(some) else np.zeros(3)
 
@@ -167,10 +168,7 @@ class Decoder:
         Args:
             turns: of forces by their `frame_id`, (2, 3): f = turn (fx, fy, fz).
         """
-        empty = (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int32), np.zeros((0, 3)))
-        stamp, log_time, frame, all_values = (
-            np.concatenate(arrays) for arrays in zip(*(self._parts or [empty]), strict=True)
-        )
+        stamp, log_time, frame, all_values = map(np.concatenate, zip(*self._parts, strict=True))
         values = all_values if self._joint_names else all_values[:, :2]
         for frame_id, turn in (turns or {}).items():
             same = frame == self.frame_ids.index(frame_id)

@@ -46,8 +46,6 @@ _RECORDS, _RECORD_SIZE = 200_000, 4
 """So many records, and one more for so many bytes of the recording; in compressed ones a message has 20 or more."""
 _RECORD_BYTES = 64
 """Bytes of ``--max-bytes`` that allow a record."""
-_STEP = 1 << 22
-"""Bytes that are unpacked at a time: the memory is taken before."""
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 
 
@@ -111,10 +109,11 @@ def unpack(data: bytes, most: int) -> bytes:
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
             content = reader.read(most + 1)
     else:
+        step = 1 << 22  # bytes that are unpacked at a time: the memory is taken before
         decoder: Any = bz2.BZ2Decompressor() if data.startswith(b'BZh') else lz4.frame.LZ4FrameDecompressor()
-        content = decoder.decompress(data, min(most + 1, _STEP))
+        content = decoder.decompress(data, min(most + 1, step))
         while not (decoder.eof or decoder.needs_input) and len(content) <= most:
-            content += decoder.decompress(b'', _STEP)
+            content += decoder.decompress(b'', step)
         if len(content) <= most and not decoder.eof:
             raise ValueError('its compressed bytes end early')
     if len(content) > most:

@@ -42,7 +42,8 @@ from scara_kinetostatic.errors import CellError, InputError, RecordingError, one
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
-from scara_kinetostatic.touches.clock import counted, on_one_clock
+from scara_kinetostatic.report.quantities import count
+from scara_kinetostatic.touches.clock import on_one_clock
 from scara_kinetostatic.touches.streams import (
     INTERLEAVED,
     JointStream,
@@ -84,7 +85,9 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         for (topic, decoder), msgtype in zip(decoders.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
             if len(streams[topic].stamp) == 0:
                 raise _nothing_usable(path, source, topic, msgtype, decoder, cell)
-            warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in decoder.dropped.items()]
+            warnings += [
+                f'{topic}: {count(number, "message")} {why} dropped' for why, number in decoder.dropped.items()
+            ]
         if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values[:, :2]):
             warnings.append(f'{names[0]}: {INTERLEAVED}')
         warnings += [f'{names[1]}: {said}' for name in frame_ids if (said := frame.complaint(name))]
@@ -93,7 +96,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         moved = JointStream.of(*joints).moved(cell)
         if moved.any():
             where = cell.moved_joint(joints[1][moved][0, 2:])
-            warnings.append(f'{names[0]}: {counted(int(moved.sum()))} while {where}')
+            warnings.append(f'{names[0]}: {count(int(moved.sum()), "message")} while {where}')
         return Streams(
             str(path),
             replace(JointStream.of(*joints), position=cell.angles(joints[1][:, :2])),

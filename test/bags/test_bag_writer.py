@@ -14,7 +14,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from bags.forms import CELL, Message, assert_same, make_streams, messages
+from bags.forms import CELL, assert_same, make_streams, messages
+from bags.forms import count as samples
+from bags.forms import record as write
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
@@ -25,11 +27,6 @@ from scara_kinetostatic.errors import OutputError, RecordingError
 from scara_kinetostatic.touches.streams import Streams
 
 ROOT = Path(__file__).parents[2]
-
-
-def write(bag: BagWriter, items: list[Message]) -> None:
-    for item in items:
-        (bag.write_joint_state if item.topic == '/joint_states' else bag.write_wrench)(item.payload, item.log_time)
 
 
 def strict_count(folder: Path) -> int:
@@ -59,7 +56,7 @@ def count(folder: Path) -> int:
         assert metadata['message_count'] == 1, error
         return 0
     assert not [warning for warning in read.warnings if 'stamp' in warning or 'more messages' in warning]
-    found = len(read.joints.stamp) + len(read.wrench.stamp)
+    found = samples(read)
     assert found >= metadata['message_count'] - 1
     return found
 
@@ -184,7 +181,7 @@ def test_reading_while_writing(tmp_path: Path, streams: Streams) -> None:
     while thread.is_alive() or reads < 3:
         secured = bag.recorded
         read = read_streams(folder, CELL)
-        assert len(read.joints.stamp) + len(read.wrench.stamp) >= secured
+        assert samples(read) >= secured
         assert embedded_cell(folder) == CELL
         reads += 1
     thread.join()
