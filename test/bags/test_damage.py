@@ -123,7 +123,7 @@ def test_whatever_happens_to_a_file(tmp_path: Path, name: str) -> None:
     content = file.read_bytes()
     rng = random.Random(7)
     outcomes = set()
-    for number in range(60):
+    for number in range(45):
         spoilt = bytearray(content)
         at = rng.randrange(len(spoilt))
         if number % 3 == 0:
@@ -173,7 +173,7 @@ def test_no_byte_of_our_files_changes_a_sample_unreported(tmp_path: Path, form: 
     file = max(path.glob('*.mcap'), key=lambda item: item.stat().st_size)
     content = file.read_bytes()
     rng = random.Random(1)
-    places = {*range(40), *range(len(content) - 60, len(content)), *rng.sample(range(len(content)), 40)}
+    places = {*range(40), *range(len(content) - 60, len(content)), *rng.sample(range(len(content)), 20)}
     harmless = 0
     for at in places:
         spoilt = bytearray(content)
@@ -182,7 +182,7 @@ def test_no_byte_of_our_files_changes_a_sample_unreported(tmp_path: Path, form: 
         if not reported(path):
             assert_same(read_streams(path, CELL), streams)
             harmless += 1
-    assert harmless < len(places) - 30
+    assert harmless < len(places) - 20
 
 
 @pytest.mark.parametrize('use_chunking', [True, False])

@@ -6,6 +6,7 @@ import os
 import re
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ from bags.forms import (
 from mcap.writer import CompressionType
 
 from scara_kinetostatic.bags import messages as bag_messages
-from scara_kinetostatic.bags.cdr import joint_state_messages, string_message
+from scara_kinetostatic.bags.cdr import string_message
 from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import BagWriter, write_streams
@@ -153,22 +154,6 @@ def test_topics_that_were_remapped_while_recording(tmp_path: Path, streams: Stre
     assert f'{WRENCH_STAMPED} is on /ft: put that into sensor.wrench' in refused(tmp_path / 'bag', other)
 
 
-def test_another_topic_of_the_right_type(tmp_path: Path, streams: Streams) -> None:
-    items = [item._replace(topic='/ft_sensor/wrench') for item in force_messages(streams)]
-    write_mcap(tmp_path / 'a.mcap', [*joint_messages(streams), *items])
-    message = refused(tmp_path / 'a.mcap')
-    assert 'has no topic /wrench' in message
-    assert f'{WRENCH_STAMPED} is on /ft_sensor/wrench: put that into sensor.wrench' in message
-
-
-def test_wrong_type_on_a_topic(tmp_path: Path, streams: Streams) -> None:
-    write_mcap(tmp_path / 'a.mcap', messages(streams))
-    cell = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/wrench', '/joint_states'))
-    message = refused(tmp_path / 'a.mcap', cell)
-    assert f'topic /wrench carries {WRENCH_STAMPED}, expected {JOINT_STATE}' in message
-    assert 'put that into sensor.joint_states' in message
-
-
 def test_two_types_on_one_topic(tmp_path: Path, cell: Cell, streams: Streams) -> None:
     """As `ros2 topic pub` with a slip; the right one is read."""
     odd = Message('/wrench', 'geometry_msgs/msg/Wrench', int(streams.wrench.stamp[0]), b'\0\1\0\0' + bytes(48))
@@ -178,24 +163,46 @@ def test_two_types_on_one_topic(tmp_path: Path, cell: Cell, streams: Streams) ->
     assert 'no topic /joint_states' in refused(tmp_path / 'bag')
 
 
-def test_topic_without_messages(tmp_path: Path, streams: Streams) -> None:
-    write_rosbag2(tmp_path / 'bag', messages(streams)[:1])
-    first = messages(streams)[0].topic
-    other = '/wrench' if first == '/joint_states' else '/joint_states'
-    assert f'has no topic {other}' in refused(tmp_path / 'bag')
+def of_topic(items: list[Message], name: str) -> list[Message]:
+    return [item._replace(topic=name) for item in items]
 
 
-def test_unknown_serialization(tmp_path: Path, streams: Streams) -> None:
-    write_mcap(tmp_path / 'a.mcap', messages(streams), encoding='wrong_format')
-    assert "topic /joint_states is serialized as 'wrong_format', expected cdr" in refused(tmp_path / 'a.mcap')
+SWAPPED = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/wrench', '/joint_states'))
+NOT_JOINTS = {'names': ('shoulder', 'elbow')}
 
 
-def test_other_joints(tmp_path: Path, streams: Streams) -> None:
-    items = joint_messages(streams, names=('shoulder', 'elbow'))
-    write_mcap(tmp_path / 'a.mcap', [*items, *force_messages(streams)])
-    message = refused(tmp_path / 'a.mcap')
-    assert 'does not have joint1 and joint2, only elbow, shoulder' in message
-    assert 'robot.joint_names' in message
+@pytest.mark.parametrize(
+    ('make', 'options', 'cell', 'said'),
+    [
+        (
+            lambda s: [*joint_messages(s), *of_topic(force_messages(s), '/ft_sensor/wrench')], {}, CELL,
+            ['has no topic /wrench', f'{WRENCH_STAMPED} is on /ft_sensor/wrench: put that into sensor.wrench'],
+        ),
+        (
+            messages, {}, SWAPPED,
+            [f'topic /wrench carries {WRENCH_STAMPED}, expected {JOINT_STATE}', 'put that into sensor.joint_states'],
+        ),
+        (lambda s: joint_messages(s)[:1], {}, CELL, ['has no topic /wrench']),
+        (lambda s: force_messages(s)[:1], {}, CELL, ['has no topic /joint_states']),
+        (
+            messages, {'encoding': 'wrong_format'}, CELL,
+            ["topic /joint_states is serialized as 'wrong_format', expected cdr"],
+        ),
+        (
+            lambda s: [*joint_messages(s, **NOT_JOINTS), *force_messages(s)], {}, CELL,
+            ['does not have joint1 and joint2, only elbow, shoulder', 'robot.joint_names'],
+        ),
+        (
+            lambda s: [*joint_messages(replace(s, joints=replace(s.joints, position=s.joints.position * np.nan))),
+                       *force_messages(s)], {}, CELL,
+            ['no message of /joint_states can be used: 300 with values that are not finite'],
+        ),
+    ],
+)  # fmt: skip
+def test_what_a_topic_lacks(tmp_path: Path, streams: Streams, make, options, cell, said) -> None:
+    write_mcap(tmp_path / 'a.mcap', make(streams), **options)
+    message = refused(tmp_path / 'a.mcap', cell)
+    assert all(text in message for text in said)
 
 
 def test_names_that_would_disturb_a_terminal(tmp_path: Path, streams: Streams) -> None:
@@ -270,15 +277,6 @@ def test_what_cannot_be_used_is_dropped_and_counted(tmp_path: Path, cell: Cell, 
         '/joint_states: 1 message without positions dropped',
         '/joint_states: 2 messages with values that are not finite dropped',
     }
-
-
-def test_nothing_but_nan(tmp_path: Path, streams: Streams) -> None:
-    payloads = joint_state_messages(streams.joints.stamp, streams.joints.position * np.nan, CELL.joint_names)
-    items = [item._replace(payload=data) for item, data in zip(joint_messages(streams), payloads, strict=True)]
-    write_mcap(tmp_path / 'a.mcap', [*items, *force_messages(streams)])
-    assert 'no message of /joint_states can be used: 300 with values that are not finite' in refused(
-        tmp_path / 'a.mcap'
-    )
 
 
 def lost(path: Path) -> None:
