@@ -229,13 +229,12 @@ class Decoder:
             fields = joint_fields(message) if self._joint_names else wrench_fields(message)
         except ValueError as error:
             return Fields('', (), 0, 0, len(message)), str(error)
-        if self._joint_names:
-            self.names.update(fields.names)
-        if self._joint_names and set(self._wanted).isdisjoint(fields.names):
+        if not self._joint_names:
+            return fields, ''
+        self.names.update(fields.names)
+        if set(self._wanted).isdisjoint(fields.names):
             return fields, f'without {" and ".join(self._joint_names)}'
-        if set(self._joint_names or ()) & set(fields.names[fields.numbers :]):
-            return fields, 'without positions'
-        return fields, ''
+        return fields, 'without positions' * (not set(self._joint_names).isdisjoint(fields.names[fields.numbers :]))
 
 
 def _column(rows: NDArray[np.uint8], at: int, kind: str) -> NDArray[Any]:
@@ -283,9 +282,7 @@ def joint_state_messages(stamp: NDArray[np.int64], position: Floats, names: tupl
         n messages.
     """
     none = np.zeros(0)
-    template = _serialized(
-        JOINT_STATE, header=_header(''), name=list(names), position=np.zeros(2), velocity=none, effort=none
-    )
+    template = _serialized(JOINT_STATE, _header(''), list(names), np.zeros(2), none, none)
     return _filled(template, joint_fields(template).begin, stamp, position)
 
 
@@ -302,19 +299,18 @@ def wrench_messages(stamp: NDArray[np.int64], force: Floats, frame_id: str) -> l
     """
     types = ros2_types().types
     zero = types['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.0)
-    wrench = types['geometry_msgs/msg/Wrench'](zero, zero)
-    template = _serialized(WRENCH_STAMPED, header=_header(frame_id), wrench=wrench)
+    template = _serialized(WRENCH_STAMPED, _header(frame_id), types['geometry_msgs/msg/Wrench'](zero, zero))
     return _filled(template, wrench_fields(template).begin, stamp, force)
 
 
 def string_message(text: str) -> bytes:
     """A `std_msgs/msg/String`."""
-    return _serialized(STRING, data=text)
+    return _serialized(STRING, text)
 
 
-def _serialized(msgtype: str, **fields: Any) -> bytes:
+def _serialized(msgtype: str, *fields: Any) -> bytes:
     store = ros2_types()
-    return bytes(store.serialize_cdr(store.types[msgtype](**fields), msgtype))
+    return bytes(store.serialize_cdr(store.types[msgtype](*fields), msgtype))
 
 
 def _header(frame_id: str) -> Any:

@@ -88,15 +88,6 @@ class Budget:
             enough = 2 * (self._limit if self._bytes < 0 else _RECORD_BYTES * self._records_limit)
             raise BudgetError(self._path, problem, f'if you trust it, raise the limit, by --max-bytes {enough} or more')
 
-    def check_piece(self, size: int) -> None:
-        """Check the size of a chunk.
-
-        Raises:
-            ValueError: it is too large.
-        """
-        if size > self.largest_piece:
-            raise ValueError(f'a chunk of {size} bytes, expected at most {self.largest_piece}; see --max-bytes')
-
 
 def unpack(data: bytes, most: int) -> bytes:
     """The content of compressed bytes, whose first ones tell the format: zstd, LZ4 or bzip2.
@@ -169,10 +160,6 @@ class Batch(NamedTuple):
         """The bytes of one message."""
         start = int(self.start[index])
         return self.buffer[start : start + int(self.length[index])].tobytes()
-
-    def payloads(self) -> list[bytes]:
-        """The bytes of every message."""
-        return [self.payload(index) for index in range(len(self.start))]
 
 
 Batches: TypeAlias = Generator[Batch, None, None]

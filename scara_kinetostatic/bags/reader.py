@@ -12,7 +12,6 @@ import json
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import zstandard
@@ -73,8 +72,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
     with reading(path):
         names = cell.sensor.topics
         source, decoders, discarded, frame = _read(path, names, cell)
-        found = _cell_topics(path, source.topics(), cell.sensor)
-        if found != names:
+        if (found := _cell_topics(path, source.topics(), cell.sensor)) != names:
             names = found
             source, decoders, discarded, frame = _read(path, names, cell)
         joint_decoder, wrench_decoder = decoders.values()
@@ -137,9 +135,9 @@ def _read(
                 number = min(len(portion.start), 1000 - transforms)
                 transforms += number
                 budget.charge(0, _JSON * number + int(portion.length[:number].sum()) // _JSON)
-                payloads = islice(portion.payloads(), number)
-                for transform in (each for payload in payloads for each in decode_transforms(payload)):
-                    frame.add(transform)
+                for place in range(number):
+                    for transform in decode_transforms(portion.payload(place)):
+                        frame.add(transform)
     return source, decoders, discarded, frame
 
 
@@ -166,8 +164,8 @@ def _decompressed(batch: Batch, budget: Budget) -> Iterator[Batch]:
 def _discarded(batch: Batch) -> list[tuple[int, int]]:
     """The discarded touches, as `_read` has them."""
     found = []
-    for payload in batch.payloads():
-        said = json.loads(decode_string(payload))
+    for place in range(len(batch.start)):
+        said = json.loads(decode_string(batch.payload(place)))
         times = said['stamp'], said.get('received') or said['stamp']
         if not all(isinstance(time, int) for time in times):
             raise ValueError(f'{DISCARD_TOPIC}: expected times in ns, got {said!r}')

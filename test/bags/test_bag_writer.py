@@ -117,30 +117,19 @@ def test_metadata_as_jazzy_writes_it(tmp_path: Path) -> None:
     assert topics['/wrench']['topic_metadata']['type_description_hash'].startswith('RIHS01_8dc3deaf06b2')
 
 
-def test_a_run_without_messages(tmp_path: Path) -> None:
+def test_a_run_without_messages_and_after_its_end(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'run', CELL) as bag:
         bag.checkpoint()
-    assert names(tmp_path / 'run') == ['metadata.yaml', 'run_0.mcap']
-    assert strict_count(tmp_path / 'run') == 0
-
-
-def test_two_writers_cannot_share_a_folder(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / 'run', CELL):
         before = names(tmp_path / 'run')
         with pytest.raises(OutputError, match='exists already and is never overwritten'):
             BagWriter(tmp_path / 'run', CELL)
-        assert names(tmp_path / 'run') == before
+        assert names(tmp_path / 'run') == before == ['metadata.yaml', 'run_0.mcap']
+    bag.close()
     assert names(tmp_path) == ['run']
-
-
-def test_after_the_end(tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / 'run', CELL)
-    bag.close()
-    bag.close()
-    with pytest.raises(OutputError, match='the recording was closed; start a new one'):
-        bag.write_wrench(b'', 0)
-    with pytest.raises(OutputError, match='closed'):
-        bag.checkpoint()
+    assert strict_count(tmp_path / 'run') == 0
+    for action in (bag.checkpoint, lambda: bag.write_wrench(b'', 0)):
+        with pytest.raises(OutputError, match='the recording was closed; start a new one'):
+            action()
 
 
 def test_several_threads(tmp_path: Path, streams: Streams) -> None:
