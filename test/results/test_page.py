@@ -210,15 +210,8 @@ def test_what_is_folded_is_open_on_paper(page: str) -> None:
 
 
 def test_the_answer_comes_first_and_the_appendix_last(page: str) -> None:
-    parts = [
-        'class="head"',
-        'class="verdict',
-        'class="facts"',
-        '>Parameters<',
-        '>Uncertainty of the tip<',
-        '>Deviation',
-    ]
-    parts += ['>Diagnosis<', '>Appendix<', '>Identifiability', '>Touches: ']
+    parts = ['class="head"', 'class="verdict', 'class="facts"', '>Parameters<', '>Uncertainty of the tip<']
+    parts += ['>Deviation', '>Diagnosis<', '>Appendix<', '>Identifiability', '>Touches: ']
     places = [page.index(part) for part in parts]
     assert places == sorted(places)
 
