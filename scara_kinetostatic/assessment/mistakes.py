@@ -421,7 +421,7 @@ class _Candidate(NamedTuple):
 def _candidates(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
     """All mistakes that may have been made in a reading."""
     yield from _of_sensor(r, cell, origin)
-    for number, (matrix, statement, action) in enumerate(_CHANGES['joint angles']):
+    for number, (matrix, statement, action) in enumerate(_JOINTS):
         where = 'joint angles'
         if origin is Origin.RECORDING and number == 0:
             where, action = 'robot.joint_names', f'set robot.joint_names to [{", ".join(reversed(cell.joint_names))}]'
@@ -466,39 +466,31 @@ def _applied(matrix: tuple[float, ...], pairs: Floats) -> Floats:
     return pairs @ np.reshape(matrix, (2, 2)).T
 
 
-_CHANGES = {
-    'force': (
-        (
-            (-1, 0, 0, -1),
-            'the sign of the force is wrong: it points away from the discs',
-            'change the signs of fx and fy',
-        ),
-        ((0, 1, 1, 0), 'x and y of the force are swapped', 'exchange fx and fy'),
-        ((-1, 0, 0, 1), 'x of the force has the wrong sign', 'change the sign of fx'),
-        ((1, 0, 0, -1), 'y of the force has the wrong sign', 'change the sign of fy'),
-        (
-            (0, -1, -1, 0),
-            'x and y of the force are swapped, with the wrong signs',
-            'exchange fx and fy with other signs',
-        ),
-        ((0, -1, 1, 0), 'the axes of the force sensor are turned by 90°', 'turn the forces by 90°'),
-        ((0, 1, -1, 0), 'the axes of the force sensor are turned by -90°', 'turn the forces by -90°'),
-    ),
-    'joint angles': (
-        ((0, 1, 1, 0), 'the two joints are in the wrong order', 'exchange q1 and q2'),
-        ((-1, 0, 0, 1), 'joint 1 turns the other way', 'change the sign of q1'),
-        ((1, 0, 0, -1), 'joint 2 turns the other way', 'change the sign of q2'),
-        ((-1, 0, 0, -1), 'both joints turn the other way', 'change the signs of q1 and q2'),
-        ((0, -1, -1, 0), 'the joints are in the wrong order and turn the other way', 'exchange -q1 and -q2'),
-    ),
-    'center': (
-        ((0, 1, 1, 0), 'x and y are swapped', 'exchange the two numbers of center'),
-        ((-1, 0, 0, 1), 'x has the wrong sign', 'change the sign of the first number of center'),
-        ((1, 0, 0, -1), 'y has the wrong sign', 'change the sign of the second number of center'),
-        ((-1, 0, 0, -1), 'x and y have the wrong sign', 'change the signs of center'),
-    ),
-}
-"""Changes of pairs of numbers, a matrix by rows, with words for each: the mistake, and what to do."""
+_FORCES = (
+    ((-1, 0, 0, -1), 'the sign of the force is wrong: it points away from the discs', 'change the signs of fx and fy'),
+    ((0, 1, 1, 0), 'x and y of the force are swapped', 'exchange fx and fy'),
+    ((-1, 0, 0, 1), 'x of the force has the wrong sign', 'change the sign of fx'),
+    ((1, 0, 0, -1), 'y of the force has the wrong sign', 'change the sign of fy'),
+    ((0, -1, -1, 0), 'x and y of the force are swapped, with the wrong signs', 'exchange fx and fy with other signs'),
+    ((0, -1, 1, 0), 'the axes of the force sensor are turned by 90°', 'turn the forces by 90°'),
+    ((0, 1, -1, 0), 'the axes of the force sensor are turned by -90°', 'turn the forces by -90°'),
+)
+"""Changes of the force by rows, with words for each."""
+_JOINTS = (
+    ((0, 1, 1, 0), 'the two joints are in the wrong order', 'exchange q1 and q2'),
+    ((-1, 0, 0, 1), 'joint 1 turns the other way', 'change the sign of q1'),
+    ((1, 0, 0, -1), 'joint 2 turns the other way', 'change the sign of q2'),
+    ((-1, 0, 0, -1), 'both joints turn the other way', 'change the signs of q1 and q2'),
+    ((0, -1, -1, 0), 'the joints are in the wrong order and turn the other way', 'exchange -q1 and -q2'),
+)
+"""Changes of the joint angles by rows, with words for each."""
+_PLACES = (
+    ((0, 1, 1, 0), 'x and y are swapped', 'exchange the two numbers of center'),
+    ((-1, 0, 0, 1), 'x has the wrong sign', 'change the sign of the first number of center'),
+    ((1, 0, 0, -1), 'y has the wrong sign', 'change the sign of the second number of center'),
+    ((-1, 0, 0, -1), 'x and y have the wrong sign', 'change the signs of center'),
+)
+"""Changes of the centres by rows, with words for each."""
 
 
 def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
@@ -508,7 +500,7 @@ def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
     place, remedy = 'sensor.frame', f'set sensor.frame to {right}'
     if origin is Origin.TABLE:
         place, remedy = 'force', 'give the force on the object in the base frame'
-    for number, (matrix, statement, action) in enumerate(_CHANGES['force']):
+    for number, (matrix, statement, action) in enumerate(_FORCES):
         where, mended = 'force', r._replace(force=_applied(matrix, r.force))
         is_sign = number == 0 and origin is Origin.RECORDING
         if is_sign:
@@ -537,7 +529,7 @@ def _of_objects(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
                 statement = f'the outline of {name} is turned by {-degrees}°'
                 yield _Candidate(where, statement, f'turn it by {degrees}°', r._replace(surfaces=Surfaces(*parts)))
             continue
-        for matrix, statement, action in () if cell.has_outlines else _CHANGES['center']:
+        for matrix, statement, action in () if cell.has_outlines else _PLACES:
             moved = np.where(own[:, None], _applied(matrix, centers), centers)
             if np.abs(moved - centers).max() > _Limits.same_length:
                 which = 'centers of all discs' if where == 'objects' else f'center of {name}'
