@@ -15,7 +15,7 @@ from scipy import special
 
 from scara_kinetostatic.assessment import rejections
 from scara_kinetostatic.assessment.evidence import Decision, Evidence
-from scara_kinetostatic.assessment.grade import LIMITS, Assessment, Grade, Remark, quantity
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Limits, Remark, quantity
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import RIVALS, DeclaredErrors
 from scara_kinetostatic.calibration.result import Calibration
@@ -45,19 +45,16 @@ def mistaken(evidence: Evidence) -> Iterator[Remark]:
         yield Remark(Grade.UNFIT, 'the fit did not converge', evidence.final.termination.remedy)
 
 
-_RADII = 'check the radii in the cell description: they reach to the centre of the tip'
-_SLIP = 'preload every other touch: a joint that slips under load looks like a negative backlash'
-_FORCE = 'check the gain, the frame and the sign of the force sensor'
-_CHECKS = {'p_ee': _FORCE, 'p1': _FORCE, 'p2': _FORCE, 'g_ee': _RADII, 'g1': _SLIP, 'g2': _SLIP}
-"""What to check where a value is negative."""
-
-
 def negative(evidence: Evidence) -> Iterator[Remark]:
     """Compliances and backlashes below zero beyond their uncertainty."""
-    c, bound = evidence.final, LIMITS.negative
+    radii = 'check the radii in the cell description: they reach to the centre of the tip'
+    slip = 'preload every other touch: a joint that slips under load looks like a negative backlash'
+    force = 'check the gain, the frame and the sign of the force sensor'
+    checks = {'p_ee': force, 'p1': force, 'p2': force, 'g_ee': radii, 'g1': slip, 'g2': slip}
+    c, bound = evidence.final, Limits.negative
     if c.noise_source == 'estimated':
         bound = -float(special.stdtrit(c.degrees_of_freedom, special.ndtr(-bound)))
-    for name, check in _CHECKS.items():
+    for name, check in checks.items():
         value, std = getattr(c.parameters, name), c.std_of(name)
         if std > 0 and value < -bound * std and not (name == 'g_ee' and evidence.mistake):
             stated = f'{name} is negative, {quantity(value, UNITS[name])} ± {quantity(std, UNITS[name])}'
@@ -76,7 +73,7 @@ def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
         except (ParameterError, UnsupportedDataError):
             continue
         before = calibrate(c.touches, evidence.calibration.cell).force_error
-        if upright.is_result and upright.force_error < LIMITS.better_upright * before:
+        if upright.is_result and upright.force_error < Limits.better_upright * before:
             errors = f'the force error is {upright.force_error:.2g} N instead of {before:.2g} N'
             action = f'state `gravity` in the cell description, such as {list(gravity)}'
             action += ', and `robot.moments` where known'
@@ -87,7 +84,7 @@ def forgotten_gravity(evidence: Evidence) -> Iterator[Remark]:
 def upside_down(evidence: Evidence) -> Iterator[Remark]:
     """Static moments below zero: gravity points the other way, or a counterweight is heavier than the arm."""
     c, p = evidence.final, evidence.final.parameters
-    names = [name for name in MOMENTS if name in p.names and getattr(p, name) < -LIMITS.negative * c.std_of(name)]
+    names = [name for name in MOMENTS if name in p.names and getattr(p, name) < -Limits.negative * c.std_of(name)]
     if names:
         reason = f'{" and ".join(names)} negative: gravity is stated upside down, or counterweights outweigh the arm'
         action = 'check the sign of `gravity` in the cell description: its direction of fall, base frame'
@@ -119,24 +116,24 @@ def checked(evidence: Evidence) -> Iterator[Remark]:
     """
     c, errors, leverages = evidence.final, evidence.comparison.extended, evidence.leverages
     ratio = errors.held_out / max(errors.force_error, c.noise.force_rms)
-    if not ratio <= LIMITS.held_out_caution:
+    if not ratio <= Limits.held_out_caution:
         held_out = f'touches that the fit has not seen are predicted with a force error of {errors.held_out:.2g} N'
         reason = f'{held_out}, those it has seen with {errors.force_error:.2g} N'
-        yield Remark(Grade.CAUTION if ratio <= LIMITS.held_out_unfit else Grade.UNFIT, reason, _RECORD_MORE)
+        yield Remark(Grade.CAUTION if ratio <= Limits.held_out_unfit else Grade.UNFIT, reason, _RECORD_MORE)
     ratio = evidence.object_left_out
-    if ratio > LIMITS.left_out:
+    if ratio > Limits.left_out:
         off = f'the tip is off by {ratio:.2g} times what is stated there'
         action = 'measure the places of the objects again, and declare how well they are known; touch more objects'
         yield Remark(Grade.CAUTION, f'at each object, predicted without its touches, {off}', action)
-    if number := int((leverages > LIMITS.leverage_caution).sum()):
+    if number := int((leverages > Limits.leverage_caution).sum()):
         worst, largest = int(np.argmax(leverages)), leverages.max()
         touch = c.touches.index[np.flatnonzero(c.used)[worst]]
         reason = f'{number} of {len(leverages)} touches are not checked by the others: of an error of touch {touch} '
         reason += f'the parameters absorb {100 * largest:.0f} % (leverage {largest:.2f})'
-        grade = Grade.CAUTION if largest <= LIMITS.leverage_unfit else Grade.UNFIT
+        grade = Grade.CAUTION if largest <= Limits.leverage_unfit else Grade.UNFIT
         action = f'touch again beside touch {touch}, and beside others with a high leverage'
         yield Remark(grade, reason, _RECORD_MORE if number > 4 else action)
-    if c.degrees_of_freedom < LIMITS.least_freedoms:
+    if c.degrees_of_freedom < Limits.least_freedoms:
         guess = c.noise_source == 'estimated'
         consequence = 'the estimated noise is a guess' if guess else 'they do not check the stated noise'
         few = f'{int(c.used.sum())} touches are few, with {c.degrees_of_freedom} degrees of freedom'
@@ -157,9 +154,9 @@ def unexplained(evidence: Evidence) -> Iterator[Remark]:
         yield Remark(Grade.UNFIT, *implausible)
     elif d.remaining:
         tip, largest = evidence.comparison.extended.tip, d.remaining[0]
-        size, limit = largest.share, LIMITS.model_error_share
+        size, limit = largest.share, Limits.model_error_share
         if stated:
-            size, limit = c.reduced_chi_square, LIMITS.model_error_unfit
+            size, limit = c.reduced_chi_square, Limits.model_error_unfit
         covered = 'contain it as undetected effects only' if c.has_undetected else 'do not cover its bias'
         reason = f'a model error is not explained; the residual is correlated with: {largest.name}; the touches are '
         reason += f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated '
@@ -173,7 +170,7 @@ def unexplained(evidence: Evidence) -> Iterator[Remark]:
         yield Remark(Grade.CAUTION, f'{reason}: it holds where the touches are, and may not elsewhere', action)
     elif stated:
         reason = f'the residuals are {factor:.2g} times the stated noise, without a pattern; the uncertainties are '
-        grade = Grade.CAUTION if factor <= LIMITS.noise_factor else Grade.UNFIT
+        grade = Grade.CAUTION if factor <= Limits.noise_factor else Grade.UNFIT
         yield Remark(grade, f'{reason}enlarged by that', _ESTIMATE_NOISE)
     else:
         reason = 'the residuals are not distributed like noise, without a pattern: some touches are bad'
@@ -237,7 +234,7 @@ def noise(evidence: Evidence) -> Iterator[Remark]:
         action = 'give the noise in the cell description if it is known'
         yield Remark(Grade.CAUTION, f'{reason}counted as noise', action)
     factor = c.reduced_chi_square**0.5
-    if c.noise_source == 'given' and factor < LIMITS.noise_overstated:
+    if c.noise_source == 'given' and factor < Limits.noise_overstated:
         reason = f'the residuals are {factor:.2g} times the stated noise'
         yield Remark(Grade.CAUTION, f'{reason}: the uncertainties are stated too large by that', _ESTIMATE_NOISE)
 
@@ -245,7 +242,7 @@ def noise(evidence: Evidence) -> Iterator[Remark]:
 def large_backlash(evidence: Evidence) -> Iterator[Remark]:
     """A backlash of the gripper that is rather an error of all radii."""
     value, std = evidence.final.parameters.g_ee, evidence.final.std_of('g_ee')
-    if std > 0 and value - 2 * std > LIMITS.largest_gripper_backlash:
+    if std > 0 and value - 2 * std > Limits.largest_gripper_backlash:
         size = quantity(value, 'm')
         reason = f'the backlash of the gripper, g_ee, is {size}: it has that much play, or all radii are stated {size} '
         action = 'check the radii in the cell description, and the gripper for play'
@@ -265,7 +262,7 @@ def alike(evidence: Evidence) -> Iterator[Remark]:
         yield Remark(Grade.CAUTION, f'{reason}nothing has checked{needed}', action)
     size = np.hypot(*c.force[c.used].T)
     said = any({'p_ee', 'g_ee'} <= set(group) for group in c.identifiability.confounded)
-    if size.max() < LIMITS.force_range * size.min() and not said:
+    if size.max() < Limits.force_range * size.min() and not said:
         span = f'{size.min():.0f} to {size.max():.0f} N'
         reason = f'all touches are at {span}: at other forces the result is an extrapolation'
         yield Remark(Grade.CAUTION, reason, f'touch with {size.min() / 2:.0f} N as well')
@@ -284,7 +281,7 @@ def places(evidence: Evidence) -> Iterator[Remark]:
     joints = joints[c.cell.region.holds(forward(c.parameters, joints)) & c.cell.can_take(joints)]
     touched, std = float(np.median(_tip_std(c, c.touches.joints[c.used]))), _tip_std(c, joints)
     worst = int(np.argmax(std)) if len(std) else -1
-    if touched > 0 and worst >= 0 and std[worst] > LIMITS.extrapolation * touched:
+    if touched > 0 and worst >= 0 and std[worst] > Limits.extrapolation * touched:
         x, y = forward(c.parameters, joints[worst])
         sizes = f'{quantity(float(std[worst]), "m")} (1 σ), at the touches by {quantity(touched, "m")}'
         reason = f'the touches cover a small part of the workspace: at x {x:.2f} m, y {y:.2f} m'

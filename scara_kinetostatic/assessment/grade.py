@@ -72,7 +72,6 @@ class Assessment:
         return f'{self.grade.value}: {self.reasons[0]}'
 
 
-@dataclass(frozen=True)
 class Limits:
     """Every number that decides about a grade: meaning, source. What the grades mean says `Grade`.
 
@@ -149,6 +148,3 @@ class Limits:
     which the touches cover too small a part of it: caution. Source: one order of magnitude; three discs in an even plan
     give 3.
     """
-
-
-LIMITS = Limits()

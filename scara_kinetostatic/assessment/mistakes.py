@@ -45,7 +45,6 @@ FEWEST_TOUCHES = 8
 """Fewer do not tell one mistake from another."""
 
 
-@dataclass(frozen=True)
 class _Limits:
     """From where on something is taken for a mistake."""
 
@@ -91,7 +90,6 @@ class _Limits:
     """Lengths that differ by less than this are not worth swapping, m."""
 
 
-_LIMITS = _Limits()
 _PRIOR = np.array([0.015, 0.015, *(np.deg2rad(2.5), 0.015) * 2, 1e-4, 3e-4, 3e-4, 0.05, 5e-3, 5e-3])
 """Standard deviation of the error of each nominal value, SI units."""
 
@@ -165,21 +163,21 @@ class Check(NamedTuple):
         """
         if self.found:
             return self.found
-        cell, value, std, least = self.cell, self.backlash, 0.0, _LIMITS.coarse_radius
-        if self.misfit > _LIMITS.slight or (calibration is not None and calibration.status['g_ee'] == 'fixed'):
+        cell, value, std, least = self.cell, self.backlash, 0.0, _Limits.coarse_radius
+        if self.misfit > _Limits.slight or (calibration is not None and calibration.status['g_ee'] == 'fixed'):
             return None
         if calibration is not None and np.isfinite(calibration.std_of('g_ee')):
             value, std, least = calibration.parameters.g_ee, calibration.std_of('g_ee'), 0.0
         declared = [cell.uncertainty.radius, *(disc.radius_std for disc in cell.discs)]
-        least = max(least, _LIMITS.sigmas * float(np.hypot(std, max(declared))))
-        if -least <= value < max(_LIMITS.largest_backlash, least):
+        least = max(least, _Limits.sigmas * float(np.hypot(std, max(declared))))
+        if -least <= value < max(_Limits.largest_backlash, least):
             return None
         off = f'stated {1e3 * abs(value):.3g} mm too {"small" if value < 0 else "large"}'
         where, statement, action = 'objects', f'all radii are {off}', 'measure the discs and the tip again'
         if cell.has_outlines:
             where, statement = 'tip.radius', f'the radius of the tip is {off}'
             action = 'measure the objects and the tip again'
-        elif value < -_LIMITS.least_tip:
+        elif value < -_Limits.least_tip:
             statement += ', or the radius of the tip is missing'
             action = 'add the radius of the tip to every radius: it reaches to the centre of the tip'
         elif value > 0 and np.abs(value / cell.radii - 0.5).max() <= 0.5:
@@ -209,11 +207,11 @@ def check_touches(
         return Check(cell)
     if (unit := wrong_unit(touches.joints, float(np.median(force)))) is not None:
         return Check(cell, unit)
-    which = np.unique(np.linspace(0, n - 1, min(n, _LIMITS.touches)).round().astype(np.intp))
+    which = np.unique(np.linspace(0, n - 1, min(n, _Limits.touches)).round().astype(np.intp))
     reading = _reading(touches.select(which), cell, fixed or {})
     stated, named = _fit(reading), touches.disc[which]
     displaced = None
-    if stated.misfit > _LIMITS.gross:
+    if stated.misfit > _Limits.gross:
         found = _gross(stated, cell, list(_candidates(reading, cell, origin)))
         displaced = found or _gross(stated, cell, list(_displaced(reading, stated, cell)))
     else:
@@ -228,13 +226,13 @@ def wrong_unit(joints: Floats, force: float) -> Mistake | None:
         joints: Q, (n, 2), rad.
         force: a force that is usual in a touch, N.
     """
-    degrees = [f'joint {k + 1}' for k in (0, 1) if np.abs(joints[:, k]).max(initial=0.0) > _LIMITS.largest_angle]
+    degrees = [f'joint {k + 1}' for k in (0, 1) if np.abs(joints[:, k]).max(initial=0.0) > _Limits.largest_angle]
     if degrees:
         statement = f'the angles of {_listed(degrees)} are in degrees, not in rad'
         return Mistake('joint angles', statement, 'give them in rad', in_cell=False, is_gross=True)
-    if _LIMITS.faint < force < _LIMITS.huge:
+    if _Limits.faint < force < _Limits.huge:
         return None
-    unit, newton = ('kN', 1e3) if force <= _LIMITS.faint else ('mN', 1e-3)
+    unit, newton = ('kN', 1e3) if force <= _Limits.faint else ('mN', 1e-3)
     statement = f'the forces are in {unit}, not in N: a touch would have {force:.2g} N'
     action = f'give them in N (then {newton * force:.2g} N)'
     return Mistake('force', statement, action, in_cell=False, is_gross=True)
@@ -313,8 +311,8 @@ def _fit(r: _Reading) -> _Agreement:
         found = _misses(r, r.nominal + change)
         rows, right = [np.eye(len(NAMES))], [np.zeros(len(NAMES))]
         for value, derivative, first, last in (
-            (found.distance, found.by_distance, 0.02, _LIMITS.distance),
-            (found.angle, found.by_angle, 0.3, _LIMITS.angle),
+            (found.distance, found.by_distance, 0.02, _Limits.distance),
+            (found.angle, found.by_angle, 0.3, _Limits.angle),
         ):
             scale = max(last, first * 0.5**step)
             weight = 1.0 / (scale * np.sqrt(1.0 + (value / scale) ** 2))
@@ -325,7 +323,7 @@ def _fit(r: _Reading) -> _Agreement:
             break
         change = prior * np.linalg.lstsq(system, np.concatenate(right), rcond=None)[0]
     left = _misses(r, r.nominal + change)
-    loss = np.log1p((left.distance / _LIMITS.distance) ** 2) + np.log1p((left.angle / _LIMITS.angle) ** 2)
+    loss = np.log1p((left.distance / _Limits.distance) ** 2) + np.log1p((left.angle / _Limits.angle) ** 2)
     return _Agreement(r.nominal + change, left, float(np.nan_to_num(loss.mean(), nan=np.inf)))
 
 
@@ -366,12 +364,12 @@ def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> 
     possible = [one for one in candidates if cell.has_outlines or not layout_problems(cell, *one.mended.surfaces[1:3])]
     found = sorted(((one, _fit(one.mended)) for one in possible), key=lambda item: item[1].misfit)
     best = found[0][1].misfit if found else np.inf
-    if best > min(_LIMITS.agrees, _LIMITS.part * stated.misfit):
+    if best > min(_Limits.agrees, _Limits.part * stated.misfit):
         return None
-    most = min(best + _LIMITS.alike, _LIMITS.part * stated.misfit)
+    most = min(best + _Limits.alike, _Limits.part * stated.misfit)
     alike = [item for item in found if item[1].misfit <= most]
     chosen = [item for item in alike if item[0].common] or alike
-    if len(chosen) > _LIMITS.named:
+    if len(chosen) > _Limits.named:
         return None
     fits = stated.left, chosen[0][1].left
     before, after = (float(np.sqrt(np.mean(left.distance**2))) for left in fits)
@@ -383,13 +381,13 @@ def _gross(stated: _Agreement, cell: Cell, candidates: Sequence[_Candidate]) -> 
     statement = ', or '.join(dict.fromkeys(one.statement for one, _ in chosen))
     action = ', or '.join(dict.fromkeys(one.action for one, _ in chosen))
     in_cell = not any(one.where.startswith(('force', 'joint', 'fixed')) for one, _ in chosen)
-    return Mistake(chosen[0][0].where, statement, action, evidence, in_cell, stated.misfit > _LIMITS.hopeless)
+    return Mistake(chosen[0][0].where, statement, action, evidence, in_cell, stated.misfit > _Limits.hopeless)
 
 
 def _mislabelled(named: Indices, met: Indices, cell: Cell) -> Mistake | None:
     """Touches that name another object than the one they meet."""
     wrong = np.flatnonzero(named != met)
-    if len(wrong) <= _LIMITS.mislabelled * len(named):
+    if len(wrong) <= _Limits.mislabelled * len(named):
         return None
     pairs = sorted({(int(named[k]), int(met[k])) for k in wrong})
     names = [disc.name for disc in cell.discs]
@@ -447,16 +445,16 @@ def _coupled(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
 
     near, step = min(np.linspace(-2.0, 2.0, 81).tolist(), key=misfit), 0.05
     part = float(minimize_scalar(misfit, bounds=(near - step, near + step), method='bounded').x)
-    if abs(part) < _LIMITS.least_coupling:
+    if abs(part) < _Limits.least_coupling:
         return
     same = cell.direction[0] * cell.direction[1]
     ratio = round(part if origin is Origin.ARRAYS else same * part + cell.coupling, 4)
     statement = f'the reading of joint 2 contains {ratio:g} of that of joint 1'
     where, action = 'robot.coupling', f'set robot.coupling to {ratio:g}, better to the exact ratio of the drive'
-    if abs(ratio - 1) < _LIMITS.least_coupling:
+    if abs(ratio - 1) < _Limits.least_coupling:
         ratio, statement = 1.0, 'joint 2 is measured from the base, not from link 1'
         action = 'set robot.coupling to 1'
-    if abs(ratio) < _LIMITS.least_coupling:
+    if abs(ratio) < _Limits.least_coupling:
         statement, action = 'the reading of joint 2 does not contain that of joint 1', 'leave out robot.coupling'
     if origin is Origin.ARRAYS:
         where, action = 'joint angles', f'give q2 less {ratio:g} q1 for q2'
@@ -493,11 +491,6 @@ _PLACES = (
     ((-1, 0, 0, -1), 'x and y have the wrong sign', 'change the signs of center'),
 )
 """Changes of the centres by rows, with words for each."""
-_RADII = (
-    (0.5, 'radius is the diameter of {}', 'halve it and add the radius of the tip if it is not contained'),
-    (2.0, 'radius of {} is half of what it should be', 'double it'),
-)
-"""Factors of the radii, with words for each."""
 
 
 def _of_sensor(r: _Reading, cell: Cell, origin: Origin) -> Iterator[_Candidate]:
@@ -538,17 +531,20 @@ def _of_objects(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
             continue
         for matrix, statement, action in () if cell.has_outlines else _PLACES:
             moved = np.where(own[:, None], _applied(matrix, centers), centers)
-            if np.abs(moved - centers).max() > _LIMITS.same_length:
+            if np.abs(moved - centers).max() > _Limits.same_length:
                 which = 'centers of all discs' if where == 'objects' else f'center of {name}'
                 yield _Candidate(where, f'{statement} in the {which}', action, r.with_surfaces(centers=moved))
-        for factor, statement, action in _RADII:
+        for factor, statement, action in (
+            (0.5, f'radius is the diameter of {name}', 'halve it and add the radius of the tip if it is not contained'),
+            (2.0, f'radius of {name} is half of what it should be', 'double it'),
+        ):
             mended = r.with_surfaces(radii=np.where(own, factor * radii, radii))
-            yield _Candidate(where, statement.format(name), action, mended)
+            yield _Candidate(where, statement, action, mended)
     if cell.has_outlines:
         yield from _of_tip(r, cell)
         return
     for i, j in combinations(range(len(names)), 2):
-        if abs(radii[i] - radii[j]) > _LIMITS.same_length:
+        if abs(radii[i] - radii[j]) > _Limits.same_length:
             swapped = radii.copy()
             swapped[[i, j]] = radii[[j, i]]
             statement = f'the radii, or the centers, of {names[i]} and {names[j]} are swapped'
@@ -561,7 +557,7 @@ def _of_tip(r: _Reading, cell: Cell) -> Iterator[_Candidate]:
     corner, edge = is_outline & ~r.surfaces.is_edge, r.surfaces.is_edge[:, None] * r.surfaces.normals
     tip = cell.tip_radius or 0.0
     changes = [('radius of the tip is its diameter', 'halve it', -0.5 * tip)]
-    if tip < _LIMITS.least_tip:  # what is left of it is a backlash
+    if tip < _Limits.least_tip:  # what is left of it is a backlash
         changes += [('the radius of the tip is missing', 'measure it, m', size) for size in (2e-3, 5e-3, 1e-2)]
     for statement, action, more in changes:
         mended = r.with_surfaces(radii=r.surfaces.radii + more * corner, centers=r.surfaces.centers + more * edge)
@@ -586,7 +582,7 @@ def _displaced(r: _Reading, stated: _Agreement, cell: Cell) -> Iterator[_Candida
 def _of_nominal(r: _Reading) -> Iterator[_Candidate]:
     """Lengths of links and offsets of joints in the nominal parameters; values at which a parameter is held."""
     nominal = r.nominal.copy()
-    if abs(r.nominal[L1] - r.nominal[L2]) > _LIMITS.same_length and r.free[[L1, L2]].all():
+    if abs(r.nominal[L1] - r.nominal[L2]) > _Limits.same_length and r.free[[L1, L2]].all():
         nominal[[L1, L2]] = nominal[[L2, L1]]
         statement = 'the lengths of the two links are swapped'
         yield _Candidate('robot.nominal: l1, l2', statement, 'exchange them', r._replace(nominal=nominal))

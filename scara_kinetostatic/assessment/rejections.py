@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from scara_kinetostatic.assessment.evidence import Evidence
-from scara_kinetostatic.assessment.grade import LIMITS, Grade, Remark
+from scara_kinetostatic.assessment.grade import Grade, Limits, Remark
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 
 
@@ -110,9 +110,9 @@ def rejected(evidence: Evidence) -> Iterator[Remark]:
     c = evidence.final
     bad, order = ~c.used, np.argsort(c.touches.order, kind='stable')
     groups = concentrations(bad[order], {'object': c.touches.disc[order], 'recording': c.touches.recording[order]})
-    if groups and groups[0].p_value < LIMITS.concentration:
+    if groups and groups[0].p_value < Limits.concentration:
         yield _about_group(evidence, groups[0]._replace(members=groups[0].members[np.argsort(order)]))
-    elif bad.sum() > LIMITS.most_rejected * len(bad):
+    elif bad.sum() > Limits.most_rejected * len(bad):
         reason = f'{bad.sum()} of {len(bad)} touches disagree with the others and are not used'
         action = 'find the reason in the list of rejected touches, and record again'
         yield Remark(Grade.CAUTION, f'{reason}; so many are rarely single mistakes', action)
@@ -145,7 +145,7 @@ def unusable(evidence: Evidence) -> Iterator[Remark]:
     parts = [('', len(evidence.rejected), evidence.found)]
     parts += [(f'in recording {k + 1} ', int(n), edges[k + 1] - edges[k]) for k, n in enumerate(numbers)]
     for where, number, found in parts:
-        if number > LIMITS.most_unusable * found:
+        if number > Limits.most_unusable * found:
             action = 'see in the list of rejected touches why; `inspect` shows them in the recording'
             yield Remark(Grade.CAUTION, f'{where}{number} of {found} touches found are not used', action)
             return

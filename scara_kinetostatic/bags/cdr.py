@@ -131,7 +131,8 @@ class Decoder:
     def __init__(self, joint_names: tuple[str, str] | None = None, others: Sequence[str] = ()) -> None:
         self._joint_names, self._wanted = joint_names, (*(joint_names or ()), *others)
         self.frame_ids: list[str] = []
-        self._parts: list[tuple[NDArray[Any], ...]] = []
+        none = np.zeros(0, np.int64)
+        self._parts: list[tuple[NDArray[Any], ...]] = [(none, none, none, np.zeros((0, len(self._wanted) or 3)))]
         self.dropped: Counter[str] = Counter()
         self.names: set[str] = set()
 
@@ -157,7 +158,7 @@ class Decoder:
 
     def force_ranges(self) -> Floats:
         """Ranges of fx, fy and fz of wrenches as they came, from their 1st to their 99th percentile, (3,), N."""
-        values = np.concatenate([np.zeros((0, 3)), *(part[-1] for part in self._parts)])
+        values = np.concatenate([part[-1] for part in self._parts])
         some = values[np.isfinite(values).all(axis=1)][:: 1 + len(values) // 20_000]
         return np.asarray(np.ptp(np.percentile(some, [1, 99], axis=0), axis=0)) if len(some) else np.zeros(3)
 
@@ -167,10 +168,7 @@ class Decoder:
         Args:
             turns: of forces by their `frame_id`, (2, 3): f = turn (fx, fy, fz).
         """
-        empty = (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int32), np.zeros((0, 3)))
-        stamp, log_time, frame, all_values = (
-            np.concatenate(arrays) for arrays in zip(*(self._parts or [empty]), strict=True)
-        )
+        stamp, log_time, frame, all_values = map(np.concatenate, zip(*self._parts, strict=True))
         values = all_values if self._joint_names else all_values[:, :2]
         for frame_id, turn in (turns or {}).items():
             same = frame == self.frame_ids.index(frame_id)
@@ -231,13 +229,12 @@ class Decoder:
             fields = joint_fields(message) if self._joint_names else wrench_fields(message)
         except ValueError as error:
             return Fields('', (), 0, 0, len(message)), str(error)
-        if self._joint_names:
-            self.names.update(fields.names)
-        if self._joint_names and set(self._wanted).isdisjoint(fields.names):
+        if not self._joint_names:
+            return fields, ''
+        self.names.update(fields.names)
+        if set(self._wanted).isdisjoint(fields.names):
             return fields, f'without {" and ".join(self._joint_names)}'
-        if set(self._joint_names or ()) & set(fields.names[fields.numbers :]):
-            return fields, 'without positions'
-        return fields, ''
+        return fields, 'without positions' * (not set(self._joint_names).isdisjoint(fields.names[fields.numbers :]))
 
 
 def _column(rows: NDArray[np.uint8], at: int, kind: str) -> NDArray[Any]:
@@ -285,9 +282,7 @@ def joint_state_messages(stamp: NDArray[np.int64], position: Floats, names: tupl
         n messages.
     """
     none = np.zeros(0)
-    template = _serialized(
-        JOINT_STATE, header=_header(''), name=list(names), position=np.zeros(2), velocity=none, effort=none
-    )
+    template = _serialized(JOINT_STATE, _header(''), list(names), np.zeros(2), none, none)
     return _filled(template, joint_fields(template).begin, stamp, position)
 
 
@@ -304,19 +299,18 @@ def wrench_messages(stamp: NDArray[np.int64], force: Floats, frame_id: str) -> l
     """
     types = ros2_types().types
     zero = types['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.0)
-    wrench = types['geometry_msgs/msg/Wrench'](zero, zero)
-    template = _serialized(WRENCH_STAMPED, header=_header(frame_id), wrench=wrench)
+    template = _serialized(WRENCH_STAMPED, _header(frame_id), types['geometry_msgs/msg/Wrench'](zero, zero))
     return _filled(template, wrench_fields(template).begin, stamp, force)
 
 
 def string_message(text: str) -> bytes:
     """A `std_msgs/msg/String`."""
-    return _serialized(STRING, data=text)
+    return _serialized(STRING, text)
 
 
-def _serialized(msgtype: str, **fields: Any) -> bytes:
+def _serialized(msgtype: str, *fields: Any) -> bytes:
     store = ros2_types()
-    return bytes(store.serialize_cdr(store.types[msgtype](**fields), msgtype))
+    return bytes(store.serialize_cdr(store.types[msgtype](*fields), msgtype))
 
 
 def _header(frame_id: str) -> Any:

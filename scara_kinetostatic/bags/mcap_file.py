@@ -135,7 +135,8 @@ class McapFile(Source):
 
     def _chunk(self, chunk: Chunk, offset: int, wanted: Collection[str]) -> Iterator[Batch]:
         try:
-            self._budget.check_piece(max(chunk.uncompressed_size, len(chunk.data)))
+            if (size := max(chunk.uncompressed_size, len(chunk.data))) > (most := self._budget.largest_piece):
+                raise ValueError(f'a chunk of {size} bytes, expected at most {most}; see --max-bytes')
             data = unpack(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
             if chunk.compression and len(data) != chunk.uncompressed_size:
                 raise ValueError(f'it unpacks to {len(data)} bytes, expected {chunk.uncompressed_size}')

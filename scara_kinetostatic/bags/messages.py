@@ -46,8 +46,6 @@ _RECORDS, _RECORD_SIZE = 200_000, 4
 """So many records, and one more for so many bytes of the recording; in compressed ones a message has 20 or more."""
 _RECORD_BYTES = 64
 """Bytes of ``--max-bytes`` that allow a record."""
-_STEP = 1 << 22
-"""Bytes that are unpacked at a time: the memory is taken before."""
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 
 
@@ -90,15 +88,6 @@ class Budget:
             enough = 2 * (self._limit if self._bytes < 0 else _RECORD_BYTES * self._records_limit)
             raise BudgetError(self._path, problem, f'if you trust it, raise the limit, by --max-bytes {enough} or more')
 
-    def check_piece(self, size: int) -> None:
-        """Check the size of a chunk.
-
-        Raises:
-            ValueError: it is too large.
-        """
-        if size > self.largest_piece:
-            raise ValueError(f'a chunk of {size} bytes, expected at most {self.largest_piece}; see --max-bytes')
-
 
 def unpack(data: bytes, most: int) -> bytes:
     """The content of compressed bytes, whose first ones tell the format: zstd, LZ4 or bzip2.
@@ -111,10 +100,11 @@ def unpack(data: bytes, most: int) -> bytes:
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
             content = reader.read(most + 1)
     else:
+        step = 1 << 22  # bytes that are unpacked at a time: the memory is taken before
         decoder: Any = bz2.BZ2Decompressor() if data.startswith(b'BZh') else lz4.frame.LZ4FrameDecompressor()
-        content = decoder.decompress(data, min(most + 1, _STEP))
+        content = decoder.decompress(data, min(most + 1, step))
         while not (decoder.eof or decoder.needs_input) and len(content) <= most:
-            content += decoder.decompress(b'', _STEP)
+            content += decoder.decompress(b'', step)
         if len(content) <= most and not decoder.eof:
             raise ValueError('its compressed bytes end early')
     if len(content) > most:
@@ -170,10 +160,6 @@ class Batch(NamedTuple):
         """The bytes of one message."""
         start = int(self.start[index])
         return self.buffer[start : start + int(self.length[index])].tobytes()
-
-    def payloads(self) -> list[bytes]:
-        """The bytes of every message."""
-        return [self.payload(index) for index in range(len(self.start))]
 
 
 Batches: TypeAlias = Generator[Batch, None, None]

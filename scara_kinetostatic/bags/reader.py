@@ -12,7 +12,6 @@ import json
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 import zstandard
@@ -42,7 +41,8 @@ from scara_kinetostatic.errors import CellError, InputError, RecordingError, one
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.cell import Cell, Sensor, different_parts
-from scara_kinetostatic.touches.clock import counted, on_one_clock
+from scara_kinetostatic.report.quantities import count
+from scara_kinetostatic.touches.clock import on_one_clock
 from scara_kinetostatic.touches.streams import (
     INTERLEAVED,
     JointStream,
@@ -72,8 +72,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
     with reading(path):
         names = cell.sensor.topics
         source, decoders, discarded, frame = _read(path, names, cell)
-        found = _cell_topics(path, source.topics(), cell.sensor)
-        if found != names:
+        if (found := _cell_topics(path, source.topics(), cell.sensor)) != names:
             names = found
             source, decoders, discarded, frame = _read(path, names, cell)
         joint_decoder, wrench_decoder = decoders.values()
@@ -84,7 +83,9 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         for (topic, decoder), msgtype in zip(decoders.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
             if len(streams[topic].stamp) == 0:
                 raise _nothing_usable(path, source, topic, msgtype, decoder, cell)
-            warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in decoder.dropped.items()]
+            warnings += [
+                f'{topic}: {count(number, "message")} {why} dropped' for why, number in decoder.dropped.items()
+            ]
         if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values[:, :2]):
             warnings.append(f'{names[0]}: {INTERLEAVED}')
         warnings += [f'{names[1]}: {said}' for name in frame_ids if (said := frame.complaint(name))]
@@ -93,7 +94,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         moved = JointStream.of(*joints).moved(cell)
         if moved.any():
             where = cell.moved_joint(joints[1][moved][0, 2:])
-            warnings.append(f'{names[0]}: {counted(int(moved.sum()))} while {where}')
+            warnings.append(f'{names[0]}: {count(int(moved.sum()), "message")} while {where}')
         return Streams(
             str(path),
             replace(JointStream.of(*joints), position=cell.angles(joints[1][:, :2])),
@@ -134,9 +135,9 @@ def _read(
                 number = min(len(portion.start), 1000 - transforms)
                 transforms += number
                 budget.charge(0, _JSON * number + int(portion.length[:number].sum()) // _JSON)
-                payloads = islice(portion.payloads(), number)
-                for transform in (each for payload in payloads for each in decode_transforms(payload)):
-                    frame.add(transform)
+                for place in range(number):
+                    for transform in decode_transforms(portion.payload(place)):
+                        frame.add(transform)
     return source, decoders, discarded, frame
 
 
@@ -163,8 +164,8 @@ def _decompressed(batch: Batch, budget: Budget) -> Iterator[Batch]:
 def _discarded(batch: Batch) -> list[tuple[int, int]]:
     """The discarded touches, as `_read` has them."""
     found = []
-    for payload in batch.payloads():
-        said = json.loads(decode_string(payload))
+    for place in range(len(batch.start)):
+        said = json.loads(decode_string(batch.payload(place)))
         times = said['stamp'], said.get('received') or said['stamp']
         if not all(isinstance(time, int) for time in times):
             raise ValueError(f'{DISCARD_TOPIC}: expected times in ns, got {said!r}')

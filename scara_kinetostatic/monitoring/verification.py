@@ -220,7 +220,7 @@ def verify(
     measured = measure(touches, record, state)
     test = others_test = PredictionTest.of(measured, state.covariance, noise)
     outlies, others = test.p_values < LEVEL / len(touches), measured  # the same for the largest of all (Bonferroni)
-    outlies &= outlies.mean() <= 0.1  # `assessment.LIMITS.most_rejected`; more are no outliers: something has changed
+    outlies &= outlies.mean() <= 0.1  # `Limits.most_rejected`; more are no outliers: something has changed
     if outlies.any():
         others = measured.select(~outlies)
         others_test = PredictionTest.of(others, state.covariance, noise)

@@ -71,7 +71,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.assessment.grade import LIMITS
+from scara_kinetostatic.assessment.grade import Limits
 from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
@@ -265,7 +265,7 @@ def _larger_eigenvalue(blocks: Floats) -> Floats:
     return np.asarray((a + c) / 2 + np.hypot((a - c) / 2, b))
 
 
-MOST_HELD_OUT = LIMITS.held_out_caution / 1.15
+MOST_HELD_OUT = Limits.held_out_caution / 1.15
 """Largest error of touches not seen, in that of the fit, in a set that checks itself. A result above the limit is
 not fit without caution; the factor leaves room for the scatter of that error. Source: with twenty touches the simulated
 error is 0.85 times the predicted one, and scatters by a sixth.

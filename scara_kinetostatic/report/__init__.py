@@ -52,7 +52,6 @@ from scara_kinetostatic.report.quantities import NOT_DETERMINED as NOT_DETERMINE
 _NUMBER = re.compile(
     rf'(below |[<>≤≥] ?)?[-−+±(]?\d[\d.e+−±\-/…%() ]*|{NOT_DETERMINED}|not determined|nothing|[-−]?inf|nan'
 )
-_STD = ' ± '
 
 
 class Table(NamedTuple):
@@ -102,8 +101,8 @@ class Table(NamedTuple):
 
 def _padded(cells: list[str], number: bool) -> list[str]:
     """The cells of one column at equal width."""
-    if number and any(_STD in cell for cell in cells):
-        parts = [cell.partition(_STD) for cell in cells]
+    if number and any(' ± ' in cell for cell in cells):
+        parts = [cell.partition(' ± ') for cell in cells]
         before = max(len(value) for value, _, _ in parts)
         cells = [f'{value:>{before}}{sign}{std}' for value, sign, std in parts]
         number = False
@@ -317,13 +316,7 @@ def as_page(report: Report) -> str:
 def _template() -> Any:
     import jinja2
 
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters['sentence'] = sentence
-    environment.filters['kind'] = lambda block: type(block).__name__
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    environment.lstrip_blocks, environment.loader = True, jinja2.FileSystemLoader(Path(__file__).parent)
+    environment.filters |= {'sentence': sentence, 'kind': lambda block: type(block).__name__}
     return environment.get_template('report.html.j2')

@@ -27,12 +27,12 @@ from scara_kinetostatic.model.outline import Outline
 INK, FAINT, LINE, PAPER, WARN = '#010203', '#040506', '#070809', '#0a0b0c', '#0d0e0f'
 SERIES = ('#100001', '#100002', '#100003', '#100004', '#100005', '#100006')
 """Stand-ins of the six colours of the discs (Okabe and Ito's, safe for the colour-blind)."""
-_NAMES = {INK: 'ink', FAINT: 'faint', LINE: 'line', PAPER: 'paper', WARN: 'warn'}
-COLOURS = {stand_in: f'var(--{name})' for stand_in, name in _NAMES.items()}
-COLOURS |= {stand_in: f'var(--c{number})' for number, stand_in in enumerate(SERIES, 1)}
+COLOURS = {
+    **{INK: 'var(--ink)', FAINT: 'var(--faint)', LINE: 'var(--line)', PAPER: 'var(--paper)', WARN: 'var(--warn)'},
+    **{stand_in: f'var(--c{number})' for number, stand_in in enumerate(SERIES, 1)},
+}
 MICRO = 1e6
 """Micrometres per metre."""
-_FONT_SIZE = 12.5
 _PER_INCH = 72.0
 _STYLE: dict[Any, Any] = {
     **dict.fromkeys(('text.color', 'axes.labelcolor'), INK),
@@ -41,18 +41,13 @@ _STYLE: dict[Any, Any] = {
     **dict.fromkeys(('axes.facecolor', 'figure.facecolor', 'svg.fonttype'), 'none'),
     **dict.fromkeys(('axes.spines.top', 'axes.spines.right', 'axes.formatter.useoffset'), False),
     **dict.fromkeys(('axes.grid', 'axes.axisbelow'), True),
-    **dict.fromkeys(('font.size', 'axes.titlesize'), _FONT_SIZE),
-    **dict.fromkeys(('xtick.labelsize', 'ytick.labelsize'), _FONT_SIZE - 1),
+    **dict.fromkeys(('font.size', 'axes.titlesize'), 12.5),
+    **dict.fromkeys(('xtick.labelsize', 'ytick.labelsize'), 11.5),
     'font.family': ['DejaVu Sans'],
     'axes.titlelocation': 'left',
     'grid.linewidth': 0.7,
     'lines.linewidth': 1.2,
 }
-_NUMBERED = re.compile(
-    r' id="(?:figure|axes|patch|line2d|text|matplotlib\.axis|xtick|ytick|legend|[a-z]*collection|quadcontourset|quiver)'
-    r'_[^"]*"',
-    re.IGNORECASE,
-)
 
 
 class Mark(NamedTuple):
@@ -63,13 +58,10 @@ class Mark(NamedTuple):
     sign: str
 
 
-_SHAPES = (('o', '●'), ('s', '■'), ('^', '▲'), ('D', '◆'), ('v', '▼'), ('p', '⬟'))
-
-
 def mark(disc: int) -> Mark:
     """The mark of a disc by its number in the cell."""
-    shape, sign = _SHAPES[(disc + disc // len(SERIES)) % len(_SHAPES)]
-    return Mark(SERIES[disc % len(SERIES)], shape, sign)
+    shape = (disc + disc // len(SERIES)) % 6
+    return Mark(SERIES[disc % len(SERIES)], 'os^Dvp'[shape], '●■▲◆▼⬟'[shape])
 
 
 @contextmanager
@@ -137,7 +129,9 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
     with mpl.rc_context({'svg.hashsalt': name}), warnings.catch_warnings():
         warnings.filterwarnings('ignore', message='Glyph')  # the page has its own font
         canvas.print_svg(stream, metadata={'Date': None, 'Creator': None})
-    svg = _NUMBERED.sub('', re.sub(r'<metadata>.*?</metadata>', '', stream.getvalue(), flags=re.DOTALL))
+    svg = re.sub(r'<metadata>.*?</metadata>', '', stream.getvalue(), flags=re.DOTALL)
+    numbered = 'figure|axes|patch|line2d|text|matplotlib.axis|xtick|ytick|legend|[a-z]*collection|quadcontourset|quiver'
+    svg = re.sub(rf' id="(?:{numbered})_[^"]*"', '', svg, flags=re.IGNORECASE)
     head, rest = svg[svg.index('<svg') :].split('>', 1)
     box = re.search(r'viewBox="[^"]*"', head)
     width = figure.get_figwidth() * _PER_INCH

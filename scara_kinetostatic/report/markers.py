@@ -23,17 +23,12 @@ from scara_kinetostatic.model.outline import Outline, boundary, surfaces_of
 from scara_kinetostatic.model.parameters import NAMES, Parameters, quantity
 
 FOUND: Colour = (0.84, 0.37, 0.0, 1.0)
-RESIDUAL: Colour = (0.80, 0.47, 0.65, 1.0)
 UNUSED: Colour = (0.85, 0.1, 0.1, 1.0)
 NEXT: Colour = (0.0, 0.45, 0.70, 1.0)
 TEXT: Colour = (0.35, 0.35, 0.35, 1.0)
 OBJECTS: tuple[tuple[float, float, float], ...] = (
-    (0.0, 0.62, 0.45),
-    (0.90, 0.62, 0.0),
-    (0.34, 0.71, 0.91),
-    (0.95, 0.90, 0.25),
-    (0.80, 0.47, 0.65),
-    (0.84, 0.37, 0.0),
+    *((0.0, 0.62, 0.45), (0.90, 0.62, 0.0), (0.34, 0.71, 0.91)),
+    *((0.95, 0.90, 0.25), (0.80, 0.47, 0.65), (0.84, 0.37, 0.0)),
 )
 """Of Okabe and Ito, safe for the colour-blind."""
 _LINK, _THIN, _DOT = 0.012, 0.003, 0.008
@@ -188,7 +183,7 @@ def result_markers(document: Mapping[str, Any], discs: Sequence[Disc | Outline],
         if touch['used']:
             tip = forward(parameters, touch['joints'])
             ends = places([tip, tip + scales.residual * np.asarray(touch['residual'])])
-            made.append(Primitive('residuals', 'strip', ends, RESIDUAL, _THIN))
+            made.append(Primitive('residuals', 'strip', ends, (*OBJECTS[4], 1.0), _THIN))
     by_name = {disc.name: disc for disc in discs}
     for effect in found:
         if effect['target'] in by_name:

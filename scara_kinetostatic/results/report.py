@@ -21,11 +21,6 @@ from scara_kinetostatic.results import messages
 NAME = 'report.html'
 MOST_REJECTED = 12
 """So many rejected touches are listed in the text."""
-_ALWAYS = ('robot', 'cell', 'sensor', 'operator')
-"""Shown in every head, stated or not."""
-_PARTS = {'robot': 'serial_number', 'sensor': 'sensor_serial_number'}
-"""A thing and its serial number share a line."""
-_TITLES = {'laboratory': 'Laboratory', 'location': 'Place', 'certificate': 'Certificate No.', 'sensor': 'Force sensor'}
 
 
 def text_report(outcome: Outcome) -> str:
@@ -102,12 +97,19 @@ def _warnings(outcome: Outcome) -> Items | None:
 def _head(outcome: Outcome) -> tuple[tuple[str, str], ...]:
     """Date; what the cell description says of robot, cell, sensor and people; recordings with their checksums."""
     given = outcome.final.cell.identification.given()
+    serials = {'robot': 'serial_number', 'sensor': 'sensor_serial_number'}
+    titles = {
+        'laboratory': 'Laboratory',
+        'location': 'Place',
+        'certificate': 'Certificate No.',
+        'sensor': 'Force sensor',
+    }
     found = [('Date', _date(outcome.created))]
-    for name in (*_ALWAYS, *(name for name in given if name not in _ALWAYS and name not in _PARTS.values())):
-        serial = given.get(_PARTS.get(name, ''), '')
-        parts = [given.get(name, ''), f'serial No. {serial}' if serial else '']
-        text = ', '.join(filter(None, parts))
-        found.append((_TITLES.get(name, name.capitalize()), text or 'not stated'))
+    always = ('robot', 'cell', 'sensor', 'operator')
+    for name in (*always, *(name for name in given if name not in (*always, *serials.values()))):
+        serial = given.get(serials.get(name, ''), '')
+        text = ', '.join(filter(None, (given.get(name, ''), f'serial No. {serial}' if serial else '')))
+        found.append((titles.get(name, name.capitalize()), text or 'not stated'))
     for item in outcome.recordings:
         start = '' if item.start is None else _date(item.start) if item.start.year > 2000 else 'simulated clock'
         found.append(('Recording', ', '.join(filter(None, (item.path, start, item.turned, f'SHA-256 {item.sha256}')))))

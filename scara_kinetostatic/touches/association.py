@@ -87,12 +87,11 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
     fitted, used = _fit_geometry(joints, force, cell), cell.nominal
     disc, miss = _nearest_disc(cell.nominal, joints, force, cell)
     known = miss <= Settings.largest_miss_nominal
-    if len(joints) >= Settings.fewest_for_fit:
-        fitted_disc, fitted_miss = _nearest_disc(fitted, joints, force, cell)
-        close = fitted_miss <= Settings.largest_miss_fitted
-        if np.sum(close) >= max(Settings.fewest_for_fit, len(joints) / 2):
-            disc, miss, used = fitted_disc, fitted_miss, fitted
-            known = miss <= max(Settings.largest_miss_fitted, Settings.miss_medians * float(np.median(miss)))
+    fitted_disc, fitted_miss = _nearest_disc(fitted, joints, force, cell)
+    close = fitted_miss <= Settings.largest_miss_fitted
+    if np.sum(close) >= max(Settings.fewest_for_fit, len(joints) / 2):
+        disc, miss, used = fitted_disc, fitted_miss, fitted
+        known = miss <= max(Settings.largest_miss_fitted, Settings.miss_medians * float(np.median(miss)))
     both = cell.surfaces.touch_both(forward(used, joints), Settings.inner_corner)
     return Association(disc, posture(cell.nominal, joints), miss, known, both)
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.report.quantities import count
 
 Stamps = NDArray[np.int64]
 Timed = tuple[Stamps, Floats]
@@ -187,21 +188,18 @@ def on_one_clock(
 
 
 def _in_order(topic: str, stamp: Stamps, values: Floats, warnings: list[str]) -> Timed:
-    if backwards := int(np.sum(np.diff(stamp) < 0)):
-        _say(warnings, topic, backwards, 'out of order, sorted')
-        order = np.argsort(stamp, kind='stable')
-        stamp, values = stamp[order], values[order]
-    repeated = np.append(False, np.diff(stamp) == 0)
-    if repeated.any():
-        _say(warnings, topic, int(repeated.sum()), 'dropped whose stamp is that of another')
-        stamp, values = stamp[~repeated], values[~repeated]
+    _say(warnings, topic, int(np.sum(np.diff(stamp) < 0)), 'out of order, sorted')
+    order = np.argsort(stamp, kind='stable')
+    repeated = np.append(False, np.diff(stamp[order]) == 0)
+    _say(warnings, topic, int(repeated.sum()), 'dropped whose stamp is that of another')
+    stamp, values = stamp[order[~repeated]], values[order[~repeated]]
     stamp.flags.writeable = False
     values.flags.writeable = False
     return stamp, values
 
 
 def _say(warnings: list[str], topic: str, number: int, what: str) -> None:
-    warnings += [f'{topic}: {counted(number)} {what}'] if number else []
+    warnings += [f'{topic}: {count(number, "message")} {what}'] if number else []
 
 
 def strays(stamp: Stamps) -> Mask:
@@ -233,8 +231,3 @@ def longest_wait(log_time: Stamps) -> int:
     came = np.searchsorted(time, time[at + 1] + 3 * pause[at], side='right') - at - 2
     most = int((came * period - 3.0 * pause[at]).max(initial=0.0))
     return most if most > TOLERANCE else 0
-
-
-def counted(number: int) -> str:
-    """`1 message`, `2 messages` and so on."""
-    return f'{number} message' if number == 1 else f'{number} messages'

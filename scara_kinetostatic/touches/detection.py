@@ -153,17 +153,16 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
         return Detection(no_touches())
     contacts = find_contacts(signals)
     candidates, weak = find_candidates(signals, contacts)
-    candidates = _with_moved_joints(candidates, streams, signals.start, cell)
+    _reject_moved_joints(candidates, streams, signals.start, cell)
     held = _held_touches(signals, candidates, cell)
     _check_axes(streams, held, cell)
-    spans = [(c.hold.begin, c.hold.end) if c.hold else c.contact for c in candidates]
     before, memories = load_history(signals, candidates, cell, earlier)
     states = [[] if candidates[k].defect else [turn.state for turn in before.get(k, ())] for k in held.index.tolist()]
     detection = Detection(
         held.replace(history=stacked_histories(states, held.joints)),
         tuple(
-            Episode(number, c.contact, span, **(c.defect._asdict() if c.defect else {}))
-            for number, (c, span) in enumerate(zip(candidates, spans, strict=True))
+            Episode(number, c.contact, c.span, **(c.defect._asdict() if c.defect else {}))
+            for number, c in enumerate(candidates)
         ),
         warnings=(*signals.warnings, *_warnings(contacts.spikes, weak, candidates)),
         start=signals.start,
@@ -193,30 +192,27 @@ def _check_axes(streams: Streams, held: TouchSet, cell: Cell) -> None:
         raise RecordingError(streams.source, f'{problem}: the sensor lies on its side', remedy)
 
 
-def _with_moved_joints(
-    candidates: list[TouchCandidate], streams: Streams, start: int, cell: Cell
-) -> list[TouchCandidate]:
-    """The candidates, those rejected in which a joint that is to be held is elsewhere before the hold has ended."""
+def _reject_moved_joints(candidates: list[TouchCandidate], streams: Streams, start: int, cell: Cell) -> None:
+    """Rejects in the list those in which a joint that is to be held is elsewhere before the hold has ended."""
     joints, moved = streams.joints, streams.joints.moved(cell)
     if joints.others is None or not moved.any():
-        return candidates
+        return
     time, others = 1e-9 * (joints.stamp[moved] - start), joints.others[moved]
-    found = []
-    for one in candidates:
-        during = (time >= one.contact[0]) & (time <= (one.hold.end if one.hold else one.contact[1]))
+    for number, one in enumerate(candidates):
+        during = (time >= one.contact[0]) & (time <= one.span[1])
         if not one.defect and during.any():
-            one = one._replace(defect=Defect('other joint', cell.moved_joint(others[during][0])))
-        found.append(one)
-    return found
+            candidates[number] = one._replace(defect=Defect('other joint', cell.moved_joint(others[during][0])))
 
 
 def _without_discarded(detection: Detection, stamps: Sequence[int]) -> Detection:
     """The detection without the touches in whose holds these stamps lie; a warning where there is none."""
-    times = [1e-9 * (stamp - detection.start) for stamp in stamps]
-    numbers = {e.index for e in detection.episodes if any(e.hold[0] <= time <= e.hold[1] for time in times)}
-    lost = sum(not any(e.hold[0] <= time <= e.hold[1] for e in detection.episodes) for time in times)
-    warnings = [f'{lost} touches were discarded while recording that are not found in the recording'] if lost else []
-    return replace(detection.without(numbers, DISCARDED), warnings=(*detection.warnings, *warnings))
+    begin, end = np.array([one.hold for one in detection.episodes]).reshape(-1, 2).T
+    time = 1e-9 * (np.array(stamps)[:, None] - detection.start)
+    inside = (begin <= time) & (time <= end)
+    found = detection.without({detection.episodes[number].index for number in np.nonzero(inside)[1]}, DISCARDED)
+    lost = int(np.sum(~inside.any(axis=1)))
+    warning = f'{lost} touches were discarded while recording that are not found in the recording'
+    return replace(found, warnings=(*found.warnings, warning)) if lost else found
 
 
 def no_touches() -> TouchSet:
@@ -238,11 +234,12 @@ def _held_touches(signals: Signals, candidates: list[TouchCandidate], cell: Cell
         defect = Defect('no object', found.reason(place, cell))
         candidates[index[place]] = candidates[index[place]]._replace(defect=defect)
     ends = np.unique([candidate.contact[1] for candidate in candidates])
-    step, approaches = resolution(signals.joints), []
+    step, movements = resolution(signals.joints), []
     for number, hold in zip(index, holds, strict=True):
         contact = candidates[number].contact[0]
         earliest = float(ends[ends <= contact].max(initial=-np.inf))
-        approaches.append(approach_of_hold(signals.joints, hold, contact, earliest, step))
+        movements.append(approach_of_hold(signals.joints, hold, contact, earliest, step))
+    approach, press = np.swapaxes(movements, 0, 1)
     return TouchSet(
         joints=joints,
         force=force,
@@ -250,8 +247,8 @@ def _held_touches(signals: Signals, candidates: list[TouchCandidate], cell: Cell
         posture=found.posture,
         time=np.array([0.5 * (p.intervals[0, 0] + p.intervals[-1, 1]) for p in holds]),
         index=np.array(index),
-        approach=np.array([approach for approach, _ in approaches]),
-        press=np.array([press for _, press in approaches]),
+        approach=approach,
+        press=press,
         joint_scatter=np.array([p.joint_scatter for p in holds]),
         force_scatter=np.array([p.force_scatter for p in holds]),
         samples=np.array([p.samples for p in holds]),
@@ -259,11 +256,8 @@ def _held_touches(signals: Signals, candidates: list[TouchCandidate], cell: Cell
 
 
 def _warnings(spikes: int, weak: int, candidates: list[TouchCandidate]) -> list[str]:
-    warnings = []
-    if spikes:
-        warnings.append(f'{spikes} spikes of the force are too short for a touch and were ignored')
-    if weak:
-        warnings.append(f'{weak} weak forces during a motion of the arm are no touches and were ignored')
+    warnings = [f'{spikes} spikes of the force are too short for a touch and were ignored'] * bool(spikes)
+    warnings += [f'{weak} weak forces during a motion of the arm are no touches and were ignored'] * bool(weak)
     if 2 * sum(c.defect is not None and c.defect.kind == 'no object' for c in candidates) > len(candidates):
         keys = 'sensor.frame, sensor.sign, the joint names and the places of the objects'
         warnings.append(f'most touches meet no object: check {keys}')
@@ -303,14 +297,14 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
     """
     cell, joints, approach = in_base_frame(cell), cell.angles(table.joints), approach_of(table.approach, cell)
     names = [disc.name for disc in cell.discs]
-    for line, name in zip(table.lines, table.objects, strict=True):
+    association = associate(joints, table.force, cell)
+    disc, known = association.disc.copy(), association.known.copy()
+    for row, (line, name) in enumerate(zip(table.lines, table.objects, strict=True)):
         if name and name not in names:
             problem = f'line {line}: the cell has no object {name!r}'
             raise RecordingError(table.source, problem, f'its objects are {", ".join(names)}')
-    association = associate(joints, table.force, cell)
-    named = np.array([bool(name) for name in table.objects])
-    given = np.array([names.index(name) if name else 0 for name in table.objects], dtype=np.intp)
-    disc, known = np.where(named, given, association.disc), named | association.known
+        if name:
+            disc[row], known[row] = names.index(name), True
     touches = TouchSet(
         joints=joints,
         force=table.force,

@@ -246,6 +246,11 @@ class TouchCandidate(NamedTuple):
     hold: Hold | None
     defect: Defect | None
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """Begin and end of the hold, s; of the contact where there is none."""
+        return (self.hold.begin, self.hold.end) if self.hold else self.contact
+
 
 def find_candidates(signals: Signals, contacts: Contacts) -> tuple[list[TouchCandidate], int]:
     """Every hold of every contact, and every contact without a hold, in the order of time.

@@ -17,7 +17,6 @@ from scara_kinetostatic.touches.detection import Detection
 
 REASON = 'left out on request'
 _WHERE = 'touches left out'
-_ENTRY = re.compile(r'(?:(?P<recording>.+):)?(?P<first>\d{1,9})(?:-(?P<last>\d{1,9}))?')
 
 
 class LeftOut(NamedTuple):
@@ -51,7 +50,7 @@ def parse_left_out(texts: Sequence[str], where: str) -> tuple[LeftOut, ...]:
     """
     entries = []
     for text in (text.strip() for text in texts):
-        match = _ENTRY.fullmatch(text)
+        match = re.fullmatch(r'(?:(?P<recording>.+):)?(?P<first>\d{1,9})(?:-(?P<last>\d{1,9}))?', text)
         if match is None:
             entries.append(LeftOut(text, text, None))
             continue
@@ -81,21 +80,11 @@ def kept_recordings(paths: Sequence[str | Path], entries: Sequence[LeftOut]) -> 
     kept = [path for path in paths if not any(entry.names(path) for entry in whole)]
     if not kept:
         raise ParameterError(_WHERE, 'every recording is', 'keep one')
-    if kept != list(paths[: len(kept)]):
-        check_named(entries)
-    return kept
-
-
-def check_named(entries: Sequence[LeftOut]) -> None:
-    """Check that no touch is given by its number in the result: the numbers are not those the user has seen.
-
-    Raises:
-        ParameterError: one is.
-    """
-    for entry in entries:
-        if entry.numbers is not None and not entry.recording:
+    for entry in entries if kept != list(paths[: len(kept)]) else ():
+        if entry.numbers is not None and not entry.recording:  # the numbers are not those the user has seen
             problem = f'{entry.text} counts the touches of a recording that is left out as well'
             raise ParameterError(_WHERE, problem, 'write touches with their recording, as NAME:5')
+    return kept
 
 
 def leave_out(detection: Detection, paths: Sequence[str | Path], entries: Sequence[LeftOut]) -> Detection:

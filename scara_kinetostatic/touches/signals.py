@@ -96,23 +96,21 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
     Returns:
         The signals; None where a topic has fewer than two such samples.
     """
-    joint_states, wrench_topic = streams.topics or cell.sensor.topics
-    pairs = (
-        (joint_states, streams.joints.stamp, streams.joints.position),
-        (wrench_topic, streams.wrench.stamp, streams.wrench.force),
-    )
-    if min(len(stamp) for _, stamp, _ in pairs) < 2:
+    names, stamps = streams.topics or cell.sensor.topics, (streams.joints.stamp, streams.wrench.stamp)
+    if min(map(len, stamps)) < 2:
         return None
-    start = min(int(np.min(stamp)) for _, stamp, _ in pairs)
-    topics: list[Topic] = []
-    warnings: list[str] = []
-    for name, stamp, value in pairs:
-        time, value, left_out = _in_order(1e-9 * (stamp - start).astype(np.float64), np.asarray(value, dtype=float))
-        if left_out:
+    start = min(int(np.min(stamp)) for stamp in stamps)
+    topics, warnings = list[Topic](), list[str]()
+    for name, stamp, samples in zip(names, stamps, (streams.joints.position, streams.wrench.force), strict=True):
+        time, value = 1e-9 * (stamp - start).astype(np.float64), np.asarray(samples, dtype=float)
+        kept = np.flatnonzero(np.isfinite(value).all(axis=1))
+        kept = kept[np.argsort(time[kept], kind='stable')]
+        kept = kept[np.diff(time[kept], prepend=-np.inf) > 0]
+        if left_out := len(time) - len(kept):
             warnings.append(f'{name}: {left_out} samples that are not finite or repeat a stamp left out')
-        if len(time) < 2:
+        if len(kept) < 2:
             return None
-        topics.append(Topic(name, time, value, _period(time)))
+        topics.append(Topic(name, time[kept], value[kept], _period(time[kept])))
     joints, wrench = topics
     common = min(joints.time[-1], wrench.time[-1]) - max(joints.time[0], wrench.time[0])
     if common < 0.5 * max(joints.time[-1] - joints.time[0], wrench.time[-1] - wrench.time[0]):
@@ -124,21 +122,6 @@ def _period(time: Floats) -> float:
     """Mean interval between stamps without the longest 5 %; unlike the median it is right for samples in bursts."""
     steps = np.sort(np.diff(time))
     return float(steps[: max(1, round(0.95 * len(steps)))].mean())
-
-
-def _in_order(time: Floats, value: Floats) -> tuple[Floats, Floats, int]:
-    """Finite samples in the order of time, one per stamp, and how many were left out."""
-    count = len(time)
-    finite = np.isfinite(value).all(axis=1)
-    if not finite.all():
-        time, value = time[finite], value[finite]
-    steps = np.diff(time)
-    if np.any(steps <= 0):
-        order = np.argsort(time, kind='stable')
-        time, value = time[order], value[order]
-        fresh = np.append(True, np.diff(time) > 0)
-        time, value = time[fresh], value[fresh]
-    return time, value, count - len(time)
 
 
 def steps_of_mean(topic: Topic, time: Floats, window: float) -> tuple[Floats, Floats]:

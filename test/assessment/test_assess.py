@@ -90,11 +90,8 @@ def test_only_poses_within_the_limits_count() -> None:
     plan = default_plan(cell, 30)
     outcome = calibrate_touches(touch(plan, cell), cell)
     left, right = np.round(100 * np.array(outcome.tip_uncertainty.alone))
-    sentence = (
-        f'Within robot.limits {left:.0f} % of the places of the region that the arm can take need the elbow left, '
-        f'{right:.0f} % the elbow right.'
-    )
-    assert sentence in messages.tip_sentences(outcome)
+    sentence = f'Within robot.limits {left:.0f} % of the places of the region that the arm can take need the elbow left'
+    assert f'{sentence}, {right:.0f} % the elbow right.' in messages.tip_sentences(outcome)
     found = calibrate_touches(touch(plan.select(plan.posture < 0), cell), cell).assessment
     assert any('and 7' in text and '% of the places of the region that the arm can' in text for text in found.reasons)
     other = replace(cell, limits=((-0.5, 2.0), (0.0, 2.2)))

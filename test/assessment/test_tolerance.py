@@ -98,12 +98,9 @@ def test_where_credible_models_dominate_they_are_to_be_told_apart(outcome: Outco
     assert found.assessment.actions[0].startswith('make the touches that tell the possible causes apart')
 
 
-def test_a_stated_noise_has_no_guard_band(outcome: Outcome) -> None:
+def test_an_estimated_noise_has_a_guard_band_and_a_stated_one_none(outcome: Outcome, estimated: Calibration) -> None:
     found, worst = conformity_at(outcome.final, 1e-4), outcome.tip_uncertainty.worst
     assert found.low == pytest.approx(worst) == pytest.approx(found.high)
-
-
-def test_an_estimated_noise_has_a_guard_band(estimated: Calibration) -> None:
     worst = tip_uncertainty(estimated).worst
     found = conformity_at(estimated, worst)
     assert found.decision is Decision.UNDECIDED

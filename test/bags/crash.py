@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bags.forms import CELL, make_streams, messages
+from bags.forms import record as write
 
 from scara_kinetostatic.bags.writer import BagWriter
 
@@ -27,8 +28,7 @@ def record(folder: Path, number: int, report: Callable[[int], None]) -> None:
     items = messages(make_streams(number // 2, number // 2))
     with BagWriter(folder, CELL, log_time=items[0].log_time) as bag:
         for count, item in enumerate(items, start=1):
-            write = bag.write_joint_state if item.topic == '/joint_states' else bag.write_wrench
-            write(item.payload, item.log_time)
+            write(bag, [item])
             if count % 32 == 0:
                 bag.checkpoint()
                 report(bag.recorded)

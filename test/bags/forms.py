@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
 from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED
+from scara_kinetostatic.bags.writer import BagWriter
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
@@ -28,6 +29,20 @@ def assert_same(left: Streams, right: Streams) -> None:
     np.testing.assert_array_equal(left.joints.position, right.joints.position)
     np.testing.assert_array_equal(left.wrench.stamp, right.wrench.stamp)
     np.testing.assert_array_equal(left.wrench.force, right.wrench.force)
+
+
+def count(read: Streams) -> int:
+    """Number of samples of both topics."""
+    return len(read.joints.stamp) + len(read.wrench.stamp)
+
+
+def spoil(path: Path, at: int | bytes, new: bytes | None = None, beside: int = 0) -> None:
+    """Overwrite bytes of a file at a place, or `beside` where it has these bytes; by default all bits of one flip."""
+    content = bytearray(path.read_bytes())
+    place = (content.index(at) if isinstance(at, bytes) else at % len(content)) + beside
+    new = bytes([content[place] ^ 0xFF]) if new is None else new
+    content[place : place + len(new)] = new
+    path.write_bytes(content)
 
 
 class Message(NamedTuple):
@@ -59,6 +74,21 @@ def force_messages(streams: Streams, lag: int = 0) -> list[Message]:
     payloads = wrench_messages(wrench.stamp, wrench.force, 'base')
     times = (wrench.stamp + lag).tolist()
     return [Message('/wrench', WRENCH_STAMPED, t, p) for t, p in zip(times, payloads, strict=True)]
+
+
+def joint_state(stamp: int, names: list[str], position: list[float], frame_id: str = 'x', rest: int = 0) -> Message:
+    """A joint state as the serialiser of `rosbags` writes it, with velocities and efforts."""
+    time = STORE.types['builtin_interfaces/msg/Time'](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    header = STORE.types['std_msgs/msg/Header'](stamp=time, frame_id=frame_id)
+    position, velocity, effort = np.array(position, dtype=float), np.arange(rest, dtype=float), np.zeros(rest)
+    message = STORE.types[JOINT_STATE](header, names, position, velocity, effort)
+    return Message('/joint_states', JOINT_STATE, stamp, bytes(STORE.serialize_cdr(message, JOINT_STATE)))
+
+
+def record(bag: BagWriter, items: list[Message]) -> None:
+    """Joint states and wrenches as the collector writes them."""
+    for item in items:
+        (bag.write_joint_state if item.topic == '/joint_states' else bag.write_wrench)(item.payload, item.log_time)
 
 
 def messages(streams: Streams) -> list[Message]:

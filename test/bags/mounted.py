@@ -43,7 +43,7 @@ def turned(force: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
 
 def mounted_streams(seed: int = 3) -> Streams:
     """Forces as the link sees them."""
-    return simulate_streams(TOOL_CELL, PAPER_ACTUAL, default_plan(TOOL_CELL), seed=seed)
+    return simulate_streams(TOOL_CELL, PAPER_ACTUAL, default_plan(TOOL_CELL, 6), seed=seed)
 
 
 def mounted_messages(streams: Streams, frame_id: str = 'sensor') -> list[Message]:

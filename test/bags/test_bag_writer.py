@@ -14,7 +14,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from bags.forms import CELL, Message, assert_same, make_streams, messages
+from bags.forms import CELL, assert_same, make_streams, messages
+from bags.forms import count as samples
+from bags.forms import record as write
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
@@ -25,11 +27,6 @@ from scara_kinetostatic.errors import OutputError, RecordingError
 from scara_kinetostatic.touches.streams import Streams
 
 ROOT = Path(__file__).parents[2]
-
-
-def write(bag: BagWriter, items: list[Message]) -> None:
-    for item in items:
-        (bag.write_joint_state if item.topic == '/joint_states' else bag.write_wrench)(item.payload, item.log_time)
 
 
 def strict_count(folder: Path) -> int:
@@ -59,7 +56,7 @@ def count(folder: Path) -> int:
         assert metadata['message_count'] == 1, error
         return 0
     assert not [warning for warning in read.warnings if 'stamp' in warning or 'more messages' in warning]
-    found = len(read.joints.stamp) + len(read.wrench.stamp)
+    found = samples(read)
     assert found >= metadata['message_count'] - 1
     return found
 
@@ -120,30 +117,19 @@ def test_metadata_as_jazzy_writes_it(tmp_path: Path) -> None:
     assert topics['/wrench']['topic_metadata']['type_description_hash'].startswith('RIHS01_8dc3deaf06b2')
 
 
-def test_a_run_without_messages(tmp_path: Path) -> None:
+def test_a_run_without_messages_and_after_its_end(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'run', CELL) as bag:
         bag.checkpoint()
-    assert names(tmp_path / 'run') == ['metadata.yaml', 'run_0.mcap']
-    assert strict_count(tmp_path / 'run') == 0
-
-
-def test_two_writers_cannot_share_a_folder(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / 'run', CELL):
         before = names(tmp_path / 'run')
         with pytest.raises(OutputError, match='exists already and is never overwritten'):
             BagWriter(tmp_path / 'run', CELL)
-        assert names(tmp_path / 'run') == before
+        assert names(tmp_path / 'run') == before == ['metadata.yaml', 'run_0.mcap']
+    bag.close()
     assert names(tmp_path) == ['run']
-
-
-def test_after_the_end(tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / 'run', CELL)
-    bag.close()
-    bag.close()
-    with pytest.raises(OutputError, match='the recording was closed; start a new one'):
-        bag.write_wrench(b'', 0)
-    with pytest.raises(OutputError, match='closed'):
-        bag.checkpoint()
+    assert strict_count(tmp_path / 'run') == 0
+    for action in (bag.checkpoint, lambda: bag.write_wrench(b'', 0)):
+        with pytest.raises(OutputError, match='the recording was closed; start a new one'):
+            action()
 
 
 def test_several_threads(tmp_path: Path, streams: Streams) -> None:
@@ -184,7 +170,7 @@ def test_reading_while_writing(tmp_path: Path, streams: Streams) -> None:
     while thread.is_alive() or reads < 3:
         secured = bag.recorded
         read = read_streams(folder, CELL)
-        assert len(read.joints.stamp) + len(read.wrench.stamp) >= secured
+        assert samples(read) >= secured
         assert embedded_cell(folder) == CELL
         reads += 1
     thread.join()
@@ -253,7 +239,7 @@ def test_death_between_any_two_steps(tmp_path: Path) -> None:
     assert strict_count(tmp_path / f'run{runs[-1][0]}') == 80
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', range(2))
 def test_kill_at_a_random_moment(tmp_path: Path, seed: int) -> None:
     """What was printed as secured is there; and what the open file held is found, once."""
     folder = tmp_path / 'run'

@@ -6,23 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bags.forms import STORE as ROS2
+from bags.forms import joint_state as joint_message
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_typestore
 
 from scara_kinetostatic.bags.cdr import Decoder, decode_string, joint_state_messages, string_message, wrench_messages
 from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, WRENCH_STAMPED, Batch, Topic
 
-ROS2 = get_typestore(Stores.ROS2_JAZZY)
-
 finite = st.floats(-1e6, 1e6)
 stamps = st.tuples(st.integers(0, 2**31 - 1), st.integers(0, 999_999_999))
 frames = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'), max_size=9)
-
-
-def header(stamp: tuple[int, int], frame_id: str) -> Any:
-    time = ROS2.types['builtin_interfaces/msg/Time'](sec=stamp[0], nanosec=stamp[1])
-    return ROS2.types['std_msgs/msg/Header'](stamp=time, frame_id=frame_id)
 
 
 def batch(msgtype: str, payloads: list[bytes]) -> Batch:
@@ -30,24 +24,14 @@ def batch(msgtype: str, payloads: list[bytes]) -> Batch:
 
 
 def joint_state(stamp: tuple[int, int], frame: str, names: list[str], position: list[float], rest: int) -> bytes:
-    message = ROS2.types[JOINT_STATE](
-        header=header(stamp, frame),
-        name=names,
-        position=np.array(position),
-        velocity=np.arange(rest, dtype=float),
-        effort=np.zeros(rest),
-    )
-    return bytes(ROS2.serialize_cdr(message, JOINT_STATE))
+    return joint_message(stamp[0] * 10**9 + stamp[1], names, position, frame, rest).payload
 
 
 def wrench(stamp: tuple[int, int], frame: str, force: tuple[float, float]) -> bytes:
-    vector = ROS2.types['geometry_msgs/msg/Vector3']
-    message = ROS2.types[WRENCH_STAMPED](
-        header=header(stamp, frame),
-        wrench=ROS2.types['geometry_msgs/msg/Wrench'](
-            force=vector(x=force[0], y=force[1], z=3.0), torque=vector(x=4.0, y=5.0, z=6.0)
-        ),
-    )
+    types = ROS2.types
+    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](*stamp), frame)
+    vectors = (types['geometry_msgs/msg/Vector3'](*values) for values in ((*force, 3.0), (4.0, 5.0, 6.0)))
+    message = types[WRENCH_STAMPED](header, types['geometry_msgs/msg/Wrench'](*vectors))
     return bytes(ROS2.serialize_cdr(message, WRENCH_STAMPED))
 
 

@@ -6,6 +6,7 @@ import os
 import re
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,16 @@ import yaml
 import zstandard
 from bags.forms import (
     CELL,
-    STORE,
     Message,
     assert_same,
+    count,
     force_messages,
     joint_messages,
+    joint_state,
     make_streams,
     messages,
+    record,
+    spoil,
     write_mcap,
     write_rosbag2,
     write_split,
@@ -28,7 +32,7 @@ from bags.forms import (
 from mcap.writer import CompressionType
 
 from scara_kinetostatic.bags import messages as bag_messages
-from scara_kinetostatic.bags.cdr import joint_state_messages, string_message
+from scara_kinetostatic.bags.cdr import string_message
 from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import BagWriter, write_streams
@@ -142,29 +146,12 @@ def test_relative_names_are_taken_from_one_namespace(tmp_path: Path, streams: St
 def test_topics_that_were_remapped_while_recording(tmp_path: Path, streams: Streams, cell: Cell) -> None:
     """The collector records the names as they are, and the description as it is written."""
     with BagWriter(tmp_path / 'bag', cell, log_time=0, topics=('/arm/state', '/ft')) as bag:
-        for item in messages(streams):
-            (bag.write_joint_state if item.topic == '/joint_states' else bag.write_wrench)(item.payload, item.log_time)
+        record(bag, messages(streams))
     read = read_streams(tmp_path / 'bag', cell)
     assert_same(read, streams)
     assert read.topics == ('/arm/state', '/ft')
     other = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/arm/state', '/wrench'))
     assert f'{WRENCH_STAMPED} is on /ft: put that into sensor.wrench' in refused(tmp_path / 'bag', other)
-
-
-def test_another_topic_of_the_right_type(tmp_path: Path, streams: Streams) -> None:
-    items = [item._replace(topic='/ft_sensor/wrench') for item in force_messages(streams)]
-    write_mcap(tmp_path / 'a.mcap', [*joint_messages(streams), *items])
-    message = refused(tmp_path / 'a.mcap')
-    assert 'has no topic /wrench' in message
-    assert f'{WRENCH_STAMPED} is on /ft_sensor/wrench: put that into sensor.wrench' in message
-
-
-def test_wrong_type_on_a_topic(tmp_path: Path, streams: Streams) -> None:
-    write_mcap(tmp_path / 'a.mcap', messages(streams))
-    cell = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/wrench', '/joint_states'))
-    message = refused(tmp_path / 'a.mcap', cell)
-    assert f'topic /wrench carries {WRENCH_STAMPED}, expected {JOINT_STATE}' in message
-    assert 'put that into sensor.joint_states' in message
 
 
 def test_two_types_on_one_topic(tmp_path: Path, cell: Cell, streams: Streams) -> None:
@@ -176,24 +163,46 @@ def test_two_types_on_one_topic(tmp_path: Path, cell: Cell, streams: Streams) ->
     assert 'no topic /joint_states' in refused(tmp_path / 'bag')
 
 
-def test_topic_without_messages(tmp_path: Path, streams: Streams) -> None:
-    write_rosbag2(tmp_path / 'bag', messages(streams)[:1])
-    first = messages(streams)[0].topic
-    other = '/wrench' if first == '/joint_states' else '/joint_states'
-    assert f'has no topic {other}' in refused(tmp_path / 'bag')
+def of_topic(items: list[Message], name: str) -> list[Message]:
+    return [item._replace(topic=name) for item in items]
 
 
-def test_unknown_serialization(tmp_path: Path, streams: Streams) -> None:
-    write_mcap(tmp_path / 'a.mcap', messages(streams), encoding='wrong_format')
-    assert "topic /joint_states is serialized as 'wrong_format', expected cdr" in refused(tmp_path / 'a.mcap')
+SWAPPED = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/wrench', '/joint_states'))
+NOT_JOINTS = {'names': ('shoulder', 'elbow')}
 
 
-def test_other_joints(tmp_path: Path, streams: Streams) -> None:
-    items = joint_messages(streams, names=('shoulder', 'elbow'))
-    write_mcap(tmp_path / 'a.mcap', [*items, *force_messages(streams)])
-    message = refused(tmp_path / 'a.mcap')
-    assert 'does not have joint1 and joint2, only elbow, shoulder' in message
-    assert 'robot.joint_names' in message
+@pytest.mark.parametrize(
+    ('make', 'options', 'cell', 'said'),
+    [
+        (
+            lambda s: [*joint_messages(s), *of_topic(force_messages(s), '/ft_sensor/wrench')], {}, CELL,
+            ['has no topic /wrench', f'{WRENCH_STAMPED} is on /ft_sensor/wrench: put that into sensor.wrench'],
+        ),
+        (
+            messages, {}, SWAPPED,
+            [f'topic /wrench carries {WRENCH_STAMPED}, expected {JOINT_STATE}', 'put that into sensor.joint_states'],
+        ),
+        (lambda s: joint_messages(s)[:1], {}, CELL, ['has no topic /wrench']),
+        (lambda s: force_messages(s)[:1], {}, CELL, ['has no topic /joint_states']),
+        (
+            messages, {'encoding': 'wrong_format'}, CELL,
+            ["topic /joint_states is serialized as 'wrong_format', expected cdr"],
+        ),
+        (
+            lambda s: [*joint_messages(s, **NOT_JOINTS), *force_messages(s)], {}, CELL,
+            ['does not have joint1 and joint2, only elbow, shoulder', 'robot.joint_names'],
+        ),
+        (
+            lambda s: [*joint_messages(replace(s, joints=replace(s.joints, position=s.joints.position * np.nan))),
+                       *force_messages(s)], {}, CELL,
+            ['no message of /joint_states can be used: 300 with values that are not finite'],
+        ),
+    ],
+)  # fmt: skip
+def test_what_a_topic_lacks(tmp_path: Path, streams: Streams, make, options, cell, said) -> None:
+    write_mcap(tmp_path / 'a.mcap', make(streams), **options)
+    message = refused(tmp_path / 'a.mcap', cell)
+    assert all(text in message for text in said)
 
 
 def test_names_that_would_disturb_a_terminal(tmp_path: Path, streams: Streams) -> None:
@@ -203,17 +212,6 @@ def test_names_that_would_disturb_a_terminal(tmp_path: Path, streams: Streams) -
     items = joint_messages(streams, names=('\x1b[2J', '\x07'))
     write_mcap(tmp_path / 'b.mcap', [*items, *force_messages(streams)])
     assert refused(tmp_path / 'b.mcap').isprintable()
-
-
-def joint_state(stamp: int, names: list[str], position: list[float]) -> Message:
-    header = STORE.types['std_msgs/msg/Header'](
-        stamp=STORE.types['builtin_interfaces/msg/Time'](sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id='x'
-    )
-    none = np.zeros(0)
-    message = STORE.types[JOINT_STATE](
-        header=header, name=names, position=np.array(position, dtype=float), velocity=none, effort=none
-    )
-    return Message('/joint_states', JOINT_STATE, stamp, bytes(STORE.serialize_cdr(message, JOINT_STATE)))
 
 
 def parts(streams: Streams, late: int = 4_000_000, lag: int = 0) -> list[Message]:
@@ -229,24 +227,17 @@ def parts(streams: Streams, late: int = 4_000_000, lag: int = 0) -> list[Message
     return sorted([*first, *other], key=lambda item: item.log_time)
 
 
-def test_joints_in_separate_messages_are_joined(tmp_path: Path, cell: Cell, streams: Streams) -> None:
-    write_mcap(tmp_path / 'a.mcap', sorted([*parts(streams), *force_messages(streams)], key=lambda item: item.log_time))
+@pytest.mark.parametrize('stamped', [True, False])
+def test_joints_in_separate_messages_are_joined(tmp_path: Path, cell: Cell, streams: Streams, stamped: bool) -> None:
+    """Without stamps they are dated by their reception."""
+    items = parts(streams)
+    if not stamped:
+        items = [item._replace(payload=item.payload[:4] + bytes(8) + item.payload[12:]) for item in items]
+    write_mcap(tmp_path / 'a.mcap', sorted([*items, *force_messages(streams)], key=lambda item: item.log_time))
     read = read_streams(tmp_path / 'a.mcap', cell)
-    assert read.warnings == ()
-    assert len(read.joints.stamp) == len(streams.joints.stamp) - 1
+    assert not (read.warnings and stamped)
     time, begun = read.joints.stamp - streams.joints.stamp[0], streams.joints.stamp - streams.joints.stamp[0]
-    np.testing.assert_array_equal(time, 4_000_000 + 12_500_000 * np.arange(299))
-    for column in (0, 1):
-        expected = np.interp(time, begun, streams.joints.position[:, column])
-        np.testing.assert_allclose(read.joints.position[:, column], expected, atol=1e-12)
-
-
-def test_parts_without_stamps_are_dated_by_their_reception(tmp_path: Path, cell: Cell, streams: Streams) -> None:
-    bare = [item._replace(payload=item.payload[:4] + bytes(8) + item.payload[12:]) for item in parts(streams)]
-    write_mcap(tmp_path / 'a.mcap', sorted([*bare, *force_messages(streams)], key=lambda item: item.log_time))
-    read = read_streams(tmp_path / 'a.mcap', cell)
-    time, begun = (stamp - streams.joints.stamp[0] for stamp in (read.joints.stamp, streams.joints.stamp))
-    assert len(time) == len(begun) - 1
+    np.testing.assert_array_equal(time, (4_000_000 if stamped else time[0]) + 12_500_000 * np.arange(299))
     for column in (0, 1):
         expected = np.interp(time, begun, streams.joints.position[:, column])
         np.testing.assert_allclose(read.joints.position[:, column], expected, atol=1e-12)
@@ -286,15 +277,6 @@ def test_what_cannot_be_used_is_dropped_and_counted(tmp_path: Path, cell: Cell, 
         '/joint_states: 1 message without positions dropped',
         '/joint_states: 2 messages with values that are not finite dropped',
     }
-
-
-def test_nothing_but_nan(tmp_path: Path, streams: Streams) -> None:
-    payloads = joint_state_messages(streams.joints.stamp, streams.joints.position * np.nan, CELL.joint_names)
-    items = [item._replace(payload=data) for item, data in zip(joint_messages(streams), payloads, strict=True)]
-    write_mcap(tmp_path / 'a.mcap', [*items, *force_messages(streams)])
-    assert 'no message of /joint_states can be used: 300 with values that are not finite' in refused(
-        tmp_path / 'a.mcap'
-    )
 
 
 def lost(path: Path) -> None:
@@ -345,11 +327,11 @@ def test_one_file_of_several_is_lost(tmp_path: Path, cell: Cell, streams: Stream
     write_split(tmp_path / 'bag', [items[:200], items[200:400], items[400:]])
     (tmp_path / 'bag/part_1.mcap').unlink()
     read = read_streams(tmp_path / 'bag', cell)
-    assert len(read.joints.stamp) + len(read.wrench.stamp) == 440
+    assert count(read) == 440
     assert 'lists part_1.mcap, which is missing' in read.warnings[0]
     (tmp_path / 'bag/part_1.mcap').touch()
     read = read_streams(tmp_path / 'bag', cell)
-    assert len(read.joints.stamp) + len(read.wrench.stamp) == 440
+    assert count(read) == 440
     assert read.warnings == ('part_1.mcap was skipped: the file is empty',)
 
 
@@ -381,19 +363,14 @@ def test_foreign_cell_descriptions(tmp_path: Path, streams: Streams) -> None:
 def test_compression_bombs_are_refused(tmp_path: Path, streams: Streams) -> None:
     """A chunk that claims to hold terabytes, or holds far more than it claims."""
     write_mcap(tmp_path / 'a.mcap', messages(streams), compression=CompressionType.ZSTD)
-    content = bytearray((tmp_path / 'a.mcap').read_bytes())
-    at = content.index(b'\4\0\0\0zstd') - 12
-    content[at : at + 8] = (1 << 42).to_bytes(8, 'little')
-    (tmp_path / 'a.mcap').write_bytes(content)
+    spoil(tmp_path / 'a.mcap', b'\4\0\0\0zstd', (1 << 42).to_bytes(8, 'little'), -12)
     read = read_streams(tmp_path / 'a.mcap', CELL)
     assert 'a chunk of 4398046511104 bytes, expected at most' in read.warnings[0]
 
 
 def test_a_record_of_giant_length(tmp_path: Path) -> None:
     write_mcap(tmp_path / 'a.mcap', messages(make_streams(50, 50)), use_chunking=False)
-    content = bytearray((tmp_path / 'a.mcap').read_bytes())
-    content[9:17] = b'\xff' * 8
-    (tmp_path / 'a.mcap').write_bytes(content)
+    spoil(tmp_path / 'a.mcap', 9, b'\xff' * 8)
     assert 'ends early, after 8 bytes' in refused(tmp_path / 'a.mcap')
 
 
@@ -449,8 +426,7 @@ def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_pat
     read = read_streams(tmp_path / 'a.mcap', CELL)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    kept = len(read.joints.stamp) + len(read.wrench.stamp)
-    assert kept == len(items) // 2
+    assert count(read) == len(items) // 2
     assert any(f'{CELL.sensor.wrench}: ' in warning and 'dropped' in warning for warning in read.warnings)
     assert peak < 1 << 28
 

@@ -17,6 +17,7 @@ from bags.forms import (
     joint_messages,
     make_streams,
     messages,
+    spoil,
     write_mcap,
     write_rosbag2,
     write_split,
@@ -46,28 +47,17 @@ OWN = {
 
 
 @pytest.mark.parametrize('name', OWN)
-def test_own_forms(name: str, tmp_path: Path, cell: Cell, streams: Streams) -> None:
-    write_streams(tmp_path / name, streams, cell, **OWN[name])
-    read = read_streams(tmp_path / name, cell)
+@pytest.mark.parametrize('with_cell', [True, False])
+def test_own_forms(name: str, with_cell: bool, tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    """With or without the cell description, in a place with an odd name, and the bare files of a folder."""
+    path = tmp_path / 'a folder #1?x=%41&ü' / name
+    write_streams(path, streams, cell, with_cell=with_cell, **OWN[name])
+    read = read_streams(path, cell)
     assert_same(read, streams)
     assert read.warnings == ()
-    assert read.source == str(tmp_path / name)
-    assert embedded_cell(tmp_path / name) == cell
-
-
-@pytest.mark.parametrize('name', OWN)
-def test_a_plain_recording_carries_no_cell(name: str, tmp_path: Path, cell: Cell, streams: Streams) -> None:
-    write_streams(tmp_path / name, streams, cell, with_cell=False, **OWN[name])
-    assert embedded_cell(tmp_path / name) is None
-    assert_same(read_streams(tmp_path / name, cell), streams)
-
-
-@pytest.mark.parametrize('name', ['folder', 'sqlite', 'bare.mcap', 'ros1.bag'])
-def test_bare_files_inside_a_folder_and_odd_names(name: str, tmp_path: Path, cell: Cell, streams: Streams) -> None:
-    folder = tmp_path / 'a folder #1?x=%41&ü'
-    write_streams(folder / name, streams, cell, **OWN[name])
-    assert_same(read_streams(folder / name, cell), streams)
-    for file in [*folder.glob('*/*.mcap'), *folder.glob('*/*.db3')]:
+    assert read.source == str(path)
+    assert embedded_cell(path) == (cell if with_cell else None)
+    for file in [*path.glob('*.mcap'), *path.glob('*.db3')]:
         assert_same(read_streams(file, cell), streams)
 
 
@@ -116,9 +106,7 @@ def test_chunks_without_our_topics_are_not_even_read(tmp_path: Path, cell: Cell,
     """As with camera images beside the two topics: damage there does not matter."""
     image = [messages(streams)[0]._replace(topic='/image', msgtype='sensor_msgs/msg/Image', payload=b'pixels' * 4000)]
     write_mcap(tmp_path / 'a.mcap', [*image * 3, *messages(streams)])
-    content = bytearray((tmp_path / 'a.mcap').read_bytes())
-    content[content.index(b'pixels' * 4000)] ^= 1
-    (tmp_path / 'a.mcap').write_bytes(content)
+    spoil(tmp_path / 'a.mcap', b'pixels' * 4000)
     read = read_streams(tmp_path / 'a.mcap', cell)
     assert_same(read, streams)
     assert read.warnings == ()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags.forms import CELL, Message, write_mcap
+from bags.forms import CELL, Message, record, write_mcap
 from bags.mounted import ANGLE, TOOL_CELL, mounted_messages, mounted_streams, transform_message, transforms
 
 from scara_kinetostatic.bags.cdr import decode_transforms, wrench_fields
@@ -151,8 +151,7 @@ def test_a_sensor_on_its_side_whose_mounting_is_recorded_calibrates(tmp_path: Pa
 def test_the_writer_keeps_transforms(tmp_path: Path, streams: Streams) -> None:
     items = mounted_messages(streams)[:200]
     with BagWriter(tmp_path / 'bag', TOOL_CELL, log_time=items[0].log_time) as bag:
-        for item in items:
-            (bag.write_joint_state if item.topic == '/joint_states' else bag.write_wrench)(item.payload, item.log_time)
+        record(bag, items)
         bag.write_discard('{"touch": 0, "stamp": 1}', items[-1].log_time)
         for item in transforms(items[-1].log_time):
             bag.write_transforms(item.payload, item.log_time)
@@ -167,8 +166,6 @@ def test_a_message_that_is_none_is_named() -> None:
 
 
 def test_a_damaged_message_is_no_crash(tmp_path: Path, streams: Streams) -> None:
-    from scara_kinetostatic.errors import RecordingError
-
     messages = mounted_messages(streams)[:100]
     damaged = Message(TF_STATIC, TF_MESSAGE, messages[0].log_time, b'\0\1\0\0\1\0\0\0')
     write_mcap(tmp_path / 'bag.mcap', [damaged, *messages])

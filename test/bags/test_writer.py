@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
-import numpy as np
 import pytest
 from bags.forms import CELL, assert_same, make_streams
 
@@ -13,7 +12,7 @@ from scara_kinetostatic.bags import writer
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import fresh_folder, write_streams
 from scara_kinetostatic.errors import OutputError
-from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.touches.streams import Streams
 
 NAMES = ('bag', 'bare.mcap', 'ros1.bag')
 
@@ -76,32 +75,23 @@ def test_places_that_cannot_be_written(tmp_path: Path, streams: Streams) -> None
     (tmp_path / 'file').write_text('')
     with pytest.raises(OutputError, match='file is not a folder; choose another place'):
         write_streams(tmp_path / 'file' / 'bag', streams, CELL)
-    with pytest.raises(OutputError):
-        write_streams('/proc/nowhere/bag', streams, CELL)
-    with pytest.raises(OutputError):
-        write_streams(tmp_path / 'a\0b', streams, CELL)
-    with pytest.raises(OutputError):
-        write_streams(tmp_path / ('x' * 300), streams, CELL)
+    for path in ('/proc/nowhere/bag', tmp_path / 'a\0b', tmp_path / ('x' * 300)):
+        with pytest.raises(OutputError):
+            write_streams(path, streams, CELL)
 
 
 def test_nothing_to_record(tmp_path: Path) -> None:
-    empty = Streams(
-        'x', JointStream(np.zeros(0, int), np.zeros((0, 2))), WrenchStream(np.zeros(0, int), np.zeros((0, 2)))
-    )
     with pytest.raises(OutputError, match='nothing to record'):
-        write_streams(tmp_path / 'bag', empty, CELL)
+        write_streams(tmp_path / 'bag', make_streams(0, 0), CELL)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_fresh_folder(tmp_path: Path) -> None:
     first = fresh_folder(tmp_path, 'touches')
-    assert first.parent == tmp_path
-    assert first.name.startswith('touches_20')
-    assert not first.exists()
+    assert first.parent == tmp_path and first.name.startswith('touches_20') and not first.exists()
     first.mkdir()
     second = fresh_folder(tmp_path, 'touches')
-    assert not second.exists()
-    assert second != first
+    assert second != first and not second.exists()
 
 
 def test_folders_on_the_way_are_made(tmp_path: Path) -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.touches.clock import Samples
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
+TOOL_REACTION = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
 START = 1_700_000_000_000_000_000
 
 
@@ -88,3 +92,31 @@ class Scene:
     def truth_of_holds(self):
         """Joint angles and force on the object of every hold."""
         return np.array([hold[0] for hold in self.holds]), np.array([hold[1] for hold in self.holds])
+
+
+def topics_of(streams, joints=0, wrench=0, others=None):
+    """Both topics as they are received, at their stamps, which are then shifted, ns; None: without stamps."""
+    position = streams.joints.position if others is None else np.hstack([streams.joints.position, others])
+    topics = ((streams.joints.stamp, position, joints), (streams.wrench.stamp, streams.wrench.force, wrench))
+    return [
+        Samples(np.zeros_like(time) if shift is None else time + shift, time, values) for time, values, shift in topics
+    ]
+
+
+def feed(detector, topics, every=20):
+    """Every answer of an online detector that found something, with when it came, ns; polled every few samples."""
+    received = np.concatenate([topic.log_time for topic in topics])
+    events = [row for topic in topics for row in zip(topic.stamp.tolist(), topic.values.tolist(), strict=True)]
+    answers = []
+    for number, place in enumerate(np.argsort(received, kind='stable').tolist()):
+        add = detector.add_joint_state if place < len(topics[0].stamp) else detector.add_wrench
+        add(*events[place], int(received[place]))
+        if number % every == 0:
+            answers.append((int(received[place]), detector.poll()))
+    return [(time, answer) for time, answer in answers if answer.found]
+
+
+def same_touches(one, other, force=0.005):
+    """Whether both have the same touches: online and offline, say."""
+    for name, tolerance in (('index', 0.0), ('disc', 0.0), ('joints', 1e-8), ('force', force)):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=0, atol=tolerance)

@@ -62,15 +62,8 @@ def test_streams_and_touches_agree(truth, preload):
 def test_press_without_preload_is_how_far_the_force_bends_the_joints():
     plan = default_plan(CELL)
     motion = Trajectory(CELL, PAPER_MEASURED, plan)
-    pressed = motion.hold_joints - motion.contact_joints
-    np.testing.assert_allclose(
-        simulate_touches(CELL, PAPER_MEASURED, plan, Noise(0.0, 0.0)).press, pressed, atol=SMALLEST_REVERSAL
-    )
-    slow = find_touches(
-        simulate_streams(CELL, PAPER_MEASURED, plan, sensors=SensorModel(joint_rate=20.0)), CELL
-    ).touches
-    clear = np.abs(pressed) > 2e-5
-    np.testing.assert_array_equal(np.sign(slow.press[clear]), np.sign(pressed[clear]))
+    made = simulate_touches(CELL, PAPER_MEASURED, plan, Noise(0.0, 0.0)).press
+    np.testing.assert_allclose(made, motion.hold_joints - motion.contact_joints, atol=SMALLEST_REVERSAL)
 
 
 @pytest.mark.parametrize(
@@ -93,18 +86,6 @@ def test_sense_at_other_rates_and_noise(sensors, timing, clearly):
     clear = np.abs(made.approach) > clearly
     assert clear.sum() > 0.9 * clear.size
     np.testing.assert_array_equal(np.sign(found.approach[clear]), np.sign(made.approach[clear]))
-
-
-def test_preload_turns_the_sense_of_every_joint_that_the_press_moves():
-    plan, plain = default_plan(CELL, preload=0.3), default_plan(CELL)
-    found = find_touches(simulate_streams(CELL, PAPER_MEASURED, plan), CELL).touches.approach
-    before = find_touches(simulate_streams(CELL, PAPER_MEASURED, plain), CELL).touches.approach
-    motion = Trajectory(CELL, PAPER_MEASURED, plan)
-    moved = np.abs(motion.peak_joints - motion.hold_joints) > 1.5 * SMALLEST_REVERSAL
-    assert moved[plan.preload > 0].mean() > 0.95
-    assert np.all(np.sign(found[moved]) == -np.sign(before[moved]))
-    same = plan.preload == 0
-    np.testing.assert_allclose(found[same], before[same], rtol=0, atol=1e-4)
 
 
 def test_joint_that_turns_round_at_the_contact_counts_from_there():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from touches.scenes import CELL, START
+from touches.scenes import CELL, START, feed, topics_of
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
@@ -48,11 +48,9 @@ def late_topics(seed: int, offsets: tuple[int | None, int | None], capacity: flo
     rng = np.random.default_rng(seed)
     common = pauses(rng, longest)
     topics = []
-    streams = ((STREAMS.joints.stamp, STREAMS.joints.position), (STREAMS.wrench.stamp, STREAMS.wrench.force))
-    for (stamp, values), offset in zip(streams, offsets, strict=True):
+    for topic in topics_of(STREAMS, *offsets):
         own = sorted(common + pauses(rng, longest)) if longest > 1 else common
-        header = np.zeros_like(stamp) if offset is None else stamp + offset
-        topics.append(Samples(header, received(stamp, rng, own, capacity), values))
+        topics.append(topic._replace(log_time=received(topic.log_time, rng, own, capacity)))
     return topics
 
 
@@ -62,18 +60,8 @@ def offline(topics: list[Samples], warnings: list[str], offset: float | None = N
 
 
 def live(topics: list[Samples], cell=CELL) -> tuple[OnlineDetector, list]:
-    detector, answers = OnlineDetector(cell, topics=TOPICS), []
-    events = [
-        (int(time), which, int(stamp), value)
-        for which, topic in enumerate(topics)
-        for stamp, time, value in zip(topic.stamp, topic.log_time, topic.values.tolist(), strict=True)
-    ]
-    polled = 0
-    for time, which, stamp, value in sorted(events):
-        (detector.add_wrench if which else detector.add_joint_state)(stamp, value, time)
-        if time - polled > SECOND // 5:
-            answers.append(detector.poll())
-            polled = time
+    detector = OnlineDetector(cell, topics=TOPICS)
+    answers = [answer for _, answer in feed(detector, topics, 40)]
     return detector, [*answers, detector.finish()]
 
 
@@ -216,10 +204,9 @@ def test_clocks_that_drift_apart_are_refused(share):
 
 
 def test_a_step_is_refused_live_and_touches_before_it_stay():
-    joints, wrench = STREAMS.joints, STREAMS.wrench
-    cut = START + 20 * SECOND
-    stamps = [np.where(stamp > cut, stamp - 7 * SECOND, stamp) for stamp in (joints.stamp, wrench.stamp)]
-    topics = [Samples(stamps[0], joints.stamp, joints.position), Samples(stamps[1], wrench.stamp, wrench.force)]
+    topics = topics_of(STREAMS)
+    for topic in topics:
+        topic.stamp[topic.stamp > START + 20 * SECOND] -= 7 * SECOND
     detector, answers = live(topics)
     ends = [touch < 1e-9 * (20 * SECOND) for touch in TRUE.time.tolist()]
     assert sum(ends) - 1 <= sum(len(answer.touches) for answer in answers) <= sum(ends)
@@ -233,10 +220,8 @@ def test_a_stated_offset_is_added_and_nothing_compared(offset):
     """Also where the recording times are shifted as the stamps are, or the bag was played fast."""
     shift = round(offset * SECOND)
     for pace in (1, 5):
-        times = [START + (stamp - START) // pace for stamp in (STREAMS.joints.stamp, STREAMS.wrench.stamp - shift)]
         topics = [
-            Samples(STREAMS.joints.stamp, times[0], STREAMS.joints.position),
-            Samples(STREAMS.wrench.stamp - shift, times[1], STREAMS.wrench.force),
+            topic._replace(log_time=START + (topic.stamp - START) // pace) for topic in topics_of(STREAMS, 0, -shift)
         ]
         warnings: list[str] = []
         found = offline(topics, warnings, offset).touches
@@ -245,20 +230,13 @@ def test_a_stated_offset_is_added_and_nothing_compared(offset):
 
 
 def test_memory_of_the_load_and_clocks_outlive_a_restart():
-    joints = Samples(STREAMS.joints.stamp, STREAMS.joints.stamp, STREAMS.joints.position)
-    wrench = Samples(STREAMS.wrench.stamp - 20 * SECOND, STREAMS.wrench.stamp, STREAMS.wrench.force)
-    detector = OnlineDetector(CELL, topics=TOPICS)
-    half = [topic.select(slice(0, len(topic.stamp) // 2)) for topic in (joints, wrench)]
-    for topic, add in zip(half, (detector.add_joint_state, detector.add_wrench), strict=True):
-        for stamp, time, value in zip(*topic, strict=True):
-            add(int(stamp), value.tolist(), int(time))
-    assert detector.finish().found
+    topics, detector = topics_of(STREAMS, wrench=-20 * SECOND), OnlineDetector(CELL, topics=TOPICS)
+    answers = feed(detector, [topic.select(slice(0, len(topic.stamp) // 2)) for topic in topics])
+    assert answers or detector.finish().found
     moved = detector._memory.stamp
     assert moved > START
     detector.restart()
-    for topic, kept, add in zip((joints, wrench), half, (detector.add_joint_state, detector.add_wrench), strict=True):
-        for stamp, time, value in zip(*topic.select(slice(len(kept.stamp), None)), strict=True):
-            add(int(stamp), value.tolist(), int(time))
+    feed(detector, [topic.select(slice(len(topic.stamp) // 2, None)) for topic in topics], every=10**6)
     assert detector.finish().found
     assert moved < detector._memory.stamp < START + 60 * SECOND
     assert 'differ by 20 s' in detector.clock_warning
@@ -266,8 +244,6 @@ def test_memory_of_the_load_and_clocks_outlive_a_restart():
 
 def test_a_long_recording_without_stamps_of_the_forces_is_found_live():
     """Longer than what is kept."""
-    joints = Samples(STREAMS.joints.stamp, STREAMS.joints.stamp, STREAMS.joints.position)
-    wrench = Samples(0 * STREAMS.wrench.stamp, STREAMS.wrench.stamp, STREAMS.wrench.force)
-    _, answers = live([joints, wrench])
+    _, answers = live(topics_of(STREAMS, wrench=None))
     assert sum(len(answer.touches) for answer in answers) == len(TRUE)
     assert sum(bool(answer.found) for answer in answers) >= len(TRUE) - 1

@@ -6,29 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from touches.scenes import CELL, START, Scene
+from touches.scenes import CELL, START, TOOL_REACTION, Scene, feed, topics_of
 
 from scara_kinetostatic.effects.joints import JointSlip
-from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import jacobian
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet, torques_of
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import (
-    SensorModel,
-    Trajectory,
-    in_sensor_frame,
-    simulate_streams,
-    simulate_touches,
-)
+from scara_kinetostatic.simulation.streams import SensorModel, Trajectory, simulate_streams, simulate_touches
 from scara_kinetostatic.touches import load_history
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.load_history import LoadMemory, nested_extremes
 from scara_kinetostatic.touches.online import OnlineDetector
 
 WIDTHS = np.concatenate([[0.0], np.geomspace(0.01, 40.0, 60)])
-TOOL_REACTION = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
 
 
 def played(path, widths=WIDTHS):
@@ -112,20 +104,6 @@ def test_streams_and_touches_of_one_seed_agree():
     assert np.sqrt(np.mean(off**2)) < 0.02
 
 
-def test_history_is_in_the_frame_of_the_force():
-    plan = default_plan(CELL, per_disc=4, preload=0.5)
-    streams = simulate_streams(TOOL_REACTION, PAPER_MEASURED, plan, sensors=SensorModel.ideal(200.0))
-    touches = find_touches(streams, TOOL_REACTION).touches
-    trajectory = Trajectory(CELL, PAPER_MEASURED, plan)
-    peaks = in_sensor_frame(
-        TOOL_REACTION, PAPER_MEASURED, trajectory.peak_joints, (1 + plan.preload)[:, None] * trajectory.hold_force
-    )
-    last = touches.history[:, -1]
-    preloaded = plan.preload > 0
-    np.testing.assert_allclose(last[preloaded, 2:], peaks[preloaded], rtol=0.01, atol=0.05)
-    np.testing.assert_allclose(last[preloaded, :2], trajectory.peak_joints[preloaded], rtol=0, atol=1e-4)
-
-
 @pytest.mark.parametrize(('rate', 'noise'), [(80.0, 0.3), (500.0, 0.3), (100.0, 0.0), (25.0, 0.05)])
 def test_bias_of_the_turns(rate, noise):
     """Half of the deviation of the smoothed force at most; besides a peak loses 0.3 % at 100 Hz, 3.5 % at 25 Hz.
@@ -160,22 +138,19 @@ def loads(scene, **options):
     return np.hypot(*found.touches.history[-1, :, 2:].T).tolist(), found
 
 
-def test_unloading_and_oscillation_in_a_contact_count():
-    scene = Scene().touches(3).approach(0, 40)
-    for force in (30.0, 12.0, 25.0, 14.0, 22.0, 16.0):
-        press(scene, force, seconds=0.6)
-    press(scene, 20.0, hold=3.0).retract(0, 40)
-    forces, _ = loads(scene)
-    assert np.abs(np.subtract(forces[-6:], [30.0, 12.0, 25.0, 14.0, 22.0, 16.0])).max() < 0.7
-
-
-def test_closed_loops_in_a_contact_are_forgotten():
+@pytest.mark.parametrize(
+    ('path', 'kept'),
+    [
+        ((30.0, 12.0, 25.0, 14.0, 22.0, 16.0), (30.0, 12.0, 25.0, 14.0, 22.0, 16.0)),
+        ((30.0, 12.0, 25.0, 10.0), (30.0, 10.0)),  # a closed loop is forgotten
+    ],
+)
+def test_unloading_and_oscillation_in_a_contact_count(path, kept):
     scene = Scene().approach(0, 40)
-    for force in (30.0, 12.0, 25.0, 10.0):
+    for force in path:
         press(scene, force, seconds=0.6)
-    press(scene, 20.0, hold=3.0).retract(0, 40)
-    forces, _ = loads(scene)
-    assert np.abs(np.subtract(forces, [30.0, 10.0])).max() < 0.7
+    forces, _ = loads(press(scene, 20.0, hold=3.0).retract(0, 40))
+    assert np.abs(np.subtract(forces, kept)).max() < 0.7
 
 
 def test_holds_of_one_contact():
@@ -228,20 +203,12 @@ def test_a_bound_drops_what_small_plays_alone_remember(monkeypatch):
 
 
 def test_online_history_is_that_of_the_whole_recording(cell=TOOL_REACTION):
-    plan = default_plan(cell, per_disc=8, preload=0.3)
+    plan = default_plan(cell, per_disc=4, preload=0.3)
     streams = simulate_streams(cell, PAPER_MEASURED, plan, seed=4)
     offline = find_touches(streams, cell).touches
     detector = OnlineDetector(cell, horizon=15_000_000_000)
-    joints, forces = streams.joints, streams.wrench
-    samples = [(int(s), v, detector.add_joint_state) for s, v in zip(joints.stamp, joints.position, strict=True)]
-    samples += [(int(s), v, detector.add_wrench) for s, v in zip(forces.stamp, forces.force, strict=True)]
-    answers = []
-    for number, (stamp, value, add) in enumerate(sorted(samples, key=lambda sample: sample[0])):
-        add(stamp, value)
-        if number % 40 == 0:
-            answers.append(detector.poll())
-    answers.append(detector.finish())
-    online = TouchSet.concatenate([answer.touches for answer in answers])
+    answers = [answer for _, answer in feed(detector, topics_of(streams), 40)]
+    online = TouchSet.concatenate([answer.touches for answer in [*answers, detector.finish()] if answer.found])
     np.testing.assert_array_equal(online.index, offline.index)
     np.testing.assert_allclose(remembered(cell, online), remembered(cell, offline), rtol=0, atol=0.01)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from touches.scenes import CELL, START, Scene
+from touches.scenes import CELL, START, Scene, feed, topics_of
 
 from scara_kinetostatic.model.cell import Lift
 from scara_kinetostatic.report.quantities import rounded_down
@@ -26,9 +26,60 @@ def only_rejection(scene, **how):
     return rejection.reason
 
 
-def test_short_hold():
-    reason = only_rejection(Scene().touches(8).touch(0, 30, 25.0, hold=0.1))
-    assert reason.startswith('hold too short')
+def tap(scene):
+    return scene.approach(0, 30).press(0, 30, 25.0, hold=0.02, seconds=0.05).retract(0, 30)
+
+
+def oscillate(scene):
+    scene.approach(0, 30)
+    for number in range(24):
+        joints, force = scene.pose(0, 30, 20.0 + 4.0 * (-1) ** number)
+        scene.go(joints, 0.06, force)
+    return scene.retract(0, 30)
+
+
+def creep(scene, seconds):
+    scene.approach(0, 30).press(0, 30, 10.0, hold=0.0).press(0, 30, 30.0, hold=0.0, seconds=seconds)
+    return scene.retract(0, 30)
+
+
+def slide(scene, degrees):
+    scene.approach(0, 30).press(0, 30, 25.0, hold=0.0)
+    for part in range(30):
+        joints, force = scene.pose(0, 30 + degrees * (part + 1) / 30, 25.0)
+        scene.go(joints, 0.05, force)
+    return scene.retract(0, 30 + degrees)
+
+
+def tremble(scene):
+    joints, load = scene.approach(0, 30).pose(0, 30, 25.0)
+    scene.go(joints, 0.3, load)
+    for number in range(12):
+        scene.go(joints + 3e-3 * (-1) ** number, 0.1, load)
+    return scene.retract(0, 30)
+
+
+def elsewhere(scene, *center):
+    return scene.touch(0, 200, 25.0, center=center, radius=0.03)
+
+
+@pytest.mark.parametrize(
+    ('ninth', 'how', 'reason'),
+    [
+        (lambda scene: scene.touch(0, 30, 25.0, hold=0.1), (), 'hold too short'),
+        (tap, (), 'hold too short'),
+        (oscillate, (), 'no steady force'),
+        (creep, (1.0,), 'no steady force'),
+        (creep, (4.0,), 'no steady force'),
+        (slide, (3,), 'the tip slides'),
+        (slide, (60,), 'the tip slides'),
+        (tremble, (), 'the joints do not rest: they do during only '),
+        (elsewhere, (-0.05, 0.5), 'no object there; the nearest, '),
+        (elsewhere, (0.25, 0.15), 'no object there; the nearest, '),
+    ],
+)
+def test_a_touch_that_is_none(ninth, how, reason):
+    assert only_rejection(ninth(Scene().touches(8), *how)).startswith(reason)
 
 
 @pytest.mark.parametrize(
@@ -49,58 +100,16 @@ def test_a_joint_that_is_to_be_held_moves(begin, end, rejected):
     assert [item.index for item in found.rejected] == rejected
     assert {item.reason for item in found.rejected} <= {'joint4 is at 0.52, expected 0.5 (robot.hold)'}
 
-    detector, online = OnlineDetector(cell), []
-    rows = [
-        (int(s), 'joint', (*q, *o))
-        for s, q, o in zip(streams.joints.stamp, streams.joints.position, others, strict=True)
-    ]
-    rows += [(int(s), 'force', f) for s, f in zip(streams.wrench.stamp, streams.wrench.force, strict=True)]
-    for number, (stamp, kind, values) in enumerate(sorted(rows, key=lambda row: row[0])):
-        (detector.add_joint_state if kind == 'joint' else detector.add_wrench)(stamp, values)
-        if number % 20 == 0:
-            online += detector.poll().episodes
-    online += detector.finish().episodes
+    detector = OnlineDetector(cell)
+    answers = [answer for _, answer in feed(detector, topics_of(streams, others=others))]
+    online = [one for answer in [*answers, detector.finish()] for one in answer.episodes]
     assert [(one.index, one.reason) for one in online] == [(one.index, one.reason) for one in found.episodes]
 
 
 def test_nothing_need_be_known_of_other_joints():
-    streams, detector = Scene().touches(3).streams(), OnlineDetector(replace(CELL, hold={'joint4': 0.5}))
-    for stamp, row in zip(streams.joints.stamp.tolist(), streams.joints.position, strict=True):
-        detector.add_joint_state(stamp, row)
-    for stamp, row in zip(streams.wrench.stamp.tolist(), streams.wrench.force, strict=True):
-        detector.add_wrench(stamp, row)
-    assert len(detector.finish().touches) == 3
-
-
-def test_tap():
-    scene = Scene().touches(8).approach(0, 30)
-    scene.press(0, 30, 25.0, hold=0.02, seconds=0.05).retract(0, 30)
-    assert only_rejection(scene).startswith('hold too short')
-
-
-def test_oscillation_never_settles():
-    scene = Scene().touches(8).approach(0, 30)
-    for number in range(24):
-        joints, force = scene.pose(0, 30, 20.0 + 4.0 * (-1) ** number)
-        scene.go(joints, 0.06, force)
-    assert 'no steady force' in only_rejection(scene.retract(0, 30))
-
-
-@pytest.mark.parametrize('seconds', [1.0, 4.0])
-def test_creeping_force_never_settles(seconds):
-    scene = Scene().touches(8).approach(0, 30)
-    scene.press(0, 30, 10.0, hold=0.0).press(0, 30, 30.0, hold=0.0, seconds=seconds).retract(0, 30)
-    assert 'no steady force' in only_rejection(scene)
-
-
-@pytest.mark.parametrize('degrees', [3, 60])
-def test_slide(degrees):
-    scene = Scene().touches(8).approach(0, 30).press(0, 30, 25.0, hold=0.0)
-    for part in range(30):
-        joints, force = scene.pose(0, 30 + degrees * (part + 1) / 30, 25.0)
-        scene.go(joints, 0.05, force)
-    reason = only_rejection(scene.retract(0, 30 + degrees))
-    assert reason.startswith('the tip slides')
+    detector = OnlineDetector(replace(CELL, hold={'joint4': 0.5}))
+    answers = [answer for _, answer in feed(detector, topics_of(Scene().touches(3).streams()))]
+    assert sum(len(answer.touches) for answer in [*answers, detector.finish()]) == 3
 
 
 @pytest.mark.parametrize('topic', ['joints', 'wrench'])
@@ -114,27 +123,18 @@ def test_gap_in_press_or_hold(topic, begin):
     assert name in reason
 
 
-def test_gap_elsewhere_does_no_harm():
+def test_gaps_and_the_end_of_a_topic():
     scene = Scene().touches(9)
-    end_of_hold = scene.holds[4][3]
-    lost = [('wrench', end_of_hold + 0.05, end_of_hold + 0.3), ('joints', end_of_hold + 0.5, end_of_hold + 0.9)]
-    detection = find_touches(scene.streams(without=lost), CELL)
-    assert len(detection.touches) == detection.found == 9
-
-
-def test_gap_from_one_contact_to_the_next():
-    scene = Scene().touches(9)
-    lost = [('wrench', scene.holds[4][3] + 0.1, scene.holds[5][2] + 0.1)]
-    detection = find_touches(scene.streams(without=lost), CELL)
-    assert detection.touches.index.tolist() == [0, 1, 2, 3, 4, 6, 7, 8]
-    assert 'gap' in detection.rejected[0].reason
-
-
-def test_joint_states_that_end():
-    scene = Scene().touches(9)
-    detection = find_touches(scene.streams(without=[('joints', scene.holds[8][2] - 0.05, np.inf)]), CELL)
-    assert len(detection.touches) == 8
-    assert CELL.sensor.joint_states in detection.rejected[0].reason
+    after, press, last = scene.holds[4][3], scene.holds[5][2], scene.holds[8][2]
+    for lost, rejected, reason in (
+        ([('wrench', after + 0.05, after + 0.3), ('joints', after + 0.5, after + 0.9)], [], None),
+        ([('wrench', after + 0.1, press + 0.1)], [5], 'gap'),
+        ([('joints', last - 0.05, np.inf)], [8], CELL.sensor.joint_states),
+    ):
+        detection = find_touches(scene.streams(without=lost), CELL)
+        assert detection.found == 9
+        assert [item.index for item in detection.rejected] == rejected
+        assert all(reason in item.reason for item in detection.rejected)
 
 
 def test_begins_in_contact():
@@ -175,23 +175,6 @@ def test_what_is_too_little_is_never_rounded_up_to_enough():
     assert (rounded_down(0.1999), rounded_down(0.0999)) == ('0.19', '0.09')
 
 
-def test_joints_that_do_not_rest_are_not_called_a_force_that_is_not_steady():
-    scene = Scene().touches(8)
-    scene.approach(0, 30)
-    joints, load = scene.pose(0, 30, 25.0)
-    scene.go(joints, 0.3, load)
-    for number in range(12):
-        scene.go(joints + 3e-3 * (-1) ** number, 0.1, load)
-    scene.retract(0, 30)
-    assert only_rejection(scene).startswith('the joints do not rest: they do during only ')
-
-
-@pytest.mark.parametrize('center', [(-0.05, 0.5), (0.25, 0.15)])
-def test_unknown_object(center):
-    scene = Scene().touches(8).touch(0, 200, 25.0, center=center, radius=0.03)
-    assert only_rejection(scene).startswith('no object there; the nearest, ')
-
-
 def test_frozen_force():
     scene = Scene().touches(8).touch(0, 30, 25.0, hold=0.6)
     streams = scene.streams()
@@ -205,11 +188,8 @@ def test_frozen_force():
 
 @pytest.mark.parametrize('axis', [0, 1])
 def test_saturated_axis(axis):
-    streams = Scene().touches(8).touch(0, 30, 60.0).streams()
-    np.clip(streams.wrench.force, -25.0, 45.0, out=streams.wrench.force)
-    if axis == 1:
-        streams = Scene().touches(8).touch(0, 60, 60.0).streams()
-        np.clip(streams.wrench.force, -45.0, 45.0, out=streams.wrench.force)
+    streams = Scene().touches(8).touch(0, (30, 60)[axis], 60.0).streams()
+    np.clip(streams.wrench.force, (-25.0, -45.0)[axis], 45.0, out=streams.wrench.force)
     detection = find_touches(streams, CELL)
     assert 8 in [rejection.index for rejection in detection.rejected]
     assert 'saturated: ' in detection.rejected[-1].reason

@@ -55,36 +55,27 @@ def test_a_sensor_that_is_fixed_to_the_tool_is_not_in_the_base() -> None:
     assert tool.description('mount') == 'forces turned by 90 degrees from mount into tool0'
 
 
-def test_a_force_is_turned_into_the_parent() -> None:
-    """x of a sensor mounted at 90 degrees is y of the tool."""
-    turn = tree(SensorFrame.TOOL, ('left/tool0', 'left/sensor', about_z(90))).turn('/left/sensor')
-    assert turn is not None
-    np.testing.assert_allclose(turn @ [1.0, 0.0, 5.0], [0.0, 1.0], atol=1e-12)
-    np.testing.assert_allclose(turn @ [0.0, 1.0, 5.0], [-1.0, 0.0], atol=1e-12)
+COS, SIN = cos(radians(30)), sin(radians(30))
+ON_ITS_SIDE = (0.0, sin(np.pi / 4), 0.0, cos(np.pi / 4))
 
 
-def test_the_tree_may_stand_upside_down() -> None:
-    turn = tree(SensorFrame.BASE, ('sensor', 'base_link', about_z(-30))).turn('sensor')
-    other = tree(SensorFrame.BASE, ('base_link', 'sensor', about_z(30))).turn('sensor')
-    assert turn is not None
-    np.testing.assert_allclose(turn, other, atol=1e-12)
-
-
-def test_a_sensor_mounted_upside_down_or_on_its_side() -> None:
-    down = tree(SensorFrame.TOOL, ('tool0', 'sensor', UPSIDE_DOWN)).turn('sensor')
-    assert down is not None
-    np.testing.assert_allclose(down @ [3.0, 4.0, 5.0], [3.0, -4.0], atol=1e-12)
-    side = tree(SensorFrame.TOOL, ('tool0', 'sensor', (0.0, sin(np.pi / 4), 0.0, cos(np.pi / 4)))).turn('sensor')
-    assert side is not None
-    np.testing.assert_allclose(side @ [3.0, 4.0, 5.0], [5.0, 4.0], atol=1e-12)
-
-
-def test_turns_add_up_along_the_tree() -> None:
-    tool = tree(SensorFrame.TOOL, ('tool0', 'mount', about_z(30)), ('mount', 'sensor', UPSIDE_DOWN))
-    turn = tool.turn('sensor')
-    assert turn is not None
-    x, y = cos(radians(30)), sin(radians(30))
-    np.testing.assert_allclose(turn @ [1.0, 2.0, 0.0], [x + 2 * y, y - 2 * x], atol=1e-12)
+@pytest.mark.parametrize(
+    ('stated', 'transforms', 'force', 'expected'),
+    [
+        ('tool', [('left/tool0', 'left/sensor', about_z(90))], (1.0, 2.0, 5.0), (-2.0, 1.0)),
+        ('base', [('sensor', 'base_link', about_z(-90))], (1.0, 2.0, 5.0), (-2.0, 1.0)),
+        ('tool', [('tool0', 'sensor', UPSIDE_DOWN)], (3.0, 4.0, 5.0), (3.0, -4.0)),
+        ('tool', [('tool0', 'sensor', ON_ITS_SIDE)], (3.0, 4.0, 5.0), (5.0, 4.0)),
+        (
+            'tool', [('tool0', 'mount', about_z(30)), ('mount', 'sensor', UPSIDE_DOWN)],
+            (1.0, 2.0, 0.0), (COS + 2 * SIN, SIN - 2 * COS),
+        ),
+    ],
+    ids=['parent', 'tree upside down', 'sensor upside down', 'on its side', 'turns add up'],
+)  # fmt: skip
+def test_a_force_is_turned_into_the_stated_frame(stated, transforms, force, expected) -> None:
+    turn = tree(SensorFrame(stated), *transforms).turn('/left/sensor' if 'left' in transforms[0][0] else 'sensor')
+    np.testing.assert_allclose(turn @ force, expected, atol=1e-12)
 
 
 def test_the_frame_of_the_description_counts_before_others_of_the_same_side() -> None:
@@ -93,20 +84,19 @@ def test_the_frame_of_the_description_counts_before_others_of_the_same_side() ->
     assert frame.description('world') == 'forces turned by 90 degrees from world into base_link'
 
 
-def test_a_later_transform_replaces_an_earlier_one() -> None:
-    frame = tree(SensorFrame.BASE, ('base_link', 'sensor', about_z(30)), ('base_link', 'sensor', NO_TURN))
-    assert frame.turn('sensor') is None
-
-
-@pytest.mark.parametrize('wrong', [(0.0, 0.0, 0.0, 0.0), (float('nan'),) * 4])
-def test_a_senseless_rotation_is_none(wrong: tuple[float, float, float, float]) -> None:
-    frame = tree(SensorFrame.BASE, ('base_link', 'sensor', wrong))
+@pytest.mark.parametrize(
+    'transforms',
+    [
+        [('base_link', 'sensor', about_z(30)), ('base_link', 'sensor', NO_TURN)],
+        [('base_link', 'sensor', (0.0, 0.0, 0.0, 0.0))],
+        [('base_link', 'sensor', (float('nan'),) * 4)],
+        [('sensor', 'b', NO_TURN), ('b', 'c', NO_TURN), ('c', 'sensor', NO_TURN)],
+    ],
+    ids=['replaced by a later one', 'senseless', 'nan', 'circle'],
+)
+def test_transforms_that_turn_nothing(transforms) -> None:
+    frame = tree(SensorFrame.BASE, *transforms)
     assert not frame.complaint('sensor') and frame.turn('sensor') is None
-
-
-def test_a_circle_of_frames_ends() -> None:
-    frame = tree(SensorFrame.BASE, ('a', 'b', NO_TURN), ('b', 'c', NO_TURN), ('c', 'a', NO_TURN))
-    assert frame.turn('a') is None
 
 
 def test_a_stated_turn_counts_where_no_transform_says_it() -> None:
