@@ -8,9 +8,10 @@ import pytest
 import scara_kinetostatic as sk
 from benchmark.outlines import OBJECTS, cell_of, cell_with, plan_of
 from scara_kinetostatic.assessment.mistakes import check_touches
+from scara_kinetostatic.calibration.fit_point import force_residual
 from scara_kinetostatic.calibration.gauss_helmert import linearise
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.effects.contact_friction import ContactFriction
+from scara_kinetostatic.effects.contact_friction import ContactFriction, OffNormalForce
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
@@ -212,6 +213,8 @@ def test_friction_on_edges_and_corners_is_estimated():
     c = sk.calibrate(touches, cell, start=ExtendedModel(cell.nominal, (effect.effect,), ((0.0,),)))
     assert c.model.values['contact_friction']['coefficient'] == pytest.approx(0.1, abs=1e-6)
     np.testing.assert_allclose(c.parameters.as_array(), TRUTH.as_array(), atol=1e-8)
+    by_angles = ExtendedModel(c.parameters, (OffNormalForce(),), ((),))
+    np.testing.assert_allclose(force_residual(observe(c.touches, cell), by_angles), 0.0, atol=1e-4)
 
 
 def test_friction_on_a_corner_is_found_however_far_off_the_nominal_arm_is():
