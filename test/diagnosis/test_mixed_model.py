@@ -194,7 +194,7 @@ def test_a_flaw_that_the_touches_hardly_show_counts(hardly_shown):
 
 def test_what_a_large_size_changes_is_that_of_a_fit_with_it(hardly_shown):
     model = fit_mixed(hardly_shown, catalogue(hardly_shown.cell))
-    problem, b = model.solved.problem, len(model.solved.y)
+    problem, b = model.solved, model.solved.rank
     found = large_sizes(problem.inner, problem.group, problem.weights)
     assert len(found) > 200
     assert 0 < sum(item.probability for item in found) < 1
