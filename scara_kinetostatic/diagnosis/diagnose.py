@@ -37,7 +37,7 @@ from scara_kinetostatic.diagnosis.mixed_model import (
     with_large_effects,
     with_projection,
 )
-from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, rank_singles, score_singles
+from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets, significance
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.search import Moment, Search, fit_rivals, likeliest, moments
@@ -154,14 +154,14 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     about (weighted Bonferroni: Genovese, Roeder and Wasserman, Biometrika 93 (2006) 509).
     """
     problem = pose_problem(c)
-    candidate_set = all_candidates(c, problem, known, together=False)
+    candidate_set = all_candidates(problem, known, together=False)
     fit, off_normal = adequacy(c, problem, candidate_set), off_normal_p_value(c)
     halves = 2 if fit.declared_p_value is not None or c.trusted else 1
     declared = 1.0 if fit.declared_p_value is None else fit.declared_p_value
     p_value = min(1.0, 2 * halves * min(fit.p_value, off_normal), halves * max(_shares(c), 1) * declared)
     implausible = '; '.join(advice.implausible_noise(c) or ())
     if p_value >= SIGNIFICANCE and not implausible and c.used.all():
-        ranking = _ranking(problem, rank_singles(problem, candidate_set))
+        ranking = _ranking(problem, score_subsets(problem, candidate_set, together=False))
         mixed = fit_mixed(c, known)
         refitted = with_large_effects(mixed.fit, mixed) if mixed.fit.random is not None else None
         nothing = Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, refitted=refitted)
@@ -314,13 +314,12 @@ def _ranking(
 ) -> tuple[Ranked, ...]:
     """Every effect by itself: its scores and its role; `possible` are the labels of suspicions."""
     rivals = {label for group in (found.rivals if found else ()) for label in group}
-    named = found.in_every_model if found else ()
-    ranked = []
-    for candidate, scores in score_singles(problem, sets):
-        label = candidate.effect.label
-        role = 'found' if label in named else 'rival' if label in rivals else 'rejected'
-        role = 'possible' if role == 'found' and label in possible else role
-        ranked.append(Ranked(candidate.effect, role, *scores))
-    for item in sets.candidate_set.unidentifiable:
-        ranked.append(Ranked(item.effect, 'unidentifiable', np.nan, 0.0, 0.0, item.independent_part))
-    return tuple(ranked)
+    roles = dict.fromkeys(rivals, 'rival') | dict.fromkeys(found.in_every_model if found else (), 'found')
+    roles |= {label: 'possible' for label in possible if roles.get(label) == 'found'}
+    empty, ranked = sets.empty.score, dict[str, Ranked]()
+    for subset in sets.subsets:  # the best first
+        if len(subset.members) == 1 and subset.labels[0] not in ranked:
+            (label,), (candidate,) = subset.labels, subset.members
+            scores = (*significance(problem, candidate), empty - subset.score, candidate.independent_part)
+            ranked[label] = Ranked(candidate.effect, roles.get(label, 'rejected'), *scores)
+    return (*ranked.values(), *sets.unidentifiable)

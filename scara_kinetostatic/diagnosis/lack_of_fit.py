@@ -44,6 +44,7 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     orthonormal,
 )
 from scara_kinetostatic.diagnosis.model_selection import significance
+from scara_kinetostatic.diagnosis.result import Dependence
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import view_arm
@@ -61,20 +62,6 @@ class _Family(NamedTuple):
     name: str
     columns: Floats
     noise: Floats | None = None
-
-
-class Dependence(NamedTuple):
-    """The test of one family.
-
-    Attributes:
-        name: of the quantity on which the residual would depend.
-        p_value: of "it does not".
-        share: part of the residual's sum of squares that the family explains.
-    """
-
-    name: str
-    p_value: float
-    share: float
 
 
 def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:

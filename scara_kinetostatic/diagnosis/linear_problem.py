@@ -31,7 +31,6 @@ from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import extended_equations, shift_column
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.extended_model import true_force
@@ -51,8 +50,6 @@ CREDIBLE = 10.0
 """Difference of the penalised deviance beyond which a set of effects is ruled out: odds of e⁵. Very strong evidence on
 the scale of Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
 """
-DISTINCT = 3.0
-"""Standard deviations by which two frequencies or slip torques must differ to be two."""
 INDEPENDENT_PART = 0.012
 """Part of a unit column that must be independent of the fitted parameters for an effect to be identifiable; less is
 made by the noise of the measured force.
@@ -76,6 +73,7 @@ class Problem(NamedTuple):
     """The linear problem of n touches.
 
     Attributes:
+        calibration: the fit.
         point: of the linearisation.
         by_unit: what the effects change there.
         touch_state: what effects depend on, for each touch.
@@ -84,7 +82,6 @@ class Problem(NamedTuple):
         marginal: M, by which whitened rows are multiplied for what declared errors add to their covariance.
         base: orthonormal basis of J, (2n, r).
         left: y projected off J, (2n,).
-        noise_given: whether s is known to be 1.
         one_level: whether all forces are the same but for their noise, so that their differences are noise.
         response: derivative of L̄ by y, (12, 2n).
         without_effects: change of L̄ where the effects of the fit are left out, to first order, (12,).
@@ -92,6 +89,7 @@ class Problem(NamedTuple):
         declared: labels of the sources of uncertainty that the cell description declares.
     """
 
+    calibration: Calibration
     point: Point
     by_unit: UnitChanges
     touch_state: TouchState
@@ -100,12 +98,16 @@ class Problem(NamedTuple):
     marginal: Marginal
     base: Floats
     left: Floats
-    noise_given: bool
     one_level: bool
     response: Floats
     without_effects: Floats
     jacobian: Floats
     declared: frozenset[str]
+
+    @property
+    def noise_given(self) -> bool:
+        """Whether s is known to be 1."""
+        return self.calibration.noise_source == 'given'
 
     @property
     def freedoms(self) -> int:
@@ -170,58 +172,43 @@ def pose_problem(calibration: Calibration, level: Floats | None = None) -> Probl
     c = calibration
     some = _some(c.used)
     observations, point = c.observe(some), select(c.projection, some)
-    base = c.subspace.basis[:, ~c.subspace.basis[c.model.base_count :].any(axis=0)]
-    identifiable = base[: c.model.base_count]
+    count, state, root = c.model.base_count, point.adjusted.state, point.whitened.root
+    identifiable = c.subspace.basis[:count, ~c.subspace.basis[count:].any(axis=0)]
     contact_problem = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal)
-    state = point.adjusted.state
-    equations, touch_state = (
-        extended_equations(c.model, contact_problem, state),
-        contact_problem.touch_state(c.parameters, state),
-    )
-    by_base = point.whitened.derivative[:, :, : c.model.base_count].copy()
-    for name, shift in c.model.shift_by_robot(
-        touch_state
-    ).items():  # the effects are to be taken out, and this with them
-        by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, equations), point.whitened.root)
+    equations = extended_equations(c.model, contact_problem, state)
+    touch_state = contact_problem.touch_state(c.parameters, state)
+    by_base = point.whitened.derivative[:, :, :count].copy()
+    # the effects are to be taken out, and what of L̄ scales them with them
+    for name, shift in c.model.shift_by_robot(touch_state).items():
+        by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, equations), root)
     jacobian = (by_base @ identifiable).reshape(2 * len(point.distance), -1)
     marginal, unprojected = unfitted(point, level)
     whitened = marginal.apply(jacobian)
-    base = orthonormal(whitened)
-    declared = observations.declared
-    problem = Problem(
-        point=point,
-        by_unit=UnitChanges(
-            *(
-                whiten_by(part, point.whitened.root)
-                for part in unit_changes(equations, point.linear.by_force, point.adjusted.force)
-            )
-        ),
-        touch_state=touch_state,
-        force=true_force(c.model, point.adjusted.force, observations.metadata),
-        larger_by_noise=_with_larger_force(touch_state, noise_left(point.linear, point.whitened.root, c.noise, 0)),
-        marginal=marginal,
-        base=base,
-        left=np.empty(0),
-        noise_given=c.noise_source == 'given',
-        one_level=_is_one_level(point, c.noise),
-        response=-identifiable @ np.linalg.pinv(whitened),
-        without_effects=np.zeros(c.model.base_count),
-        jacobian=jacobian,
-        declared=frozenset(() if declared is None else (source.label for source in declared.sources)),
-    )
+    base, response = orthonormal(whitened), -identifiable @ np.linalg.pinv(whitened)
     amplitudes = [
         0.0 * part if effect.label in c.held_effects else effect.amplitudes(part)
         for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)
     ]
-    effects = point.whitened.derivative[:, :, c.model.base_count :].reshape(len(base), -1)
+    effects = point.whitened.derivative[:, :, count:].reshape(len(base), -1)
     y = unprojected - marginal.apply(effects @ np.concatenate([np.empty(0), *amplitudes]))
-    return problem._replace(left=y - base @ (base.T @ y), without_effects=problem.response @ y)
-
-
-def _is_one_level(point: Point, noise: Noise) -> bool:
-    """Whether the forces differ by no more than their noise."""
-    magnitude = point.adjusted.state.magnitude
-    return bool(np.std(magnitude) < FORCE_LEVELS * noise.force_at(float(magnitude.mean())))
+    by_unit = unit_changes(equations, point.linear.by_force, point.adjusted.force)
+    declared = observations.declared
+    return Problem(
+        calibration=c,
+        point=point,
+        by_unit=UnitChanges(*(whiten_by(part, root) for part in by_unit)),
+        touch_state=touch_state,
+        force=true_force(c.model, point.adjusted.force, observations.metadata),
+        larger_by_noise=_with_larger_force(touch_state, noise_left(point.linear, root, c.noise, 0)),
+        marginal=marginal,
+        base=base,
+        left=y - base @ (base.T @ y),
+        one_level=bool(np.std(state.magnitude) < FORCE_LEVELS * c.noise.force_at(float(state.magnitude.mean()))),
+        response=response,
+        without_effects=response @ y,
+        jacobian=jacobian,
+        declared=frozenset(() if declared is None else (source.label for source in declared.sources)),
+    )
 
 
 def _with_larger_force(touch_state: TouchState, more: Floats) -> TouchState:

@@ -32,9 +32,10 @@ def test_sums_of_squares_of_sets_are_those_of_least_squares():
     problem = pose_problem(calibrate(simulate(seed=2), CELL))
     candidate_set = gather(problem, several())
     scored_subsets = score_subsets(problem, candidate_set)
-    assert len({subset.members for subset in scored_subsets.subsets}) == len(scored_subsets.subsets)
+    sets = [tuple(map(id, subset.members)) for subset in scored_subsets.subsets]
+    assert len(set(sets)) == len(sets)
     for subset in scored_subsets.subsets[:40]:
-        columns = [problem.columns(candidate_set.candidates[k].trial) for k in subset.members]
+        columns = [problem.columns(candidate.trial) for candidate in subset.members]
         together = np.concatenate([problem.base, *columns], axis=1)
         together = together / np.linalg.norm(together, axis=0)
         fitted, *_ = np.linalg.lstsq(together, problem.left, rcond=1e-6)
@@ -46,9 +47,7 @@ def test_scores_penalise_parameters_and_the_search():
     problem = pose_problem(calibrate(simulate(seed=3), CELL))
     candidate_set = gather(problem, several())
     scored_subsets = score_subsets(problem, candidate_set)
-    penalty = {
-        scored_subsets.labels(subset): subset.penalty for subset in scored_subsets.subsets if len(subset.members) == 1
-    }
+    penalty = {subset.labels: subset.penalty for subset in scored_subsets.subsets if len(subset.members) == 1}
     n, count = len(problem.left) / 2, len(SEVERAL)
     assert np.isclose(penalty['encoder_gain[joint1]',], np.log(n) + 2 * np.log(count))
     assert np.isclose(penalty['base_compliance',], 2 * np.log(n) + 2 * np.log(count))
