@@ -92,8 +92,6 @@ class Bias(NamedTuple):
         base_std: its standard deviation; NaN where there is none.
         value: estimate of the extended model.
         std: its standard deviation.
-        shift: the bias, `base` less `value`.
-        in_std: the same in units of `base_std`; NaN where either fit has no standard deviation.
     """
 
     name: str
@@ -101,8 +99,16 @@ class Bias(NamedTuple):
     base_std: float
     value: float
     std: float
-    shift: float
-    in_std: float
+
+    @property
+    def shift(self) -> float:
+        """The bias."""
+        return self.base - self.value
+
+    @property
+    def in_std(self) -> float:
+        """The same in units of `base_std`; NaN where either fit has no standard deviation."""
+        return self.shift / self.base_std if self.base_std > 0 and np.isfinite(self.std) else np.nan
 
     @property
     def is_significant(self) -> bool:
@@ -154,7 +160,16 @@ def compare(base: Calibration, final: Calibration, held_out: float, final_held_o
         extended=extended,
         tip_bias=float(np.sqrt(np.mean(moved**2))),
         largest_tip_bias=float(moved.max()),
-        biases=tuple(_bias(name, base, final) for name in final.parameters.names),
+        biases=tuple(
+            Bias(
+                name,
+                getattr(base.parameters, name),
+                base.std_of(name),
+                getattr(final.parameters, name),
+                final.std_of(name),
+            )
+            for name in final.parameters.names
+        ),
     )
 
 
@@ -248,14 +263,6 @@ def objects_left_out(c: Calibration) -> LeftOut:
         errors.append((moved * across[out]).sum(axis=1))
         variances.append(stated[out] + c.enlargement * np.einsum('nk,kl,nl->n', along, fewer - every, along))
     return LeftOut(rms(np.concatenate(errors)), float(np.sqrt(np.mean(np.concatenate(variances)))))
-
-
-def _bias(name: str, base: Calibration, final: Calibration) -> Bias:
-    """The bias of one parameter."""
-    before, after = getattr(base.parameters, name), getattr(final.parameters, name)
-    std, final_std = base.std_of(name), final.std_of(name)
-    in_std = (before - after) / std if std > 0 and np.isfinite(final_std) else np.nan
-    return Bias(name, before, std, after, final_std, before - after, float(in_std))
 
 
 class EffectResidual(NamedTuple):

@@ -241,16 +241,14 @@ def _with_extended_model(
 
 def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
     """A calibration with the standard deviations of the places of its effects on their grids."""
-    std, place, by_label = np.array(fit.effect_std), 0, {moment.effect.label: moment.std for moment in when}
-    for effect in fit.model.effects:
-        if effect.label in by_label:
-            assert isinstance(effect, Effect)
-            where = place + effect.grid_parameter_index
-            std[where] = np.fmax(std[where], by_label[effect.label])
-        place += len(effect.parameters)
     if not when:
         return fit
-    return with_projection(replace(fit, effect_std=std), fit.projection)
+    stds, known = [np.array(std) for std in fit.effect_stds], {moment.effect.label: moment for moment in when}
+    for effect, std in zip(fit.model.effects, stds, strict=True):
+        if effect.label in known:
+            where = known[effect.label].effect.grid_parameter_index
+            std[where] = np.fmax(std[where], known[effect.label].std)
+    return with_projection(replace(fit, effect_std=np.concatenate(stds)), fit.projection)
 
 
 def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
@@ -294,19 +292,20 @@ def suspects(final: Calibration, least: float = 1.0) -> tuple[Found, ...]:
     if random is None:
         return ()
     value, std = random.size * final.random_values, np.sqrt(np.diag(final.covariance_with_errors))
-    std, largest = random.size * std[len(std) - len(value) :], dict[str, tuple[float, int]]()
-    for k, column in enumerate(random.columns):
-        ratio = abs(value[k]) / typical_size(column.effect, column.parameter, arm)
-        if ratio > max(least, largest.get(column.effect.label, (0.0, 0))[0]):
-            largest[column.effect.label] = ratio, k
-    found = []
-    for _, k in sorted(largest.values(), reverse=True):
-        column = random.columns[k]
-        same = [j for j, other in enumerate(random.columns) if other[:2] == column[:2]]
-        parts = [(column.effect.parameters[random.columns[j].parameter], j) for j in same]
+    std, found = random.size * std[len(std) - len(value) :], dict[str, Found]()
+    ratio = np.abs(value) / [typical_size(column.effect, column.parameter, arm) for column in random.columns]
+    for k in np.argsort(-ratio, kind='stable').tolist():
+        effect, form, _ = random.columns[k]
+        if ratio[k] <= least or effect.label in found:
+            continue
+        parts = [
+            (effect.parameters[column.parameter], j)
+            for j, column in enumerate(random.columns)
+            if column[:2] == (effect, form)
+        ]
         values = tuple(Value(p.name, float(value[j]), float(std[j]), p.unit, p.meaning) for p, j in parts)
-        found.append(Found(column.effect, values, in_every_model=False, is_possible=True))
-    return tuple(found)
+        found[effect.label] = Found(effect, values, in_every_model=False, is_possible=True)
+    return tuple(found.values())
 
 
 def _ranking(

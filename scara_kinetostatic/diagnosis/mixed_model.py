@@ -131,13 +131,9 @@ def fit_mixed(
     Raises:
         UnsupportedDataError: it diverges.
     """
-    own = c.model
-    begun = own if named is None else named
-    model = ExtendedModel(
-        begun.parameters,
-        (*own.effects, *(() if named is None else named.effects)),
-        (*own.effect_values, *(() if named is None else named.effect_values)),
-    )
+    own, named = c.model, named or ExtendedModel(c.parameters)
+    values = (*own.effect_values, *named.effect_values)
+    model = ExtendedModel(named.parameters, (*own.effects, *named.effects), values)
     with np.errstate(all='ignore'):
         for steps in (most, 1):  # where it does not settle, the first linearisation
             with suppress(np.linalg.LinAlgError, ParameterError):
