@@ -20,7 +20,7 @@ from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import all_candidates
 from scara_kinetostatic.diagnosis.comparison import discriminating_touches
-from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequacy, off_normal_p_value
+from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, adequacy, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
     SIGNIFICANCE,
@@ -39,7 +39,7 @@ from scara_kinetostatic.diagnosis.mixed_model import (
 )
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets, significance
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
-from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
+from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.search import Moment, Search, fit_rivals, likeliest, moments
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue

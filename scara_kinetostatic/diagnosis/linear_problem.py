@@ -32,7 +32,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.contact import extended_equations, shift_column
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.extended_model import true_force
 from scara_kinetostatic.model.parameters import NAMES
 
@@ -58,10 +58,6 @@ INDEPENDENT_PART_CAUTIOUS = 0.03
 """The same where all forces are alike, and of the families of functions that test for a lack of fit."""
 FORCE_LEVELS = 3.0
 """Standard deviations of the noise by which forces must scatter to be of several levels."""
-ROUNDING = 1e-8
-"""Mean square of a whitened residual below which it is rounding error."""
-
-
 _OBJECT_ERRORS = ('object_', 'plate_')
 """Beginning of the labels of wrong places and sizes."""
 _MOST = 1000
@@ -134,9 +130,7 @@ class Problem(NamedTuple):
 
     def columns(self, *trials: Trial) -> Floats:
         """X of trials side by side, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
-        shifts = [shift for trial in trials for shift in trial.columns]
-        errors = [error for trial in trials for error in trial.sensor_errors or (None,) * len(trial.columns)]
-        return self.marginal.apply(self.changes(shifts, errors))
+        return self.marginal.apply(self.changes(*trials))
 
     def columns_and_noise(self, single: Sequence[tuple[Effect, Trial]]) -> list[tuple[Floats, Floats]]:
         """Of effects of one trial X, and its change by one standard deviation of the noise in F̂, (2n, m) each."""
@@ -147,8 +141,10 @@ class Problem(NamedTuple):
         parts = (np.split(part, ends, axis=1)[:-1] for part in (columns, with_noise - columns))
         return list(zip(*parts, strict=True))
 
-    def changes(self, shifts: Sequence[Shift], errors: Sequence[Floats | None]) -> Floats:
-        """Changes of the whitened misclosures by shifts and errors of the sensor, (2n, k)."""
+    def changes(self, *trials: Trial) -> Floats:
+        """Changes of the whitened misclosures by the columns of trials side by side, (2n, m), not multiplied by M."""
+        shifts = [shift for trial in trials for shift in trial.columns]
+        errors = [error for trial in trials for error in trial.sensor_errors or (None,) * len(trial.columns)]
         n = len(self.force)
         changes = np.zeros((n, 2, len(shifts)))
         for by_unit, parts in (
@@ -279,7 +275,7 @@ def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) ->
         least: mean square that the residual has at least.
     """
     rank, total = unit.shape[1], float(residual @ residual)
-    if rank == 0 or freedoms <= rank or total < ROUNDING * len(residual):
+    if rank == 0 or freedoms <= rank or total < 1e-8 * len(residual):  # whitened, less is rounding
         return None
     explained = float(np.sum((unit.T @ residual) ** 2))
     ratio = (explained / rank) / max((total - explained) / (freedoms - rank), least, 1e-300)

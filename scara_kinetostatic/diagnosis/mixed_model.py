@@ -64,10 +64,6 @@ HEAVY_TAILS, LIGHT_TAILS = 1.0, 3.0
 """Degrees of freedom of the sizes' prior: of flaws, named or looked for; of what is left, whose mean square exists."""
 _LARGEST_RATIO = 3**0.5
 """Root mean square of τ_g / τ_0 with light tails, where the touches say nothing of it."""
-_ROUNDS = 6
-"""Of the noise levels."""
-_LINEARISATIONS = 8
-"""At most."""
 _LEAST_PART = 0.03
 """Of the noise level of the base model, or the usual one: all of it may be model error, but touches do scatter."""
 _LOST = 1e5
@@ -110,7 +106,7 @@ def fit_mixed(
     c: Calibration,
     known: Sequence[Effect],
     named: ExtendedModel | None = None,
-    most: int = _LINEARISATIONS,
+    most: int = 8,
     *,
     keeps_touches: bool = False,
     freedoms: float = LIGHT_TAILS,
@@ -154,11 +150,10 @@ def _settled(
 ) -> MixedModel:
     """The mixed model, linearised anew until it settles, up to a number of times."""
     latest, is_free = _with_random_effects(c, model, known)
-    scale = _random_sizes(latest)
     sizes = _sizes_of(latest, len(c.model.effects), is_free, freedoms)
     logs = _first_logs(latest, sizes)
     if begin is not None and begin.fit.random is not None:
-        size, own = begin.fit.random.size / scale, sizes.group[len(sizes.group) - len(scale) :]
+        size, own = begin.fit.random.size / _random_sizes(latest), _of_random(latest, sizes.group)
         # far from these the likelihood has other maxima: the columns are those of the first linearisation
         logs[own[own >= 0]], logs[-1] = np.log(size[own >= 0]), begin.solved.logs[-1]
         values = size * begin.fit.random_values
@@ -180,7 +175,7 @@ def _settled(
         latest = with_projection(replace(moved, used=good), moved.projection)
     if not np.isfinite([solved.deviance, *moved.projection.distance[moved.used]]).all():
         raise np.linalg.LinAlgError('the linearisation leads to where the model is not defined')
-    return _result(moved, c, solved, scale, is_converged=most == 1 or shift < 1.0)
+    return _result(moved, c, solved, is_converged=most == 1 or shift < 1.0)
 
 
 def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[Effect]) -> tuple[Calibration, Mask]:
@@ -221,12 +216,9 @@ def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[E
 def _subspace(c: Calibration, model: ExtendedModel) -> Subspace:
     """What the fit may change: what the touches determine of L̄, and all values of effects that are not held."""
     scales, count = scales_of(model), model.base_count
-    base = np.zeros((len(scales), c.subspace.basis.shape[1]))
-    base[: len(c.subspace.basis)] = c.subspace.basis
+    base = np.pad(c.subspace.basis, ((0, len(scales) - len(c.subspace.basis)), (0, 0)))
     free = [k for k, name in enumerate(model.names) if k >= count and name not in model.held and name not in c.fixed]
-    more = np.zeros((len(scales), len(free)))
-    more[free, np.arange(len(free))] = scales[free]
-    return Subspace(model.as_array(), np.concatenate([base, more], axis=1))
+    return Subspace(model.as_array(), np.concatenate([base, np.diag(scales)[:, free]], axis=1))
 
 
 def _sizes_of(c: Calibration, kept: int, is_free: Mask, freedoms: float) -> _Sizes:
@@ -254,10 +246,9 @@ def _random_sizes(c: Calibration) -> Floats:
 
 def _first_logs(c: Calibration, sizes: _Sizes) -> Floats:
     """Log τ to begin with: typical sizes, and of named effects their own."""
-    places, first = _effect_places(c), len(c.errors)
-    squares = np.square(_amplitudes(c)[places] / sizes.scale[first : first + len(places)])
-    group = np.maximum(sizes.group[first : first + len(places)], 0)
-    squares = np.bincount(group, squares, len(sizes.freedoms))
+    named = slice(len(c.errors), len(c.errors) + len(_effect_places(c)))
+    squares = np.square(_amplitudes(c)[_effect_places(c)] / sizes.scale[named])
+    squares = np.bincount(np.maximum(sizes.group[named], 0), squares, len(sizes.freedoms))
     return np.where(squares > 0, 0.5 * np.log(np.maximum(squares, 1e-4)), 0.0)
 
 
@@ -318,7 +309,7 @@ def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, leve
     of_joints = whiten_matrix(outer(point.linear.by_joints) * c.noise.joint_rms**2, point.whitened.root)
     levels = levels if noise_free else np.ones(2)
     logs = start
-    for _ in range(_ROUNDS if noise_free else 1):
+    for _ in range(6 if noise_free else 1):
         inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
         logs, variance = estimate_sizes(inner, sizes.group, logs, sizes.freedoms)
         weights, before = weights_of(sizes.group, logs), levels
@@ -424,7 +415,7 @@ def _distances(c: Calibration, solved: _Solved, residual: Floats) -> Floats:
     )
 
 
-def _of_random(c: Calibration, columns: Floats) -> Floats:
+def _of_random(c: Calibration, columns: np.ndarray) -> np.ndarray:
     """What of columns with a prior is of random effects."""
     return columns[len(columns) - len(c.random_values) :]
 
@@ -451,7 +442,7 @@ def _resized(c: Calibration, size: Floats) -> Calibration:
     return with_projection(replace(c, random=c.random.resized(factor), random_values=values), point)
 
 
-def _result(moved: Calibration, base: Calibration, solved: _Solved, scale: Floats, is_converged: bool) -> MixedModel:
+def _result(moved: Calibration, base: Calibration, solved: _Solved, is_converged: bool) -> MixedModel:
     """The calibration with its covariance and what contributes to it."""
     c = _resized(moved, _of_random(moved, solved.tau))
     point, freedoms = c.projection, len(solved.inner.residual) - solved.rank
@@ -489,7 +480,7 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, scale: Float
     if c.random is not None:
         stated = np.isfinite([c.random.stated_size(column) for column in c.random.columns])
         common = np.exp(solved.logs[-1]) if c.cell.uncertainty.effects.sizes is SizeMode.ESTIMATED else 1.0
-        level = np.where(stated, 1.0, scale * common / c.random.size)
+        level = np.where(stated, 1.0, _random_sizes(moved) * common / c.random.size)
     return MixedModel(c, level, solved.deviance + rejected, solved)
 
 

@@ -32,14 +32,12 @@ from scipy import special
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import CREDIBLE, STRICT_SIGNIFICANCE, Problem, f_test
 from scara_kinetostatic.diagnosis.result import Ranked
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, Indices, pick
 
 _MOST_SETS = 2000
 """Sets of one size that are kept."""
 _PARALLEL = 1e-4
 """Least eigenvalue of the Gram matrix of the unit columns of a set; a direction with less adds no rank."""
-_NO_MEMBERS = np.empty((1, 0), dtype=np.intp)
-"""The empty set alone, (1, 0)."""
 
 
 class Subset(NamedTuple):
@@ -98,7 +96,7 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet, together: bool 
     """
     scorer = _SubsetScorer(problem, candidate_set)
     number = len(candidate_set.candidates)
-    layers = [scorer.score(sets) for sets in (_NO_MEMBERS, np.arange(number)[:, None])]
+    layers = [scorer.score(sets) for sets in (np.empty((1, 0), dtype=np.intp), np.arange(number)[:, None])]
     if together:
         layers.append(scorer.score(scorer.allowed(np.transpose(np.triu_indices(number, 1)))))
     while together and len(layers[-1].members) and len(layers) <= 4:
@@ -167,8 +165,7 @@ class _SubsetScorer:
         if sets.shape[1] == 1:
             preference[self.declared[sets[:, 0]]] = self.less
         layer = _Layer(sets, rest, rank, self.penalties[sets].sum(axis=1) - preference, preference)
-        kept = _promising(rest, layer.penalty)
-        return _Layer(*(part[kept] for part in layer))
+        return pick(layer, _promising(rest, layer.penalty))
 
     def _solve(self, at: Indices) -> tuple[Floats, Indices]:
         """Decrease of the sum of squares by columns (s, w) of each set, and their rank, (s,) each.
@@ -266,8 +263,8 @@ def _ranked(problem: Problem, candidate_set: CandidateSet, layers: Sequence[_Lay
     scale = _scale(problem, rest, rank)
     deviance = rest / scale if problem.noise_given else problem.freedoms * np.log(np.maximum(rest, 1e-300))
     score = deviance + penalty
-    order = np.argsort(score, kind='stable')
-    order = [k for k in order.tolist() if len(members[k]) < 2 or score[k] <= score[order[0]] + near]
+    limit = score.min() + near
+    order = [k for k in np.argsort(score, kind='stable').tolist() if len(members[k]) < 2 or score[k] <= limit]
     columns = (values[order].tolist() for values in (rest, penalty, score, score + preference))
     sets = (tuple(candidate_set.candidates[j] for j in members[k]) for k in order)
     subsets = tuple(Subset(*row) for row in zip(sets, *columns, strict=True))

@@ -9,11 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnosis.simulated import CELL, effect, examined, simulate
+from scipy import stats
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
 from scara_kinetostatic.diagnosis.comparison import _pool, discriminating_touches
-from scara_kinetostatic.diagnosis.linear_problem import pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import f_test, pose_problem
 from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
 from scara_kinetostatic.diagnosis.model_selection import score_subsets, significance
 from scara_kinetostatic.diagnosis.search import start_from
@@ -123,3 +124,22 @@ def test_trials_that_are_among_what_stands_beside_gain_nothing() -> None:
         gram, projected = np.einsum('nti,ntj->tij', columns, columns), np.einsum('nti,n->ti', columns, left)
         scan = Scan(None, (), columns, 2, 0.0, gram, projected)  # type: ignore[arg-type]
         assert np.abs(gains(SimpleNamespace(left=left), scan, beside)).max() < 1e-6  # type: ignore[arg-type]
+
+
+def test_f_test_is_that_of_the_textbook():
+    """Against a regression by hand: two columns, beside three that are in the fit already."""
+    rng = np.random.default_rng(4)
+    design, values = rng.normal(size=(40, 5)), rng.normal(size=40)
+    values += 0.4 * design[:, 4]
+    base, _ = np.linalg.qr(design[:, :3])
+    residual = values - base @ (base.T @ values)
+    more, _ = np.linalg.qr(design[:, 3:] - base @ (base.T @ design[:, 3:]))
+    before = residual @ residual
+    after = np.linalg.lstsq(design, values, rcond=None)[1][0]
+    expected = stats.f.sf((before - after) / 2 / (after / 35), 2, 35)
+    assert f_test(more, residual, 37) == pytest.approx((expected, 1 - after / before))
+    assert f_test(more[:, :0], residual, 37) is None
+    assert f_test(more, residual, 2) is None
+    assert f_test(more, 0 * residual, 37) is None
+    expected = stats.f.sf((before - after) / 2 / 4.0, 2, 35)  # where the noise is known to be larger
+    assert f_test(more, residual, 37, 4.0) == pytest.approx((expected, 1 - after / before))
