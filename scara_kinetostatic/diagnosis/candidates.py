@@ -102,11 +102,6 @@ class CandidateSet(NamedTuple):
     candidates: tuple[Candidate, ...]
     unidentifiable: tuple[Ranked, ...]
 
-    @property
-    def number(self) -> int:
-        """How many different effects there are."""
-        return len({candidate.effect.label for candidate in self.candidates})
-
 
 def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -> CandidateSet:
     """The candidates among effects.
@@ -142,7 +137,9 @@ def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -
             unidentifiable.append(Ranked.unidentifiable(effect, part))
     taken = [set[int]() for _ in scans]
     alone = [scan.best(problem, some) for scan, some in zip(scans, taken, strict=True)]
-    partners = sorted([*found, *filter(None, alone)], key=lambda c: -explained(problem, c))[: 12 if together else 0]
+    partners = sorted([*found, *filter(None, alone)], key=lambda c: -np.sum((c.unit.T @ problem.left) ** 2))[
+        : 12 if together else 0
+    ]
     for scan, some, first in zip(scans, taken, alone, strict=True):
         beside = [scan.best(problem, some, partner.unit) for partner in partners if partner.effect != scan.effect]
         found += filter(None, (first, *beside))
@@ -162,11 +159,6 @@ def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> C
     errors = effect.sensor_error_derivative(reported, values, at.metadata)
     trial = Trial(effect.derivative(at, values), errors, lambda _: values)
     return Candidate(effect, trial, *problem.independent_part(problem.columns(trial)), tried)
-
-
-def explained(problem: Problem, candidate: Candidate) -> float:
-    """Decrease of the sum of squares by one candidate."""
-    return float(np.sum((candidate.unit.T @ problem.left) ** 2))
 
 
 def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:

@@ -25,7 +25,6 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
     SIGNIFICANCE,
     STRICT_SIGNIFICANCE,
-    FittedEffect,
     Problem,
     fitted_effects,
     pose_problem,
@@ -44,6 +43,7 @@ from scara_kinetostatic.diagnosis.search import Moment, Search, fit_rivals, like
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
+from scara_kinetostatic.model.arrays import Floats
 
 _GROSS = 10.0
 """Typical sizes beyond which an effect that is not named is no small error: the model is then not explained."""
@@ -262,25 +262,24 @@ def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
 
 def _describe(extended: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]) -> tuple[Found, ...]:
     """All named effects with their values in the extended model; a rival has those of the model with it alone."""
-    alone = {item.effect.label: _values(item, rival) for rival in reversed(rivals) for item in fitted_effects(rival)}
+    alone = {fitted[0].label: _values(*fitted, rival) for rival in reversed(rivals) for fitted in fitted_effects(rival)}
     items = []
-    for item in fitted_effects(extended):
-        label, values = item.effect.label, _values(item, extended)
-        if label not in extended.held_effects:
-            is_certain = label in in_every_model
-            items.append(Found(item.effect, values if is_certain else alone.get(label, values), is_certain))
+    for effect, estimates, std in fitted_effects(extended):
+        values = _values(effect, estimates, std, extended)
+        if effect.label not in extended.held_effects:
+            is_certain = effect.label in in_every_model
+            items.append(Found(effect, values if is_certain else alone.get(effect.label, values), is_certain))
     return tuple(items)
 
 
-def _values(item: FittedEffect, calibration: Calibration) -> tuple[Value, ...]:
+def _values(effect: Effect, values: Floats, stds: Floats, calibration: Calibration) -> tuple[Value, ...]:
     """The parameters of an effect with their estimates; of random off-normal angles their standard deviation."""
-    size = item.effect.off_normal_std
-    if size:
+    if size := effect.off_normal_std:
         std = float(size / np.sqrt(2 * calibration.used.sum()))
         return (Value('off_normal_angle', size, std, 'rad', 'of the force from the normal, root mean square'),)
     return tuple(
         Value(p.name, float(v), float(s), p.unit, p.meaning)
-        for p, v, s in zip(item.effect.parameters, item.values, item.std, strict=True)
+        for p, v, s in zip(effect.parameters, values, stds, strict=True)
     )
 
 

@@ -282,22 +282,8 @@ def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) ->
     return float(special.fdtrc(rank, freedoms - rank, ratio)), explained / total
 
 
-class FittedEffect(NamedTuple):
-    """An effect of an extended model with its estimates.
-
-    Attributes:
-        effect: the effect.
-        values: of its parameters, (k,).
-        std: their standard deviations, (k,).
-    """
-
-    effect: Effect
-    values: Floats
-    std: Floats
-
-
-def fitted_effects(calibration: Calibration) -> list[FittedEffect]:
-    """The effects of a calibration with their estimates."""
+def fitted_effects(calibration: Calibration) -> list[tuple[Effect, Floats, Floats]]:
+    """The effects of a calibration, the values of their parameters, and standard deviations of these, (k,) each."""
     model = calibration.model
-    rows = zip(model.effects, model.effect_arrays, calibration.effect_stds, strict=True)
-    return [FittedEffect(cast('Effect', effect), values, std) for effect, values, std in rows]
+    effects = cast('tuple[Effect, ...]', model.effects)
+    return list(zip(effects, model.effect_arrays, calibration.effect_stds, strict=True))

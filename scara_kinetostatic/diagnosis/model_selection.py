@@ -134,8 +134,8 @@ class _SubsetScorer:
         self.gram, self.projected = together.T @ together, together.T @ problem.left
         self.places = _places([c.unit.shape[1] for c in candidates])
         self.total = float(problem.left @ problem.left)
-        self.effects = np.unique([c.effect.label for c in candidates], return_inverse=True)[1]
-        stated, number = {c.effect.label for c in candidates if problem.is_stated(c.effect)}, candidate_set.number
+        labels, self.effects = np.unique([c.effect.label for c in candidates], return_inverse=True)
+        stated, number = {c.effect.label for c in candidates if problem.is_stated(c.effect)}, len(labels)
         self.declared = np.array([c.effect.label in stated for c in candidates], dtype=bool)
         self.penalties = np.array(
             [
