@@ -8,9 +8,8 @@ import numpy as np
 from scipy import special
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.linear_problem import STRICT_SIGNIFICANCE
-from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, DiscriminatingTouch, Found
+from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, DiscriminatingTouch, Found
 from scara_kinetostatic.diagnosis.search import Moment
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.parameters import UNITS, quantity

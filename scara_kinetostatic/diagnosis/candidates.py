@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
-from types import MappingProxyType
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects
+from scara_kinetostatic.diagnosis.result import Ranked
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.model.arrays import Floats
@@ -39,18 +37,6 @@ class Candidate(NamedTuple):
         return self.unit.shape[1] + len(self.effect.parameters) - len(self.trial.columns)
 
 
-class Unidentifiable(NamedTuple):
-    """An effect that these touches cannot determine.
-
-    Attributes:
-        effect: the effect.
-        independent_part: largest part of a unit column of it that is independent of the base model.
-    """
-
-    effect: Effect
-    independent_part: float
-
-
 class Scan(NamedTuple):
     """An effect with many trials.
 
@@ -76,109 +62,19 @@ class Scan(NamedTuple):
         """The effect at one of the trials."""
         return Candidate(self.effect, self.trials[k], *problem.independent_part(self.columns[:, k]), self.tried)
 
-
-class CandidateSet(NamedTuple):
-    """All candidates.
-
-    Attributes:
-        candidates: each effect at its best trial, and at further trials of those with many.
-        unidentifiable: effects that these touches cannot determine.
-    """
-
-    candidates: tuple[Candidate, ...]
-    unidentifiable: tuple[Unidentifiable, ...]
-
-    @property
-    def number(self) -> int:
-        """How many different effects there are."""
-        return len({candidate.effect.label for candidate in self.candidates})
-
-
-def gather(
-    problem: Problem,
-    effects: Iterable[Effect],
-    fitted: Mapping[str, Floats] = MappingProxyType({}),
-    together: bool = True,
-) -> CandidateSet:
-    """The candidates among effects.
-
-    An effect with many trials (an unknown frequency) is a candidate at the trial that explains
-    most by itself, at those that explain most beside one of the other candidates, and as already fitted.
-
-    Args:
-        problem: the touches.
-        effects: the effects.
-        fitted: values of the parameters of effects that the last fit had, by label.
-        together: whether sets of several effects are compared; else the best trial of each by itself is enough.
-    """
-    found: list[Candidate] = []
-    unidentifiable, scans, single = [], [], []
-    for effect in effects:
-        trials = effect.trials(problem.touch_state, problem.force)
-        if len(trials) == 1:
-            single.append((effect, trials[0]))
-            continue
-        scan = scan_trials(problem, effect, trials, len(trials))
-        if scan.columns.any():
-            scans.append(scan)
-        else:
-            unidentifiable.append(Unidentifiable(effect, scan.independent_part))
-    for (effect, trial), columns_and_noise in zip(single, problem.columns_and_noise(single), strict=True):
-        unit, part = problem.independent_part(*columns_and_noise)
-        if effect.label in fitted and not effect.is_linear:
-            found.append(as_fitted(problem, effect, fitted[effect.label], 1))
-        elif unit.shape[1]:
-            found.append(Candidate(effect, trial, unit, part, 1))
-        else:
-            unidentifiable.append(Unidentifiable(effect, part))
-    grids = [_Grid(problem, scan) for scan in scans]
-    alone = [grid.best() for grid in grids]
-    partners = sorted([*found, *filter(None, alone)], key=lambda c: -explained(problem, c))[: 12 if together else 0]
-    for scan, grid, first in zip(scans, grids, alone, strict=True):
-        beside = [grid.best(partner.unit) for partner in partners if partner.effect != scan.effect]
-        found += [candidate for candidate in (first, *beside) if candidate is not None]
-        if usual := scan.effect.usual_trials(problem.touch_state):
-            few = scan_trials(problem, scan.effect, usual, len(usual))
-            found += [item for item in map(partial(few.candidate, problem), range(len(usual))) if item.unit.size]
-        if scan.effect.label in fitted:
-            found.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
-    labels = {candidate.effect.label for candidate in found}
-    others = {item.effect.label: item for item in unidentifiable if item.effect.label not in labels}
-    return CandidateSet(tuple(found), tuple(others.values()))
-
-
-def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
-    """A nonlinear effect linearised at fitted values."""
-    at, reported = problem.touch_state, problem.force
-    errors = effect.sensor_error_derivative(reported, values, at.metadata)
-    trial = Trial(effect.derivative(at, values), errors, lambda _: values)
-    return Candidate(effect, trial, *problem.independent_part(problem.columns(trial)), tried)
-
-
-def explained(problem: Problem, candidate: Candidate) -> float:
-    """Decrease of the sum of squares by one candidate."""
-    return float(np.sum((candidate.unit.T @ problem.left) ** 2))
-
-
-class _Grid:
-    """A scan of which the best trials are taken, each once."""
-
-    def __init__(self, problem: Problem, scan: Scan) -> None:
-        self._problem, self._scan, self._taken = problem, scan, set[int]()
-
-    def best(self, beside: Floats | None = None) -> Candidate | None:
-        """The trial that explains most, by itself or beside an orthonormal basis (2n, r); None where it was taken.
+    def best(self, problem: Problem, taken: set[int], beside: Floats | None = None) -> Candidate | None:
+        """The trial that explains most, by itself or beside an orthonormal basis (2n, r); None where it is among those
+        taken.
 
         It is looked for on ever finer grids, until a step changes what is explained by less than 0.3 of the residual
         variance. Steps within four touches count as one: the fit refines the moment.
         """
-        problem, scan = self._problem, self._scan
-        gained = gains(problem, scan, beside)
+        scan, gained = self, gains(problem, self, beside)
         k = int(np.argmax(gained))
         place = round(scan.trials[k].place / 4.0) if scan.effect.is_stepwise else k
-        if place in self._taken:
+        if place in taken:
             return None
-        self._taken.add(place)
+        taken.add(place)
         known = 0.0 if beside is None else float(np.sum((beside.T @ problem.left) ** 2))
         total, most, width = float(problem.left @ problem.left) - known, float(gained[k]), 1.0
         for _ in range(4):
@@ -193,6 +89,76 @@ class _Grid:
                 break
             width *= 2 / (len(finer) - 1)
         return scan.candidate(problem, k)
+
+
+class CandidateSet(NamedTuple):
+    """All candidates.
+
+    Attributes:
+        candidates: each effect at its best trial, and at further trials of those with many.
+        unidentifiable: effects that these touches cannot determine.
+    """
+
+    candidates: tuple[Candidate, ...]
+    unidentifiable: tuple[Ranked, ...]
+
+
+def gather(problem: Problem, effects: Iterable[Effect], together: bool = True) -> CandidateSet:
+    """The candidates among effects.
+
+    An effect with many trials (an unknown frequency) is a candidate at the trial that explains
+    most by itself, at those that explain most beside one of the other candidates, and as already fitted.
+
+    Args:
+        problem: the touches.
+        effects: the effects.
+        together: whether sets of several effects are compared; else the best trial of each by itself is enough.
+    """
+    fitted = {effect.label: values for effect, values, _ in fitted_effects(problem.calibration) if len(values)}
+    found: list[Candidate] = []
+    unidentifiable, scans, single = [], [], []
+    for effect in effects:
+        trials = effect.trials(problem.touch_state, problem.force)
+        if len(trials) == 1:
+            single.append((effect, trials[0]))
+            continue
+        scan = scan_trials(problem, effect, trials, len(trials))
+        if scan.columns.any():
+            scans.append(scan)
+        else:
+            unidentifiable.append(Ranked.unidentifiable(effect, scan.independent_part))
+    for (effect, trial), columns_and_noise in zip(single, problem.columns_and_noise(single), strict=True):
+        unit, part = problem.independent_part(*columns_and_noise)
+        if effect.label in fitted and not effect.is_linear:
+            found.append(as_fitted(problem, effect, fitted[effect.label], 1))
+        elif unit.shape[1]:
+            found.append(Candidate(effect, trial, unit, part, 1))
+        else:
+            unidentifiable.append(Ranked.unidentifiable(effect, part))
+    taken = [set[int]() for _ in scans]
+    alone = [scan.best(problem, some) for scan, some in zip(scans, taken, strict=True)]
+    partners = sorted([*found, *filter(None, alone)], key=lambda c: -np.sum((c.unit.T @ problem.left) ** 2))[
+        : 12 if together else 0
+    ]
+    for scan, some, first in zip(scans, taken, alone, strict=True):
+        beside = [scan.best(problem, some, partner.unit) for partner in partners if partner.effect != scan.effect]
+        found += filter(None, (first, *beside))
+        if usual := scan.effect.usual_trials(problem.touch_state):
+            few = scan_trials(problem, scan.effect, usual, len(usual))
+            found += [item for k in range(len(usual)) if (item := few.candidate(problem, k)).unit.size]
+        if scan.effect.label in fitted:
+            found.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
+    labels = {candidate.effect.label for candidate in found}
+    others = {item.effect.label: item for item in unidentifiable if item.effect.label not in labels}
+    return CandidateSet(tuple(found), tuple(others.values()))
+
+
+def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
+    """A nonlinear effect linearised at fitted values."""
+    at, reported = problem.touch_state, problem.force
+    errors = effect.sensor_error_derivative(reported, values, at.metadata)
+    trial = Trial(effect.derivative(at, values), errors, lambda _: values)
+    return Candidate(effect, trial, *problem.independent_part(problem.columns(trial)), tried)
 
 
 def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
@@ -233,18 +199,8 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
     return Scan(effect, trials, columns, tried, float(part.max()), gram, left)
 
 
-def all_candidates(
-    latest: Calibration, problem: Problem, effects: Sequence[Effect], together: bool = True
-) -> CandidateSet:
-    """The catalogue and the fitted curves as candidates.
-
-    Args:
-        latest: the fit at which the problem was posed.
-        problem: the linear problem.
-        effects: the catalogue.
-        together: as in `gather`.
-    """
-    fitted = {effect.label: values for effect, values, _ in fitted_effects(latest) if len(values)}
-    discs = [disc.name for disc in latest.cell.discs]
+def all_candidates(problem: Problem, effects: Sequence[Effect], together: bool = True) -> CandidateSet:
+    """The catalogue and the fitted curves as candidates; arguments as of `gather`."""
+    discs = [disc.name for disc in problem.calibration.cell.discs]
     curves = empirical_effects(problem.touch_state, discs, problem.one_level)
-    return gather(problem, [*effects, *curves], fitted, together)
+    return gather(problem, [*effects, *curves], together)

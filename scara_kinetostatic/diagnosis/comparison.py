@@ -28,7 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -40,10 +40,10 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch, Found
-from scara_kinetostatic.effects.base import at_joint
+from scara_kinetostatic.effects.base import Trial, at_joint
 from scara_kinetostatic.effects.variables import slide
 from scara_kinetostatic.model.arm import Predictor
-from scara_kinetostatic.model.arrays import Floats, rms
+from scara_kinetostatic.model.arrays import Floats, Mask, pick, rms
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.effect_law import Shift, TouchMetadata
@@ -92,8 +92,6 @@ class Bias(NamedTuple):
         base_std: its standard deviation; NaN where there is none.
         value: estimate of the extended model.
         std: its standard deviation.
-        shift: the bias, `base` less `value`.
-        in_std: the same in units of `base_std`; NaN where either fit has no standard deviation.
     """
 
     name: str
@@ -101,8 +99,16 @@ class Bias(NamedTuple):
     base_std: float
     value: float
     std: float
-    shift: float
-    in_std: float
+
+    @property
+    def shift(self) -> float:
+        """The bias."""
+        return self.base - self.value
+
+    @property
+    def in_std(self) -> float:
+        """The same in units of `base_std`; NaN where either fit has no standard deviation."""
+        return self.shift / self.base_std if self.base_std > 0 and np.isfinite(self.std) else np.nan
 
     @property
     def is_significant(self) -> bool:
@@ -154,7 +160,7 @@ def compare(base: Calibration, final: Calibration, held_out: float, final_held_o
         extended=extended,
         tip_bias=float(np.sqrt(np.mean(moved**2))),
         largest_tip_bias=float(moved.max()),
-        biases=tuple(_bias(name, base, final) for name in final.parameters.names),
+        biases=tuple(Bias(name, *base[name][:2], *final[name][:2]) for name in final.parameters.names),
     )
 
 
@@ -250,14 +256,6 @@ def objects_left_out(c: Calibration) -> LeftOut:
     return LeftOut(rms(np.concatenate(errors)), float(np.sqrt(np.mean(np.concatenate(variances)))))
 
 
-def _bias(name: str, base: Calibration, final: Calibration) -> Bias:
-    """The bias of one parameter."""
-    before, after = getattr(base.parameters, name), getattr(final.parameters, name)
-    std, final_std = base.std_of(name), final.std_of(name)
-    in_std = (before - after) / std if std > 0 and np.isfinite(final_std) else np.nan
-    return Bias(name, before, std, after, final_std, before - after, float(in_std))
-
-
 class EffectResidual(NamedTuple):
     """The deviation by one effect that each of n touches shows, with its standard uncertainty.
 
@@ -286,6 +284,9 @@ class EffectResidual(NamedTuple):
     posture: NDArray[np.intp]
 
 
+_Columns = tuple[Floats, Floats, Floats, Floats, Floats]
+
+
 def effect_residuals(final: Calibration, found: Sequence[Found]) -> tuple[EffectResidual, ...]:
     """The residual of each effect of the extended model, in the order of `found`.
 
@@ -293,33 +294,37 @@ def effect_residuals(final: Calibration, found: Sequence[Found]) -> tuple[Effect
         final: the extended model.
         found: its effects.
     """
-    problem = pose_problem(final)
-    return tuple(
-        _off_normal_residual(problem, item) if item.effect.off_normal_std else _residual(problem, final, found, item)
-        for item in found
-    )
+    problem, residuals = pose_problem(final), []
+    for item in found:
+        show = _off_normal_angle if item.effect.off_normal_std else _deviation
+        y_label, kept, columns = show(problem, found, item)
+        axis = item.effect.plot_axis(problem.touch_state, np.array([v.value for v in item.values]))
+        metadata = problem.touch_state.metadata
+        x_label = axis.title + (f'  [{axis.unit}]' if axis.unit else '')
+        shown = EffectResidual(x_label, y_label, axis.values, *columns, metadata.disc, metadata.posture)
+        residuals.append(pick(shown, kept))
+    return tuple(residuals)
 
 
-def _residual(problem: Problem, final: Calibration, found: Sequence[Found], item: Found) -> EffectResidual:
+def _deviation(problem: Problem, found: Sequence[Found], item: Found) -> tuple[str, Mask, _Columns]:
+    """The label, the touches to show, (n,), and the columns of `EffectResidual` from `before` to `std_after`."""
     label, per_si, unit = _largest_channel(problem, item)
     weight = np.linalg.norm(unit, axis=1)
     acts = item.effect.acts_on(problem.touch_state)
     # touches much less sensitive to the deviation than the median one say nothing of it
     kept = acts & (weight > (np.median(weight[acts]) if acts.any() else 0.0) / 4.0)
-    left, taken_out = problem.point.whitened.residual, _taken_out(problem, final, found, item)
+    left, taken_out = problem.point.whitened.residual, _taken_out(problem, found, item)
     scale = np.maximum((unit**2).sum(axis=1), 1e-300)
     before, after, expected = (
-        (-per_si * (unit * residual).sum(axis=1) / scale)[kept] for residual in (left + taken_out, left, taken_out)
+        -per_si * (unit * residual).sum(axis=1) / scale for residual in (left + taken_out, left, taken_out)
     )
-    std, metadata = per_si / np.maximum(weight, 1e-300)[kept], problem.touch_state.metadata
-    x_label, x = _variable(problem, item)
-    return EffectResidual(
-        x_label, label, x[kept], before, after, expected, std, std, metadata.disc[kept], metadata.posture[kept]
-    )
+    std = per_si / np.maximum(weight, 1e-300)
+    return label, kept, (before, after, expected, std, std)
 
 
-def _taken_out(problem: Problem, final: Calibration, found: Sequence[Found], item: Found) -> Floats:
+def _taken_out(problem: Problem, found: Sequence[Found], item: Found) -> Floats:
     """Change of the residual where an effect and its rivals are left out, (n, 2)."""
+    final = problem.calibration
     columns = problem.point.whitened.derivative[:, :, final.model.base_count :].reshape(len(problem.left), -1)
     parts = final.model.effect_arrays
     amplitudes = [effect.amplitudes(part) for effect, part in zip(final.model.effects, parts, strict=True)]
@@ -335,19 +340,14 @@ def _taken_out(problem: Problem, final: Calibration, found: Sequence[Found], ite
     return (basis @ (basis.T @ lost) - lost)[: len(columns)].reshape(-1, 2)
 
 
-def _off_normal_residual(problem: Problem, item: Found) -> EffectResidual:
+def _off_normal_angle(problem: Problem, found: Sequence[Found], item: Found) -> tuple[str, Mask, _Columns]:
     """The off-normal angle of each force: its standard deviation is that of noise alone, or of noise and friction."""
-    radii, metadata = problem.touch_state.radii, problem.touch_state.metadata
-    linear, (_, l21, l22) = problem.point.linear, problem.point.whitened.root
+    radii, linear, (_, l21, l22) = problem.touch_state.radii, problem.point.linear, problem.point.whitened.root
     assert linear.by_off_normal is not None
     angle, variance = -1e3 * linear.misclosure[:, 1] / radii, l21**2 + l22**2
-    std = 1e3 * np.sqrt(variance) / radii
-    noise = 1e3 * np.sqrt(variance - linear.by_off_normal[:, 1] ** 2) / radii
-    x_label, x = _variable(problem, item)
-    label = 'off-normal angle of the force  [mrad]'
-    return EffectResidual(
-        x_label, label, x, angle, angle, np.zeros_like(angle), noise, std, metadata.disc, metadata.posture
-    )
+    noise, std = (1e3 * np.sqrt(v) / radii for v in (variance - linear.by_off_normal[:, 1] ** 2, variance))
+    columns = angle, angle, np.zeros_like(angle), noise, std
+    return 'off-normal angle of the force  [mrad]', np.ones(len(radii), dtype=bool), columns
 
 
 def _largest_channel(problem: Problem, item: Found) -> tuple[str, float, Floats]:
@@ -361,27 +361,23 @@ def _largest_channel(problem: Problem, item: Found) -> tuple[str, float, Floats]
         sum((a * part for a, part in zip(amplitudes, parts, strict=False) if part is not None), np.zeros((1, 2)))
         for parts in ([shift.joints for shift in shifts], [shift.place for shift in shifts], errors)
     )
-    units = [at_joint(np.ones(len(problem.force)), joint) for joint in (0, 1)]
     normal = problem.point.model.contact_normal(at)
     along = problem.force / np.hypot(problem.force[:, 0], problem.force[:, 1])[:, None]
-    rows: list[tuple[str, float, Floats, Floats, Shift, Floats | None]] = []
-    for k, unit in enumerate(units):
-        rows.append((f'deviation of joint {k + 1}  [µrad]', 1e6, joints, unit, Shift(unit), None))
+    # label, unit shown per SI unit, what the effect does, direction in which it is shown, one SI unit of it
+    rows: list[tuple[str, float, Floats, Floats, Trial]] = []
+    for joint in (0, 1):
+        unit = at_joint(np.ones(len(along)), joint)
+        rows.append((f'deviation of joint {joint + 1}  [µrad]', 1e6, joints, unit, Trial((Shift(unit),))))
     for side, turn in (('along', np.eye(2)), ('across', np.array([[0.0, 1.0], [-1.0, 0.0]]))):
-        unit, label = normal @ turn, f'displacement {side} the contact normal  [µm]'
-        rows.append((label, 1e6, place, unit, Shift(place=unit), None))
-        rows.append((f'sensor error {side} the force  [N]', 1.0, error, along @ turn, Shift(), along @ turn))
-    channels = []
-    for label, per_si, size, unit, shift, sensor_error in rows:
-        column = problem.changes([shift], [sensor_error]).reshape(-1, 2)
-        channels.append((float(np.linalg.norm((size * unit).sum(axis=1)[:, None] * column)), label, per_si, column))
-    return max(channels, key=lambda channel: channel[0])[1:]
-
-
-def _variable(problem: Problem, item: Found) -> tuple[str, Floats]:
-    """The variable over which an effect is shown: its name with unit, and its values, (n,)."""
-    axis = item.effect.plot_axis(problem.touch_state, np.array([v.value for v in item.values]))
-    return axis.title + (f'  [{axis.unit}]' if axis.unit else ''), axis.values
+        unit, force = normal @ turn, along @ turn
+        rows.append((f'displacement {side} the contact normal  [µm]', 1e6, place, unit, Trial((Shift(place=unit),))))
+        rows.append((f'sensor error {side} the force  [N]', 1.0, error, force, Trial((Shift(),), (force,))))
+    columns = [problem.changes(trial).reshape(-1, 2) for *_, trial in rows]
+    sizes = [
+        np.linalg.norm((r[2] * r[3]).sum(axis=1)[:, None] * column) for r, column in zip(rows, columns, strict=True)
+    ]
+    largest = int(np.argmax(sizes))
+    return *rows[largest][:2], columns[largest]
 
 
 def discriminating_touches(
@@ -409,20 +405,9 @@ def discriminating_touches(
         is_near = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > 0.5 for j in chosen)
         if in_std[k] >= 2.0 and not is_near and len(chosen) < most:
             chosen.append(int(k))
-    magnitude = np.hypot(*pool.force.T)
-    names = [disc.name for disc in calibration.cell.discs]
-    return tuple(
-        DiscriminatingTouch(
-            names[pool.disc[k]],
-            float(angle[k]),
-            int(pool.posture[k]),
-            float(magnitude[k]),
-            bool(is_unloaded[k]),
-            float(difference[k]),
-            float(in_std[k]),
-        )
-        for k in chosen
-    )
+    names, magnitude = np.array([disc.name for disc in calibration.cell.discs])[pool.disc], np.hypot(*pool.force.T)
+    columns = names, angle, pool.posture, magnitude, is_unloaded, difference, in_std
+    return tuple(starmap(DiscriminatingTouch, zip(*(column[chosen].tolist() for column in columns), strict=True)))
 
 
 def _predict(pool: TouchSet, fit: Calibration) -> tuple[Floats, Floats]:

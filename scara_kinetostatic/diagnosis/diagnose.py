@@ -20,12 +20,11 @@ from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import all_candidates
 from scara_kinetostatic.diagnosis.comparison import discriminating_touches
-from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, Dependence, adequacy, off_normal_p_value
+from scara_kinetostatic.diagnosis.lack_of_fit import Adequacy, adequacy, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     CREDIBLE,
     SIGNIFICANCE,
     STRICT_SIGNIFICANCE,
-    FittedEffect,
     Problem,
     fitted_effects,
     pose_problem,
@@ -37,13 +36,14 @@ from scara_kinetostatic.diagnosis.mixed_model import (
     with_large_effects,
     with_projection,
 )
-from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, rank_singles, score_singles
+from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets, significance
 from scara_kinetostatic.diagnosis.noise_structure import PENALTY, fit_again, noise_candidate
-from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
+from scara_kinetostatic.diagnosis.result import Contradiction, Dependence, Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.search import Moment, Search, fit_rivals, likeliest, moments
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.undetected import typical_size
+from scara_kinetostatic.model.arrays import Floats
 
 _GROSS = 10.0
 """Typical sizes beyond which an effect that is not named is no small error: the model is then not explained."""
@@ -154,14 +154,14 @@ def _examine(c: Calibration, known: tuple[Effect, ...]) -> tuple[Diagnosis, floa
     about (weighted Bonferroni: Genovese, Roeder and Wasserman, Biometrika 93 (2006) 509).
     """
     problem = pose_problem(c)
-    candidate_set = all_candidates(c, problem, known, together=False)
+    candidate_set = all_candidates(problem, known, together=False)
     fit, off_normal = adequacy(c, problem, candidate_set), off_normal_p_value(c)
     halves = 2 if fit.declared_p_value is not None or c.trusted else 1
     declared = 1.0 if fit.declared_p_value is None else fit.declared_p_value
     p_value = min(1.0, 2 * halves * min(fit.p_value, off_normal), halves * max(_shares(c), 1) * declared)
     implausible = '; '.join(advice.implausible_noise(c) or ())
     if p_value >= SIGNIFICANCE and not implausible and c.used.all():
-        ranking = _ranking(problem, rank_singles(problem, candidate_set))
+        ranking = _ranking(problem, score_subsets(problem, candidate_set, together=False))
         mixed = fit_mixed(c, known)
         refitted = with_large_effects(mixed.fit, mixed) if mixed.fit.random is not None else None
         nothing = Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, refitted=refitted)
@@ -241,16 +241,14 @@ def _with_extended_model(
 
 def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
     """A calibration with the standard deviations of the places of its effects on their grids."""
-    std, place, by_label = np.array(fit.effect_std), 0, {moment.effect.label: moment.std for moment in when}
-    for effect in fit.model.effects:
-        if effect.label in by_label:
-            assert isinstance(effect, Effect)
-            where = place + effect.grid_parameter_index
-            std[where] = np.fmax(std[where], by_label[effect.label])
-        place += len(effect.parameters)
     if not when:
         return fit
-    return with_projection(replace(fit, effect_std=std), fit.projection)
+    stds, known = [np.array(std) for std in fit.effect_stds], {moment.effect.label: moment for moment in when}
+    for effect, std in zip(fit.model.effects, stds, strict=True):
+        if effect.label in known:
+            where = known[effect.label].effect.grid_parameter_index
+            std[where] = np.fmax(std[where], known[effect.label].std)
+    return with_projection(replace(fit, effect_std=np.concatenate(stds)), fit.projection)
 
 
 def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
@@ -264,25 +262,24 @@ def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
 
 def _describe(extended: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]) -> tuple[Found, ...]:
     """All named effects with their values in the extended model; a rival has those of the model with it alone."""
-    alone = {item.effect.label: _values(item, rival) for rival in reversed(rivals) for item in fitted_effects(rival)}
+    alone = {fitted[0].label: _values(*fitted, rival) for rival in reversed(rivals) for fitted in fitted_effects(rival)}
     items = []
-    for item in fitted_effects(extended):
-        label, values = item.effect.label, _values(item, extended)
-        if label not in extended.held_effects:
-            is_certain = label in in_every_model
-            items.append(Found(item.effect, values if is_certain else alone.get(label, values), is_certain))
+    for effect, estimates, std in fitted_effects(extended):
+        values = _values(effect, estimates, std, extended)
+        if effect.label not in extended.held_effects:
+            is_certain = effect.label in in_every_model
+            items.append(Found(effect, values if is_certain else alone.get(effect.label, values), is_certain))
     return tuple(items)
 
 
-def _values(item: FittedEffect, calibration: Calibration) -> tuple[Value, ...]:
+def _values(effect: Effect, values: Floats, stds: Floats, calibration: Calibration) -> tuple[Value, ...]:
     """The parameters of an effect with their estimates; of random off-normal angles their standard deviation."""
-    size = item.effect.off_normal_std
-    if size:
+    if size := effect.off_normal_std:
         std = float(size / np.sqrt(2 * calibration.used.sum()))
         return (Value('off_normal_angle', size, std, 'rad', 'of the force from the normal, root mean square'),)
     return tuple(
         Value(p.name, float(v), float(s), p.unit, p.meaning)
-        for p, v, s in zip(item.effect.parameters, item.values, item.std, strict=True)
+        for p, v, s in zip(effect.parameters, values, stds, strict=True)
     )
 
 
@@ -294,19 +291,20 @@ def suspects(final: Calibration, least: float = 1.0) -> tuple[Found, ...]:
     if random is None:
         return ()
     value, std = random.size * final.random_values, np.sqrt(np.diag(final.covariance_with_errors))
-    std, largest = random.size * std[len(std) - len(value) :], dict[str, tuple[float, int]]()
-    for k, column in enumerate(random.columns):
-        ratio = abs(value[k]) / typical_size(column.effect, column.parameter, arm)
-        if ratio > max(least, largest.get(column.effect.label, (0.0, 0))[0]):
-            largest[column.effect.label] = ratio, k
-    found = []
-    for _, k in sorted(largest.values(), reverse=True):
-        column = random.columns[k]
-        same = [j for j, other in enumerate(random.columns) if other[:2] == column[:2]]
-        parts = [(column.effect.parameters[random.columns[j].parameter], j) for j in same]
+    std, found = random.size * std[len(std) - len(value) :], dict[str, Found]()
+    ratio = np.abs(value) / [typical_size(column.effect, column.parameter, arm) for column in random.columns]
+    for k in np.argsort(-ratio, kind='stable').tolist():
+        effect, form, _ = random.columns[k]
+        if ratio[k] <= least or effect.label in found:
+            continue
+        parts = [
+            (effect.parameters[column.parameter], j)
+            for j, column in enumerate(random.columns)
+            if column[:2] == (effect, form)
+        ]
         values = tuple(Value(p.name, float(value[j]), float(std[j]), p.unit, p.meaning) for p, j in parts)
-        found.append(Found(column.effect, values, in_every_model=False, is_possible=True))
-    return tuple(found)
+        found[effect.label] = Found(effect, values, in_every_model=False, is_possible=True)
+    return tuple(found.values())
 
 
 def _ranking(
@@ -314,13 +312,12 @@ def _ranking(
 ) -> tuple[Ranked, ...]:
     """Every effect by itself: its scores and its role; `possible` are the labels of suspicions."""
     rivals = {label for group in (found.rivals if found else ()) for label in group}
-    named = found.in_every_model if found else ()
-    ranked = []
-    for candidate, scores in score_singles(problem, sets):
-        label = candidate.effect.label
-        role = 'found' if label in named else 'rival' if label in rivals else 'rejected'
-        role = 'possible' if role == 'found' and label in possible else role
-        ranked.append(Ranked(candidate.effect, role, *scores))
-    for item in sets.candidate_set.unidentifiable:
-        ranked.append(Ranked(item.effect, 'unidentifiable', np.nan, 0.0, 0.0, item.independent_part))
-    return tuple(ranked)
+    roles = dict.fromkeys(rivals, 'rival') | dict.fromkeys(found.in_every_model if found else (), 'found')
+    roles |= {label: 'possible' for label in possible if roles.get(label) == 'found'}
+    empty, ranked = sets.empty.score, dict[str, Ranked]()
+    for subset in sets.subsets:  # the best first
+        if len(subset.members) == 1 and subset.labels[0] not in ranked:
+            (label,), (candidate,) = subset.labels, subset.members
+            scores = (*significance(problem, candidate), empty - subset.score, candidate.independent_part)
+            ranked[label] = Ranked(candidate.effect, roles.get(label, 'rejected'), *scores)
+    return (*ranked.values(), *sets.unidentifiable)

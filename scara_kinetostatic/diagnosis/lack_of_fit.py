@@ -20,7 +20,7 @@ uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -30,7 +30,6 @@ from scipy import special
 from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import noise_left, outer, whiten_by
 from scara_kinetostatic.calibration.noise_estimation import growing, whiten_matrix
-from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import (
@@ -44,50 +43,25 @@ from scara_kinetostatic.diagnosis.linear_problem import (
     orthonormal,
 )
 from scara_kinetostatic.diagnosis.model_selection import significance
+from scara_kinetostatic.diagnosis.result import Dependence
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import view_arm
 
 
-class _Family(NamedTuple):
-    """Functions of one quantity that the residual could depend on.
-
-    Attributes:
-        name: of the quantity.
-        columns: the functions at each touch, (n, 2, m), whitened.
-        noise: their change by one standard deviation of the noise in the forces, (n, 2, m); None for nothing.
-    """
-
-    name: str
-    columns: Floats
-    noise: Floats | None = None
-
-
-class Dependence(NamedTuple):
-    """The test of one family.
-
-    Attributes:
-        name: of the quantity on which the residual would depend.
-        p_value: of "it does not".
-        share: part of the residual's sum of squares that the family explains.
-    """
-
-    name: str
-    p_value: float
-    share: float
-
-
-def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:
+def _families(calibration: Calibration, point: Point) -> Iterator[tuple[str, Floats, Floats | None]]:
     """All families at the used touches: smooth functions along and across the force, displaced discs, joints whose zero
     changes.
+
+    Yields:
+        The name of the quantity, the functions at each touch, (n, 2, m), whitened but for the smooth ones, and their
+        change by one standard deviation of the noise in the forces, (n, 2, m); None for nothing.
     """
-    touches = calibration.touches.select(calibration.used)
-    state = point.adjusted.state
+    touches, state, root = calibration.touches.select(calibration.used), point.adjusted.state, point.whitened.root
     arm = view_arm(point.parameters, *state[:4], calibration.cell.gripper)
     f, phi = state.magnitude, state.direction
     q1, q2 = point.adjusted.joints.T
     link2 = q1 + q2 + point.parameters.theta1 + point.parameters.theta2
-    larger = f + noise_left(point.linear, point.whitened.root, calibration.noise, 0)
+    larger = f + noise_left(point.linear, root, calibration.noise, 0)
     by_force = {
         'the torque of joint 1': (f * arm.lever[0], larger * arm.lever[0]),
         'the torque of joint 2': (f * arm.lever[1], larger * arm.lever[1]),
@@ -107,51 +81,24 @@ def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:
         'time': _powers(touches.time)[:, :2],
     }
     noise = {name: _powers(*values) - smooth[name] for name, values in by_force.items()}
-    one_side = [
-        _Family(f'{name} ({side} the force)', _on_side(columns, k), _on_side(noise[name], k) if name in noise else None)
-        for name, columns in smooth.items()
-        for k, side in enumerate(('along', 'across'))
-    ]
-    names = [disc.name for disc in calibration.cell.discs]
-    return (*one_side, *_displaced_discs(touches, names, phi, point), *_changed_joints(touches, point))
-
-
-def _on_side(columns: Floats, side: int) -> Floats:
-    out = np.zeros((len(columns), 2, columns.shape[1]))
-    out[:, side] = columns
-    return out
-
-
-def _displaced_discs(touches: TouchSet, names: Sequence[str], direction: Floats, point: Point) -> list[_Family]:
-    """A disc displaced, or of another radius: h changes by the displacement along n and t, by the radius along n."""
-    c, s, one, none = np.cos(direction), np.sin(direction), np.ones_like(direction), np.zeros_like(direction)
+    for name, columns in smooth.items():
+        for side, on_side in zip(('along', 'across'), np.eye(2)[:, :, None], strict=True):
+            changed = noise[name][:, None] * on_side if name in noise else None
+            yield f'{name} ({side} the force)', columns[:, None] * on_side, changed
+    # a disc displaced, or of another radius: h changes by the displacement along n and t, by the radius along n
+    c, s, one, none = np.cos(phi), np.sin(phi), np.ones_like(phi), np.zeros_like(phi)
     shifts = np.stack([np.stack([c, s, one], axis=-1), np.stack([-s, c, none], axis=-1)], axis=1)
-    return [
-        _Family(
-            f'place and size of {names[disc]}',
-            whiten_by(shifts * (touches.disc == disc)[:, None, None], point.whitened.root),
-        )
-        for disc in np.unique(touches.disc)
-    ]
-
-
-def _changed_joints(touches: TouchSet, point: Point) -> list[_Family]:
-    """The zero of a joint drifts with time, jumps at some time, or depends on the direction of approach."""
+    for disc in np.unique(touches.disc):
+        columns = whiten_by(shifts * (touches.disc == disc)[:, None, None], root)
+        yield f'place and size of {calibration.cell.discs[disc].name}', columns, None
+    # the zero of a joint drifts with time, jumps at some time, or depends on the direction of approach
     order = np.argsort(np.argsort(touches.time, kind='stable'))
     parts = [np.where(order >= len(order) * part, 0.5, -0.5) for part in (0.25, 0.5, 0.75)]
-    turns = whiten_by(point.linear.by_joints, point.whitened.root)
     drift = np.stack([_powers(touches.time)[:, 0], *parts], axis=-1)
-    return [
-        family
-        for joint in (0, 1)
-        for family in (
-            _Family(f'time, through the zero of joint {joint + 1}', turns[:, :, joint, None] * drift[:, None, :]),
-            _Family(
-                f'the direction of approach, through joint {joint + 1}',
-                turns[:, :, joint, None] * np.sign(touches.approach[:, joint])[:, None, None],
-            ),
-        )
-    ]
+    for joint, turns in enumerate(np.moveaxis(whiten_by(point.linear.by_joints, root), -1, 0)[..., None]):
+        approach = np.sign(touches.approach[:, joint])[:, None, None]
+        yield f'time, through the zero of joint {joint + 1}', turns * drift[:, None, :], None
+        yield f'the direction of approach, through joint {joint + 1}', turns * approach, None
 
 
 def _waves(angle: Floats, most: int) -> Floats:
@@ -185,13 +132,12 @@ def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
     # sizes above the likeliest ones take some of what is noise, whose level is known along with them
     least = 0.0 if c.random is None else 1.0
     dependences = []
-    for family in _families(c, point):
-        noise = None if family.noise is None else family.noise.reshape(2 * n, -1)
-        columns = marginal.apply(family.columns.reshape(2 * n, -1))
-        unit, _ = independent_part(base, columns, INDEPENDENT_PART_CAUTIOUS, noise)
+    for name, columns, noise in _families(c, point):
+        changed = None if noise is None else noise.reshape(2 * n, -1)
+        unit, _ = independent_part(base, marginal.apply(columns.reshape(2 * n, -1)), INDEPENDENT_PART_CAUTIOUS, changed)
         tested = f_test(unit, residual, 2 * n - uninformative - base.shape[1], least)
         if tested is not None:
-            dependences.append(Dependence(family.name, *tested))
+            dependences.append(Dependence(name, *tested))
     return tuple(sorted(dependences, key=lambda dependence: dependence.p_value))
 
 
@@ -212,7 +158,8 @@ def _score(c: Calibration, kind: str, beside: Sequence[str]) -> float:
     left = residual - base @ (base.T @ residual)
     # the limit keeps exact data solvable
     size = max(float(left @ left) / max(len(left) - base.shape[1], 1), 1e-12)
-    kinds = [_variance(name, c, observations, point) for name in (*beside, kind)]
+    variances = _variances(c, observations.radii, point)
+    kinds = [whiten_matrix(variances[name], point.whitened.root) for name in (*beside, kind)]
     rows = base.reshape(-1, 2, base.shape[1])
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
     e = (left / np.sqrt(size)).reshape(-1, 2)
@@ -224,22 +171,18 @@ def _score(c: Calibration, kind: str, beside: Sequence[str]) -> float:
     return float(value / np.sqrt(variance)) if variance > 0 else 0.0
 
 
-def _variance(name: str, c: Calibration, observations: Observations, point: Point) -> Floats:
-    """One kind of variance of each touch, whitened, of about unit size, (n, 2, 2)."""
+def _variances(c: Calibration, radii: Floats, point: Point) -> dict[str, Floats]:
+    """Each kind of variance of each touch, of about unit size when whitened, (n, 2, 2)."""
     linear, noise = point.linear, c.noise
-    if name == OFF_NORMAL:
-        by_off_normal = np.zeros((len(observations.radii), 2, 1))
-        # scale of the angles, rad; the p-value does not depend on it
-        by_off_normal[:, 1, 0] = 0.01 * observations.radii
-        entries = outer(by_off_normal)
-    elif name == GROWING:
-        square = float((linear.force**2).sum(axis=1).mean())
-        entries = noise.force_rms**2 / square * growing(linear)
-    elif name == JOINT:
-        entries = noise.joint_rms**2 * outer(linear.by_joints)
-    else:
-        entries = noise.force_rms**2 * outer(linear.by_force)
-    return whiten_matrix(entries, point.whitened.root)
+    by_off_normal = np.zeros((len(radii), 2, 1))
+    by_off_normal[:, 1, 0] = 0.01 * radii  # scale of the angles, rad; the p-value does not depend on it
+    square = float((linear.force**2).sum(axis=1).mean())
+    return {
+        JOINT: noise.joint_rms**2 * outer(linear.by_joints),
+        FORCE: noise.force_rms**2 * outer(linear.by_force),
+        GROWING: noise.force_rms**2 / square * growing(linear),
+        OFF_NORMAL: outer(by_off_normal),
+    }
 
 
 class Adequacy(NamedTuple):

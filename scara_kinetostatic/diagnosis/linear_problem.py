@@ -31,9 +31,8 @@ from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import extended_equations, shift_column
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.extended_model import true_force
 from scara_kinetostatic.model.parameters import NAMES
 
@@ -51,8 +50,6 @@ CREDIBLE = 10.0
 """Difference of the penalised deviance beyond which a set of effects is ruled out: odds of e⁵. Very strong evidence on
 the scale of Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
 """
-DISTINCT = 3.0
-"""Standard deviations by which two frequencies or slip torques must differ to be two."""
 INDEPENDENT_PART = 0.012
 """Part of a unit column that must be independent of the fitted parameters for an effect to be identifiable; less is
 made by the noise of the measured force.
@@ -61,10 +58,6 @@ INDEPENDENT_PART_CAUTIOUS = 0.03
 """The same where all forces are alike, and of the families of functions that test for a lack of fit."""
 FORCE_LEVELS = 3.0
 """Standard deviations of the noise by which forces must scatter to be of several levels."""
-ROUNDING = 1e-8
-"""Mean square of a whitened residual below which it is rounding error."""
-
-
 _OBJECT_ERRORS = ('object_', 'plate_')
 """Beginning of the labels of wrong places and sizes."""
 _MOST = 1000
@@ -76,6 +69,7 @@ class Problem(NamedTuple):
     """The linear problem of n touches.
 
     Attributes:
+        calibration: the fit.
         point: of the linearisation.
         by_unit: what the effects change there.
         touch_state: what effects depend on, for each touch.
@@ -84,7 +78,6 @@ class Problem(NamedTuple):
         marginal: M, by which whitened rows are multiplied for what declared errors add to their covariance.
         base: orthonormal basis of J, (2n, r).
         left: y projected off J, (2n,).
-        noise_given: whether s is known to be 1.
         one_level: whether all forces are the same but for their noise, so that their differences are noise.
         response: derivative of L̄ by y, (12, 2n).
         without_effects: change of L̄ where the effects of the fit are left out, to first order, (12,).
@@ -92,6 +85,7 @@ class Problem(NamedTuple):
         declared: labels of the sources of uncertainty that the cell description declares.
     """
 
+    calibration: Calibration
     point: Point
     by_unit: UnitChanges
     touch_state: TouchState
@@ -100,12 +94,16 @@ class Problem(NamedTuple):
     marginal: Marginal
     base: Floats
     left: Floats
-    noise_given: bool
     one_level: bool
     response: Floats
     without_effects: Floats
     jacobian: Floats
     declared: frozenset[str]
+
+    @property
+    def noise_given(self) -> bool:
+        """Whether s is known to be 1."""
+        return self.calibration.noise_source == 'given'
 
     @property
     def freedoms(self) -> int:
@@ -132,9 +130,7 @@ class Problem(NamedTuple):
 
     def columns(self, *trials: Trial) -> Floats:
         """X of trials side by side, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
-        shifts = [shift for trial in trials for shift in trial.columns]
-        errors = [error for trial in trials for error in trial.sensor_errors or (None,) * len(trial.columns)]
-        return self.marginal.apply(self.changes(shifts, errors))
+        return self.marginal.apply(self.changes(*trials))
 
     def columns_and_noise(self, single: Sequence[tuple[Effect, Trial]]) -> list[tuple[Floats, Floats]]:
         """Of effects of one trial X, and its change by one standard deviation of the noise in F̂, (2n, m) each."""
@@ -145,8 +141,10 @@ class Problem(NamedTuple):
         parts = (np.split(part, ends, axis=1)[:-1] for part in (columns, with_noise - columns))
         return list(zip(*parts, strict=True))
 
-    def changes(self, shifts: Sequence[Shift], errors: Sequence[Floats | None]) -> Floats:
-        """Changes of the whitened misclosures by shifts and errors of the sensor, (2n, k)."""
+    def changes(self, *trials: Trial) -> Floats:
+        """Changes of the whitened misclosures by the columns of trials side by side, (2n, m), not multiplied by M."""
+        shifts = [shift for trial in trials for shift in trial.columns]
+        errors = [error for trial in trials for error in trial.sensor_errors or (None,) * len(trial.columns)]
         n = len(self.force)
         changes = np.zeros((n, 2, len(shifts)))
         for by_unit, parts in (
@@ -170,58 +168,43 @@ def pose_problem(calibration: Calibration, level: Floats | None = None) -> Probl
     c = calibration
     some = _some(c.used)
     observations, point = c.observe(some), select(c.projection, some)
-    base = c.subspace.basis[:, ~c.subspace.basis[c.model.base_count :].any(axis=0)]
-    identifiable = base[: c.model.base_count]
+    count, state, root = c.model.base_count, point.adjusted.state, point.whitened.root
+    identifiable = c.subspace.basis[:count, ~c.subspace.basis[count:].any(axis=0)]
     contact_problem = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal)
-    state = point.adjusted.state
-    equations, touch_state = (
-        extended_equations(c.model, contact_problem, state),
-        contact_problem.touch_state(c.parameters, state),
-    )
-    by_base = point.whitened.derivative[:, :, : c.model.base_count].copy()
-    for name, shift in c.model.shift_by_robot(
-        touch_state
-    ).items():  # the effects are to be taken out, and this with them
-        by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, equations), point.whitened.root)
+    equations = extended_equations(c.model, contact_problem, state)
+    touch_state = contact_problem.touch_state(c.parameters, state)
+    by_base = point.whitened.derivative[:, :, :count].copy()
+    # the effects are to be taken out, and what of L̄ scales them with them
+    for name, shift in c.model.shift_by_robot(touch_state).items():
+        by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, equations), root)
     jacobian = (by_base @ identifiable).reshape(2 * len(point.distance), -1)
     marginal, unprojected = unfitted(point, level)
     whitened = marginal.apply(jacobian)
-    base = orthonormal(whitened)
-    declared = observations.declared
-    problem = Problem(
-        point=point,
-        by_unit=UnitChanges(
-            *(
-                whiten_by(part, point.whitened.root)
-                for part in unit_changes(equations, point.linear.by_force, point.adjusted.force)
-            )
-        ),
-        touch_state=touch_state,
-        force=true_force(c.model, point.adjusted.force, observations.metadata),
-        larger_by_noise=_with_larger_force(touch_state, noise_left(point.linear, point.whitened.root, c.noise, 0)),
-        marginal=marginal,
-        base=base,
-        left=np.empty(0),
-        noise_given=c.noise_source == 'given',
-        one_level=_is_one_level(point, c.noise),
-        response=-identifiable @ np.linalg.pinv(whitened),
-        without_effects=np.zeros(c.model.base_count),
-        jacobian=jacobian,
-        declared=frozenset(() if declared is None else (source.label for source in declared.sources)),
-    )
+    base, response = orthonormal(whitened), -identifiable @ np.linalg.pinv(whitened)
     amplitudes = [
         0.0 * part if effect.label in c.held_effects else effect.amplitudes(part)
         for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)
     ]
-    effects = point.whitened.derivative[:, :, c.model.base_count :].reshape(len(base), -1)
+    effects = point.whitened.derivative[:, :, count:].reshape(len(base), -1)
     y = unprojected - marginal.apply(effects @ np.concatenate([np.empty(0), *amplitudes]))
-    return problem._replace(left=y - base @ (base.T @ y), without_effects=problem.response @ y)
-
-
-def _is_one_level(point: Point, noise: Noise) -> bool:
-    """Whether the forces differ by no more than their noise."""
-    magnitude = point.adjusted.state.magnitude
-    return bool(np.std(magnitude) < FORCE_LEVELS * noise.force_at(float(magnitude.mean())))
+    by_unit = unit_changes(equations, point.linear.by_force, point.adjusted.force)
+    declared = observations.declared
+    return Problem(
+        calibration=c,
+        point=point,
+        by_unit=UnitChanges(*(whiten_by(part, root) for part in by_unit)),
+        touch_state=touch_state,
+        force=true_force(c.model, point.adjusted.force, observations.metadata),
+        larger_by_noise=_with_larger_force(touch_state, noise_left(point.linear, root, c.noise, 0)),
+        marginal=marginal,
+        base=base,
+        left=y - base @ (base.T @ y),
+        one_level=bool(np.std(state.magnitude) < FORCE_LEVELS * c.noise.force_at(float(state.magnitude.mean()))),
+        response=response,
+        without_effects=response @ y,
+        jacobian=jacobian,
+        declared=frozenset(() if declared is None else (source.label for source in declared.sources)),
+    )
 
 
 def _with_larger_force(touch_state: TouchState, more: Floats) -> TouchState:
@@ -292,29 +275,15 @@ def f_test(unit: Floats, residual: Floats, freedoms: int, least: float = 0.0) ->
         least: mean square that the residual has at least.
     """
     rank, total = unit.shape[1], float(residual @ residual)
-    if rank == 0 or freedoms <= rank or total < ROUNDING * len(residual):
+    if rank == 0 or freedoms <= rank or total < 1e-8 * len(residual):  # whitened, less is rounding
         return None
     explained = float(np.sum((unit.T @ residual) ** 2))
     ratio = (explained / rank) / max((total - explained) / (freedoms - rank), least, 1e-300)
     return float(special.fdtrc(rank, freedoms - rank, ratio)), explained / total
 
 
-class FittedEffect(NamedTuple):
-    """An effect of an extended model with its estimates.
-
-    Attributes:
-        effect: the effect.
-        values: of its parameters, (k,).
-        std: their standard deviations, (k,).
-    """
-
-    effect: Effect
-    values: Floats
-    std: Floats
-
-
-def fitted_effects(calibration: Calibration) -> list[FittedEffect]:
-    """The effects of a calibration with their estimates."""
+def fitted_effects(calibration: Calibration) -> list[tuple[Effect, Floats, Floats]]:
+    """The effects of a calibration, the values of their parameters, and standard deviations of these, (k,) each."""
     model = calibration.model
-    rows = zip(model.effects, model.effect_arrays, calibration.effect_stds, strict=True)
-    return [FittedEffect(cast('Effect', effect), values, std) for effect, values, std in rows]
+    effects = cast('tuple[Effect, ...]', model.effects)
+    return list(zip(effects, model.effect_arrays, calibration.effect_stds, strict=True))

@@ -50,6 +50,7 @@ from scara_kinetostatic.diagnosis.restricted_likelihood import (
     posterior,
     scatter,
     size_prior,
+    weights_of,
 )
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.undetected import columns_of, typical_size
@@ -63,10 +64,6 @@ HEAVY_TAILS, LIGHT_TAILS = 1.0, 3.0
 """Degrees of freedom of the sizes' prior: of flaws, named or looked for; of what is left, whose mean square exists."""
 _LARGEST_RATIO = 3**0.5
 """Root mean square of τ_g / τ_0 with light tails, where the touches say nothing of it."""
-_ROUNDS = 6
-"""Of the noise levels."""
-_LINEARISATIONS = 8
-"""At most."""
 _LEAST_PART = 0.03
 """Of the noise level of the base model, or the usual one: all of it may be model error, but touches do scatter."""
 _LOST = 1e5
@@ -80,55 +77,36 @@ class MixedModel(NamedTuple):
 
     Attributes:
         fit: the calibration with its named effects, the random effects and the covariance of all.
-        common: τ_0, the size of the robot's errors in typical sizes.
-        typical: typical sizes of the columns of the random effects, (r,).
+        level: by what the sizes of the random effects are to be multiplied to be the robot's, or those declared, (r,).
         deviance: -2 log restricted likelihood and priors of the sizes, with what rejected touches cost.
         solved: of the last linearisation.
     """
 
     fit: Calibration
-    common: float
-    typical: Floats
+    level: Floats
     deviance: float
     solved: _Solved
 
-    @property
-    def level(self) -> Floats:
-        """By what the sizes of the random effects are to be multiplied to be the robot's, or those declared, (r,)."""
-        if self.fit.random is None:
-            return np.zeros(0)
-        mode = self.fit.cell.uncertainty.effects.sizes
-        wanted = self.typical * (self.common if mode is SizeMode.ESTIMATED else 1.0)
-        stated = np.isfinite([self.fit.random.stated_size(column) for column in self.fit.random.columns])
-        return np.where(stated, 1.0, wanted / self.fit.random.size)
-
 
 class _Sizes(NamedTuple):
-    """The columns with a prior: those of declared errors, of named effects, and of random effects.
+    """The columns with a prior: those of declared errors, of named effects, and of random effects, c in all.
 
     Attributes:
-        typical: the size of each that τ = 1 stands for, (m + k + r,).
-        held: log τ where it is not to be estimated, (m + k + r,); NaN where it is.
-        group: number of the group of each that is to be estimated; -1 for others.
+        scale: the size of each that τ = 1 stands for, (c,).
+        group: number of the group of each that is to be estimated; -1 of others, for which τ is 1, (c,).
         freedoms: of the prior of the size of each group and of τ_0, (g + 1,).
     """
 
-    typical: Floats
-    held: Floats
+    scale: Floats
     group: Indices
     freedoms: Floats
-
-    @property
-    def groups(self) -> int:
-        """How many there are."""
-        return len(self.freedoms) - 1
 
 
 def fit_mixed(
     c: Calibration,
     known: Sequence[Effect],
     named: ExtendedModel | None = None,
-    most: int = _LINEARISATIONS,
+    most: int = 8,
     *,
     keeps_touches: bool = False,
     freedoms: float = LIGHT_TAILS,
@@ -149,13 +127,9 @@ def fit_mixed(
     Raises:
         UnsupportedDataError: it diverges.
     """
-    own = c.model
-    begun = own if named is None else named
-    model = ExtendedModel(
-        begun.parameters,
-        (*own.effects, *(() if named is None else named.effects)),
-        (*own.effect_values, *(() if named is None else named.effect_values)),
-    )
+    own, named = c.model, named or ExtendedModel(c.parameters)
+    values = (*own.effect_values, *named.effect_values)
+    model = ExtendedModel(named.parameters, (*own.effects, *named.effects), values)
     with np.errstate(all='ignore'):
         for steps in (most, 1):  # where it does not settle, the first linearisation
             with suppress(np.linalg.LinAlgError, ParameterError):
@@ -175,13 +149,13 @@ def _settled(
     begin: MixedModel | None,
 ) -> MixedModel:
     """The mixed model, linearised anew until it settles, up to a number of times."""
-    latest, typical, held = _with_random_effects(c, model, known)
-    sizes = _sizes_of(latest, len(c.model.effects), typical, held, freedoms)
+    latest, is_free = _with_random_effects(c, model, known)
+    sizes = _sizes_of(latest, len(c.model.effects), is_free, freedoms)
     logs = _first_logs(latest, sizes)
     if begin is not None and begin.fit.random is not None:
-        size, own = begin.fit.random.size / typical, sizes.group[len(sizes.group) - len(typical) :]
+        size, own = begin.fit.random.size / _random_sizes(latest), _of_random(latest, sizes.group)
         # far from these the likelihood has other maxima: the columns are those of the first linearisation
-        logs[own[own >= 0]], logs[-1] = np.log(size[own >= 0]), np.log(begin.common)
+        logs[own[own >= 0]], logs[-1] = np.log(size[own >= 0]), begin.solved.logs[-1]
         values = size * begin.fit.random_values
         latest = replace(latest, errors=begin.fit.errors, random_values=values, noise=begin.fit.noise)
     for number in range(most):
@@ -189,26 +163,24 @@ def _settled(
         noise = c.noise if number or begin else min(c.noise, USUAL_NOISE, key=lambda one: one.joint_rms)
         levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
         solved = _solve(latest, c, sizes, logs, levels)
-        logs = solved.logs
+        logs, shift = solved.logs, _shift(latest, solved)
         moved = _moved(latest, solved, c.noise)
-        if number == most - 1 or not solved.shift < _LOST:
+        if number == most - 1 or not shift < _LOST:
             break
         pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
-        settled = solved.shift < _SETTLED and all(abs(after - before) <= 0.05 * before for after, before in pairs)
+        settled = shift < _SETTLED and all(abs(after - before) <= 0.05 * before for after, before in pairs)
         good = c.used if keeps_touches else _good(latest, solved, moved, late=number >= 3)
         if settled and (good == moved.used).all():
             break
         latest = with_projection(replace(moved, used=good), moved.projection)
     if not np.isfinite([solved.deviance, *moved.projection.distance[moved.used]]).all():
         raise np.linalg.LinAlgError('the linearisation leads to where the model is not defined')
-    return _result(moved, c, solved, typical, is_first=most == 1)
+    return _result(moved, c, solved, is_converged=most == 1 or shift < 1.0)
 
 
-def _with_random_effects(
-    c: Calibration, model: ExtendedModel, known: Sequence[Effect]
-) -> tuple[Calibration, Floats, Floats]:
-    """A calibration with another model and with all random effects of typical size and value zero; these sizes, and
-    log τ of those that are held, (r,) each.
+def _with_random_effects(c: Calibration, model: ExtendedModel, known: Sequence[Effect]) -> tuple[Calibration, Mask]:
+    """A calibration with another model and with all random effects of typical or declared size and value zero; of which
+    the size is to be estimated, (r,).
     """
     declared, point = c.cell.uncertainty.effects, c.projection
     problem = c.observe().contact_problem(point.adjusted.joints, point.adjusted.off_normal)
@@ -227,83 +199,57 @@ def _with_random_effects(
         columns = columns_of(effect, at)
         forms = max(len({column.values for column in columns}), 1)
         for column in columns:
-            size = typical_size(effect, column.parameter, declared.arm)
-            first = typical_size(effect, 0, declared.arm)  # others in proportion
-            held = np.log(stated / first) if stated else 0.0 if declared.sizes is SizeMode.TYPICAL else np.nan
-            found.append((column, size / forms**0.5, held))
+            size = typical_size(effect, column.parameter, declared.arm) / forms**0.5
+            if stated:  # of the first parameter; others in proportion
+                size *= stated / typical_size(effect, 0, declared.arm)
+            found.append((column, size, not stated and declared.sizes is SizeMode.ESTIMATED))
     found.sort(key=lambda item: (not item[0].moves_robot, item[0].effect.force_dependence))
-    typical, held = (np.array([item[k] for item in found], dtype=float) for k in (1, 2))
+    size, is_free = np.array([item[1] for item in found]), np.array([item[2] for item in found], dtype=bool)
     sizes = {name: std for name, std in declared.stated.items() if std}
-    random = RandomEffects.at([item[0] for item in found], typical, at, force, sizes) if found else None
+    random = RandomEffects.at([item[0] for item in found], size, at, force, sizes) if found else None
     changed = replace(
         c, model=model, random=random, random_values=np.zeros(len(found)), subspace=_subspace(c, model), known=None
     )
-    return changed, typical, held
+    return changed, is_free
 
 
 def _subspace(c: Calibration, model: ExtendedModel) -> Subspace:
     """What the fit may change: what the touches determine of L̄, and all values of effects that are not held."""
     scales, count = scales_of(model), model.base_count
-    base = np.zeros((len(scales), c.subspace.basis.shape[1]))
-    base[: len(c.subspace.basis)] = c.subspace.basis
+    base = np.pad(c.subspace.basis, ((0, len(scales) - len(c.subspace.basis)), (0, 0)))
     free = [k for k, name in enumerate(model.names) if k >= count and name not in model.held and name not in c.fixed]
-    more = np.zeros((len(scales), len(free)))
-    more[free, np.arange(len(free))] = scales[free]
-    return Subspace(model.as_array(), np.concatenate([base, more], axis=1))
+    return Subspace(model.as_array(), np.concatenate([base, np.diag(scales)[:, free]], axis=1))
 
 
-def _sizes_of(c: Calibration, kept: int, typical: Floats, held: Floats, freedoms: float) -> _Sizes:
+def _sizes_of(c: Calibration, kept: int, is_free: Mask, freedoms: float) -> _Sizes:
     """The columns with a prior at a linearisation, and their groups: one for each label, and for each named effect."""
-    arm, declared = c.cell.uncertainty.effects.arm, len(c.errors)
-    sizes, logs, groups = [1.0] * declared, [0.0] * declared, [''] * declared
+    arm = c.cell.uncertainty.effects.arm
+    scale, groups = [1.0] * len(c.errors), [''] * len(c.errors)
     for number, (effect, values, _) in enumerate(fitted_effects(c)):
         acts = effect.amplitudes(np.ones(len(values))) != 0
         for k, parameter in enumerate(effect.parameters):
-            name = f'{effect.label}.{parameter.name}'
-            if name in c.fixed or name in c.model.held:
-                continue
-            free = bool(acts[k]) and number >= kept
-            sizes.append(typical_size(effect, k, arm) if acts[k] else parameter.scale)
-            logs.append(np.nan if free else 0.0)
-            groups.append(f'named {effect.label}' if free else '')
+            if (name := f'{effect.label}.{parameter.name}') not in c.fixed and name not in c.model.held:
+                scale.append(typical_size(effect, k, arm) if acts[k] else parameter.scale)
+                groups.append(f'named {effect.label}' if acts[k] and number >= kept else '')
     labels = [] if c.random is None else [column.effect.label for column in c.random.columns]
-    groups += [label if np.isnan(log) else '' for label, log in zip(labels, held, strict=True)]
+    groups += [label if free else '' for label, free in zip(labels, is_free.tolist(), strict=True)]
     names = [name for name in dict.fromkeys(groups) if name]
     group = np.array([names.index(name) if name else -1 for name in groups], dtype=np.intp)
     of_each = [HEAVY_TAILS if name.startswith('named ') else freedoms for name in names]
-    of_each.append(HEAVY_TAILS)
-    return _Sizes(np.concatenate([sizes, typical]), np.concatenate([logs, held]), group, np.array(of_each))
+    return _Sizes(np.concatenate([scale, _random_sizes(c)]), group, np.array([*of_each, HEAVY_TAILS]))
+
+
+def _random_sizes(c: Calibration) -> Floats:
+    """Sizes of the random effects of a calibration, (r,)."""
+    return np.zeros(0) if c.random is None else c.random.size
 
 
 def _first_logs(c: Calibration, sizes: _Sizes) -> Floats:
     """Log τ to begin with: typical sizes, and of named effects their own."""
-    places, first = _effect_places(c), len(c.errors)
-    amplitudes = _amplitudes(c)[places]
-    here = slice(first, first + len(places))
-    squares = np.bincount(
-        np.maximum(sizes.group[here], 0), np.square(amplitudes / sizes.typical[here]), sizes.groups + 1
-    )
+    named = slice(len(c.errors), len(c.errors) + len(_effect_places(c)))
+    squares = np.square(_amplitudes(c)[_effect_places(c)] / sizes.scale[named])
+    squares = np.bincount(np.maximum(sizes.group[named], 0), squares, len(sizes.freedoms))
     return np.where(squares > 0, 0.5 * np.log(np.maximum(squares, 1e-4)), 0.0)
-
-
-class _Problem(NamedTuple):
-    """The penalised problem of one linearisation, its columns in the order of `inner`.
-
-    Attributes:
-        inner: in the metric of the noise, the columns of known size first.
-        group: of the random effects whose size is estimated; -1 of other columns, (c,).
-        weights: sizes of the columns, (c,).
-        back: places of the columns of `_Sizes` in this order, (c,).
-    """
-
-    inner: Whitened
-    group: Indices
-    weights: Floats
-    back: Indices
-
-    def every(self, b: int) -> Indices:
-        """Places of y, of length b, and of the columns of `_Sizes`."""
-        return np.concatenate([np.arange(b), b + self.back])
 
 
 class _Solved(NamedTuple):
@@ -311,104 +257,88 @@ class _Solved(NamedTuple):
 
     Attributes:
         logs: log τ of each group and log τ_0, (g + 1,), at their maximum.
-        tau: size of each column with a prior, (c,), in its unit: the root mean square.
         levels: variances of the noise of joints and force, in those of the linearisation.
-        y: changes of L̄ in the basis of the fit without effects, (b,), by the penalised estimate.
-        u: values of the columns with a prior, in units of their sizes, (c,).
-        covariance: of y and u, (b + c, b + c).
+        inner: the problem in the metric of the noise.
+        group: of each column, -1 but of random effects whose size is estimated, (c,).
+        weights: sizes of the columns, in those that τ = 1 stands for: the root mean square, (c,).
+        tau: the same in the units of the columns, (c,).
+        lift: from the changes of L̄ in the basis of the fit without effects and the values of the columns to all values
+            of the model, declared errors and random values, the last in units of `tau`, (12 + k + m + r, b + c).
+        change: these by the penalised estimate, (12 + k + m + r,).
+        covariance: of these.
         chi_square: that of the residual and of all that is known beforehand.
-        freedoms: its degrees of freedom.
         deviance: as in `MixedModel`, of the used touches.
-        shift: largest change of a value by this step, in standard deviations.
-        problem: what was solved.
     """
 
     logs: Floats
-    tau: Floats
     levels: Floats
-    y: Floats
-    u: Floats
+    inner: Whitened
+    group: Indices
+    weights: Floats
+    tau: Floats
+    lift: Floats
+    change: Floats
     covariance: Floats
     chi_square: float
-    freedoms: int
     deviance: float
-    shift: float
-    problem: _Problem
+
+    @property
+    def rank(self) -> int:
+        """How much of L̄ the touches determine, b."""
+        return self.inner.base.shape[1]
 
 
 def _columns(c: Calibration, point: Point, base: Calibration) -> tuple[Floats, Floats, Floats]:
     """Whitened J, (2n, b), the columns with a prior, each by its unit, (2n, c), the residual without them, (2n,)."""
     w = point.whitened
-    rows = w.residual.size
-    basis = c.subspace.basis
-    b = base.subspace.basis.shape[1]
-    fitted = (w.derivative @ basis[:, :b]).reshape(rows, -1)
-    free = np.flatnonzero(basis[:, b:].any(axis=1))
-    parts, residual = [np.zeros((rows, 0))], w.residual.ravel().copy()
-    errors = len(c.errors)
-    if w.by_errors is not None:
-        by_errors = w.by_errors.reshape(rows, -1)
-        residual -= by_errors @ np.concatenate([c.errors, c.random_values])
-        parts.append(by_errors[:, :errors])
+    rows, b = w.residual.size, base.subspace.basis.shape[1]
+    fitted = (w.derivative @ c.subspace.basis[:, :b]).reshape(rows, -1)
+    by_errors = np.zeros((rows, 0)) if w.by_errors is None else w.by_errors.reshape(rows, -1)
     by_effects = w.derivative.reshape(rows, -1)
-    residual -= by_effects[:, free] @ _amplitudes(c)[free]
-    parts.append(by_effects[:, free])
-    if w.by_errors is not None and c.random is not None:
-        parts.append(by_errors[:, errors:] / c.random.size)
-    return fitted, np.concatenate(parts, axis=1), residual
+    known = by_errors @ np.concatenate([c.errors, c.random_values]) + by_effects @ _amplitudes(c)
+    declared, random = np.split(by_errors, [len(c.errors)], axis=1)
+    columns = [declared, by_effects[:, _effect_places(c)], random / _random_sizes(c)]
+    return fitted, np.concatenate(columns, axis=1), w.residual.ravel() - known
 
 
 def _solve(c: Calibration, base: Calibration, sizes: _Sizes, start: Floats, levels: Floats) -> _Solved:
     """Sizes, noise levels and the penalised estimate at a linearisation; sizes and levels to begin with are given."""
     point = select(c.projection, c.used)
     fitted, columns, residual = _columns(c, point, base)
-    columns = columns * sizes.typical
-    n, trusted = len(point.distance), _trusted_rows(c, base)
-    noise_free = c.cell.noise is None
+    columns, trusted, noise_free = columns * sizes.scale, _trusted_rows(c, base), c.cell.noise is None
     of_joints = whiten_matrix(outer(point.linear.by_joints) * c.noise.joint_rms**2, point.whitened.root)
-    free = sizes.group >= 0
-    order = np.argsort(free, kind='stable')  # those of known size first
-    weights_held = np.where(free, 1.0, np.exp(np.where(free, 0.0, sizes.held)))
-    columns = (columns * weights_held)[:, order]
-    group, fixed = sizes.group[order][(~free).sum() :], int((~free).sum())
     levels = levels if noise_free else np.ones(2)
-    logs, variance = start, np.zeros(sizes.groups + 1)
-    for _ in range(_ROUNDS if noise_free else 1):
+    logs = start
+    for _ in range(6 if noise_free else 1):
         inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
-        if sizes.groups:
-            logs, variance = estimate_sizes(inner, fixed, group, logs, sizes.freedoms)
-        weights = np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])])
-        before, levels = levels, estimate_levels(inner, of_joints, levels, weights) if noise_free else levels
+        logs, variance = estimate_sizes(inner, sizes.group, logs, sizes.freedoms)
+        weights, before = weights_of(sizes.group, logs), levels
+        levels = estimate_levels(inner, of_joints, levels, weights) if noise_free else levels
         if np.abs(np.log(levels / before)).max() < 0.05:
             break
     inner = Whitened.of(of_joints, levels, fitted, columns, residual, trusted)
     deviance = penalised(inner, weights)[0] + size_prior(logs, sizes.freedoms)[0]
-    rms = np.exp((logs + np.minimum(variance, np.log(_LARGEST_RATIO)))[:-1])
-    weights = np.concatenate([np.ones(fixed), rms[group]])
-    y, u, covariance = posterior(inner, weights)
-    unnamed = np.where(np.arange(len(order)) < len(order) - len(c.random_values), -1, sizes.group)[order]
-    problem = _Problem(inner, unnamed, weights, np.argsort(order))
-    every = problem.every(len(y))
-    tau = (sizes.typical * weights_held)[order] * weights
-    chi_square = float(inner.square + weights * inner.projected @ u)
     l11, _, l22 = point.whitened.root
     deviance += 2 * np.log(np.abs(np.diag(inner.triangle))).sum()
     deviance += 2 * np.log(l11 * l22).sum() - 2 * np.log(np.linalg.det(inner.inverse)).sum()
-    freedoms = 2 * n + len(trusted[0]) - len(y)
-    solved = _Solved(
+    weights = weights_of(sizes.group, logs + np.minimum(variance, np.log(_LARGEST_RATIO)))
+    y, u, covariance = posterior(inner, weights)
+    group, tau = sizes.group.copy(), sizes.scale * weights
+    group[: len(group) - len(c.random_values)] = -1
+    lift = _lift(c, tau, len(y))
+    return _Solved(
         logs,
-        tau[problem.back],
         levels,
-        y,
-        u[problem.back],
-        covariance[np.ix_(every, every)],
-        chi_square,
-        freedoms,
-        deviance,
-        np.inf,
-        problem,
+        inner,
+        group,
+        weights,
+        tau,
+        lift,
+        change=lift @ np.concatenate([y, u]),
+        covariance=lift @ covariance @ lift.T,
+        chi_square=float(inner.square + weights * inner.projected @ u),
+        deviance=deviance,
     )
-    return solved._replace(shift=_shift(c, solved))
 
 
 def _trusted_rows(c: Calibration, base: Calibration) -> tuple[Floats, Floats]:
@@ -425,15 +355,10 @@ def _trusted_rows(c: Calibration, base: Calibration) -> tuple[Floats, Floats]:
     return rows[:, : len(base.subspace.origin)] @ base.subspace.basis, residual
 
 
-def _parts(c: Calibration, u: Floats) -> tuple[Floats, Floats, Floats]:
-    """What of the columns with a prior is of declared errors, of named effects and of random effects."""
-    first, last = len(c.errors), len(u) - len(c.random_values)
-    return u[:first], u[first:last], u[last:]
-
-
 def _amplitudes(c: Calibration) -> Floats:
-    """The values of the model of which its effects vanish with zero, others as zero, (12 + k,)."""
-    return np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
+    """The free values of effects of which these vanish with zero, all other values of the model as zero, (12 + k,)."""
+    amplitudes = np.concatenate([np.zeros(c.model.base_count), *(e.amplitudes(v) for e, v in c.model.pairs)])
+    return np.asarray(amplitudes * c.subspace.basis.any(axis=1))
 
 
 def _effect_places(c: Calibration) -> Indices:
@@ -442,32 +367,19 @@ def _effect_places(c: Calibration) -> Indices:
     return count + np.flatnonzero(c.subspace.basis[count:].any(axis=1))
 
 
-def _values(c: Calibration, solved: _Solved) -> tuple[Floats, Floats, Floats]:
-    """All values of the model, declared errors and random values after a solution."""
-    values, b = c.model.as_array(), len(solved.y)
-    errors, named, random = _parts(c, solved.u * solved.tau)
-    places = _effect_places(c)
-    values[places] += named - _amplitudes(c)[places]
-    values = values + c.subspace.basis[:, :b] @ solved.y
-    return values, errors, random / c.random.size if c.random is not None else random
-
-
 def _shift(c: Calibration, solved: _Solved) -> float:
     """Largest change of a value of the model by a solution, in standard deviations."""
-    values, b = _values(c, solved)[0], len(solved.y)
-    lift = _lift(c, solved)[: len(values)]
-    std = np.sqrt(((lift @ solved.covariance) * lift).sum(axis=1))
-    off = np.abs(values - c.model.as_array())
-    return float(np.max(off[std > 0] / std[std > 0], initial=0.0)) if b else 0.0
+    off, size = _amplitudes(c), len(c.model.names)
+    std = np.sqrt(np.diag(solved.covariance)[:size])
+    return float(np.max((np.abs(solved.change[:size] - off) / std)[std > 0], initial=0.0))
 
 
-def _lift(c: Calibration, solved: _Solved) -> Floats:
-    """From y and u to all values, declared errors and random values in units of τ, (12 + k + m + r, b + c)."""
-    size, b, m, r = len(c.model.names), len(solved.y), len(c.errors), len(c.random_values)
-    lift = np.zeros((size + m + r, len(solved.covariance)))
+def _lift(c: Calibration, tau: Floats, b: int) -> Floats:
+    """`_Solved.lift`."""
+    size, m, r, places = len(c.model.names), len(c.errors), len(c.random_values), _effect_places(c)
+    lift = np.zeros((size + m + r, b + len(tau)))
     lift[:size, :b] = c.subspace.basis[:, :b]
-    places = _effect_places(c)
-    lift[places, b + m + np.arange(len(places))] = solved.tau[m : m + len(places)]
+    lift[places, b + m + np.arange(len(places))] = tau[m : m + len(places)]
     lift[size + np.arange(m), b + np.arange(m)] = 1.0
     lift[size + m + np.arange(r), b + m + len(places) + np.arange(r)] = 1.0
     return lift
@@ -475,8 +387,9 @@ def _lift(c: Calibration, solved: _Solved) -> Floats:
 
 def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
     """The calibration at the solution of its linearisation, with the noise that this has found."""
-    values, errors, random = _values(c, solved)
-    noise = c.noise
+    changes, errors, random = np.split(solved.change, np.cumsum([len(c.model.names), len(c.errors)]))
+    values = c.model.as_array() - _amplitudes(c) + changes
+    random, noise = random * _of_random(c, solved.tau) / _random_sizes(c), c.noise
     if c.cell.noise is None:
         least = [_LEAST_PART * min(one, other) for one, other in zip(before.levels, USUAL_NOISE.levels, strict=True)]
         by_joints, by_force = np.sqrt(solved.levels).tolist()
@@ -490,16 +403,21 @@ def _good(c: Calibration, solved: _Solved, moved: Calibration, late: bool) -> Ma
     """Which touches are no outliers at the solution of a linearisation; their leverage is that in the linearisation."""
     good = find_good(_distances(c, solved, moved.projection.whitened.residual))
     good = good & c.used if late else good
-    return good if good.sum() >= 2 * fewest_touches(len(solved.y)) else c.used
+    return good if good.sum() >= 2 * fewest_touches(solved.rank) else c.used
 
 
 def _distances(c: Calibration, solved: _Solved, residual: Floats) -> Floats:
     """Squared studentised distances of all touches with whitened residuals (n, 2), (n,)."""
-    lift = _lift(c, solved)
-    tau = _parts(c, solved.tau)[2]
-    if c.random is not None:
-        lift[-len(tau) :] *= (tau / c.random.size)[:, None]
-    return studentised(c.projection.whitened._replace(residual=residual), lift @ solved.covariance @ lift.T, c.used)
+    unit = np.ones(len(solved.covariance))
+    unit[len(unit) - len(c.random_values) :] = _of_random(c, solved.tau) / _random_sizes(c)
+    return studentised(
+        c.projection.whitened._replace(residual=residual), unit[:, None] * solved.covariance * unit, c.used
+    )
+
+
+def _of_random(c: Calibration, columns: np.ndarray) -> np.ndarray:
+    """What of columns with a prior is of random effects."""
+    return columns[len(columns) - len(c.random_values) :]
 
 
 def with_projection(c: Calibration, point: Point) -> Calibration:
@@ -524,15 +442,13 @@ def _resized(c: Calibration, size: Floats) -> Calibration:
     return with_projection(replace(c, random=c.random.resized(factor), random_values=values), point)
 
 
-def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Floats, is_first: bool) -> MixedModel:
+def _result(moved: Calibration, base: Calibration, solved: _Solved, is_converged: bool) -> MixedModel:
     """The calibration with its covariance and what contributes to it."""
-    c = _resized(moved, _parts(moved, solved.tau)[2])
-    point = c.projection
+    c = _resized(moved, _of_random(moved, solved.tau))
+    point, freedoms = c.projection, len(solved.inner.residual) - solved.rank
     c = with_projection(replace(c, known=_known(c, solved)), point)
-    lift = _lift(c, solved)
-    everything = lift @ solved.covariance @ lift.T
-    enlarged = enlargement_of(solved.chi_square, solved.freedoms)
-    everything = enlarged * everything
+    enlarged = enlargement_of(solved.chi_square, freedoms)
+    everything = enlarged * solved.covariance
     contributions = _contributions(c, everything, enlarged)
     covariance = np.sum([part.covariance for part in contributions], axis=0)
     std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))[: len(c.model.names)]
@@ -548,31 +464,35 @@ def _result(moved: Calibration, base: Calibration, solved: _Solved, typical: Flo
         contributions=contributions,
         noise_source='estimated' if estimated_levels(c.noise, c.cell.noise) else 'given',
         chi_square=solved.chi_square,
-        degrees_of_freedom=solved.freedoms,
-        prior_cost=float((solved.u[: len(c.errors)] ** 2).sum() + (_trusted_rows(c, base)[1] ** 2).sum()),
+        degrees_of_freedom=freedoms,
+        prior_cost=float((c.errors**2).sum() + (_trusted_rows(c, base)[1] ** 2).sum()),
         standardized=np.sqrt(distance),
         rejected=_rejections(c, base, distance),
         start=ExtendedModel(
             base.start.parameters, c.model.effects, ExtendedModel.at_start(c.parameters, c.model.effects).effect_values
         ),
         force=base_force(c.observe(), c.model),
-        termination=Termination.CONVERGED if is_first or solved.shift < 1.0 else Termination.ITERATION_LIMIT,
+        termination=Termination.CONVERGED if is_converged else Termination.ITERATION_LIMIT,
     )
     c = with_projection(c, point)
     rejected = float((~c.used).sum()) * -2 * np.log(FALSE_REJECTIONS / len(c.used))
-    return MixedModel(c, float(np.exp(solved.logs[-1])), typical, solved.deviance + rejected, solved)
+    level = np.zeros(0)
+    if c.random is not None:
+        stated = np.isfinite([c.random.stated_size(column) for column in c.random.columns])
+        common = np.exp(solved.logs[-1]) if c.cell.uncertainty.effects.sizes is SizeMode.ESTIMATED else 1.0
+        level = np.where(stated, 1.0, _random_sizes(moved) * common / c.random.size)
+    return MixedModel(c, level, solved.deviance + rejected, solved)
 
 
 def with_large_effects(c: Calibration, model: MixedModel) -> Calibration:
     """A calibration by a model with what one large effect would change of it in its covariance, as far as the touches
     do not exclude that: the estimate is that at the maximum of the likelihood of the sizes.
     """
-    solved, problem = model.solved, model.solved.problem
-    found = large_sizes(problem.inner, problem.group, problem.weights)
+    solved, (kept, sizes) = model.solved, of_full_model(c)
+    found = large_sizes(solved.inner, solved.group, solved.weights)
     if not found:
         return c
-    every, (kept, sizes), lift = problem.every(len(solved.y)), of_full_model(c), _lift(c, solved)
-    more = lift @ scatter(problem.inner, problem.weights, found)[np.ix_(every, every)] @ lift.T
+    more = solved.lift @ scatter(solved.inner, solved.weights, found) @ solved.lift.T
     return _with_contribution(c, LARGE_EFFECT, c.enlargement * sizes[:, None] * more[np.ix_(kept, kept)] * sizes)
 
 
@@ -616,7 +536,7 @@ def _known(c: Calibration, solved: _Solved) -> Prior | None:
         return None
     names = c.model.names
     units = [p.unit for effect in c.model.effects for p in effect.parameters]
-    std = _parts(c, solved.tau)[1]
+    std = solved.tau[len(c.errors) :][: len(places)]
     sources = tuple(
         Source(f'size[{names[k].rpartition(".")[0]}]', float(s), units[k - c.model.base_count])
         for k, s in zip(places.tolist(), std.tolist(), strict=True)

@@ -23,7 +23,7 @@ those that replace each other are rivals.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,43 +31,54 @@ from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import CREDIBLE, STRICT_SIGNIFICANCE, Problem, f_test
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.diagnosis.result import Ranked
+from scara_kinetostatic.model.arrays import Floats, Indices, pick
 
 _MOST_SETS = 2000
 """Sets of one size that are kept."""
 _PARALLEL = 1e-4
 """Least eigenvalue of the Gram matrix of the unit columns of a set; a direction with less adds no rank."""
-_NO_MEMBERS = np.empty((1, 0), dtype=np.intp)
-"""The empty set alone, (1, 0)."""
 
 
 class Subset(NamedTuple):
     """A set of candidates with what it achieves.
 
     Attributes:
-        members: indices of the candidates, ascending.
+        members: the candidates, in the order of all.
         rest: residual sum of squares.
         penalty: of its effects.
         score: deviance and penalty; lower is better.
+        unpreferred: the score that it would have if nothing were declared.
     """
 
-    members: tuple[int, ...]
+    members: tuple[Candidate, ...]
     rest: float
     penalty: float
     score: float
+    unpreferred: float
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of its effects."""
+        return tuple(candidate.effect.label for candidate in self.members)
+
+    @property
+    def freedoms(self) -> int:
+        """Identifiable parameters of its effects."""
+        return sum(candidate.freedoms for candidate in self.members)
 
 
 class ScoredSubsets(NamedTuple):
     """The result of a model selection.
 
     Attributes:
-        candidate_set: the candidates.
+        unidentifiable: effects that are in no set.
         subsets: the empty set, all of one candidate, and those near the best, the best first.
         credible: those, except the empty one, that the data do not rule out, the best first.
         scale: s², the variance in units of which deviances are counted.
     """
 
-    candidate_set: CandidateSet
+    unidentifiable: tuple[Ranked, ...]
     subsets: tuple[Subset, ...]
     credible: tuple[Subset, ...]
     scale: float
@@ -77,42 +88,23 @@ class ScoredSubsets(NamedTuple):
         """The set without effects."""
         return next(subset for subset in self.subsets if not subset.members)
 
-    def members(self, subset: Subset) -> list[Candidate]:
-        """The candidates of a set."""
-        return [self.candidate_set.candidates[k] for k in subset.members]
 
-    def labels(self, subset: Subset) -> tuple[str, ...]:
-        """Labels of the effects of a set."""
-        return tuple(candidate.effect.label for candidate in self.members(subset))
-
-    def freedoms(self, subset: Subset) -> int:
-        """Identifiable parameters of the effects of a set."""
-        return sum(candidate.freedoms for candidate in self.members(subset))
-
-
-def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets:
-    """Score all singles and pairs, and larger sets made from the best ones.
+def score_subsets(problem: Problem, candidate_set: CandidateSet, together: bool = True) -> ScoredSubsets:
+    """Score all singles and pairs, and larger sets made from the best ones; not together, singles only.
 
     No set is credible unless its score is below that of the empty one by `CREDIBLE`.
     """
     scorer = _SubsetScorer(problem, candidate_set)
     number = len(candidate_set.candidates)
-    pairs = np.transpose(np.triu_indices(number, 1))
-    layers = [scorer.score(sets) for sets in (_NO_MEMBERS, _singles(number), scorer.allowed(pairs))]
-    while len(layers[-1].members) and len(layers) <= 4:
+    layers = [scorer.score(sets) for sets in (np.empty((1, 0), dtype=np.intp), np.arange(number)[:, None])]
+    if together:
+        layers.append(scorer.score(scorer.allowed(np.transpose(np.triu_indices(number, 1)))))
+    while together and len(layers[-1].members) and len(layers) <= 4:
         layers.append(scorer.score(scorer.allowed(_grown(layers[-1], number))))
     scored_subsets = _ranked(problem, candidate_set, layers, scorer.less)
-    best = scored_subsets.subsets[0]
-    if best.score > scored_subsets.empty.score - CREDIBLE:
+    if not together or scored_subsets.subsets[0].score > scored_subsets.empty.score - CREDIBLE:
         return scored_subsets
-    return scored_subsets._replace(credible=_credible(scored_subsets, scorer))
-
-
-def rank_singles(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets:
-    """Score single effects only, for the ranking where nothing is missing."""
-    scorer = _SubsetScorer(problem, candidate_set)
-    layers = [scorer.score(_NO_MEMBERS), scorer.score(_singles(len(candidate_set.candidates)))]
-    return _ranked(problem, candidate_set, layers)
+    return scored_subsets._replace(credible=_credible(scored_subsets))
 
 
 class _Layer(NamedTuple):
@@ -123,12 +115,14 @@ class _Layer(NamedTuple):
         rest: residual sums of squares, (s,).
         rank: columns that each set adds, (s,).
         penalty: of each set, (s,).
+        preference: by how much this is smaller, as it is what is declared, (s,).
     """
 
     members: Indices
     rest: Floats
     rank: Indices
     penalty: Floats
+    preference: Floats
 
 
 class _SubsetScorer:
@@ -140,25 +134,17 @@ class _SubsetScorer:
         self.gram, self.projected = together.T @ together, together.T @ problem.left
         self.places = _places([c.unit.shape[1] for c in candidates])
         self.total = float(problem.left @ problem.left)
-        self.touches = len(problem.left) // 2
-        self.effects = np.unique([c.effect.label for c in candidates], return_inverse=True)[1]
-        labels, number = {c.effect.label for c in candidates if problem.is_stated(c.effect)}, candidate_set.number
-        self.declared = np.array([c.effect.label in labels for c in candidates], dtype=bool)
+        labels, self.effects = np.unique([c.effect.label for c in candidates], return_inverse=True)
+        stated, number = {c.effect.label for c in candidates if problem.is_stated(c.effect)}, len(labels)
+        self.declared = np.array([c.effect.label in stated for c in candidates], dtype=bool)
         self.penalties = np.array(
-            [self._penalty(c, number, 0.0 if c.effect.is_physical else CREDIBLE) for c in candidates]
+            [
+                float(c.freedoms * np.log(len(problem.left) // 2) + 2 * np.log(number * c.tried))
+                + (0.0 if c.effect.is_physical else CREDIBLE)
+                for c in candidates
+            ]
         )
-        self.less = CREDIBLE + 2 * np.log(number / max(len(labels), 1))
-
-    def _penalty(self, candidate: Candidate, number: int, more: float) -> float:
-        return float(candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)) + more
-
-    def _preference(self, sets: Indices) -> Floats:
-        """By how much the penalty of each set is smaller, as it is what is declared."""
-        return np.where(self.declared[sets].all(axis=1), self.less, 0.0) if sets.shape[1] == 1 else np.zeros(len(sets))
-
-    def without_preference(self, subset: Subset) -> float:
-        """The score that a set would have if nothing were declared."""
-        return subset.score + float(self._preference(np.array([subset.members], dtype=np.intp))[0])
+        self.less = CREDIBLE + 2 * np.log(number / max(len(stated), 1))
 
     def allowed(self, sets: Indices) -> Indices:
         """Those of the sets (s, k) in which no effect is twice."""
@@ -175,9 +161,11 @@ class _SubsetScorer:
         for w in np.unique(width[width > 0]).tolist():
             alike = np.flatnonzero(width == w)
             explained[alike], rank[alike] = self._solve(columns[alike, :w])
-        rest, penalty = self.total - explained, self.penalties[sets].sum(axis=1) - self._preference(sets)
-        kept = _promising(rest, penalty)
-        return _Layer(sets[kept], rest[kept], rank[kept], penalty[kept])
+        rest, preference = self.total - explained, np.zeros(len(sets))
+        if sets.shape[1] == 1:
+            preference[self.declared[sets[:, 0]]] = self.less
+        layer = _Layer(sets, rest, rank, self.penalties[sets].sum(axis=1) - preference, preference)
+        return pick(layer, _promising(rest, layer.penalty))
 
     def _solve(self, at: Indices) -> tuple[Floats, Indices]:
         """Decrease of the sum of squares by columns (s, w) of each set, and their rank, (s,) each.
@@ -216,11 +204,6 @@ def _places(widths: Sequence[int]) -> Indices:
     return np.where(columns < np.array(widths)[:, None], starts[:-1, None] + columns, starts[-1])
 
 
-def _singles(number: int) -> Indices:
-    """The sets of one candidate, (M, 1)."""
-    return np.arange(number)[:, None]
-
-
 def _promising(rest: Floats, penalty: Floats) -> Indices:
     """Which sets are kept, in their order: all of few; of very many those best by several measures."""
     if len(rest) <= _MOST_SETS:
@@ -236,28 +219,26 @@ def _needed(scored_subsets: ScoredSubsets, subset: Subset, best: Subset) -> bool
 
     A curve that contains a physical effect as a special case always comes near it; that is no rival.
     """
-    candidates = scored_subsets.candidate_set.candidates
-    has_curve = [any(not candidates[k].effect.is_physical for k in e.members) for e in (subset, best)]
-    if not has_curve[0] or has_curve[1]:
+    has_curve, best_has = (any(not c.effect.is_physical for c in e.members) for e in (subset, best))
+    if not has_curve or best_has or subset.freedoms <= best.freedoms:
         return True
-    more = scored_subsets.freedoms(subset) - scored_subsets.freedoms(best)
-    return more <= 0 or _is_significantly_better(scored_subsets, subset, best)
+    return _is_significantly_better(scored_subsets, subset, best)
 
 
 def _is_significantly_better(scored_subsets: ScoredSubsets, subset: Subset, other: Subset) -> bool:
     gain = (other.rest - subset.rest) / scored_subsets.scale
-    more = scored_subsets.freedoms(subset) - scored_subsets.freedoms(other)
+    more = subset.freedoms - other.freedoms
     return float(special.chdtrc(max(more, 1), max(gain, 0.0))) < STRICT_SIGNIFICANCE
 
 
 def _is_replaced(scored_subsets: ScoredSubsets, subset: Subset, near: Sequence[Subset]) -> bool:
     """Whether, with a special case in place of an effect of a set, another set is as good, or needs fewer effects."""
-    cases = _special_cases(scored_subsets.members(subset))
-    named = [(set(scored_subsets.labels(other)), other) for other in near if cases]
+    cases = _special_cases(subset.members)
     return any(
-        names < case or (names == case and not _is_significantly_better(scored_subsets, subset, other))
+        set(other.labels) < case
+        or (set(other.labels) == case and not _is_significantly_better(scored_subsets, subset, other))
         for case in cases
-        for names, other in named
+        for other in near
     )
 
 
@@ -275,22 +256,19 @@ def _grown(layer: _Layer, number: int) -> Indices:
     return np.unique(np.sort(np.concatenate([np.repeat(best, number, axis=0), more], axis=1), axis=1), axis=0)
 
 
-def _ranked(
-    problem: Problem, candidate_set: CandidateSet, layers: Sequence[_Layer], near: float = 0.0
-) -> ScoredSubsets:
+def _ranked(problem: Problem, candidate_set: CandidateSet, layers: Sequence[_Layer], near: float) -> ScoredSubsets:
     """The sets of all layers, scored, the best first; of larger ones those whose score is so near to the best."""
-    rest, rank, penalty = (np.concatenate([layer[k] for layer in layers]) for k in (1, 2, 3))
-    count = np.repeat(np.arange(len(layers)), [len(layer.members) for layer in layers])
-    first = np.cumsum([0, *(len(layer.members) for layer in layers)])
+    rest, rank, penalty, preference = (np.concatenate([layer[k] for layer in layers]) for k in (1, 2, 3, 4))
+    members = [row for layer in layers for row in layer.members]
     scale = _scale(problem, rest, rank)
     deviance = rest / scale if problem.noise_given else problem.freedoms * np.log(np.maximum(rest, 1e-300))
     score = deviance + penalty
-    order = np.argsort(score, kind='stable')
-    order = order[(count[order] < 2) | (score[order] <= score[order[0]] + near)]
-    members = [tuple(layers[count[k]].members[k - first[count[k]]].tolist()) for k in order]
-    columns = (values[order].tolist() for values in (rest, penalty, score))
-    subsets = tuple(Subset(*row) for row in zip(members, *columns, strict=True))
-    return ScoredSubsets(candidate_set, subsets, (), scale)
+    limit = score.min() + near
+    order = [k for k in np.argsort(score, kind='stable').tolist() if len(members[k]) < 2 or score[k] <= limit]
+    columns = (values[order].tolist() for values in (rest, penalty, score, score + preference))
+    sets = (tuple(candidate_set.candidates[j] for j in members[k]) for k in order)
+    subsets = tuple(Subset(*row) for row in zip(sets, *columns, strict=True))
+    return ScoredSubsets(candidate_set.unidentifiable, subsets, (), scale)
 
 
 def _scale(problem: Problem, rest: Floats, rank: Indices) -> float:
@@ -299,38 +277,17 @@ def _scale(problem: Problem, rest: Floats, rank: Indices) -> float:
     return max(least, 1.0) if problem.noise_given else least
 
 
-def _credible(scored_subsets: ScoredSubsets, scorer: _SubsetScorer) -> tuple[Subset, ...]:
+def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
     """Sets near the best, without those that only add to a credible one, and each set of effects once."""
     found: list[Subset] = []
-    some = [subset for subset in scored_subsets.subsets if subset.members]
-    score, plain = some[0].score + CREDIBLE, scorer.without_preference(some[0])
-    near = [e for e in some if e.score <= score or scorer.without_preference(e) < plain]
-    near = [e for e in near if _needed(scored_subsets, e, some[0])]
+    best, *others = [subset for subset in scored_subsets.subsets if subset.members]
+    near = [e for e in (best, *others) if e.score <= best.score + CREDIBLE or e.unpreferred < best.unpreferred]
+    near = [e for e in near if _needed(scored_subsets, e, best)]
     near = [e for e in near if not _is_replaced(scored_subsets, e, near)]
     for subset in sorted(near, key=lambda e: (len(e.members), e.score)):
-        names = set(scored_subsets.labels(subset))
-        if not any(set(scored_subsets.labels(other)) <= names for other in found):
+        if not any(set(other.labels) <= set(subset.labels) for other in found):
             found.append(subset)
     return tuple(sorted(found, key=lambda subset: subset.score))
-
-
-def score_singles(
-    problem: Problem, scored_subsets: ScoredSubsets
-) -> Iterator[tuple[Candidate, tuple[float, float, float, float]]]:
-    """Every effect by itself, by its best trial, the best first.
-
-    Yields:
-        The effect, and its scores from `p_value` to `independent_part` as in `result.Ranked`.
-    """
-    found: set[str] = set()
-    for subset in scored_subsets.subsets:  # the best first
-        if len(subset.members) != 1:
-            continue
-        (candidate,) = scored_subsets.members(subset)
-        if candidate.effect.label not in found:
-            found.add(candidate.effect.label)
-            gain = scored_subsets.empty.score - subset.score
-            yield candidate, (*significance(problem, candidate), gain, candidate.independent_part)
 
 
 def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:

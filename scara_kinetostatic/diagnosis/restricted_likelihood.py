@@ -108,16 +108,18 @@ def posterior(inner: Whitened, weights: Floats) -> tuple[Floats, Floats, Floats]
     return y, -effects, np.block([[root @ root.T - crossed @ by_fitted.T, crossed], [crossed.T, inverse]])
 
 
-def estimate_sizes(
-    inner: Whitened, fixed: int, group: Indices, start: Floats, freedoms: Floats
-) -> tuple[Floats, Floats]:
-    """Log τ of the groups and log τ_0, (g + 1,), and their variances, at given noise levels."""
+def weights_of(group: Indices, logs: Floats) -> Floats:
+    """Sizes of columns of groups with log τ (g + 1,), (c,): 1 where the group is -1."""
+    return np.where(group >= 0, np.exp(logs[group]), 1.0)
+
+
+def estimate_sizes(inner: Whitened, group: Indices, start: Floats, freedoms: Floats) -> tuple[Floats, Floats]:
+    """Log τ of the groups and log τ_0, (g + 1,), and their variances, at given noise levels; `group` of each column."""
     count = len(start) - 1
-    member = np.zeros((len(group), count))
-    member[np.arange(len(group)), group] = 1.0
+    member = (group[:, None] == np.arange(count)).astype(float)
 
     def value(logs: Floats) -> tuple[float, Floats, Floats]:
-        deviance, inverse, effects = penalised(inner, np.concatenate([np.ones(fixed), np.exp(logs[:-1][group])]))
+        deviance, inverse, effects = penalised(inner, weights_of(group, logs))
         return deviance + size_prior(logs, freedoms)[0], np.eye(len(inverse)) - inverse, effects
 
     logs, (lowest, part, effects) = start, value(start)
@@ -126,9 +128,8 @@ def estimate_sizes(
         gradient = np.append(slope[:count], slope[-1] - slope[:-1].sum())
         hessian = np.diag(np.append(curve[:count], curve.sum()))
         hessian[-1, :-1] = hessian[:-1, -1] = -curve[:count]
-        of_each = np.diag(part) - effects**2
-        gradient[:-1] += 2 * np.bincount(group, of_each[fixed:], count)
-        hessian[:-1, :-1] += 4 * member.T @ np.square(part[fixed:, fixed:]) @ member
+        gradient[:-1] += 2 * member.T @ (np.diag(part) - effects**2)
+        hessian[:-1, :-1] += 4 * member.T @ np.square(part) @ member
         step = -np.linalg.solve(hessian + 1e-3 * np.eye(count + 1), gradient)
         step *= min(1.0, _LARGEST_STEP / np.abs(step).max())
         for _ in range(5):

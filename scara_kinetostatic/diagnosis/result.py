@@ -8,8 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.effects.base import Effect
+
+
+class Dependence(NamedTuple):
+    """The test of what a residual could depend on.
+
+    Attributes:
+        name: of the quantity on which the residual would depend.
+        p_value: of "it does not".
+        share: part of the residual's sum of squares that it explains.
+    """
+
+    name: str
+    p_value: float
+    share: float
 
 
 class Value(NamedTuple):
@@ -62,6 +75,11 @@ class Ranked(NamedTuple):
     share: float
     gain: float
     independent_part: float
+
+    @classmethod
+    def unidentifiable(cls, effect: Effect, independent_part: float) -> Ranked:
+        """An effect that these touches cannot determine."""
+        return cls(effect, 'unidentifiable', np.nan, 0.0, 0.0, independent_part)
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,7 @@ import numpy as np
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration, held_out_force_error
-from scara_kinetostatic.diagnosis.candidates import (
-    Candidate,
-    CandidateSet,
-    all_candidates,
-    as_fitted,
-    gains,
-    scan_trials,
-)
+from scara_kinetostatic.diagnosis.candidates import Candidate, all_candidates, as_fitted, gains, scan_trials
 from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.linear_problem import (
     FRICTION_SIGNIFICANCE,
@@ -113,16 +106,15 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
     model, excluded, found, before = plain, set[str](), None, None
     for _ in range(6):  # most searches end after two rounds
         problem = pose_problem(model.fit, model.level)
-        candidates = all_candidates(model.fit, problem, known)
+        candidates = all_candidates(problem, known)
         kept = tuple(item for item in candidates.candidates if item.effect.label not in excluded)
-        sets = score_subsets(problem, CandidateSet(kept, candidates.unidentifiable))
-        members = _union(sets) if sets.credible else []
+        sets = score_subsets(problem, candidates._replace(candidates=kept))
+        nothing = Search(plain, problem, sets, (), (), c)
+        members = _union(sets)
         names = {_name(member) for member in members}
-        if names == before:
+        if not members or names == before:
             break
-        if not members:
-            return found or Search(plain, problem, sets, (), (), c)
-        best = len(sets.members(sets.credible[0]))
+        best = len(sets.credible[0].members)
         start, before = start_from(problem, members[:best], members[best:]), names
         fitted = _fit(c, known, start, freedoms=HEAVY_TAILS)
         if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
@@ -132,21 +124,19 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         if fitted is None:
             curves = {member.effect.label for member in members if not member.effect.is_physical}
             if curves & set(_partition(sets)[0]):
-                return Search(plain, problem, sets._replace(credible=()), (), (), c, is_unpredictable=True)
+                return nothing._replace(scored_subsets=sets._replace(credible=()), is_unpredictable=True)
             wrong = curves or {member.effect.label for member in members}
         else:
-            effects = fitted_effects(fitted.fit)
-            wrong = {effect.label for effect, values, _ in effects if not effect.is_plausible(np.array(values))}
-            arm = c.cell.uncertainty.effects.arm
+            effects, arm = fitted_effects(fitted.fit), c.cell.uncertainty.effects.arm
+            wrong = {effect.label for effect, values, _ in effects if not effect.is_plausible(values)}
             if all(_in_typical_size(effect, values, arm) < _VANISHED for effect, values, _ in effects):
                 wrong = {effect.label for effect, _, _ in effects}  # what is not named explains the touches
-        if wrong or fitted is None:
+        model = fitted or plain
+        found = None if wrong else Search(model, problem, sets, *_partition(sets), c)
+        if wrong:
             excluded |= wrong
-            found, model, before = None, fitted or plain, {('', 0.0)}
-            continue
-        model = fitted
-        found = Search(model, problem, sets, *_partition(sets), c)
-    return found or Search(plain, problem, sets, (), (), c)
+            before = {('', 0.0)}
+    return found or nothing
 
 
 def _fit(
@@ -213,50 +203,45 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, list[Mix
     are credible with the sizes that their effects need there.
     """
     sets, base = found.scored_subsets, replace(found.base, used=found.fit.used)
-    pairs = [
-        (one, _fit(base, known, start_from(found.problem, sets.members(one)), most=3))
-        for one in sets.credible[:_MOST_RIVALS]
-    ]
-    fits = [(one, fit, fit.deviance + one.penalty) for one, fit in pairs if fit is not None]
+    tried = sets.credible[:_MOST_RIVALS]
+    models = [_fit(base, known, start_from(found.problem, one.members), most=3) for one in tried]
+    fits = [(one, fit, fit.deviance + one.penalty) for one, fit in zip(tried, models, strict=True) if fit is not None]
     most = min((deviance for *_, deviance in fits), default=0.0) + _RULED_OUT
     kept = [(one, fit) for one, fit, deviance in fits if deviance <= most]
-    ruled_out = {one.members for one, _, deviance in fits if deviance > most}
+    ruled_out = [one.labels for one, _, deviance in fits if deviance > most]
     if ruled_out:
-        sets = sets._replace(credible=tuple(one for one in sets.credible if one.members not in ruled_out))
+        sets = sets._replace(credible=tuple(one for one in sets.credible if one.labels not in ruled_out))
         labels, rivals = _partition(sets)
         found = found._replace(scored_subsets=sets, in_every_model=labels, rivals=rivals)
         if not rivals:
             best, fit = kept[0]
-            model = _fit(base, known, start_from(found.problem, sets.members(best))) or fit
+            model = _fit(base, known, start_from(found.problem, best.members)) or fit
             found = found._replace(model=model)
     return found, [fit for _, fit in kept]
 
 
-def _union(scored_subsets: ScoredSubsets) -> list[Candidate]:
+def _union(sets: ScoredSubsets) -> list[Candidate]:
     """The effects of the best credible set, and those of the others up to `_MOST_IN_UNION`, each once."""
-    best, *others = scored_subsets.credible
-    union = {candidate.effect.label: candidate for candidate in scored_subsets.members(best)}
-    for candidate in (candidate for subset in others for candidate in scored_subsets.members(subset)):
-        if len(union) < _MOST_IN_UNION:
-            union.setdefault(candidate.effect.label, candidate)
+    union = dict[str, Candidate]()
+    for number, subset in enumerate(sets.credible):
+        for candidate in subset.members:
+            if number == 0 or len(union) < _MOST_IN_UNION:
+                union.setdefault(candidate.effect.label, candidate)
     return list(union.values())
 
 
-def _partition(scored_subsets: ScoredSubsets) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+def _partition(sets: ScoredSubsets) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
     """Labels of the effects in every credible set, and groups of those that replace each other."""
-    sets = [set(scored_subsets.labels(subset)) for subset in scored_subsets.credible]
-    common = set.intersection(*sets)
-    best = scored_subsets.labels(scored_subsets.credible[0])
+    credible, best = [set(subset.labels) for subset in sets.credible], sets.credible[0].labels
+    common = set.intersection(*credible)
     replaceable = [label for label in best if label not in common]
     groups: list[tuple[str, ...]] = []
     for label in replaceable:
         kept = set(best) - {label}
-        instead = {frozenset(labels - kept) for labels in sets if kept <= labels}
-        group = [label, *sorted({x for labels in instead for x in labels if x != label})]
-        if len(group) > 1:
-            groups.append(tuple(group))
-    grouped = {label for group in groups for label in group}
-    rest = sorted({label for labels in sets for label in labels} - common - grouped)
+        instead = {x for labels in credible if kept <= labels for x in labels - kept if x != label}
+        if instead:
+            groups.append((label, *sorted(instead)))
+    rest = sorted(set().union(*credible) - common - {label for group in groups for label in group})
     if rest:
         groups.append(tuple(dict.fromkeys([*replaceable, *rest])))
     return tuple(label for label in best if label in common), tuple(groups)

@@ -76,7 +76,6 @@ BUILT_IN: tuple[type[Effect], ...] = (
     objects.EdgeBow,
 )
 """The catalogue of this package."""
-_EXPECTED = 'expected a class derived from Effect or a function from a cell to effects'
 _LARGEST = 0.1
 """Shift of a typical effect, m or rad, beyond which it forgets that a touch may be one to come."""
 _registered: list[Factory | type[Effect]] = []
@@ -103,8 +102,10 @@ def register(offered: Offer) -> Offer:
         >>> from scara_kinetostatic.effects import unregister
         >>> unregister(offered)
     """
-    if _as_factory(offered) is None:
-        raise ParameterError('register', f'{_EXPECTED}, got {offered!r:.80}')
+    try:
+        _as_factory(offered)
+    except TypeError as error:
+        raise ParameterError('register', str(error)) from None
     if offered not in _registered:
         _registered.append(offered)
     return offered
@@ -132,8 +133,7 @@ def catalogue(cell: Cell) -> tuple[Effect, ...]:
     effects = {effect.label: effect for kind in BUILT_IN for effect in kind.instances(cell)}
     for point in _entry_points():
         effects |= _of_entry_point(point, cell, effects)
-    factories = (_as_factory(offered) for offered in _registered)
-    for effect in (effect for factory in factories if factory for effect in factory(cell)):
+    for effect in (effect for offered in _registered for effect in _as_factory(offered)(cell)):
         if effect.label in effects:
             raise ParameterError(
                 f'effect {effect.label!r}', 'there are two of this name', 'give one another name or target'
@@ -170,12 +170,8 @@ def _entry_points() -> tuple[EntryPoint, ...]:
 def _of_entry_point(point: EntryPoint, cell: Cell, taken: dict[str, Effect]) -> dict[str, Effect]:
     """The effects of an entry point by label; none, with a warning, where something is wrong with them."""
     try:
-        offered = point.load()
-        factory = _as_factory(offered)
-        if factory is None:
-            raise TypeError(f'{_EXPECTED}, got {offered!r:.80}')
         found: dict[str, Effect] = {}
-        for effect in factory(cell):
+        for effect in _as_factory(point.load())(cell):
             if not isinstance(effect, Effect):
                 raise TypeError(f'expected effects, got {effect!r:.80}')
             if effect.label in taken or effect.label in found:
@@ -190,11 +186,19 @@ def _of_entry_point(point: EntryPoint, cell: Cell, taken: dict[str, Effect]) -> 
     return found
 
 
-def _as_factory(offered: object) -> Factory | None:
-    """A class of effect as the function that lists its instances, a function as it is, anything else as None."""
-    if isclass(offered):
-        return offered.instances if issubclass(offered, Effect) else None
-    return offered if callable(offered) else None
+def _as_factory(offered: object) -> Factory:
+    """A class of effect as the function that lists its instances, a function as it is.
+
+    Raises:
+        TypeError: it is neither.
+    """
+    if isclass(offered) and issubclass(offered, Effect):
+        return offered.instances
+    if isclass(offered) or not callable(offered):
+        raise TypeError(
+            f'expected a class derived from Effect or a function from a cell to effects, got {offered!r:.80}'
+        )
+    return offered
 
 
 @cache

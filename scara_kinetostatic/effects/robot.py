@@ -248,10 +248,6 @@ class LinkGrowth(LinearEffect):
         return (Shift(place=at.across_edges(at.metadata.time[:, None] * reach)),)
 
 
-SHAPES = {'oval': 2, 'three-lobed': 3, 'four-lobed': 4, 'five-lobed': 5}
-"""Targets with their order k, the lobes of a turn. Turned and ground pins have two to five."""
-
-
 @dataclass(frozen=True)
 class TipShape(LinearEffect):
     """The radius of the tip has waves: d = s n + s' t, s = a cos kχ + b sin kχ, k = 2 (oval) to 5 lobes.
@@ -284,7 +280,8 @@ class TipShape(LinearEffect):
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
-        return [cls(target=shape, lobes=lobes) for shape, lobes in SHAPES.items()]
+        shapes = ('oval', 'three-lobed', 'four-lobed', 'five-lobed')  # turned and ground pins have two to five lobes
+        return [cls(target=shape, lobes=lobes) for lobes, shape in enumerate(shapes, 2)]
 
     @property
     def special_cases(self) -> tuple[str, ...]:  # type: ignore[override]

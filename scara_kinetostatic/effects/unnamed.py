@@ -29,8 +29,6 @@ CURVE_VARIABLES: dict[str, tuple[str, int | None]] = {
     'time': ('time', None),
 }
 """What a curve may depend on, by name: the key of `VARIABLES`, and the joint."""
-JOINTS = ('q1', 'q2')
-"""Angles that are not periodic: a curve over them may have a slope."""
 CHANNELS = {
     'joint1': 'joint 1 deviates by an angle',
     'joint2': 'joint 2 deviates by an angle',
@@ -116,7 +114,7 @@ class Unnamed(LinearEffect):
         unit = 'rad' if self.channel in ('joint1', 'joint2') else 'm'
         if self.waves:
             names = [f'{wave}{k}' for k in self._orders() for wave in ('cos', 'sin')]
-            names = ['slope', *names] if self.variable in JOINTS else names
+            names = ['slope', *names] if self.has_slope else names
         else:
             names = [f'power{k}' for k in range(1, (self.powers or 4) + 1)]
         return tuple(Parameter(name, unit, 1e-3, 'coefficient') for name in names)
@@ -125,6 +123,11 @@ class Unnamed(LinearEffect):
     def waves(self) -> bool:
         """Whether it is a sum of waves; else it is one of powers."""
         return self._variable[0].unit == 'rad' and not self.powers
+
+    @property
+    def has_slope(self) -> bool:
+        """Whether it is one over an angle that is not periodic."""
+        return self.variable in ('q1', 'q2')
 
     def _orders(self) -> Sequence[int]:
         # around a disc, the first would be a displaced centre
@@ -138,7 +141,7 @@ class Unnamed(LinearEffect):
         if self.waves:
             angles = np.multiply.outer(self._orders(), value)
             waves = [wave for pair in zip(np.cos(angles), np.sin(angles), strict=True) for wave in pair]
-            return [z, *waves] if self.variable in JOINTS else waves
+            return [z, *waves] if self.has_slope else waves
         return list(accumulate(repeat(z, self.powers or 4), np.multiply))
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:

@@ -47,3 +47,22 @@ def examined(label: str, values: tuple[float, ...], given: bool = True, seed: in
 def deviations(calibration: Calibration, truth: Parameters = PAPER_ACTUAL) -> np.ndarray:
     """The base parameters less the truth, in standard deviations."""
     return (calibration.parameters.as_array() - truth.as_array()) / calibration.std
+
+
+def named(found: Diagnosis) -> list[str]:
+    """Labels of what is named."""
+    return [item.effect.label for item in found.found]
+
+
+def check_explained(found: Diagnosis, label: str, values: tuple[float, ...], truth: Parameters = PAPER_ACTUAL) -> None:
+    """It names this effect alone, and effect and base parameters are right within their uncertainties."""
+    assert (found.verdict, named(found)) == ('explained', [label])
+    for value, true in zip(found.found[0].values, values, strict=True):
+        assert abs(value.value - true) < 4 * value.std
+    check_parameters(found, truth)
+
+
+def check_parameters(found: Diagnosis, truth: Parameters = PAPER_ACTUAL) -> None:
+    """The base parameters of the extended model are right within their uncertainties."""
+    assert found.extended is not None
+    assert np.abs(deviations(found.extended, truth)).max() < 4

@@ -9,11 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from diagnosis.simulated import CELL, effect, examined, simulate
+from scipy import stats
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
 from scara_kinetostatic.diagnosis.comparison import _pool, discriminating_touches
-from scara_kinetostatic.diagnosis.linear_problem import pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import f_test, pose_problem
 from scara_kinetostatic.diagnosis.mixed_model import fit_mixed
 from scara_kinetostatic.diagnosis.model_selection import score_subsets, significance
 from scara_kinetostatic.diagnosis.search import start_from
@@ -32,9 +33,10 @@ def test_sums_of_squares_of_sets_are_those_of_least_squares():
     problem = pose_problem(calibrate(simulate(seed=2), CELL))
     candidate_set = gather(problem, several())
     scored_subsets = score_subsets(problem, candidate_set)
-    assert len({subset.members for subset in scored_subsets.subsets}) == len(scored_subsets.subsets)
+    sets = [tuple(map(id, subset.members)) for subset in scored_subsets.subsets]
+    assert len(set(sets)) == len(sets)
     for subset in scored_subsets.subsets[:40]:
-        columns = [problem.columns(candidate_set.candidates[k].trial) for k in subset.members]
+        columns = [problem.columns(candidate.trial) for candidate in subset.members]
         together = np.concatenate([problem.base, *columns], axis=1)
         together = together / np.linalg.norm(together, axis=0)
         fitted, *_ = np.linalg.lstsq(together, problem.left, rcond=1e-6)
@@ -46,9 +48,7 @@ def test_scores_penalise_parameters_and_the_search():
     problem = pose_problem(calibrate(simulate(seed=3), CELL))
     candidate_set = gather(problem, several())
     scored_subsets = score_subsets(problem, candidate_set)
-    penalty = {
-        scored_subsets.labels(subset): subset.penalty for subset in scored_subsets.subsets if len(subset.members) == 1
-    }
+    penalty = {subset.labels: subset.penalty for subset in scored_subsets.subsets if len(subset.members) == 1}
     n, count = len(problem.left) / 2, len(SEVERAL)
     assert np.isclose(penalty['encoder_gain[joint1]',], np.log(n) + 2 * np.log(count))
     assert np.isclose(penalty['base_compliance',], 2 * np.log(n) + 2 * np.log(count))
@@ -124,3 +124,22 @@ def test_trials_that_are_among_what_stands_beside_gain_nothing() -> None:
         gram, projected = np.einsum('nti,ntj->tij', columns, columns), np.einsum('nti,n->ti', columns, left)
         scan = Scan(None, (), columns, 2, 0.0, gram, projected)  # type: ignore[arg-type]
         assert np.abs(gains(SimpleNamespace(left=left), scan, beside)).max() < 1e-6  # type: ignore[arg-type]
+
+
+def test_f_test_is_that_of_the_textbook():
+    """Against a regression by hand: two columns, beside three that are in the fit already."""
+    rng = np.random.default_rng(4)
+    design, values = rng.normal(size=(40, 5)), rng.normal(size=40)
+    values += 0.4 * design[:, 4]
+    base, _ = np.linalg.qr(design[:, :3])
+    residual = values - base @ (base.T @ values)
+    more, _ = np.linalg.qr(design[:, 3:] - base @ (base.T @ design[:, 3:]))
+    before = residual @ residual
+    after = np.linalg.lstsq(design, values, rcond=None)[1][0]
+    expected = stats.f.sf((before - after) / 2 / (after / 35), 2, 35)
+    assert f_test(more, residual, 37) == pytest.approx((expected, 1 - after / before))
+    assert f_test(more[:, :0], residual, 37) is None
+    assert f_test(more, residual, 2) is None
+    assert f_test(more, 0 * residual, 37) is None
+    expected = stats.f.sf((before - after) / 2 / 4.0, 2, 35)  # where the noise is known to be larger
+    assert f_test(more, residual, 37, 4.0) == pytest.approx((expected, 1 - after / before))

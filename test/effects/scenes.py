@@ -24,6 +24,9 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 
 EFFECTS = catalogue(CELL)
 LABELS = [effect.label for effect in EFFECTS]
+KINDS = tuple({(type(effect), type(getattr(effect, 'effect', None))): effect for effect in EFFECTS}.values())
+"""Of each kind the one of the last joint or disc."""
+KIND_LABELS = [effect.label for effect in KINDS]
 
 
 class Scene(NamedTuple):

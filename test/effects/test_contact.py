@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effects.scenes import EFFECTS, LABELS, Scene, plausible, random_scene, with_effect
+from effects.scenes import KIND_LABELS, KINDS, Scene, plausible, random_scene, with_effect
 from model.helpers import ROBOTS, STEPS
 
 from scara_kinetostatic.model.contact import Contact, contact, contact_derivatives, extended_equations
@@ -28,7 +28,7 @@ def same_flanks(*found: Contact) -> np.ndarray:
     return np.all(equal, axis=0) & np.all([one.magnitude > 2 for one in found], axis=0)
 
 
-@pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
+@pytest.mark.parametrize('effect', KINDS, ids=KIND_LABELS)
 def test_every_touch_is_solved(effect):
     for robot in ROBOTS:
         scene, model = random_scene(3, 200, robot), with_effect(effect, robot)
@@ -41,7 +41,7 @@ def test_every_touch_is_solved(effect):
         assert np.abs(residual).max() < 1e-12
 
 
-@pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
+@pytest.mark.parametrize('effect', KINDS, ids=KIND_LABELS)
 def test_derivatives_of_the_force(effect):
     scene = random_scene(4, 120)
     model = with_effect(effect, scene.parameters)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effects.scenes import EFFECTS, LABELS, plausible, random_scene, with_effect
+from effects.scenes import EFFECTS, KIND_LABELS, KINDS, LABELS, plausible, random_scene, with_effect
 from model.helpers import ROBOTS, assert_derivative
 
 from scara_kinetostatic.effects.base import Effect
@@ -55,7 +55,7 @@ def converged_state(model: ExtendedModel, contact_problem: ContactProblem, state
     return state
 
 
-@pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
+@pytest.mark.parametrize('effect', KINDS, ids=KIND_LABELS)
 def test_what_a_compliance_scales_is_in_its_derivative(effect):
     scene = random_scene(3, 60)
     contact_problem, whole = scene.contact_problem, with_effect(effect, scene.parameters)

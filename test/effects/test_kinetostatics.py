@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effects.scenes import EFFECTS, LABELS, plausible, random_scene, with_effect
+from effects.scenes import EFFECTS, KINDS, LABELS, plausible, random_scene, with_effect
 from model.helpers import ROBOTS
 
 from scara_kinetostatic.model.contact import contact
@@ -14,7 +14,7 @@ from scara_kinetostatic.model.kinematics import Gripper, GripperSign
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 
 ROBOT = [effect for effect in EFFECTS if not effect.on_object]
-OBJECT = [effect for effect in EFFECTS if effect.on_object]
+OBJECT = [effect for effect in KINDS if effect.on_object]
 SKEWED = Gripper(GripperSign.PHYSICAL, ((3e-6, 1e-6), (-2e-6, -4e-6)))
 BOTH = pytest.mark.parametrize('robot', ROBOTS, ids=['actual', 'measured'])
 
@@ -44,7 +44,9 @@ def check_identity(scene, model, gripper):
 
 @BOTH
 @pytest.mark.parametrize('gripper', [Gripper(), SKEWED], ids=['isotropic', 'skewed'])
-@pytest.mark.parametrize('effect', ROBOT, ids=[effect.label for effect in ROBOT])
+@pytest.mark.parametrize(
+    'effect', [effect for effect in KINDS if not effect.on_object], ids=lambda effect: effect.label
+)
 def test_direct_undoes_inverse_and_contact_gives_the_force_back(effect, robot, gripper):
     scene = random_scene(5, 300, robot)
     model = with_effect(effect, robot)

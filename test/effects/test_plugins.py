@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 from calibration.studies import CELL
+from effects.scenes import press
 
+from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.effects import registry
 from scara_kinetostatic.effects.registry import GROUP, catalogue, find
@@ -163,3 +167,18 @@ def test_a_broken_one_is_a_line_on_stderr_of_a_process(site):
     assert int(done.stdout) == len(catalogue(CELL))
     assert done.stderr.count('\n') == 1
     assert done.stderr.startswith('broken-ripple 1.0: the effect')
+
+
+def test_the_example_of_the_documentation_is_listed_and_estimated(tmp_path, monkeypatch):
+    monkeypatch.setattr(registry, '_registered', [])
+    page = (ROOT / 'docs' / 'how_to' / 'own_effect.md').read_text(encoding='utf-8')
+    (tmp_path / 'stiffness_ripple.py').write_text(page.split('```python\n')[1].split('```')[0], encoding='utf-8')
+    monkeypatch.syspath_prepend(str(tmp_path))
+    example = import_module('stiffness_ripple')
+    del sys.modules['stiffness_ripple']
+    registry.register(example.StiffnessRipple.instances)
+    effect, values = find(CELL, 'stiffness_ripple[joint2]'), np.array([2e-6, -1e-6])
+    assert effect == example.StiffnessRipple.of(1)
+    found = calibrate(press(effect, values), CELL, [effect])
+    np.testing.assert_allclose(found.model.effect_arrays[0], values, rtol=1e-6)
+    assert found.force_error < 1e-6

@@ -9,12 +9,13 @@ import pytest
 from calibration.studies import CELL
 from effects.scenes import EFFECTS, LABELS, random_scene
 
+from scara_kinetostatic.effects.base import JointEffect, SensorEffect
 from scara_kinetostatic.effects.joints import EncoderGain, JointHardening
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.effects.registry import catalogue, evaluate_once, find, register, unregister
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.effect_law import ForceDependence
+from scara_kinetostatic.model.effect_law import ForceDependence, Parameter
 
 NAMES = {
     'contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity', 'encoder_gain', 'transmission_error',
@@ -52,6 +53,7 @@ def test_an_effect_says_what_it_is(effect):
     assert len(effect.labels) == len(effect.start) == len(effect.typical) == len(effect.parameters)
     assert effect.label.startswith(effect.name)
     assert find(CELL, effect.label) == effect
+    assert effect.is_plausible(np.array(effect.typical))
 
 
 def test_variables_have_one_value_per_touch():
@@ -146,3 +148,60 @@ def test_every_effect_says_what_it_means_of_the_cell() -> None:
         assert '{' not in effect.title
         if effect.target and effect.target != 'sensor':
             assert effect.target in effect.title.replace('joint ', 'joint').replace('link ', 'link')
+
+
+COMPLETE = {
+    'name': 'sample',
+    'parameters': (Parameter('size', 'rad', 1e-3, 'how large it is'),),
+    'statement': '{target} is a sample',
+    'confounded_with': 'nothing',
+    'identified_by': 'any touches',
+    'plot_variable': 'angle',
+    'angles': lambda self, at: (at.joints[:, self.joint],),
+    '__module__': __name__,
+}
+
+
+def define(**changes: object) -> type[JointEffect]:
+    """A class of effect with some attributes changed, or left out where None."""
+    body = {name: value for name, value in (COMPLETE | changes).items() if value is not None}
+    return type('Sample', (JointEffect,), body)
+
+
+def test_a_complete_one_is_defined():
+    labels = [effect.label for effect in define().instances(CELL)]
+    assert labels == ['sample[joint1]', 'sample[joint2]']
+    assert define().of(1).title == 'joint 2 is a sample'
+
+
+@pytest.mark.parametrize('missing', ['parameters', 'statement', 'confounded_with', 'identified_by', 'plot_variable'])
+def test_a_missing_attribute_is_named_with_the_class(missing):
+    with pytest.raises(TypeError, match=rf"test_registry\.Sample: '{missing}' is missing"):
+        define(**{missing: None})
+
+
+def test_a_missing_method_is_named_with_the_class():
+    with pytest.raises(TypeError, match=r"Sample: the method 'angles' is missing"):
+        define(angles=None)
+    with pytest.raises(TypeError, match=r"the method 'sensor_error"):
+
+        class NoError(SensorEffect):
+            name = 'no_error'
+
+
+def test_a_missing_name_is_named_with_the_class():
+    with pytest.raises(TypeError, match=r"Sample: 'name' is missing"):
+        define(name=None)
+
+
+def test_an_unknown_plot_variable_is_named_with_the_class():
+    with pytest.raises(TypeError, match=r"Sample: 'plot_variable': expected one of angle, torque, .* got 'colour'"):
+        define(plot_variable='colour')
+
+
+def test_all_built_in_ones_are_listed_in_their_order():
+    friction = ['contact_friction', *(f'contact_friction[{disc.name}]' for disc in CELL.discs)]
+    assert LABELS[:6] == [*friction, 'sensor_rotation', 'sensor_bias']
+    shifts = [label for label in LABELS if label.startswith('shift')]
+    targets = ['base', 'tool', *(disc.name for disc in CELL.discs), 'joint1', 'joint2', 'sensor']
+    assert shifts == [f'shift[{target}]' for target in targets]
