@@ -138,8 +138,8 @@ class _SubsetScorer:
         stated, number = {c.effect.label for c in candidates if problem.is_stated(c.effect)}, len(labels)
         self.declared = np.array([c.effect.label in stated for c in candidates], dtype=bool)
         self.penalties = np.array(
-            [
-                float(c.freedoms * np.log(len(problem.left) // 2) + 2 * np.log(number * c.tried))
+            [  # what is searched, a moment or a frequency, counts by its trials
+                float((c.freedoms - (c.tried > 1)) * np.log(len(problem.left) // 2) + 2 * np.log(number * c.tried))
                 + (0.0 if c.effect.is_physical else CREDIBLE)
                 for c in candidates
             ]

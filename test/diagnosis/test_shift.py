@@ -51,6 +51,14 @@ def test_the_zero_of_joint_2_and_the_tool_across_link_2_are_rivals():
     check_parameters(found)
 
 
+@pytest.mark.parametrize('seed', [16, 25])
+def test_a_small_shift_of_a_zero_is_no_certain_drift(seed):
+    """Half of a wave is near a line: each explains the touches of the other, and the zero at the start differs."""
+    found = diagnose(calibrate(simulate((effect('shift[joint2]'), (-3e-5, 47.5)), seed=seed), CELL))
+    assert 'shift[joint2]' in {*named(found)}.union(*found.rivals)
+    check_parameters(found)
+
+
 def test_the_moment_is_said_with_its_uncertainty():
     _, found = examined('shift[base]', (6e-5, -6e-5, 53.5))
     said = re.match(r'the base shifted during the recording between the touches (\d+) and (\d+)', found.advice)
