@@ -109,7 +109,7 @@ def calibrate(
     to_disc = observations.contact_problem(observations.joints).inward(forward(cell.nominal, observations.joints))
     force = base_force(observations, ExtendedModel(cell.nominal))
     cosine = (to_disc * force).sum(axis=1) / np.maximum(np.hypot(*to_disc.T) * np.hypot(*force.T), 1e-12)
-    if (cosine < 0.5).mean() > 0.5:  # the right frame and sign give more than 0.8, even 20 mm and 3° off
+    if (cosine < 0.5).mean() >= 0.5:  # the right frame and sign give more than 0.8, even 20 mm and 3° off
         problem = 'the forces do not point from the tip to the discs'
         raise InputError('force', problem, 'give the force on the object; check sign, frame and axes of the sensor')
     try:

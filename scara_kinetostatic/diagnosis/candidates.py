@@ -36,6 +36,11 @@ class Candidate(NamedTuple):
         """Parameters of the effect that are identifiable beside the base model."""
         return self.unit.shape[1] + len(self.effect.parameters) - len(self.trial.columns)
 
+    @property
+    def searched(self) -> int:
+        """Those of them that are searched: a moment, a frequency or a friction, 1 or 0."""
+        return max(self.freedoms - len(self.effect.parameters) + 1, 0) if self.tried > 1 else 0
+
 
 class Scan(NamedTuple):
     """An effect with many trials.

@@ -15,9 +15,8 @@ where the noise is given (divided by s² where no set of effects reduces it to t
 estimated.
 
 Sets whose score is within `CREDIBLE` of the best are credible, too. An effect that is in every credible set is found;
-those that replace each other are rivals.
-
-**Ranking.** Each effect by itself has a significance and a gain.
+those that replace each other are rivals. What is searched of a single effect, a moment or a frequency, is penalised by
+its trials and as a parameter; it is no rival only where it would be none by its trials alone.
 """
 
 from __future__ import annotations
@@ -104,7 +103,7 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet, together: bool 
     scored_subsets = _ranked(problem, candidate_set, layers, scorer.less)
     if not together or scored_subsets.subsets[0].score > scored_subsets.empty.score - CREDIBLE:
         return scored_subsets
-    return scored_subsets._replace(credible=_credible(scored_subsets))
+    return scored_subsets._replace(credible=_credible(scored_subsets, len(problem.left) // 2))
 
 
 class _Layer(NamedTuple):
@@ -138,8 +137,8 @@ class _SubsetScorer:
         stated, number = {c.effect.label for c in candidates if problem.is_stated(c.effect)}, len(labels)
         self.declared = np.array([c.effect.label in stated for c in candidates], dtype=bool)
         self.penalties = np.array(
-            [  # what is searched, a moment or a frequency, counts by its trials
-                float((c.freedoms - (c.tried > 1)) * np.log(len(problem.left) // 2) + 2 * np.log(number * c.tried))
+            [
+                float(c.freedoms * np.log(len(problem.left) // 2) + 2 * np.log(number * c.tried))
                 + (0.0 if c.effect.is_physical else CREDIBLE)
                 for c in candidates
             ]
@@ -277,11 +276,15 @@ def _scale(problem: Problem, rest: Floats, rank: Indices) -> float:
     return max(least, 1.0) if problem.noise_given else least
 
 
-def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
+def _credible(scored_subsets: ScoredSubsets, touches: int) -> tuple[Subset, ...]:
     """Sets near the best, without those that only add to a credible one, and each set of effects once."""
     found: list[Subset] = []
     best, *others = [subset for subset in scored_subsets.subsets if subset.members]
-    near = [e for e in (best, *others) if e.score <= best.score + CREDIBLE or e.unpreferred < best.unpreferred]
+    near = [best]
+    for subset in others:
+        twice = subset.members[0].searched * np.log(touches) if len(subset.members) == 1 else 0.0
+        if subset.score - twice <= best.score + CREDIBLE or subset.unpreferred < best.unpreferred:
+            near.append(subset)
     near = [e for e in near if _needed(scored_subsets, e, best)]
     near = [e for e in near if not _is_replaced(scored_subsets, e, near)]
     for subset in sorted(near, key=lambda e: (len(e.members), e.score)):

@@ -153,9 +153,11 @@ def _keep_former(place: Path, copy: Path) -> None:
 def _put_back(place: Path, hidden: Path) -> None:
     """Undoes the replacement of a file by its draft, where that has been done."""
     former = hidden / 'former' / place.name
+    if (hidden / place.name).exists():
+        return
     if former.exists():
         former.replace(place)
-    elif not (hidden / place.name).exists():
+    else:
         place.unlink(missing_ok=True)
 
 

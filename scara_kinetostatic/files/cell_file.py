@@ -13,7 +13,7 @@ wrong types, impossible values, discs that overlap or cannot be reached. The lay
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from enum import Enum
 from functools import partial
@@ -85,8 +85,10 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True, may_be
         CellError: the content is not valid.
     """
     top = Section(CellError, str(where), '', data, ('robot', 'objects'), ('sensor', 'noise', 'model', *OPTIONAL))
-    found = top.record('robot', _READERS['robot'], ('nominal',)) | top.read(_READERS['cell'])
-    found |= top.record('model', _READERS['model'])
+    found = top.record('robot', _READERS['robot'], ('nominal',), ('joint_names', 'direction')) | top.read(
+        _READERS['cell']
+    )
+    found |= top.record('model', _READERS['model'], stated=('gripper_sign',))
     moments, gravity = found.pop('moments', {}), found.pop('gravity', LEVEL)
     if moments and gravity == LEVEL:
         reason = 'without gravity they are no parameters'
@@ -204,9 +206,11 @@ def _interval(first: str, last: str, within: Within) -> Reader:
     return read
 
 
-def _record(make: Callable[..., Any], readers: Mapping[str, Reader], required: tuple[str, ...] = ()) -> Reader:
+def _record(
+    make: Callable[..., Any], readers: Mapping[str, Reader], required: Iterable[str] = (), stated: Iterable[str] = ()
+) -> Reader:
     """Reads a mapping: what `make` gives of its keys."""
-    return lambda section, name: make(**section.record(name, readers, required))
+    return lambda section, name: make(**section.record(name, readers, required, stated))
 
 
 def _only(key: str, within: Within) -> Reader:
@@ -229,8 +233,7 @@ def _gravity(top: Section, key: str) -> tuple[float, ...]:
 
 
 def _joint_names(robot: Section, key: str = 'joint_names') -> tuple[str, str]:
-    if (names := robot.data.get(key)) is None:
-        return cells.Cell.joint_names
+    names = robot.data.get(key, list(cells.Cell.joint_names))
     if not isinstance(names, list) or len(names) != 2:
         raise robot.error(key, f'expected the two names of q1 and q2 in JointState, got {shown(names)}')
     entries = robot.entries(key, {'q1': names[0], 'q2': names[1]})
@@ -257,7 +260,8 @@ def turned_limits(limits: cells.Limits | None, direction: tuple[int, int]) -> ce
 
 def _axes(section: Section, name: str, readers: Mapping[str, Reader], required: tuple[str, ...]) -> dict[str, Any]:
     """A mapping with the unit vectors x and y."""
-    found = section.record(name, {**readers, 'x': _vector('x', 'y', 'z'), 'y': _vector('x', 'y', 'z')}, required)
+    readers = {**readers, 'x': _vector('x', 'y', 'z'), 'y': _vector('x', 'y', 'z')}
+    found = section.record(name, readers, required, readers)
     if problem := axes_problem(found['x'], found['y']):
         remedy = 'give two unit vectors, such as x: [1.0, 0.0, 0.0], y: [0.0, 0.0, 1.0]'
         raise section.error(name, problem, remedy)
@@ -278,7 +282,10 @@ def _sensor_axes(sensor: Section, key: str) -> tuple[tuple[float, ...], ...]:
 
 def _limits(robot: Section, key: str) -> cells.Limits | None:
     within = Within(-12.6, 12.6, 'it is in rad: 2.6 for 150 degrees', unit='rad')
-    names, direction = _joint_names(robot), robot.read({'direction': _direction}).get('direction', (1, 1))
+    names, direction = (
+        _joint_names(robot),
+        robot.read({'direction': _direction}, ('direction',)).get('direction', (1, 1)),
+    )
     found = robot.record(key, dict.fromkeys(names, _interval('lower limit', 'upper limit', within)), names)
     return turned_limits((found[names[0]], found[names[1]]), direction)
 
@@ -316,7 +323,7 @@ def _corners(section: Section, key: str) -> tuple[tuple[float, float], ...]:
     if not isinstance(corners, list) or not least <= len(corners) <= most:
         raise section.error(key, f'expected {least} to {most} corners [x, y], got {shown(corners)}')
     places = section.entries(key, {f'corner {k}': corner for k, corner in enumerate(corners)})
-    return tuple(places.read(dict.fromkeys(places.data, _vector('x', 'y', unit='m'))).values())
+    return tuple(places.read(dict.fromkeys(places.data, _vector('x', 'y', unit='m')), places.data).values())
 
 
 def _touch(top: Section, key: str) -> cells.TouchMotion:
@@ -367,7 +374,7 @@ def _discs(top: Section, of_cell: Mapping[str, Any]) -> tuple[cells.Disc | Outli
 
 
 def _outline(section: Section, top: Section, name: str, tip: float | None) -> Outline:
-    given = section.read({'open': Section.flag, 'outline': _corners, 'corner_radius': Within(0.0, unit='m')})
+    given = section.read({'open': Section.flag, 'outline': _corners, 'corner_radius': Within(0.0, unit='m')}, ('open',))
     more: dict[str, Any] = {'is_open': given.get('open', False), 'corner_radius': given.get('corner_radius', 0.0)}
     outline = Outline(name, given['outline'], **more, **_stds(section, Outline))
     if tip is None:
@@ -411,7 +418,7 @@ def _service(sensor: Section, key: str) -> str:
 
 
 def _sensor(top: Section, key: str) -> cells.Sensor:
-    sensor = cells.Sensor(**top.record(key, _READERS['sensor']))
+    sensor = cells.Sensor(**top.record(key, _READERS['sensor'], stated=('frame', 'sign', 'joint_states', 'wrench')))
     if sensor.topics[0] == sensor.topics[1]:
         raise top.error(f'{key}.wrench', f'both topics are named {sensor.wrench}', 'they carry different messages')
     return sensor
@@ -422,10 +429,10 @@ def _uncertainty(top: Section, cell: cells.Cell) -> cells.Uncertainty:
     nominal: dict[str, Reader] = {name: Within(positive=True, unit=UNITS[name]) for name in cell.nominal.names}
     readers: dict[str, Reader] = {
         **_READERS['uncertainty'],
-        'nominal': _record(dict, nominal),
+        'nominal': _record(dict, nominal, stated=nominal),
         'effects': partial(_effects, cell),
     }
-    return cells.Uncertainty(**top.record('uncertainty', readers))
+    return cells.Uncertainty(**top.record('uncertainty', readers, stated=('effects',)))
 
 
 def _effects(cell: cells.Cell, section: Section, key: str) -> cells.EffectSizes:
@@ -442,7 +449,7 @@ def _effects(cell: cells.Cell, section: Section, key: str) -> cells.EffectSizes:
         if len({parameter.unit for parameter in known[name]}) > 1:
             raise inner.error(name, 'is a size in several units', f'give {name}[joint1] and others by themselves')
         stated[name] = inner.number(name, Within(0.0, min(parameter.scale for parameter in known[name])))
-    modes = inner.read({'sizes': choice(cells.SizeMode), 'arm': choice(cells.ArmClass)})
+    modes = inner.read({'sizes': choice(cells.SizeMode), 'arm': choice(cells.ArmClass)}, ('sizes', 'arm'))
     if 'arm' in modes and modes.get('sizes') is cells.SizeMode.NONE:
         raise inner.error('arm', 'has no meaning with sizes: none', 'write sizes: estimated, or typical')
     return cells.EffectSizes(**modes, stated=stated)
@@ -496,6 +503,7 @@ _STDS = {
 }
 """Field and limits of each key of `uncertainty`, by what has it."""
 _FORCE = Within(0.0, 5e3, positive=True, unit='N')
+_MOMENTS = {name: Within(unit=UNITS.get(name, 'rad')) for name in (*MOMENTS, 'phi1', 'phi2')}
 _READERS: dict[str, dict[str, Reader]] = {
     'cell': {
         'sensor': _sensor,
@@ -518,7 +526,7 @@ _READERS: dict[str, dict[str, Reader]] = {
         'direction': _direction,
         'plane': _plane,
         # phi: directions of the centres of mass from those of the links
-        'moments': _record(dict, {name: Within(unit=UNITS.get(name, 'rad')) for name in (*MOMENTS, 'phi1', 'phi2')}),
+        'moments': _record(dict, _MOMENTS, stated=_MOMENTS),
         'limits': _limits,
         'lift': _lift,
         'hold': _hold,

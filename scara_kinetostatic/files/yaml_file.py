@@ -262,13 +262,19 @@ class Section:
         key = self._path(name)
         return self._problem(f'{self._where}: {key}' if key else self._where, problem, remedy)
 
-    def read(self, readers: Mapping[str, Reader]) -> dict[str, Any]:
-        """The values of the keys that are given, each by its reader: a function of the section and the key."""
-        return {name: reader(self, name) for name, reader in readers.items() if self.data.get(name) is not None}
+    def read(self, readers: Mapping[str, Reader], stated: _Keys = ()) -> dict[str, Any]:
+        """The values of the keys that are given, each by its reader: a function of the section and the key.
 
-    def record(self, name: str, readers: Mapping[str, Reader], required: _Keys = ()) -> dict[str, Any]:
+        A key with nothing behind it counts as left out, except those of `stated`.
+        """
+        given = {name for name, value in self.data.items() if value is not None or name in stated}
+        return {name: reader(self, name) for name, reader in readers.items() if name in given}
+
+    def record(
+        self, name: str, readers: Mapping[str, Reader], required: _Keys = (), stated: _Keys = ()
+    ) -> dict[str, Any]:
         """The values in the mapping under a key."""
-        return self.section(name, required, readers).read(readers)
+        return self.section(name, required, readers).read(readers, stated)
 
     def section(self, name: str, required: _Keys = (), optional: _Keys = ()) -> Section:
         """The mapping under a key; an empty one where it is missing and nothing in it is required."""

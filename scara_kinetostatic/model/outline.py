@@ -257,7 +257,9 @@ def surfaces_of(objects: Iterable[object], tip_radius: float | None) -> Surfaces
         else:
             # a whole turn begins at angle 0
             rows.append((number, complex(item.x, item.y), item.radius, 0j, -1 + 0j, np.pi))  # type: ignore[attr-defined]
-    owner, center, radius, tangent, normal, half = (np.array(part) for part in zip(*rows, strict=True))
+    owner, center, radius, tangent, normal, half = (
+        np.array(part) for part in (zip(*rows, strict=True) if rows else [()] * 6)
+    )
     return Surfaces(owner.astype(np.intp), pairs(center), radius, pairs(tangent), pairs(normal), half)
 
 

@@ -153,8 +153,12 @@ class Session:
         self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
         self._judged: deque[Episode] = deque(maxlen=1000)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
-        for message in streams.frame.messages if streams else ():
-            self.take_transforms(message, log_time)
+        try:
+            for message in streams.frame.messages if streams else ():
+                self.take_transforms(message, log_time)
+        except BaseException:
+            self.abandon()
+            raise
 
     def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:
         """Takes a message in.

@@ -408,6 +408,8 @@ class Plant:
             return
         rates: Floats | None = None
         if velocities is not None and len(velocities[0]):
+            if any(len(row) != len(names) for row in velocities):
+                raise ParameterError('trajectory refused', f'expected {len(names)} velocities at each point')
             if any(velocities[-1]):
                 raise ParameterError('trajectory refused', 'the velocity of its last point is not zero')
             rates = np.vstack([self._rate, self._ordered(names, velocities)])

@@ -87,9 +87,12 @@ def test_a_file_where_the_folder_should_be(plain: Outcome, tmp_path: Path) -> No
 
 def test_a_folder_where_a_file_should_be(plain: Outcome, tmp_path: Path) -> None:
     (tmp_path / 'report.html').mkdir()
+    (tmp_path / 'elsewhere').write_text('mine')
+    (tmp_path / 'calibration.json').symlink_to('elsewhere')
     with pytest.raises(OutputError, match=r'report\.html: is a folder'):
         write_results(plain, tmp_path)
-    assert names(tmp_path) == {'report.html'}
+    assert names(tmp_path) == {'report.html', 'elsewhere', 'calibration.json'}
+    assert (tmp_path / 'calibration.json').is_symlink()
 
 
 def test_an_earlier_result_is_kept_under_its_date(plain: Outcome, confounded: Outcome, tmp_path: Path) -> None:

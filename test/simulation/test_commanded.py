@@ -289,6 +289,8 @@ def test_a_controller_scales_the_time_may_be_inactive_and_ends_at_rest() -> None
     q1, q2 = at.body.joints
     with pytest.raises(ParameterError, match='the velocity of its last point is not zero'):
         at.command(at.names, [1.0], [[q1 - 0.1, q2]], [[0.1, 0.0]])
+    with pytest.raises(ParameterError, match='expected 2 velocities'):
+        at.command(at.names, [1.0, 2.0], [[q1 - 0.1, q2], [q1, q2]], [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
     at.scaling = 0.5
     at.command(at.names, [1.0], [[q1 - 0.1, q2]])
     assert at.step(1.0).joints[0] == pytest.approx(q1 - 0.05)
