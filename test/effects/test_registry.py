@@ -9,10 +9,12 @@ import pytest
 from calibration.studies import CELL
 from effects.scenes import EFFECTS, LABELS, random_scene
 
+from benchmark.population import SIZES
 from scara_kinetostatic.effects.base import JointEffect, SensorEffect
 from scara_kinetostatic.effects.joints import EncoderGain, JointHardening
 from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.effects.registry import catalogue, evaluate_once, find, register, unregister
+from scara_kinetostatic.effects.undetected import TYPICAL
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.effect_law import ForceDependence, Parameter
@@ -205,3 +207,9 @@ def test_all_built_in_ones_are_listed_in_their_order():
     shifts = [label for label in LABELS if label.startswith('shift')]
     targets = ['base', 'tool', *(disc.name for disc in CELL.discs), 'joint1', 'joint2', 'sensor']
     assert shifts == [f'shift[{target}]' for target in targets]
+
+
+def test_each_kind_has_a_typical_size_and_takes_part_in_the_population():
+    for effect in catalogue(CELL):
+        assert {effect.name, effect.label} & TYPICAL.keys(), effect.label
+        assert {effect.name, effect.label} & SIZES.keys(), effect.label
