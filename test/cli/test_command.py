@@ -64,6 +64,18 @@ def test_an_error_nobody_foresaw_is_one_line(run: Run, monkeypatch: pytest.Monke
     assert 'Traceback' in run('simulate', '--out', 'x').err
 
 
+def test_what_fails_as_it_is_terminated_is_no_bug(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def ends(_: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            raise ValueError('closed in the middle of a call')
+
+    monkeypatch.setattr(simulate, 'run', ends)
+    result = run('simulate', '--out', 'x')
+    assert (result.status, result.err) == (143, 'scara-kinetostatic: terminated\n')
+
+
 @pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupted(recordings: Path, tmp_path: Path, number: signal.Signals, status: int) -> None:
     command = [*COMMAND, 'simulate', '--out', 'x', '--per-disc', '400']
