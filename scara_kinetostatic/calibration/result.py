@@ -395,13 +395,18 @@ def build_result(
 def _rejections(touches: TouchSet, found: Estimation, left_out: Sequence[Rejection]) -> tuple[Rejection, ...]:
     """The outliers and the touches left out, in the order of their numbers."""
     bad = np.flatnonzero(~found.used)
-    rejected = list(left_out)
     off = force_residual(found.observations.select(bad), found.fit.point.model) if len(bad) else np.zeros((0, 2))
-    for k, size in zip(bad, np.hypot(*off.T), strict=True):
-        std = np.sqrt(found.distance[k])
-        reason = f'disagrees with the other touches: its force is {size:.2g} N off, {std:.1f} standard deviations'
-        rejected.append(Rejection(int(touches.index[k]), reason))
-    return tuple(sorted(rejected, key=lambda item: item.index))
+    outliers = outlier_rejections(touches.index[bad], off, found.distance[bad])
+    return tuple(sorted((*left_out, *outliers), key=lambda item: item.index))
+
+
+def outlier_rejections(index: Indices, off: Floats, distance: Floats) -> list[Rejection]:
+    """The reasons of outliers, by their numbers (n,), errors of the force (n, 2), N, and squared distances (n,)."""
+    what = 'disagrees with the other touches: its force is'
+    return [
+        Rejection(number, f'{what} {size:.2g} N off, {std:.1f} standard deviations')
+        for number, size, std in zip(index.tolist(), np.hypot(*off.T), np.sqrt(distance), strict=True)
+    ]
 
 
 class Contribution(NamedTuple):

@@ -38,7 +38,13 @@ from scara_kinetostatic.calibration.fit_point import Point, base_force, select
 from scara_kinetostatic.calibration.gauss_helmert import outer
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, estimated_levels, whiten_matrix
-from scara_kinetostatic.calibration.result import Calibration, Contribution, enlargement_of, of_full_model
+from scara_kinetostatic.calibration.result import (
+    Calibration,
+    Contribution,
+    enlargement_of,
+    of_full_model,
+    outlier_rejections,
+)
 from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.diagnosis.linear_problem import fitted_effects
 from scara_kinetostatic.diagnosis.restricted_likelihood import (
@@ -567,11 +573,6 @@ def _contributions(c: Calibration, everything: Floats, enlarged: float) -> tuple
 def _rejections(c: Calibration, base: Calibration, distance: Floats) -> tuple[Rejection, ...]:
     """The outliers of the model, and the touches that the base model left out."""
     places = set(c.touches.index.tolist())
-    found = [item for item in base.rejected if item.index not in places]
-    bad = np.flatnonzero(~c.used)
-    off = np.hypot(*c.residual[bad].T) if len(bad) else np.zeros(0)
-    for k, size in zip(bad.tolist(), off.tolist(), strict=True):
-        std = distance[k] ** 0.5
-        reason = f'disagrees with the other touches: its force is {size:.2g} N off, {std:.1f} standard deviations'
-        found.append(Rejection(int(c.touches.index[k]), reason))
-    return tuple(sorted(found, key=lambda item: item.index))
+    left_out = [item for item in base.rejected if item.index not in places]
+    outliers = outlier_rejections(c.touches.index[~c.used], c.residual[~c.used], distance[~c.used])
+    return tuple(sorted((*left_out, *outliers), key=lambda item: item.index))

@@ -212,8 +212,8 @@ def _deviations(r: Reproduction) -> tuple[Section, ...]:
 
 def _experiments(r: Reproduction) -> tuple[Section, ...]:
     parts = (
-        'P = p_ee I + E in the frame of link 2. Identifiability of E by 72 touches (10 µrad, 0.3 N) beside the twelve '
-        'parameters:'
+        'P = p_ee I + E in the frame of link 2. Identifiability of E by 72 touches (10 µrad, 0.3 N) beside the '
+        'parameters of the base model:'
     )
     alias = (
         'A gripper more compliant across link 2 than along it is an exact alias of another p2 (and p_ee): the '
