@@ -331,6 +331,9 @@ UNDETECTED = 'undetected'
 RIVALS = 'rivals'
 """Label of what the choice between rival effects contributes."""
 
+VALUE = 'value'
+"""Kind of the label of what the choice of a value on a grid contributes, ``value[name]``."""
+
 LARGE_EFFECT = f'{UNDETECTED}[large_effect]'
 """Label of what a single large effect contributes that the touches neither show nor exclude."""
 

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, RIVALS, UNDETECTED, DeclaredErrors, Prior
+from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, RIVALS, UNDETECTED, VALUE, DeclaredErrors, Prior
 from scara_kinetostatic.calibration.result import Calibration, of_full_model
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
@@ -40,6 +40,7 @@ _TITLES = {
     NOISE: 'noise of the touches',
     'size': 'size of {}',
     RIVALS: 'choice between rival effects',
+    VALUE: 'choice of {}',
     UNDETECTED: 'undetected {}',
     'object_position': 'place of {}',
     'object_radius': 'radius of {}',
@@ -220,7 +221,7 @@ def _improvement(
     c: Calibration, area: Workspace, labels: tuple[str, ...], sizes: tuple[float, float], unit: str, covariance: Floats
 ) -> Improvement:
     kept, scale = of_full_model(c)
-    beside = sum(part.covariance for part in c.contributions if part.label in (RIVALS, LARGE_EFFECT))
+    beside = sum(part.covariance for part in c.contributions if part.label.startswith((RIVALS, VALUE, LARGE_EFFECT)))
     expanded = COVERAGE_FACTOR * area.std(scale[:, None] * covariance[np.ix_(kept, kept)] * scale + beside)
     known = expanded[np.isfinite(expanded)]
     median, worst = (float(np.median(known)), float(known.max())) if len(known) else (np.nan, np.nan)

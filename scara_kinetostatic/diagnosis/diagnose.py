@@ -34,6 +34,7 @@ from scara_kinetostatic.diagnosis.mixed_model import (
     averaged,
     fit_mixed,
     with_large_effects,
+    with_places,
     with_projection,
 )
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets, significance
@@ -208,10 +209,10 @@ def _with_extended_model(
     weighted = list[MixedModel]()
     if found.rivals:
         found, weighted = fit_rivals(found, known)
-    fit, when = found.fit, moments(found.fit)
-    fit = _with_moments(fit, when)
+    when = moments(found.fit)
+    fit = _with_moments(found.fit, when)
     after = adequacy(fit)
-    rivals = [rival.fit for rival in weighted]
+    rivals = [_with_moments(rival.fit, moments(rival.fit)) for rival in weighted]
     fit = with_large_effects(averaged(fit, weighted), found.model)
     effects = _describe(fit, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
@@ -240,15 +241,14 @@ def _with_extended_model(
 
 
 def _with_moments(fit: Calibration, when: Sequence[Moment]) -> Calibration:
-    """A calibration with the standard deviations of the places of its effects on their grids."""
-    if not when:
-        return fit
-    stds, known = [np.array(std) for std in fit.effect_stds], {moment.effect.label: moment for moment in when}
-    for effect, std in zip(fit.model.effects, stds, strict=True):
-        if effect.label in known:
-            where = known[effect.label].effect.grid_parameter_index
-            std[where] = np.fmax(std[where], known[effect.label].std)
-    return with_projection(replace(fit, effect_std=np.concatenate(stds)), fit.projection)
+    """A calibration with the uncertainty of the places of its effects on their grids."""
+    for moment in when:
+        effect, fit = moment.effect, with_places(fit, moment.effect, moment.values, moment.weight)
+        at = fit.model.names.index(f'{effect.label}.{effect.grid_parameter}') - fit.model.base_count
+        std = fit.effect_std.copy()
+        std[at] = np.fmax(std[at], moment.std)
+        fit = with_projection(replace(fit, effect_std=std), fit.projection)
+    return fit
 
 
 def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:

@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, RIVALS, Prior, RandomEffects, Source
+from scara_kinetostatic.calibration.declared_errors import LARGE_EFFECT, RIVALS, VALUE, Prior, RandomEffects, Source
 from scara_kinetostatic.calibration.estimate import FALSE_REJECTIONS, fewest_touches, find_good, studentised
 from scara_kinetostatic.calibration.fit_point import Point, base_force, select
 from scara_kinetostatic.calibration.gauss_helmert import outer
@@ -74,6 +74,8 @@ _LEAST_PART = 0.03
 """Of the noise level of the base model, or the usual one: all of it may be model error, but touches do scatter."""
 _LOST = 1e5
 """Standard deviations by which no step leads to a solution."""
+_FURTHER = 2.0
+"""Times the sum of squared distances before, beyond which a step is too long."""
 _SETTLED = 0.05
 """Standard deviations by which a further linearisation may move a value."""
 
@@ -170,7 +172,7 @@ def _settled(
         levels = np.array([(noise.joint_rms / c.noise.joint_rms) ** 2, 1.0]) if c.noise.joint_rms else np.ones(2)
         solved = _solve(latest, c, sizes, logs, levels)
         logs, shift = solved.logs, _shift(latest, solved)
-        moved = _moved(latest, solved, c.noise)
+        moved = _closer(latest, _moved(latest, solved, c.noise))
         if number == most - 1 or not shift < _LOST:
             break
         pairs = zip(moved.noise.levels, latest.noise.levels, strict=True)
@@ -405,6 +407,19 @@ def _moved(c: Calibration, solved: _Solved, before: Noise) -> Calibration:
     return replace(c, model=c.model.with_array(values), errors=errors, random_values=random, noise=noise)
 
 
+def _closer(before: Calibration, after: Calibration) -> Calibration:
+    """The solution of a linearisation, or a half, a quarter, an eighth of the way where the touches are further off."""
+    least = float(before.projection.distance[before.used].sum())
+    for _ in range(3):
+        if after.projection.distance[before.used].sum() <= _FURTHER * least:
+            break
+        pairs = ((getattr(one, name) for one in (before, after)) for name in ('errors', 'random_values'))
+        errors, random = (0.5 * (one + other) for one, other in pairs)
+        values = 0.5 * (before.model.as_array() + after.model.as_array())
+        after = replace(after, model=after.model.with_array(values), errors=errors, random_values=random)
+    return after
+
+
 def _good(c: Calibration, solved: _Solved, moved: Calibration, late: bool) -> Mask:
     """Which touches are no outliers at the solution of a linearisation; their leverage is that in the linearisation."""
     good = find_good(_distances(c, solved, moved.projection.whitened.residual))
@@ -509,16 +524,46 @@ def averaged(c: Calibration, rivals: Sequence[MixedModel]) -> Calibration:
     """
     if len(rivals) < 2:
         return c
-    count, more = c.model.base_count, np.zeros_like(c.covariance)
+    count, theirs = c.model.base_count, c.covariance.copy()
     off = np.array([rival.fit.parameters.as_array() - c.parameters.as_array() for rival in rivals])
-    theirs = np.mean([rival.fit.covariance[:count, :count] for rival in rivals], axis=0)
-    own = c.covariance[:count, :count]
-    scale = np.sqrt(np.diag(own + theirs))
+    theirs[:count, :count] = np.mean([rival.fit.covariance[:count, :count] for rival in rivals], axis=0)
+    return _with_scatter(c, RIVALS, off, np.full(len(rivals), 1 / len(rivals)), theirs)
+
+
+def with_places(c: Calibration, effect: Effect, values: Floats, weight: Floats) -> Calibration:
+    """A fit with the scatter of its values (t, 12 + k) with other places of an effect on its grid, of some weights
+    (t,), in its covariance, in place of the variance that the linearisation gives this place.
+    """
+    name = f'{effect.label}.{effect.grid_parameter}'
+    at, own, off = c.model.names.index(name), c.covariance, values - c.model.as_array()
+    known = own - np.outer(own[at], own[at]) / own[at, at] if own[at, at] > 0 else own
+    first = at - effect.grid_parameter_index
+    comparable = effect.amplitudes(np.ones(len(effect.parameters))) != 0  # a phase is not, of another frequency
+    comparable[effect.grid_parameter_index] = True
+    off[:, first : first + len(comparable)] *= comparable
+    return _with_scatter(c, f'{VALUE}[{name}]', off, weight, known)
+
+
+def _with_scatter(c: Calibration, label: str, off: Floats, weight: Floats, theirs: Floats) -> Calibration:
+    """A calibration with the scatter of alternatives in its covariance, as far as this exceeds what it states: the law
+    of total variance.
+
+    Args:
+        c: the calibration.
+        label: of the contribution.
+        off: what the first values of each are off its own, (t, k).
+        weight: of each, (t,).
+        theirs: the mean covariance of all values of `full_model` with one alternative.
+    """
+    own, size = c.covariance, off.shape[1]
+    more = theirs - own
+    more[:size, :size] += off.T @ (weight[:, None] * off)
+    scale = np.sqrt(np.clip(np.diag(own + theirs), 0.0, None))
+    scale[:size] = np.sqrt(scale[:size] ** 2 + weight @ off**2)
     scale[scale == 0] = 1.0
-    values, vectors = np.linalg.eigh((off.T @ off / len(rivals) + theirs - own) / np.outer(scale, scale))
-    root = np.where(np.diag(own + theirs) > 0, scale, 0.0)[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    more[:count, :count] = root @ root.T
-    return _with_contribution(c, RIVALS, more)
+    values, vectors = np.linalg.eigh(more / np.outer(scale, scale))
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return _with_contribution(c, label, root @ root.T)
 
 
 def _with_contribution(c: Calibration, label: str, more: Floats) -> Calibration:

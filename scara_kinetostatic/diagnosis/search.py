@@ -43,7 +43,9 @@ _MOST_IN_UNION = 5
 _VANISHED = 0.1
 """Typical size below which named effects are none: in the mixed model others explain the touches."""
 _PEAKS = 8
-"""Places of a grid about which a frequency or a friction is compared."""
+"""Places of a grid about which a frequency or a friction is compared at least."""
+_UNLIKELY = 1e-3
+"""Of the weight of the likeliest place of a grid, below which a place does not count."""
 _BELOW_ZERO = 4.0
 """Standard deviations below zero at which a compliance or backlash is of no robot."""
 _RULED_OUT = 20.0
@@ -115,10 +117,10 @@ def identify(c: Calibration, known: Sequence[Effect], plain: MixedModel | None =
         if not members or names == before:
             break
         best = len(sets.credible[0].members)
-        start, before = start_from(problem, members[:best], members[best:]), names
-        fitted = _fit(c, known, start, freedoms=HEAVY_TAILS)
+        before, first, others = names, members[:best], members[best:]
+        fitted = _fit_named(c, known, problem, first, others, freedoms=HEAVY_TAILS)
         if fitted is None and not c.model.effects:  # with an outlier among the touches it may have gone off
-            alone = fit_again(replace(c, model=start))
+            alone = fit_again(replace(c, model=start_from(problem, first, others)))
             if alone is not None and len(alone.touches) == len(c.touches):
                 fitted = _fit(replace(c, used=alone.used), known, alone.model, freedoms=HEAVY_TAILS)
         if fitted is None:
@@ -164,6 +166,22 @@ def _fit(
     return model if held_out_force_error(fit).force_error <= held_out_force_error(before).force_error else None
 
 
+def _fit_named(
+    c: Calibration,
+    known: Sequence[Effect],
+    problem: Problem,
+    members: Sequence[Candidate],
+    others: Sequence[Candidate] = (),
+    most: int = 8,
+    freedoms: float = LIGHT_TAILS,
+) -> MixedModel | None:
+    """The mixed model with effects named, begun where they fit the linear problem best (`start_from`) or, as large ones
+    are not linear, at a quarter of the way.
+    """
+    starts = (start_from(problem, members, others, step) for step in (1.0, 0.25))
+    return next(filter(None, (_fit(c, known, start, most, freedoms) for start in starts)), None)
+
+
 def _in_typical_size(effect: Effect, values: Floats, arm: ArmClass) -> float:
     """The largest amplitude of an effect, in its typical size."""
     amplitudes = np.abs(effect.amplitudes(values))
@@ -175,25 +193,28 @@ def _name(member: Candidate) -> tuple[str, float]:
     return member.effect.label, member.trial.place if member.effect.is_stepwise else 0.0
 
 
-def start_from(problem: Problem, members: Sequence[Candidate], others: Sequence[Candidate] = ()) -> ExtendedModel:
+def start_from(
+    problem: Problem, members: Sequence[Candidate], others: Sequence[Candidate] = (), step: float = 1.0
+) -> ExtendedModel:
     """L̄ and effects that fit the linear problem best, to start from.
 
     Args:
         problem: the touches.
         members: the effects.
         others: further ones, which start at zero: rivals together would start at large values of opposite sign.
+        step: part of the way from a model without the effects.
     """
     columns = [problem.columns(member.trial) for member in members]
     together = np.concatenate(columns, axis=1)
     scale = np.linalg.norm(together, axis=0)
     scale[scale == 0] = 1.0
     projected = (together - problem.base @ (problem.base.T @ together)) / scale
-    found = -np.linalg.lstsq(projected, problem.left, rcond=INDEPENDENT_PART)[0] / scale
+    found = -step * np.linalg.lstsq(projected, problem.left, rcond=INDEPENDENT_PART)[0] / scale
     parts = np.split(found, np.cumsum([part.shape[1] for part in columns])[:-1])
     parts += [np.zeros(len(other.trial.columns)) for other in others]
     every = (*members, *others)
     values = [member.trial.values(part) for member, part in zip(every, parts, strict=True)]
-    moved = problem.without_effects + problem.response @ together @ found
+    moved = step * problem.without_effects + problem.response @ together @ found
     base = problem.point.parameters.with_array(problem.point.parameters.as_array() + moved)
     return ExtendedModel(base, tuple(member.effect for member in every), tuple(map(tuple, values)))
 
@@ -204,7 +225,7 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, list[Mix
     """
     sets, base = found.scored_subsets, replace(found.base, used=found.fit.used)
     tried = sets.credible[:_MOST_RIVALS]
-    models = [_fit(base, known, start_from(found.problem, one.members), most=3) for one in tried]
+    models = [_fit_named(base, known, found.problem, one.members, most=3) for one in tried]
     fits = [(one, fit, fit.deviance + one.penalty) for one, fit in zip(tried, models, strict=True) if fit is not None]
     most = min((deviance for *_, deviance in fits), default=0.0) + _RULED_OUT
     kept = [(one, fit) for one, fit, deviance in fits if deviance <= most]
@@ -215,7 +236,7 @@ def fit_rivals(found: Search, known: Sequence[Effect]) -> tuple[Search, list[Mix
         found = found._replace(scored_subsets=sets, in_every_model=labels, rivals=rivals)
         if not rivals:
             best, fit = kept[0]
-            model = _fit(base, known, start_from(found.problem, best.members)) or fit
+            model = _fit_named(base, known, found.problem, best.members) or fit
             found = found._replace(model=model)
     return found, [fit for _, fit in kept]
 
@@ -317,11 +338,15 @@ class Moment(NamedTuple):
         effect: the effect.
         text: between which touches a moment is, with a probability of 95 %; empty for others.
         std: its standard deviation.
+        values: of the model, with each of some places, (t, 12 + k).
+        weight: of these, (t,).
     """
 
     effect: Effect
     text: str
     std: float
+    values: Floats
+    weight: Floats
 
 
 def moments(fit: Calibration) -> tuple[Moment, ...]:
@@ -330,7 +355,7 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
 
     Places of the grid are compared in the linear problem at the fit, moments near that of the fit, others about the
     likeliest of all: with χ²_k the least sum of squares with the place k, in units of s², its weight is exp(-χ²_k/2),
-    as all are equally likely before.
+    as all are equally likely before. All values with each place are those of the same problem.
     """
     named = fitted_effects(fit)
     if not any(effect.grid_parameter for effect, _, _ in named):
@@ -352,22 +377,31 @@ def moments(fit: Calibration) -> tuple[Moment, ...]:
         if effect.is_stepwise:
             nearest = [int(np.argmin([abs(t.place - values[effect.grid_parameter_index]) for t in trials]))]
         else:
-            nearest = np.argsort(-gained(trials))[:_PEAKS].tolist()
+            gain = gained(trials)
+            least = min(np.sort(gain)[-_PEAKS:][0], gain.max() + 2 * scale * np.log(_UNLIKELY))
+            nearest = np.flatnonzero(gain >= least).tolist()
         width = 3.0 if effect.is_stepwise else 1.0
         trials = [trial for k in nearest for trial in effect.finer(at, trials[k], width)] or trials
+        trials = list({round(trial.place, 12): trial for trial in trials}.values())  # the grids overlap
         gain, places = gained(trials), np.array([trial.place for trial in trials])
         weight = np.exp((gain - gain.max()) / (2 * scale))
+        likely = np.flatnonzero(weight > _UNLIKELY)
         weight /= weight.sum()
+        text, std = '', float(np.sqrt(weight @ (places - values[effect.grid_parameter_index]) ** 2))
         if effect.is_stepwise:
-            found.append(_moment(fit, problem, effect, places, weight))
-        else:
-            found.append(
-                Moment(effect, '', float(np.sqrt(weight @ (places - values[effect.grid_parameter_index]) ** 2)))
-            )
+            text, std = _when(fit, problem, effect, places, weight)
+        every = [list(candidates) for _ in likely]
+        for one, k in zip(every, likely.tolist(), strict=True):
+            one[number] = one[number]._replace(trial=trials[k])
+        values = np.array([start_from(problem, one).as_array() for one in every])
+        found.append(Moment(effect, text, std, values, weight[likely] / weight[likely].sum()))
     return tuple(found)
 
 
-def _moment(fit: Calibration, problem: Problem, effect: Effect, places: np.ndarray, weight: np.ndarray) -> Moment:
+def _when(
+    fit: Calibration, problem: Problem, effect: Effect, places: Floats, weight: Floats
+) -> tuple[str, float]:
+    """Between which touches an effect begins or ends, and the standard deviation of that moment."""
     touches, known = fit.touches, problem.touch_state.metadata.order
     order = np.sort(touches.order[fit.used])
     acts = order if known is None else np.sort(known[effect.acts_on(problem.touch_state)])
@@ -383,4 +417,4 @@ def _moment(fit: Calibration, problem: Problem, effect: Effect, places: np.ndarr
     after = np.clip(np.searchsorted(acts, places), 1, len(acts) - 1)
     between = (acts[after] - acts[after - 1]) ** 2 / 12  # a moment may lie anywhere between its two touches
     text = ', '.join([f'{effect.title} between the touches {low:.0f} and {high:.0f}', *where])
-    return Moment(effect, text, float(np.sqrt(weight @ ((places - mean) ** 2 + between))))
+    return text, float(np.sqrt(weight @ ((places - mean) ** 2 + between)))

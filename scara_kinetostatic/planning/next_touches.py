@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED
+from scara_kinetostatic.calibration.declared_errors import RIVALS, UNDETECTED, VALUE
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch
 from scara_kinetostatic.effects.base import Effect
@@ -112,7 +112,7 @@ def known_or_infinite(worst: float | None, undetermined: float) -> float:
 def undetected_part(of_tip: Mapping[str, float]) -> float:
     """What effects not detected or decided contribute to the largest uncertainty of the tip, m, by rows of a budget."""
     known = {label: part for label, part in of_tip.items() if part and np.isfinite(part)}
-    parts = [part for label, part in known.items() if label.startswith((UNDETECTED, RIVALS))]
+    parts = [part for label, part in known.items() if label.startswith((UNDETECTED, RIVALS, VALUE))]
     return float(COVERAGE_FACTOR * np.sqrt(np.square(parts).sum()))
 
 

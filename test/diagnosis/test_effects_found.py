@@ -87,6 +87,7 @@ def test_a_soft_contact_and_a_nonlinear_sensor_are_rivals(label, value, given):
         ('base_tilt', (60.0, -60.0, 40.0, 30.0), False),
         ('encoder_gain[joint1]', (3e-3,), True),
         ('object_position[disc_2]', (2e-3, 1e-3), False),
+        ('sensor_nonlinearity', (-8.8e-3,), True),  # of which the linear problem is far off
     ],
 )
 def test_a_large_effect_is_no_unnamed_curve_and_no_noise(label, values, given):
@@ -96,6 +97,12 @@ def test_a_large_effect_is_no_unnamed_curve_and_no_noise(label, values, given):
     assert np.abs(deviations(before)).max() > 4
     check_parameters(found)
     assert found.extended.noise.joint < 2e-5
+
+
+def test_friction_that_these_preloads_do_not_determine_counts_in_what_depends_on_it():
+    """A little friction lets the joint come back, more holds it: of these touches neither tells the compliance."""
+    values = 7e-5, 0.11
+    check_explained(examined('load_friction[joint1]', values)[1], 'load_friction[joint1]', values)
 
 
 def test_an_effect_is_named_with_unknown_noise():
